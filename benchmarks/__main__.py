@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, chart, field, held_out, moteus, rivals, streams
+from benchmarks import accuracy, chart, field, held_out, intervals, moteus, rivals, streams
 from benchmarks.columns import shared
 from benchmarks.drive import drives
 from benchmarks.live.rows import latencies, live, starts
@@ -55,6 +55,7 @@ ACCURACY_PARTS = (
     'held',
     'moteus',
     'streams',
+    'interval',
     'rivals',
     'drive',
 )
@@ -191,6 +192,9 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
     if 'streams' in parts:
         result['streams'] = streams.run(fast=True)
         print(streams.describe(result['streams'], parsed.markdown) + '\n', flush=True)
+    if 'interval' in parts:
+        result['interval'] = intervals.run(intervals.columns(Path(parsed.bags)))
+        print(intervals.describe(result['interval'], parsed.markdown) + '\n', flush=True)
     if 'rivals' in parsed.part:  # requested by name: it repeats others, and takes long
         laws = rivals.rivals(rivals.run(rivals.columns(Path(parsed.bags))))
         result['rivals'] = [each._asdict() for each in laws]

@@ -32,6 +32,13 @@ from estimator_pkg.driver.guard import (
     judge,
 )
 from estimator_pkg.driver.repeats import BLANK, Repeats, changed, hold, repeated
+from estimator_pkg.observers.angle.calibration import (
+    BROKEN,
+    FIRST_INTERVAL,
+    Interval,
+    make_calibrate,
+    no_calibration,
+)
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.contract import Functions
@@ -54,6 +61,7 @@ class Track(NamedTuple):
     reading: Any  # the newest reading
     earlier: Any  # the reading before it
     repeats: Repeats  # state of the detection of repeated readings
+    interval: Interval  # scale of the standard deviation, and how it is learnt
 
 
 def field_of(name: str) -> Callable[[tuple], Any]:
@@ -69,7 +77,7 @@ def replaced(track: tuple, **fields: Any) -> tuple:
 
 def newest(track: tuple) -> tuple[int, tuple, tuple]:
     """Return (stamp [ns], coefficients, state) of the last sample."""
-    last_ns, _, _, _, _, coefficients, state, _, _, _, _, _ = track
+    last_ns, _, _, _, _, coefficients, state, _, _, _, _, _, _ = track
     return last_ns, coefficients, state
 
 
@@ -88,6 +96,7 @@ def with_state(track: tuple, state: tuple) -> tuple:
         reading,
         earlier,
         repeats,
+        interval,
     ) = track
     return (
         last_ns,
@@ -102,6 +111,7 @@ def with_state(track: tuple, state: tuple) -> tuple:
         reading,
         earlier,
         repeats,
+        interval,
     )
 
 
@@ -161,15 +171,23 @@ def take_all(
     return repeats, False
 
 
-def make_track(functions: Functions, period: float | None = None) -> TrackFunctions:
+def make_track(
+    functions: Functions, period: float | None = None, calibrated: bool = True
+) -> TrackFunctions:
     """Return the driver's functions for an observer's.
 
     Parameters
     ----------
     period : wrap period of a measurement that is a single angle [rad], whose repeated readings
         are dropped; None: another measurement, nothing is dropped.
+    calibrated : for a single angle, scale the standard deviation by what later readings show.
     """
     sieve = take_all if period is None else make_sieve(float(period))
+    calibrate = (
+        no_calibration
+        if period is None or not calibrated
+        else make_calibrate(functions.output, functions.stddev, float(period))
+    )
     prepare, init, step = functions.prepare, functions.init, functions.step
     resume, output, stddev, finite = (
         functions.resume,
@@ -195,6 +213,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
             nothing,
             nothing,
             BLANK,
+            FIRST_INTERVAL,
         )
 
     def advance(
@@ -219,7 +238,9 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
             reading,
             earlier,
             repeats,
+            interval,
         ) = track
+        due_ns, calibration = interval
         gap_ns, reorder_ns, timeout_ns, longest_dt = limits
         if not finite(measurement):
             return track, NON_FINITE
@@ -240,6 +261,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                     measurement,
                     measurement,
                     BLANK,
+                    interval,
                 ),
                 FIRST,
             )
@@ -257,6 +279,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
             if drop:
                 if not recognised:  # the state learnt from such a sensor is wrong
                     state = restart(state, coefficients, design, measurement)
+                    interval = (BROKEN, calibration)
                 return (
                     (
                         last_ns,
@@ -271,6 +294,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                         reading,
                         earlier,
                         repeats,
+                        interval,
                     ),
                     REPEATED,
                 )
@@ -310,11 +334,21 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                         measurement,
                         reading,
                         repeats,
+                        (BROKEN, calibration),
                     ),
                     MISCONFIGURED,
                 )
             if verdict == USED and passed <= longest_dt:
                 state = step(state, coefficients, design, measurement, known_input)
+                if stamp_ns >= due_ns:
+                    interval = calibrate(
+                        interval,
+                        (stamp_ns, measurement, reading, earlier, passed_ns, dt_ns),
+                        state,
+                        coefficients,
+                        design,
+                        known_input,
+                    )
                 return (
                     (
                         stamp_ns,
@@ -329,6 +363,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                         measurement,
                         reading,
                         repeats,
+                        interval,
                     ),
                     USED,
                 )
@@ -348,6 +383,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                         measurement,
                         measurement,
                         repeats,
+                        (BROKEN, calibration),
                     ),
                     AFTER_OUTAGE,
                 )
@@ -367,6 +403,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                     measurement,
                     measurement,
                     repeats,
+                    (BROKEN, calibration),
                 ),
                 AFTER_GAP if verdict == USED else verdict,
             )
@@ -387,6 +424,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                     reading,
                     earlier,
                     repeats,
+                    interval,
                 ),
                 LATE,
             )
@@ -405,6 +443,7 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
                     measurement,
                     measurement,
                     repeats,
+                    (BROKEN, calibration),
                 ),
                 AFTER_CLOCK_JUMP,
             )
@@ -432,13 +471,14 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
             measurement,
             measurement,
             repeats,
+            (BROKEN, calibration),
         ), verdict
 
     def read(
         track: tuple, design: tuple, limits: tuple, measurement: Any, known_input: Any
     ) -> tuple:
         """Return (position, velocity, acceleration or nan, status) of the newest estimate."""
-        _, _, _, _, mean_dt, coefficients, state, _, _, _, _, _ = track
+        _, _, _, _, mean_dt, coefficients, state, _, _, _, _, _, _ = track
         _, _, _, longest_dt = limits
         if mean_dt > longest_dt:
             return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
@@ -446,7 +486,8 @@ def make_track(functions: Functions, period: float | None = None) -> TrackFuncti
 
     def deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """Return one standard deviation of position and velocity."""
-        _, coefficients, state = newest(track)
-        return stddev(state, coefficients, design)
+        _, _, _, _, _, coefficients, state, _, _, _, _, _, (_, (scale, _, _)) = track
+        position, velocity = stddev(state, coefficients, design)
+        return position, scale * velocity
 
     return TrackFunctions(blank, advance, read, deviation)

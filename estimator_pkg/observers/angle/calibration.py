@@ -1,0 +1,266 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The scale of an observer's standard deviation, from the readings that came later.
+
+An observer's standard deviation contains the noise behind it, but not its lag. Two instants later a
+speed is known better: the readings at five instants, `spacing` apart, give the speed at the middle
+one by the derivative of the polynomial through them (Fornberg 1988, five points). Its error is
+known: the noise of the readings. What the published speed differs by beyond that is its own error.
+The mean square of this error, in published standard deviations, scales the next ones.
+
+The spacing is a compromise. Doubled, it quarters the noise's variance; too long, it does not
+resolve the motion, and the fourth difference of the readings exceeds their noise. It is doubled
+while the noise hides the error, and halved where the motion shows. docs/coverage.md derives it.
+
+Most samples pass without any work: a sample is an instant when it is `due`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.contract import TRACKING
+
+SHORTEST, LONGEST = 4_000_000, 256_000_000  # spacing of the instants [ns]
+MEMORY = 24.0  # errors over which their mean square is taken
+SLACK = 0.8  # of the mean square: below 1/SLACK chance explains it, and the scale stays 1
+BOUND = 9.0  # of its mean, for the square of one error
+FEWEST, MOST = 0.5, 1e6  # bounds of the mean square
+HIDES = 0.3  # the noise hides an error: its variance exceeds this part of the published one
+PATIENCE = 8  # instants that the spacing lasts before it is doubled
+MOVING = 3  # of the four intervals, in which the reading has changed
+READINGS = 32.0  # pairs of steps over which the noise is averaged
+UNEVEN = 2.5  # a step of time longer than the other by this factor is a hole
+RESIDUE = 1e-9  # [rad] smaller differences are rounding, as are
+ROUNDING = 2.0**-22  # those below this part of the reading
+OF_DERIVATIVE = 130.0 / 144.0  # (1 + 64 + 64 + 1)/12^2: variance of the derivative, of the noise's
+RESOLVED = 10.0 * 70.0  # a fourth difference beyond 10 (1 + 16 + 36 + 16 + 1) of it is motion
+LEAST = 1e-100  # a smaller standard deviation cannot be scaled
+
+BROKEN = -1  # due: the instants before the next sample are void
+NEVER = 1 << 62  # due: there is no calibration
+
+# (instants so far; their stamps [ns], the newest first; the newest reading; the divided differences
+# of orders 1 to 3 at it; the fourth difference over the spacing [rad/s]; 1 where the reading
+# changed, in the three newest intervals; speed and its standard deviation at the newest instant and
+# at the one before)
+Chain = tuple[
+    int,
+    tuple[int, int, int, int],
+    float,
+    tuple[float, float, float],
+    float,
+    tuple[int, int, int],
+    tuple[float, float, float, float],
+]
+# (mean square of the errors; spacing [ns]; instants since it changed; instants at rest; variance of
+# the noise [rad^2]; smallest step [rad])
+Learnt = tuple[float, int, int, int, float, float]
+Calibration = tuple[float, Learnt, Chain]  # scale of the standard deviation, ...
+Interval = tuple[int, Calibration]  # stamp from which the next sample is due [ns], ...
+
+NO_CHAIN: Chain = (0, (0, 0, 0, 0), 0.0, (0.0, 0.0, 0.0), 0.0, (0, 0, 0), (0.0, 0.0, 0.0, 0.0))
+FIRST_INTERVAL: Interval = (BROKEN, (1.0, (1.0, SHORTEST, 0, 0, 0.0, math.inf), NO_CHAIN))
+
+
+class Sample(NamedTuple):
+    """A sample and the two readings before it: stamp, readings, the times that they took [ns]."""
+
+    stamp_ns: int
+    measurement: float
+    reading: float
+    earlier: float
+    passed_ns: int
+    before_ns: int
+
+
+def make_calibrate(
+    output: Callable[..., tuple], stddev: Callable[..., tuple], period: float
+) -> Callable[..., Interval]:
+    """Return the function that calibrates an observer at a sample that is due.
+
+    Parameters
+    ----------
+    output, stddev : of the observer; see `Functions`.
+    period : wrap period [rad]; 0: none.
+    """
+    follow = _make_follow(period)
+
+    def calibrate(
+        interval: Interval,
+        sample: tuple,
+        state: tuple,
+        coefficients: tuple,
+        design: tuple,
+        known_input: float,
+    ) -> Interval:
+        """Return the interval after a sample that was due; `sample` has the fields of `Sample`."""
+        due_ns, (scale, learnt, chain) = interval
+        stamp_ns, measurement, _, _, _, _ = sample
+        _, speed, _, status = output(state, coefficients, design, measurement, known_input)
+        _, sigma = stddev(state, coefficients, design)
+        known = status == TRACKING and LEAST < sigma < math.inf
+        if due_ns == BROKEN or not known:
+            chain = NO_CHAIN
+        if known:
+            scale, learnt, chain = follow(scale, learnt, chain, sample, speed, sigma)
+        _, spacing_ns, _, _, _, _ = learnt
+        return stamp_ns + spacing_ns, (scale, learnt, chain)
+
+    return calibrate
+
+
+def no_calibration(
+    interval: Interval,
+    sample: tuple,
+    state: tuple,
+    coefficients: tuple,
+    design: tuple,
+    known_input: Any,
+) -> Interval:
+    """Replace `make_calibrate` for measurements that are not a single angle."""
+    _, calibration = interval
+    return NEVER, calibration
+
+
+def follow_noise(
+    variance: float, quantum: float, sample: tuple, moved: float, before: float
+) -> tuple[float, float]:
+    """Return (variance of the readings' noise [rad^2], their smallest step [rad]).
+
+    White noise of variance R gives the difference of two steps 6 R, if they take the same time.
+
+    Parameters
+    ----------
+    sample : the fields of `Sample`. moved, before : the newest step and the one before [rad].
+    """
+    _, measurement, _, _, passed_ns, before_ns = sample
+    least = RESIDUE + ROUNDING * abs(measurement)
+    size, change = abs(moved), abs(moved - before)
+    if least < size < quantum:
+        quantum = size
+    if least < change < quantum:
+        quantum = change
+    ratio = passed_ns / before_ns
+    bent = moved - ratio * before
+    square = bent * bent / (2.0 + 2.0 * ratio * (1.0 + ratio))
+    if variance == 0.0:
+        return square, quantum
+    return variance + (square - variance) / READINGS, quantum
+
+
+def _make_follow(period: float) -> Callable[..., Calibration]:
+    half = 0.5 * period if period > 0.0 else math.inf
+
+    def change(later: float, sooner: float, expected: float) -> float:
+        """Return by how much the angle changed [rad], on the turn next to `expected`."""
+        moved = later - sooner
+        if -half <= moved - expected < half:
+            return moved
+        return expected + wrap(moved - expected, period)
+
+    def follow(
+        scale: float, learnt: Learnt, chain: Chain, sample: tuple, speed: float, sigma: float
+    ) -> Calibration:
+        """Return the calibration after one more instant.
+
+        Parameters
+        ----------
+        sample : the fields of `Sample`.
+        speed, sigma : as published, without the scale [rad/s].
+        """
+        mean, spacing_ns, waited, still, variance, quantum = learnt
+        count, (t1, t2, t3, t4), last, (rate, second, third), fourth, (c1, c2, c3), told = chain
+        stamp_ns, measurement, reading, earlier, passed_ns, before_ns = sample
+        v1, s1, v2, s2 = told
+        c0 = 0
+        if count > 0:
+            moves = measurement != reading or reading != earlier
+            if moves and UNEVEN * before_ns > passed_ns and UNEVEN * passed_ns > before_ns:
+                pace = speed * 1e-9
+                variance, quantum = follow_noise(
+                    variance,
+                    quantum,
+                    sample,
+                    change(measurement, reading, pace * passed_ns),
+                    change(reading, earlier, pace * before_ns),
+                )
+            if measurement != last:
+                c0 = 1
+            # divided differences, Newton's form
+            h = (stamp_ns - t1) * 1e-9
+            r1, r2, r3 = rate, second, third
+            rate = change(measurement, last, 0.5 * (speed + v1) * h) / h
+            if count > 1:
+                second = (rate - r1) / ((stamp_ns - t2) * 1e-9)
+            if count > 2:
+                third = (second - r2) / ((stamp_ns - t3) * 1e-9)
+            if count > 3:
+                whole = (stamp_ns - t4) * 1e-9
+                slope = (third - r3) / whole
+                width = 0.25 * whole
+                bend, fourth = fourth, 24.0 * slope * width * width * width
+                if c0 + c1 + c2 + c3 < MOVING:
+                    still += 1
+                    if still >= PATIENCE and spacing_ns < LONGEST:
+                        spacing_ns, still = 2 * spacing_ns, 0
+                else:
+                    still = 0
+                    noise = quantum * quantum / 12.0 if quantum < math.inf else 0.0
+                    if variance > noise:
+                        noise = variance
+                    noise /= width * width
+                    most = RESOLVED * noise
+                    if spacing_ns > SHORTEST and (fourth * fourth > most or bend * bend > most):
+                        spacing_ns, waited, count = spacing_ns // 2, 0, 0
+                    else:
+                        # the derivative at t2 of the polynomial through the five readings
+                        to_0, to_1, to_3 = t2 - stamp_ns, t2 - t1, t2 - t3
+                        of_third = 1e-18 * to_0 * to_1
+                        later = rate + 1e-9 * (to_0 + to_1) * second
+                        later += of_third * (third + 1e-9 * to_3 * slope)
+                        of_sigma = s2 * s2
+                        noise *= OF_DERIVATIVE / of_sigma
+                        mean = averaged(mean, (v2 - later) / s2, noise)
+                        scale = math.sqrt(SLACK * mean) if SLACK * mean > 1.0 else 1.0
+                        waited += 1
+                        if waited >= PATIENCE and noise > HIDES * mean and spacing_ns < LONGEST:
+                            spacing_ns, waited = 2 * spacing_ns, 0
+        chain = (
+            count + 1,
+            (stamp_ns, t1, t2, t3),
+            measurement,
+            (rate, second, third),
+            fourth,
+            (c0, c1, c2),
+            (speed, sigma, v1, s1),
+        )
+        return scale, (mean, spacing_ns, waited, still, variance, quantum), chain
+
+    return follow
+
+
+def averaged(mean: float, error: float, noise: float) -> float:
+    """Return the mean square of the errors after one more.
+
+    An error that the noise hides counts less: its square has the variance 2 (mean + noise)^2.
+
+    Parameters
+    ----------
+    error : of the published speed, as later readings show it [published standard deviations].
+    noise : variance of this error's own error, in published variances.
+    """
+    square, spread = error * error - noise, mean + noise
+    if square > BOUND * spread:
+        square = BOUND * spread
+    elif not square > -BOUND * spread:
+        square = -BOUND * spread
+    weight = mean / spread
+    mean += weight * weight * (square - mean) / MEMORY
+    if mean > FEWEST:
+        return mean if mean < MOST else MOST
+    return FEWEST  # also where it is nan

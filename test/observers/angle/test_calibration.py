@@ -1,0 +1,221 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The scale of the standard deviation: right, always learnt, and no part of the estimate."""
+
+import math
+
+import numpy as np
+import pytest
+from observer_cases import make, stamps, wrapped
+
+from benchmarks.columns import Column
+from benchmarks.intervals import HARD, parts, sampled, uncalibrated
+from benchmarks.signals import Samples
+from estimator_pkg.driver.track import make_track, newest
+from estimator_pkg.observers.angle import calibration as under_test
+from estimator_pkg.observers.angle.calibration import (
+    BROKEN,
+    FEWEST,
+    FIRST_INTERVAL,
+    LONGEST,
+    MOST,
+    SHORTEST,
+    averaged,
+    follow_noise,
+)
+from estimator_pkg.observers.contract import TRACKING
+
+DT = 1e-3
+TURN = 2.0 * math.pi
+
+
+def moving(motion, count=6000, noise=1e-3, seed=1):
+    time = np.arange(count) * DT
+    position, velocity = motion(time)
+    noisy = position + np.random.default_rng(seed).normal(0.0, noise, count)
+    return Samples(stamps(count, DT), wrapped(noisy), velocity)
+
+
+def fast_sine(time):
+    w = 10.0 * math.pi
+    return 0.2 * np.sin(w * time), 0.2 * w * np.cos(w * time)
+
+
+def constant(time):
+    return 3.0 * time, np.full(len(time), 3.0)
+
+
+def covered(out, sigma, velocity):
+    told = out.status == TRACKING
+    return np.mean(np.abs(out.velocity - velocity)[told] < 1.96 * sigma[told])
+
+
+@pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'edge_adaptive'])
+def test_the_estimate_does_not_change_and_the_interval_only_grows(name):
+    samples = moving(fast_sine)
+    joint = make(name, {})
+    out = joint.run(samples.stamps, samples.angle, fast=False)
+    alone = uncalibrated(joint, samples, fast=False)
+    for with_it, without in zip(out, alone):
+        if without is not alone.velocity_stddev:
+            assert np.array_equal(with_it, without, equal_nan=True)
+    assert np.all(out.velocity_stddev >= alone.velocity_stddev)
+
+
+@pytest.mark.parametrize('name, least', [('hybrid_angle', 0.9), ('kalman', 0.8), ('pll', 0.9)])
+def test_a_lag_that_sigma_does_not_contain_is_learnt(name, least):
+    samples = moving(fast_sine)
+    joint = make(name, {})
+    out = joint.run(samples.stamps, samples.angle, fast=False)
+    alone = uncalibrated(joint, samples, fast=False)
+    assert covered(alone, alone.velocity_stddev, samples.velocity) < 0.5
+    assert covered(out, out.velocity_stddev, samples.velocity) > least
+
+
+@pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'finite_difference'])
+def test_a_sigma_that_is_right_stays(name):
+    samples = moving(constant, 8000)
+    joint = make(name, {})
+    out = joint.run(samples.stamps, samples.angle, fast=False)
+    alone = uncalibrated(joint, samples, fast=False)
+    assert np.mean(out.velocity_stddev[2000:] / alone.velocity_stddev[2000:]) < 1.05
+
+
+def test_readings_without_noise_that_turn_half_a_turn_between_instants():
+    """200 rad/s passes half a turn in 16 ms: the change is taken next to the published speed."""
+    time = np.arange(3000) * DT
+    read = wrapped(np.floor(200.3 * time / (TURN / 4096)) * (TURN / 4096))
+    joint = make('edge_adaptive', {'quantum': TURN / 4096})
+    samples = Samples(stamps(3000, DT), read, np.full(3000, 200.3))
+    out = joint.run(samples.stamps, read, fast=False)
+    alone = uncalibrated(joint, samples, fast=False)
+    assert np.max(out.velocity_stddev[500:] / alone.velocity_stddev[500:]) < 1.2
+
+
+def test_it_is_learnt_whether_or_not_anyone_reads_it():
+    samples = moving(fast_sine, 3000)
+    read, unread = make('hybrid_angle', {}), make('hybrid_angle', {})
+    for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
+        read.update(stamp, angle)
+        read.estimate()
+        read.stddev()
+        unread.update(stamp, angle)
+    batch = make('hybrid_angle', {})
+    out = batch.run(samples.stamps, samples.angle, fast=False)
+    assert read.stddev() == unread.stddev() == batch.stddev()
+    assert out.velocity_stddev[-1] == unread.stddev()[1]
+    functions = unread.functions
+    _, coefficients, state = newest(unread._track)
+    assert unread.stddev()[1] > 2.0 * functions.stddev(state, coefficients, functions.design())[1]
+
+
+@pytest.mark.parametrize('ahead', [0.3, -1.0, 10.0])
+def test_instants_before_a_gap_or_a_jump_of_the_clock_are_void(ahead):
+    samples = moving(constant, 500)
+    joint = make('hybrid_angle', {})
+    joint.run(samples.stamps, samples.angle, fast=False)
+    *_, (due, _) = joint._track
+    assert due > samples.stamps[-1]
+    joint.update(int(samples.stamps[-1]) + round(ahead * 1e9), 0.1)
+    *_, (due, _) = joint._track
+    assert due == BROKEN
+
+
+@pytest.mark.parametrize('error', [0.0, 0.4, -1.5])
+def test_the_derivative_is_exact_for_a_polynomial_of_order_four(error):
+    """At uneven instants: what is left of the published speed is its own error."""
+    follow = under_test._make_follow(0.0)
+    random = np.random.default_rng(1)
+    scale, learnt, chain = FIRST_INTERVAL[1]
+    mean, _, *rest = learnt
+    learnt = (mean, SHORTEST, *rest)
+    passed, at = 10**6, 10**9
+    for _ in range(400):
+        at += round(4e6 + 4e6 * random.random())
+        t = (at - 10**9) * 1e-9
+        position = (((0.3 * t - 1.0) * t + 2.0) * t - 1.5) * t
+        speed = ((1.2 * t - 3.0) * t + 4.0) * t - 1.5
+        sample = (at, position, position, position, passed, passed)  # no step shows noise
+        scale, learnt, chain = follow(scale, learnt, chain, sample, speed + error, 0.1)
+        mean, spacing, waited, still, _, quantum = learnt
+        learnt = (mean, SHORTEST, 0, still, 1e-20, 1e-9)  # the readings have no noise
+    assert mean == pytest.approx(max(FEWEST, (error / 0.1) ** 2), rel=0.02)
+    assert scale == pytest.approx(max(1.0, math.sqrt(under_test.SLACK * mean)))
+
+
+@pytest.mark.parametrize('own, noise', [(1.0, 0.1), (4.0, 0.5), (4.0, 4.0), (30.0, 2.0)])
+def test_the_mean_square_is_that_of_the_errors_without_the_noise_of_the_readings(own, noise):
+    random = np.random.default_rng(4)
+    mean, means = 1.0, []
+    for error in random.normal(0.0, math.sqrt(own + noise), 60_000):
+        mean = averaged(mean, error, noise)
+        means.append(mean)
+    assert np.mean(means[1000:]) == pytest.approx(own, rel=0.15)
+
+
+@pytest.mark.parametrize('error', [math.nan, math.inf, 1e200])
+def test_errors_that_are_no_numbers_do_no_harm(error):
+    mean = 1.0
+    for noise in (0.0, 1.0, math.inf, 1e300):
+        mean = averaged(mean, error, noise)
+        assert FEWEST <= mean <= MOST
+
+
+def test_the_noise_of_white_readings_and_the_step_of_a_counter():
+    random = np.random.default_rng(2)
+    readings = 0.01 * np.arange(20_000) + random.normal(0.0, 1e-3, 20_000)
+    variance, quantum, found = 0.0, math.inf, []
+    for a, b, c in zip(readings, readings[1:], readings[2:]):
+        variance, quantum = follow_noise(
+            variance, quantum, (0, c, b, a, 10**6, 10**6), c - b, b - a
+        )
+        found.append(variance)
+    assert np.mean(found) == pytest.approx(1e-6, rel=0.05)
+    counts = np.floor(13.27 * np.arange(200)) * 1.5e-3
+    quantum = math.inf
+    for a, b, c in zip(counts, counts[1:], counts[2:]):
+        variance, quantum = follow_noise(
+            variance, quantum, (0, c, b, a, 10**6, 10**6), c - b, b - a
+        )
+    assert quantum == pytest.approx(1.5e-3)
+
+
+def test_the_spacing_grows_at_rest_and_shrinks_where_the_motion_shows():
+    count = 6000
+    time = np.arange(count) * DT
+    position = np.where(time < 4.0, 0.0, 0.3 * np.sin(30.0 * (time - 4.0)))
+    read = np.round(position / 1.5e-3) * 1.5e-3
+    joint = make('hybrid_angle', {})
+    spacings = []
+    for stamp, angle in zip(stamps(count, DT).tolist(), read.tolist()):
+        joint.update(stamp, angle)
+        *_, (_, (_, (_, spacing, *_), _)) = joint._track
+        spacings.append(spacing)
+    assert spacings[3990] > 16 * SHORTEST
+    assert spacings[-1] < 4 * SHORTEST
+    assert max(spacings) <= LONGEST
+
+
+def test_measurements_that_are_not_one_angle_are_not_calibrated():
+    functions = make('hybrid_angle', {}).functions
+    track = make_track(functions, None)
+    state, design = track.blank(functions.design()), functions.design()
+    samples = moving(fast_sine, 2000)
+    allowed = (10**8, 10**8, 10**9, math.inf)
+    for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
+        state, _ = track.advance(state, design, allowed, stamp, angle, 0.0)
+    *_, (_, (scale, _, _)) = state
+    assert scale == 1.0
+
+
+@pytest.mark.parametrize('name, least', [('bursts 1000/12', 0.86), ('gaps .25 const 1000/12', 0.9)])
+def test_bursts_and_gaps_are_covered(name, least):
+    samples = sampled(name, HARD[name])
+    joint = make('hybrid_angle', {})
+    out = joint.run(samples.stamps, samples.angle, fast=False)
+    alone = uncalibrated(joint, samples, fast=False)
+    assert covered(out, out.velocity_stddev, samples.velocity) > least
+    assert covered(alone, alone.velocity_stddev, samples.velocity) < least - 0.05
+    column = Column(f'own {name}', '', samples, TURN / HARD[name].counts, skip=0.0)
+    assert set(parts(column)) == {'all', 'start', 'slow', 'hard', 'after a gap'}
