@@ -214,9 +214,11 @@ def _held(parsed: argparse.Namespace, result: dict[str, Any]) -> None:
             raise UsageError(why)
         print(f'held-out recordings: not run: {why}\n')
         return
-    found = held_out.run(Path(parsed.held_out))
-    result['held'] = held_out.as_dict(found)
-    print(held_out.describe(found, parsed.markdown) + '\n', flush=True)
+    result['held'] = {}
+    for which, title in held_out.LISTS.items():
+        found = held_out.run(Path(parsed.held_out), which)
+        result['held'][which] = held_out.as_dict(found)
+        print(held_out.describe(found, title, parsed.markdown) + '\n', flush=True)
 
 
 def _moteus(parsed: argparse.Namespace, result: dict[str, Any]) -> None:

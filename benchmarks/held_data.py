@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
@@ -45,26 +45,25 @@ class Listed(NamedTuple):
     judged: float
 
 
-def listed(path: Path = LIST) -> list[Listed]:
-    """Return the series of the list; the keys of a series replace those of its source."""
+def listed(which: str = 'series', path: Path = LIST) -> list[Listed]:
+    """Return the series of a list, 'series' or 'unseen'; their keys replace those of the source."""
     found = yaml.safe_load(path.read_text(encoding='utf-8'))
     return [
         Listed(name, {**found['sources'][keys['source']], **keys}, found['judged'])
-        for name, keys in found['series'].items()
+        for name, keys in found[which].items()
     ]
 
 
-def columns(folder: Path, series: list[Listed] | None = None) -> list[Column]:
+def columns(folder: Path, series: Sequence[Listed]) -> list[Column]:
     """Return a column per series.
 
     Raises
     ------
     UserError : a file is missing, or is not the listed one.
     """
-    chosen = listed() if series is None else series
     found = []
-    with progress('reading the held-out recordings', len(chosen)) as advance:
-        for each in chosen:
+    with progress('reading the held-out recordings', len(series)) as advance:
+        for each in series:
             found.append(column(folder, each))
             advance(1)
     return found

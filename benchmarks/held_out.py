@@ -32,6 +32,7 @@ from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
+LISTS = {'series': 'held-out recordings', 'unseen': 'held-out recordings, second list'}
 OBSERVERS = ('edge_adaptive', 'hybrid_angle')
 BASELINES = ('finite_difference', 'pll', 'kalman velocity', 'kalman acceleration')
 SIGMAS = 1.959964  # standard deviations of a 95 % interval
@@ -73,9 +74,9 @@ class Found(NamedTuple):
     common: dict[str, str]
 
 
-def run(folder: Path, series: list[held_data.Listed] | None = None) -> Found:
-    """Return the comparison on the series whose files are below `folder`; raise UserError."""
-    chosen = held_data.listed() if series is None else series
+def run(folder: Path, which: str = 'series') -> Found:
+    """Return the comparison on a list, whose files are below `folder`; raise UserError."""
+    chosen = held_data.listed(which)
     judged = {each.name: each.judged for each in chosen}
     return compared(held_data.columns(folder, chosen), judged)
 
@@ -195,7 +196,7 @@ def as_dict(found: Found) -> dict[str, Any]:
     }
 
 
-def describe(found: Found, as_markdown: bool = False) -> str:
+def describe(found: Found, title: str, as_markdown: bool = False) -> str:
     """Return the tables as text: series by series, and the ratios."""
     lines = []
     for row in found.rows:
@@ -238,7 +239,7 @@ def describe(found: Found, as_markdown: bool = False) -> str:
     }
     return '\n\n'.join(
         [
-            'held-out recordings: velocity rms error [rad/s], observers at their defaults',
+            f'{title}: velocity rms error [rad/s], observers at their defaults',
             whole,
             "*: not judged: the reference's own error is more than half of the best baseline's",
             f'single: {found.single}; best of four: {"; ".join(found.common.values())}',

@@ -1,0 +1,152 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The held-out recordings: how a listed file is read, and how the observers are compared."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import field, held_data, held_out
+from benchmarks.__main__ import main
+from benchmarks.held_data import Listed
+from benchmarks.ours import ours
+from estimator_pkg.errors import UserError
+
+RATE, TURN = 200.0, 2.0 * np.pi
+
+
+def _listed(folder: Path, text: str, **keys: Any) -> Listed:
+    """Write a file below `folder` as the list names it, and return its entry."""
+    (folder / 'owner/name').mkdir(parents=True, exist_ok=True)
+    (folder / 'owner/name/log.csv').write_text(text)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    common = {'repository': 'owner/name', 'commit': 'c', 'path': 'log.csv', 'what': 'a joint'}
+    files = {'log.csv': digest}
+    return Listed('joint', {**common, 'truth': 'sensor', 'files': files, **keys}, 0.5)
+
+
+def _motion(count: int = 600) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    time = np.arange(count) / RATE
+    return time, 0.3 + np.sin(TURN * time), TURN * np.cos(TURN * time)
+
+
+def _log(*columns: np.ndarray) -> str:
+    rows = '\n'.join(', '.join(f'{value:.9g}' for value in row) for row in zip(*columns))
+    return f'# a header; of three words\ntime, angle, velocity\n{rows}\nnan, nan, nan\n'
+
+
+def test_a_log_is_read_with_its_units_and_ends_where_its_time_restarts(tmp_path: Path) -> None:
+    time, angle, velocity = _motion()
+    ring = _log(
+        np.append(8000.0 * time, 0.0), np.append(angle / TURN, 9.0), np.append(velocity / TURN, 9.0)
+    )
+    series = _listed(
+        tmp_path,
+        ring,
+        time={'column': 0, 'unit': 1.25e-4},
+        angle={'column': 1, 'unit': TURN},
+        velocity={'column': 2, 'unit': TURN},
+    )
+    column = held_data.column(tmp_path, series)
+    assert len(column.samples.angle) == len(time)
+    np.testing.assert_allclose(column.samples.angle, angle, atol=1e-6)
+    np.testing.assert_allclose(np.diff(column.samples.stamps), 5_000_000, atol=2)
+    inside = np.isfinite(column.samples.velocity)
+    np.testing.assert_allclose(column.samples.velocity[inside], velocity[inside], atol=0.02)
+    assert np.mean(inside) > 0.95
+    assert column.reference == 'sensor'
+
+
+def test_a_yaw_is_unwrapped_thinned_and_rounded_with_the_reference_of_all(tmp_path: Path) -> None:
+    time, angle, velocity = _motion()
+    half = 0.5 * 3.0 * angle
+    none = np.zeros(len(time))
+    series = _listed(
+        tmp_path,
+        _log(time, np.cos(half), none, none, np.sin(half)),
+        time={'column': 0},
+        yaw=[1, 2, 3, 4],
+        every=2,
+        quantum=0.01,
+    )
+    column = held_data.column(tmp_path, series)
+    assert len(column.samples.angle) == len(time) // 2
+    np.testing.assert_allclose(column.samples.angle, 3.0 * angle[::2], atol=0.0101)
+    counts = column.samples.angle / 0.01
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    middle = slice(20, -20)
+    np.testing.assert_allclose(
+        column.samples.velocity[middle], 3.0 * velocity[::2][middle], atol=0.05
+    )
+
+
+def test_a_missing_and_a_changed_file_are_named(tmp_path: Path) -> None:
+    time, angle, _ = _motion()
+    series = _listed(tmp_path, _log(time, angle, angle), rate=RATE, angle={'column': 1})
+    log = tmp_path / 'owner/name/log.csv'
+    log.write_text(log.read_text() + '1, 2, 3\n')
+    with pytest.raises(UserError, match='not the listed file'):
+        held_data.column(tmp_path, series)
+    log.unlink()
+    with pytest.raises(UserError, match=r'github.com/owner/name, commit c'):
+        held_data.column(tmp_path, series)
+
+
+def test_without_a_folder_the_part_says_what_it_lacks(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['accuracy', '--part', 'held']) == 2
+    assert '--held-out' in capsys.readouterr().err
+
+
+def test_every_listed_series_has_its_file_its_angle_and_its_time() -> None:
+    first, second = held_data.listed(), held_data.listed('unseen')
+    assert len(first) >= 24 and len({each.keys['repository'] for each in first}) >= 3
+    assert not {each.name for each in first} & {each.name for each in second}
+    for _, keys, _ in [*first, *second]:
+        assert keys['path'] in keys['files'] and len(keys['commit']) == 40
+        assert ('angle' in keys or 'yaw' in keys) and ('time' in keys or 'rate' in keys)
+
+
+@pytest.mark.long
+def test_the_single_baseline_is_the_one_with_the_least_mean_and_the_best_is_never_worse(
+    tmp_path: Path,
+) -> None:
+    time, angle, velocity = _motion(400)
+    columns = []
+    for name, quantum in (('fine', 1e-4), ('coarse', 2e-2)):
+        series = _listed(
+            tmp_path,
+            _log(time, angle, velocity),
+            time={'column': 0},
+            angle={'column': 1},
+            velocity={'column': 2},
+            quantum=quantum,
+        )
+        columns.append(held_data.column(tmp_path, series._replace(name=name)))
+    found = held_out.compared(columns, {'fine': 0.5, 'coarse': 0.5})
+    assert [row.series for row in found.rows] == ['fine', 'coarse']
+    for row in found.rows:
+        assert row.judged and 0.0 < row.best <= row.single
+        edge = row.results['edge_adaptive']
+        assert edge.rms < 1.1 * row.best and 0.5 < edge.covered <= 1.0 and edge.published > 0.9
+    means = []
+    for family in ours():
+        if family.name in held_out.BASELINES:
+            for value in family.values:
+                errors = [field.error(family.run(each, value), each)[0] for each in columns]
+                means.append(np.sqrt(errors[0] * errors[1]))
+    least = np.sqrt(found.rows[0].single * found.rows[1].single)
+    assert least == pytest.approx(min(means))
+    single = held_out.summary(found.rows, 'edge_adaptive', 'single')
+    ratios = [row.results['edge_adaptive'].rms / row.single for row in found.rows]
+    assert single.mean == pytest.approx(np.sqrt(ratios[0] * ratios[1]))
+    assert single.near == 1.0 and single.worst == max(ratios)
+    assert single.at_most == sum(ratio <= 1.0 for ratio in ratios) / 2
+    text = held_out.describe(found, 'two joints')
+    assert 'fine' in text and found.single in text
+    assert held_out.as_dict(found)['rows'][1]['results']['edge_adaptive']['rms'] > 0.0
