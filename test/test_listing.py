@@ -249,7 +249,7 @@ def test_every_declared_parameter_is_described(name):
 def test_the_page_of_parameters_opens_with_the_default_node(capsys):
     observer = AngleStream.SETTINGS().observer
     heads = re.findall('(?m)^##+ (.*)$', listed(capsys, '--markdown'))
-    usual = ['joint_observer', observer, 'joint']
+    usual = ['joint_observer', observer, 'sensor']
     assert heads[:4] == [f'Default node: joint_observer with {observer}', *usual]
     assert all(heads.count(name) == 1 for name in usual)
     assert 'Default node' not in listed(capsys, 'pll', '--markdown')

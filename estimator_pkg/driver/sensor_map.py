@@ -59,7 +59,7 @@ from estimator_pkg.driver.sensor_marks import (
     refined,
     turned,
 )
-from estimator_pkg.driver.track import Track, TrackFunctions
+from estimator_pkg.driver.track import Track, TrackFunctions, newest
 from estimator_pkg.observers.circle import wrap
 
 LARGEST = 1e9  # [rad] no reading is larger
@@ -71,6 +71,41 @@ FIELDS = len(Track._fields)  # of a track without a map
 # that wrap; by how much the angles of the reading reach further than a quantum
 Place = tuple[float, float, float, float, float, float, float, float, float]
 NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, math.nan, 0.0, -math.inf, math.inf, 0.0)
+
+
+def parted(track: tuple) -> tuple[tuple, Place, Memory]:
+    """Return (track without the map, place, memory)."""
+    (
+        last_ns,
+        before_ns,
+        late,
+        dt_ns,
+        mean_dt,
+        coefficients,
+        state,
+        running,
+        kept,
+        reading,
+        earlier,
+        repeats,
+        place,
+        memory,
+    ) = track
+    inner = (
+        last_ns,
+        before_ns,
+        late,
+        dt_ns,
+        mean_dt,
+        coefficients,
+        state,
+        running,
+        kept,
+        reading,
+        earlier,
+        repeats,
+    )
+    return inner, place, memory
 
 
 def error_of(memory: Memory, cell: int, heading: int, size: float) -> tuple[float, float, float]:
@@ -130,7 +165,7 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
         known_input: float,
     ) -> tuple[tuple, int]:
         """Return (track, verdict) after one sample, like that of `make_track`."""
-        inner, before, memory = track[:FIELDS], track[FIELDS], track[-1]
+        inner, before, memory = parted(track)
         low, size, error, slope, reading, corrected_by, bottom, top, excess = before
         correction, cell, heading, offset = corrected_by, 0, 0, measurement - low
         inside = 0.0 <= offset < size
@@ -158,7 +193,7 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
             corrected += period
         elif corrected >= top:
             corrected -= period
-        last_ns = inner[0]
+        last_ns, _, _ = newest(inner)
         known = excess if measurement == reading else corrected_by - correction
         inner, verdict = bare_advance(inner, design, limits, stamp_ns, corrected, known)
         if verdict >= DUPLICATE:
@@ -181,12 +216,13 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
         track: tuple, design: tuple, limits: tuple, measurement: float, known_input: float
     ) -> tuple:
         """Return the newest estimate, like that of `make_track`."""
-        _, _, _, _, _, correction, _, _, excess = track[FIELDS]
-        return bare_read(track[:FIELDS], design, limits, measurement + correction, excess)
+        inner, (_, _, _, _, _, correction, _, _, excess), _ = parted(track)
+        return bare_read(inner, design, limits, measurement + correction, excess)
 
     def deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """Return one standard deviation of position and velocity."""
-        return bare_deviation(track[:FIELDS], design)
+        inner, _, _ = parted(track)
+        return bare_deviation(inner, design)
 
     return TrackFunctions(blank, advance, read, deviation)
 
@@ -195,8 +231,7 @@ def what_is_learnt(track: tuple) -> str:
     """Return what the status of a joint reports of its sensor; '' if nothing is corrected."""
     if len(track) == FIELDS:
         return ''
-    low, size, _, _, _, _, _, _, _ = track[FIELDS]
-    course, pace, _, _, tables, proofs, _ = track[-1]
+    _, (low, size, _, _, _, _, _, _, _), (course, pace, _, _, tables, proofs, _) = parted(track)
     marks = int(course[MARKS])
     used = [table for table in (0, 1) if proofs[table, IN_USE] > 0.0]
     if not used:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from estimator_pkg.driver.sensor_map import FIELDS, what_is_learnt
+from estimator_pkg.driver.sensor_map import FIELDS, parted, what_is_learnt
 from estimator_pkg.driver.sensor_marks import LEARNT, MARKS
 from estimator_pkg.evaluation.entries import Entry
 
@@ -48,6 +48,16 @@ def misplaced(counts=64, share=0.2, late=0.0):
 
 def joint(observer='edge_adaptive', sensor_map='learn', **values):
     return Entry(observer, observer).joint(sensor_map=sensor_map, **values)
+
+
+def marks_of(joint):
+    _, _, (course, *_) = parted(joint._track)
+    return course[MARKS]
+
+
+def proofs_of(joint):
+    _, _, (_, _, _, _, _, proofs, _) = parted(joint._track)
+    return proofs
 
 
 def error(out, velocity, start):
@@ -113,7 +123,7 @@ def test_a_joint_that_does_not_turn_is_never_corrected():
     assert np.ptp(angle) < 0.7 * TURN
     off, on, learning = both('edge_adaptive', stamps, eccentric(angle), velocity, 0.0)
     assert on == off
-    assert not np.any(learning._track[-1][5][:, LEARNT])
+    assert not np.any(proofs_of(learning)[:, LEARNT])
 
 
 def test_an_edge_that_comes_late_by_a_time_is_learnt_at_any_speed():
@@ -134,7 +144,7 @@ def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
     # behind a gear of 7.5: 90 counts a turn, of which 12 repeat
     learning = joint(quantum=TURN / 90)
     learning.run(stamps, readings * TURN / 90, fast=False)
-    assert learning._track[-1][0][MARKS] == 12
+    assert marks_of(learning) == 12
     assert 'repeat each 48 deg' in learning.why()
 
 
@@ -170,7 +180,7 @@ def test_the_map_survives_a_gap_and_is_proven_again_after_an_outage():
         assert learning.why()
     learning.reset()
     assert not learning.why()
-    assert not np.any(learning._track[-1][4])
+    assert not np.any(proofs_of(learning)[:, LEARNT])
 
 
 @pytest.mark.slow  # compiles
