@@ -48,15 +48,17 @@ class Layout:
             self.arrays.append((reader.at - 8 * count, count))
         self.length = reader.at
         self._stamp = struct.Struct(self.order + 'iI')
-        self._count = struct.Struct(self.order + 'I')
+        first, second, third = (at for at, _ in self.counts)
+        gaps = f'I{second - first - 4}xI{third - second - 4}xI'
+        self._counts, self._counts_from = struct.Struct(self.order + gaps), first
+        self._expected = tuple(count for _, count in self.counts)
         self._doubles = [struct.Struct(f'{self.order}{count}d') for _, count in self.arrays]
 
     def fits(self, raw: bytes) -> bool:
         """Return True if `raw` has these names and array lengths."""
         if len(raw) < self.length or raw[:2] != self._head or self._significant(raw) != self._fixed:
             return False
-        unpack = self._count.unpack_from
-        return all(unpack(raw, at)[0] == count for at, count in self.counts)
+        return self._counts.unpack_from(raw, self._counts_from) == self._expected
 
     def _significant(self, raw: bytes) -> int:
         return int.from_bytes(raw[self.fixed_from : self.fixed_to], 'little') & self._mask
@@ -129,7 +131,7 @@ class Encoder:
     def __init__(self) -> None:
         self._key: tuple[Any, ...] | None = None
         self._prefix = b''
-        self._body = _WithCounts('<III', (0, 0, 0))
+        self._body = struct.Struct('<III')
 
     def encode(
         self,
@@ -153,7 +155,9 @@ class Encoder:
         return (
             _STAMP.pack(0, 1, 0, 0, sec, nanosec)
             + self._prefix
-            + self._body.pack(*positions, *velocities, *efforts)
+            + self._body.pack(
+                len(positions), *positions, len(velocities), *velocities, len(efforts), *efforts
+            )
         )
 
     def _learn(self, key: tuple[Any, ...]) -> None:
@@ -167,33 +171,13 @@ class Encoder:
         at = len(writer.raw) - 4
         body = '<'
         for count in counts:
-            # the counts are constant in the layout, so they are part of the struct
             body += 'I'
             at += 4
             if count:
                 body += f'{-at % 8}x{count}d'
                 at += -at % 8 + 8 * count
-        self._body = _WithCounts(body, counts)
+        self._body = struct.Struct(body)
         self._key = key
-
-
-class _WithCounts:
-    """A struct of arrays, each with its constant length before it."""
-
-    def __init__(self, body: str, counts: Sequence[int]) -> None:
-        self._struct = struct.Struct(body)
-        self._counts = tuple(counts)
-
-    def pack(self, *numbers: float) -> bytes:
-        first, second, third = self._counts
-        return self._struct.pack(
-            first,
-            *numbers[:first],
-            second,
-            *numbers[first : first + second],
-            third,
-            *numbers[first + second :],
-        )
 
 
 _STAMP = struct.Struct('<4BiI')
