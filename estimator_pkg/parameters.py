@@ -19,7 +19,7 @@ import math
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, TypeVar
 
 from estimator_pkg import yaml_text
@@ -266,6 +266,11 @@ def declared(cls: type) -> dict[str, Parameter]:
 
     What a class adds to those it shares with others is what users set first.
     """
+    return dict(_declared(cls))
+
+
+@cache
+def _declared(cls: type) -> dict[str, Parameter]:
     own = inspect.get_annotations(cls)
     fields = sorted(dataclasses.fields(cls), key=lambda field: field.name not in own)
     return {

@@ -47,9 +47,9 @@ class AdaptiveJoint(Joint):
         self.evidence = Evidence(structure(gains).slowest, gains.memory)
         self.origin: Origin | None = None
 
-    def set_gains(self, gains: Any) -> None:
+    def set_gains(self, gains: Any, twin: Joint | None = None) -> None:
         """See `Joint`."""
-        super().set_gains(gains)
+        super().set_gains(gains, twin)
         self.evidence.memory = gains.memory
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:

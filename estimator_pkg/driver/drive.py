@@ -207,8 +207,8 @@ class DriveJoint(Joint):
         self._recent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         super().__init__(observer, gains, settings)
 
-    def _structure(self, gains: Any) -> None:
-        super()._structure(gains)
+    def _structure(self, gains: Any, twin: Joint | None) -> None:
+        super()._structure(gains, twin)
         self._motor: Any = self.functions  # DriveFunctions
         self._drive_batch = make_drive_batch(self._motor)
         self._tighten()

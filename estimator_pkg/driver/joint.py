@@ -109,22 +109,19 @@ class Joint:
         self, observer: Observer, gains: Any, settings: JointSettings, twin: Joint | None = None
     ) -> None:
         self.observer = observer
-        self._twin = twin
         self.settings = settings
         self.counts = [0] * len(VERDICTS)
         self.stamp_ns = 0
         self.reset_count = 0
         self._new_starts = 0  # their number at the last reset
-        self._structure(gains)
+        self._structure(gains, twin)
         self._track = self._blank(self._design)
         self.verdict = DUPLICATE
         self._measurement: Any = self.functions.blank
         self._known_input: Any = self.functions.no_input
-        self._twin = None
 
-    def _structure(self, gains: Any) -> None:
+    def _structure(self, gains: Any, twin: Joint | None) -> None:
         self.gains = gains
-        twin = self._twin
         if (
             twin is not None
             and twin.gains == gains
@@ -170,13 +167,17 @@ class Joint:
         functions.output(state, coefficients, design, self._measurement, self._known_input)
         return True
 
-    def set_gains(self, gains: Any) -> None:
+    def set_gains(self, gains: Any, twin: Joint | None = None) -> None:
         """Use other gains from the next sample on; the state is kept.
 
         The caller must ensure that no structural parameter changes.
+
+        Parameters
+        ----------
+        gains, twin : as of the class.
         """
         quantum = _quantum(self.gains)
-        self._structure(gains)
+        self._structure(gains, twin)
         if _quantum(gains) != quantum:  # another sensor: its map is another one
             self._track = self._track[:FIELDS] + self._blank(self._design)[FIELDS:]
         # no sample time is 0 ns, so the next sample computes the coefficients anew

@@ -350,9 +350,12 @@ class Stream(ABC):
         """
         try:
             self.try_gains(configuration)
+            built, functions = None, None
             for name, joint in self.bank.joints.items():
-                functions = self._build(configuration, name)
-                if configuration.for_joint(name)[0] != joint.gains:
+                wanted = configuration.for_joint(name)
+                if wanted != built:  # most joints have what the one before has
+                    built, functions = wanted, self._build(configuration, name)
+                if wanted[0] != joint.gains:
                     self._check_change(name, joint, functions)
         except (ArithmeticError, ValueError) as error:
             raise UsageError(f'{NO_NUMBERS} ({error})') from error
@@ -383,12 +386,14 @@ class Stream(ABC):
     def apply(self, configuration: Any) -> None:
         """Use these gains and settings from the next sample on; every joint keeps its state."""
         self.bank.configuration = configuration
+        twin: Joint | None = None
         for name, joint in self.bank.joints.items():
             gains, settings = configuration.for_joint(name)
             if settings != joint.settings:
                 joint.set_settings(settings)
             if gains != joint.gains:
-                joint.set_gains(gains)
+                joint.set_gains(gains, twin)
+                twin = joint
                 self._gains_changed(name)
 
     def _gains_changed(self, name: str) -> None:

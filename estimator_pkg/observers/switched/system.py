@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from estimator_pkg.errors import UsageError
@@ -99,6 +100,14 @@ class System:
         )
 
 
+@lru_cache(maxsize=16)
+def _sound(name: str, steps: int | None) -> SwitchedModel:
+    """Return the model of this name; it is checked once, because that takes half a second."""
+    model = load(name)
+    check(model, steps)
+    return model
+
+
 def make_system(gains: Gains, circle: Circle) -> System:
     """Return the system of these gains.
 
@@ -107,8 +116,7 @@ def make_system(gains: Gains, circle: Circle) -> System:
     UsageError : the model is invalid, its rank condition is never met with these `steps`, or the
         memory is too short.
     """
-    model = load(gains.model)
-    check(model, None if gains.discrete == 'copy' else gains.steps)
+    model = _sound(gains.model, None if gains.discrete == 'copy' else gains.steps)
     if 0.0 < gains.memory < 1.0 / gains.filter_rate:
         raise UsageError(
             f"parameter 'memory' = {gains.memory:g} s is shorter than the filter's time constant: "
