@@ -20,6 +20,7 @@ from rich.console import Console
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.observers import DEFAULT
+from estimator_pkg.ros import domain
 from estimator_pkg.ros.domain import free_domain
 from sim_pkg.demo.listener import Snapshot
 from sim_pkg.demo.processes import ended_on_any_signal
@@ -43,6 +44,14 @@ def start(tmp_path, *words):
         cwd=tmp_path,
         env=environment,
     )
+
+
+def test_a_domain_is_reserved_for_the_process_that_got_it(monkeypatch):
+    monkeypatch.setattr(domain, '_reserved', [])  # they are free again after the test
+    got = [free_domain() for _ in range(15)]
+    program = 'from estimator_pkg.ros.domain import *; print([free_domain() for _ in range(15)])'
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)
+    assert len({*got, *json.loads(done.stdout)}) == 30
 
 
 def descendants(process):
