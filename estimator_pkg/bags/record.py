@@ -33,6 +33,7 @@ PATIENCE = 10.0  # added to a duration while no message has arrived yet [s]
 ARRIVED = 3  # consecutive checks without a message after which all received ones are recorded
 AWAITED = 0.02  # length of such a check [s]
 AT_MOST = 0.3  # longest time for these checks [s]
+LONGEST_DRAIN = 0.5  # longest time for messages of one topic that the executor has not noticed [s]
 FLUSH = 2.0  # time between two flushes to the disk [s]
 
 
@@ -173,11 +174,10 @@ class Recorder:
 
     def _drain(self) -> None:
         """Receive messages that the executor has not noticed."""
-        from estimator_pkg.ros.executor import waiting
+        from estimator_pkg.ros.executor import take_turn
 
         for track in self.tracks.values():
-            for raw, info in waiting(track.subscription):
-                track.receive(raw, info)
+            take_turn(track.subscription, track.receive, LONGEST_DRAIN)
 
     def _print_missing(self) -> None:
         missing = [name for name in self._topics if name not in self.tracks]

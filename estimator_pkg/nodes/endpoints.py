@@ -43,7 +43,7 @@ from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.nodes.faults import Senders, listed, say
 from estimator_pkg.nodes.ros_parameters import in_words
-from estimator_pkg.ros.executor import waiting
+from estimator_pkg.ros.executor import take_turn
 from estimator_pkg.ros.loss import Loss
 
 
@@ -161,17 +161,18 @@ class Input:
                 self.subscription = self._make()
         elif known:
             self._served = True
-        elif self._served:
-            self.drain()
+        elif self._served and self.drain():
             node.destroy_subscription(self.subscription)
             self.subscription = None
-            self.loss.forget()
+            self.loss.forget(time_ns())
 
-    def drain(self) -> None:
-        """Receive the messages that wait."""
-        if self.subscription is not None:
-            for raw, info in waiting(self.subscription):
-                self.callback(raw, info)
+    def drain(self) -> bool:
+        """Receive messages that wait, for one turn of the executor; return True if none is left.
+
+        EventsExecutor takes one message for each event. An event that comes while it takes a node
+        or a subscription in may go unnoticed, and every message after it would be one message late.
+        """
+        return self.subscription is None or take_turn(self.subscription, self.callback)
 
 
 class OnDemand:
@@ -381,7 +382,8 @@ class Endpoints:
 
         def matched(event: Any) -> None:
             if event.current_count_change < 0:
-                loss.forget()
+                if event.current_count:  # else its last messages may wait, and show what is lost
+                    loss.forget(time_ns())
 
         def reported(event: Any) -> None:
             loss.reported += event.total_count_change

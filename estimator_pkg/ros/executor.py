@@ -13,10 +13,10 @@ about 25 us more per message if messages arrive one by one, and less if several 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from inspect import iscoroutinefunction
-from time import monotonic, perf_counter
+from time import monotonic, perf_counter, thread_time
 from typing import Any
 
 from rclpy.exceptions import InvalidHandle
@@ -40,7 +40,8 @@ except ImportError:  # an rclpy without it: SteadyExecutor does without, too
 TURN = 0.01  # time for the messages of one subscription before everything else may run [s]
 ASK_EVERY = 0.05  # time between two measurements of the queue's age [s]
 OLDEST = 0.1  # allowed age of the queue [s]
-AT_LEAST = 20  # smallest number of callbacks in that time; fewer: the process had no CPU time
+AT_LEAST = 20  # smallest number of callbacks in that time, or it was spent in callbacks: else the
+# process had no CPU time
 CALM = 1.0  # time without a full turn after which EventsExecutor is used again [s]
 LONGEST_CALM = 60.0  # the same after repeated failures [s]
 
@@ -157,22 +158,14 @@ class TurnsExecutor(SingleThreadedExecutor):
 
     def _take(self, subscription: Subscription) -> None:
         """Call the callback with the waiting messages, for one turn."""
-        kind, raw, handle = subscription.msg_type, subscription.raw, subscription.handle
-        alone = subscription._callback_type is Subscription.CallbackType.MessageOnly
-        end = perf_counter() + TURN
-        while perf_counter() < end:
-            try:
-                with handle:
-                    taken = handle.take_message(kind, raw)
-            except InvalidHandle:  # the previous callback has destroyed it
-                return
-            if taken is None:
-                return
-            if alone:
-                subscription.callback(taken[0])
-            else:
-                subscription.callback(*taken)
-        self.busy = monotonic()
+        receive = subscription.callback
+        if subscription._callback_type is Subscription.CallbackType.MessageOnly:
+
+            def receive(message: Any, _: Any) -> None:
+                subscription.callback(message)
+
+        if not take_turn(subscription, receive):
+            self.busy = monotonic()
 
     def _run_others(self) -> None:
         """Run everything that is ready except messages, once."""
@@ -202,6 +195,7 @@ class SteadyExecutor:
         self._asked = 0.0  # when an event was queued to measure its waiting time; 0: it has run
         self._ask_at = 0.0
         self._ran = 0  # callbacks since then
+        self._worked = 0.0  # CPU time of this thread at that time [s]
         self._look = False  # check for messages that arrived while nodes were added
         if EventsExecutor is not None:
             self._queue_events()
@@ -259,8 +253,11 @@ class SteadyExecutor:
         if now >= self._ask_at:
             if not self._asked:
                 self._asked, self._ask_at, self._ran = now, now + ASK_EVERY, 0
+                self._worked = thread_time()
                 self._events.create_task(self._answer)
-            elif now - self._asked > OLDEST and self._ran >= AT_LEAST:
+            elif now - self._asked > OLDEST and (
+                self._ran >= AT_LEAST or thread_time() - self._worked > OLDEST
+            ):
                 self._take_turns(now)
                 return
         if self._look:
@@ -305,15 +302,24 @@ def _taken_here(entity: Any) -> bool:
     return isinstance(entity, Subscription) and not iscoroutinefunction(entity.callback)
 
 
-def waiting(subscription: Subscription) -> Iterator[tuple[bytes, Any]]:
-    """The raw messages that still wait on it, at most its queue's depth: (CDR bytes, info).
+def take_turn(
+    subscription: Subscription, receive: Callable[[Any, Any], None], seconds: float = TURN
+) -> bool:
+    """Pass the waiting messages to `receive`, for so long; return True if none is left.
 
-    EventsExecutor takes one message for each event. An event that comes while it takes a node or a
-    subscription in may go unnoticed, and every message after it would be one message late.
+    Parameters
+    ----------
+    receive : takes a message, or its CDR bytes from a raw subscription, and its info.
     """
-    for _ in range(subscription.qos_profile.depth or 1):
-        with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, True)
+    kind, raw, handle = subscription.msg_type, subscription.raw, subscription.handle
+    end = perf_counter() + seconds
+    while perf_counter() < end:
+        try:
+            with handle:
+                taken = handle.take_message(kind, raw)
+        except InvalidHandle:  # the previous message's callback has destroyed it
+            return True
         if taken is None:
-            return
-        yield taken
+            return True
+        receive(*taken)
+    return False

@@ -37,7 +37,10 @@ class Loss:
 
     def __init__(self, publishers: Callable[[], int], since_ns: int = 0) -> None:
         self._since_ns = since_ns
-        self._first: tuple[int, int] | None = None  # (number, time) of a new publisher's message
+        # number and time of a message that may be a new publisher's first one, and the nearest
+        # number that was expected before it; 0: none was
+        self._first: tuple[int, int, int] | None = None
+        self._gap = 0, 0  # such a number, and how many after it were counted as lost
         self._publishers = publishers
         self._expected: list[int] = []  # the next number of each publisher
         self.known = self.new = False
@@ -55,10 +58,11 @@ class Loss:
         try:
             self._expected[self._expected.index(sequence)] += 1
         except ValueError:
-            self._jump(sequence)
-            if sequence > 1 and self.new and self._since_ns:
-                self._first = sequence, sent_ns
+            nearest = self._jump(sequence)
+            if self.new and (nearest or (sequence > 1 and self._since_ns)):
+                self._first = sequence, sent_ns, nearest
         else:
+            self._goes_on(sequence)
             if self._first is not None:
                 self._began(sequence, sent_ns)
 
@@ -66,29 +70,57 @@ class Loss:
         """The subscription is made now [ns]."""
         self._since_ns = since_ns
 
-    def forget(self) -> None:
-        """Forget the expected numbers after a publisher left: it is unknown which one was its."""
+    def forget(self, now_ns: int) -> None:
+        """Forget the expected numbers after a publisher left [ns]: it is unknown which one was its.
+
+        Those that stay, and its last messages if they still wait, are no new publishers.
+        """
         self._expected.clear()
+        self._first, self._gap = None, (0, 0)
+        if self._since_ns:
+            self._since_ns = now_ns
 
     def _began(self, sequence: int, sent_ns: int) -> None:
-        """Take the second message of a new publisher: the spacing shows when it sent its first."""
+        """Take the second message of a new publisher: the spacing shows when it sent its first.
+
+        It is none if the publisher whose number was the nearest does not go on: this is its gap,
+        and one that is silent was taken for new.
+        """
         assert self._first is not None
-        number, first_ns = self._first
+        number, first_ns, nearest = self._first
         self._first = None
         before = number - 1
-        if sequence == number + 1 and first_ns - before * (sent_ns - first_ns) > self._since_ns:
+        if nearest in self._expected:
+            self._gap = nearest, number - nearest
+            self.count += number - nearest
+        elif (
+            self._since_ns
+            and sequence == number + 1
+            and first_ns - before * (sent_ns - first_ns) > self._since_ns
+        ):
             self.count += before
 
-    def _jump(self, sequence: int) -> None:
-        """Handle a number that no publisher was expected to send: a new publisher, or a gap."""
+    def _goes_on(self, expected: int) -> None:
+        """Take back a gap that was none: the publisher of this expected number is there."""
+        number, lost = self._gap
+        if lost and expected == number:
+            self.count -= lost
+            self._gap = 0, 0
+
+    def _jump(self, sequence: int) -> int:
+        """Handle a number that no publisher was expected to send: a new publisher, or a gap.
+
+        Returns the nearest number that was expected before it; 0: none was.
+        """
         self.known = True
         self.new = len(self._expected) < max(1, self._publishers())
-        before = [expected for expected in self._expected if expected < sequence]
+        nearest = max((each for each in self._expected if each < sequence), default=0)
         if self.new:
             self._expected.append(sequence + 1)
-        elif before:
-            nearest = max(before)
+        elif nearest:
+            self._goes_on(nearest)
             self.count += sequence - nearest
             self._expected[self._expected.index(nearest)] = sequence + 1
         else:  # numbers only grow: one publisher left and another appeared
             self._expected[:] = [sequence + 1]
+        return nearest

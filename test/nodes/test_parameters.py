@@ -225,7 +225,30 @@ def test_a_publisher_that_left_is_forgotten():
     loss = Loss(lambda: 1)
     for number in (1, 2, 3):
         loss.saw(number)
-    loss.forget()
+    loss.forget(0)
     loss.saw(700)
     loss.saw(702)
     assert loss.count == 1
+
+
+def test_one_that_stays_or_waits_when_another_leaves_is_no_new_publisher():
+    second, begin = 10**9, 10**18
+    loss = Loss(lambda: 2, begin)
+    for k in range(1, 11):
+        loss.saw(k, begin + k * second)
+    loss.forget(begin + 10 * second)  # the other one left
+    for k in range(11, 14):
+        loss.saw(k, begin + k * second)
+    assert loss.count == 0
+    for k in range(6, 9):  # and a new one, whose first 5 messages nobody received
+        loss.saw(k, begin + (14 + k) * second)
+    assert loss.count == 5
+
+
+@pytest.mark.parametrize('since', [0, 10**18])
+def test_a_gap_beside_a_silent_publisher_is_counted_as_it_is(since):
+    second = 10**9
+    loss = Loss(lambda: 2, since)
+    for k in (*range(1, 11), *range(60, 70), 72):
+        loss.saw(k, 10**18 + k * second)
+    assert loss.count == 49 + 2
