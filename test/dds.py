@@ -68,6 +68,10 @@ class NodeProcess:
         assert text in self.output, f'{text!r} is not in: {self.output}'
 
     @property
+    def pid(self) -> int:
+        return self._child.pid
+
+    @property
     def alive(self) -> bool:
         return self._child.poll() is None
 

@@ -34,9 +34,12 @@ ORDERS = (
 class Role:
     """A process of stream_roles.py."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, *words: str) -> None:
         self._child = subprocess.Popen(
-            [sys.executable, str(Path(__file__).with_name('stream_roles.py')), name, TOPIC],
+            [
+                *(sys.executable, str(Path(__file__).with_name('stream_roles.py')), name),
+                *(words or (TOPIC,)),
+            ],
             text=True,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

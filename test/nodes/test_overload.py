@@ -5,11 +5,15 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
+from itertools import pairwise
+from pathlib import Path
 
 import dds
 import pytest
+from stream_starts import Role
 
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
@@ -26,6 +30,118 @@ MS = 1_000_000
 
 
 # ---------------------------------------------------------------- messages faster than callbacks
+
+MECHANISMS = 8
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
+LOUD = 8000.0  # [Hz]
+FLOODS = {  # node: what floods it, its rate [Hz] and joints, and the node's parameters
+    'joint_observer': ('joints', LOUD, 60),
+    'adaptive_observer': ('joints', LOUD, 60),
+    'mechanical_observer': (
+        *('joints', LOUD, MECHANISMS),
+        f'mechanisms:=[{", ".join(f"m{k}" for k in range(MECHANISMS))}]',
+        *(f'per_joint.m{k}.joints:=[joint_{k}]' for k in range(MECHANISMS)),
+    ),
+    'switched_observer': ('joints', LOUD, 60, 'joints:=[joint_0]'),
+    'pmsm_observer': ('batches', 2000.0, 0, 'compile:=false'),
+    'pmsm_observer of vectors': ('vectors', LOUD, 0, 'input:=current_voltage'),
+    'cart_pendulum_sim': ('estimates', LOUD, 60),
+}
+ANSWERED = 0.5  # [s] of the node's CPU time, which does not depend on what else the machine does
+
+
+class Watched:
+    """The process of a node: its CPU time, its memory, and what its /diagnostics say."""
+
+    def __init__(self, probe, name, process):
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        self._pid, self._name = process.pid, f'/{name}'
+        self.reported: list[float] = []  # CPU time at each report [s]
+        self.values: dict[str, str] = {}
+        probe.node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+
+    def _diagnosed(self, message):
+        for status in message.status:
+            if status.name.partition(':')[0] == self._name:
+                self.reported.append(self.cpu())
+                self.values.update({item.key: item.value for item in status.values})
+
+    def cpu(self):
+        """CPU time since its start [s]."""
+        text = Path(f'/proc/{self._pid}/stat').read_text()
+        user, system = text.rpartition(')')[2].split()[11:13]
+        return (int(user) + int(system)) / os.sysconf('SC_CLK_TCK')
+
+    def memory(self):
+        """Memory in use [MB]."""
+        text = Path(f'/proc/{self._pid}/statm').read_text()
+        return int(text.split()[1]) * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+    def counted(self):
+        """Messages received and lost, by the node's own account."""
+        return int(self.values['messages_received']) + int(self.values['lost_by_dds'])
+
+
+def requests(name):
+    """(class, name, request) of services that must answer."""
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+    from std_srvs.srv import Trigger
+
+    yield GetParameters, f'/{name}/get_parameters', GetParameters.Request(names=['use_sim_time'])
+    if not name.endswith('_sim'):
+        yield Trigger, f'/{name}/reset', Trigger.Request()
+        value = ParameterValue(type=3, double_value=0.3)
+        yield (
+            SetParametersAtomically,
+            f'/{name}/set_parameters_atomically',
+            SetParametersAtomically.Request(parameters=[Parameter(name='gap_max', value=value)]),
+        )
+
+
+@pytest.mark.parametrize(
+    'case',
+    [
+        each if each == 'adaptive_observer' else pytest.param(each, marks=pytest.mark.slow)
+        for each in FLOODS
+    ],
+)
+def test_a_flood_starves_neither_services_nor_reports_and_is_counted(probe, case):
+    """The node gets more than it can handle: it still answers, and says what it lost."""
+    name, (kind, rate, joints, *parameters) = case.split()[0], FLOODS[case]
+    package = 'sim_pkg' if name.endswith('_sim') else 'estimator_pkg'
+    file = CONFIG / 'pmsm_observer.yaml' if name == 'pmsm_observer' else None
+    with (
+        dds.NodeProcess(
+            f'{package}.nodes.executables {name}', *dds.ros_args(*parameters, file=file)
+        ) as process,
+        Role('flood', kind, str(rate), str(joints)) as source,
+    ):
+        node = Watched(probe, name, process)
+        probe.until(lambda: len(node.reported) > 3)
+        before, first = node.memory(), len(node.reported)
+        longest = 0.0, ''
+        for _ in range(5):
+            for request in requests(name):
+                begun = node.cpu()
+                probe.call(*request)
+                longest = max(longest, (node.cpu() - begun, request[1]))
+        probe.until(lambda: len(node.reported) > first + 3)
+        apart = max(b - a for a, b in pairwise(node.reported[first:]))
+        grown = node.memory() - before
+        source.go_on()
+        if 'lost_by_dds' in node.values:
+            probe.until(lambda: source.said)
+            published = source.said[0]['published']
+            probe.until(lambda: node.counted() >= published)
+            now = len(node.reported)
+            probe.until(lambda: len(node.reported) > now)
+            assert node.counted() == published, node.values
+            assert int(node.values['lost_by_dds']) > 0.1 * published
+        assert longest[0] < ANSWERED, f'{longest} s'
+        assert apart < 1.0 + ANSWERED, f'{case}: reports are {apart} s apart'
+        assert grown < 5.0, f'{case}: its memory grew by {grown} MB'
 
 
 def test_a_stream_that_is_too_fast_starves_no_service(probe):
