@@ -13,6 +13,7 @@ from time import monotonic, time_ns
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
 from rclpy.duration import Infinite
 from rclpy.event_handler import (
     PublisherEventCallbacks,
@@ -38,6 +39,7 @@ from rclpy.qos_overriding_options import (
     _declare_qos_parameters,
 )
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
@@ -78,6 +80,7 @@ _OPEN = (
 )
 
 DEEPEST = 100_000  # largest depth of a queue
+CONNECT = 0.02  # [s] between looks for publishers, while a topic is not subscribed to
 SETTLED = 0.1  # [s] without a change among publishers and subscribers: they know us, too
 SETTLED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
 UNMATCHED = 1.0  # [s] that are waited for subscribers of our outputs that are not connected yet;
@@ -211,6 +214,7 @@ class Endpoints:
         self._on_demand: list[OnDemand] = []
         self._around: list[int] = []  # publishers of our inputs, subscriptions to our outputs
         self._settled = monotonic() + SETTLED_AT_START  # when all of them know us
+        self._often: Timer | None = None  # calls `connect`
 
     @property
     def inputs(self) -> list[str]:
@@ -222,8 +226,17 @@ class Endpoints:
         """Messages lost on the way to our subscriptions since they were made, by topic."""
         return {each.topic_name: each.loss.lost for each in self._inputs}
 
+    def open(self, clock: Clock) -> None:
+        """Subscribe to topics that have a publisher, once the executor runs.
+
+        Parameters
+        ----------
+        clock : of the looks for publishers.
+        """
+        self._often = self._node.create_timer(CONNECT, self.connect, clock=clock)
+
     def connect(self) -> None:
-        """Subscribe to topics that have a publisher; to be called often.
+        """Subscribe to topics that have a publisher.
 
         A subscriber of our outputs must know them before, or it would miss the first answers.
         """
@@ -242,6 +255,18 @@ class Endpoints:
         settled = now >= self._settled + (0.0 if matched else UNMATCHED)
         for each, publishers in zip(self._inputs, known):
             each.connect(publishers, settled, node)
+        if self._often is None:
+            return
+        if settled and all(each.subscription for each in self._inputs):
+            self._often.cancel()  # `look` calls it, five times less often
+        elif self._often.is_canceled():
+            self._often.reset()
+
+    def _look_often(self) -> None:
+        """Call `connect` often for a while: a publisher left, and another one may come."""
+        self._settled = max(self._settled, monotonic() + SETTLED)
+        if self._often is not None:
+            self._often.reset()
 
     def refuse_circles(self) -> None:
         """Raise UsageError if an output is published on a topic that the node reads."""
@@ -384,6 +409,7 @@ class Endpoints:
             if event.current_count_change < 0:
                 if event.current_count:  # else its last messages may wait, and show what is lost
                     loss.forget(time_ns())
+                self._look_often()
 
         def reported(event: Any) -> None:
             loss.reported += event.total_count_change
@@ -400,7 +426,10 @@ class Endpoints:
         return made
 
     def look(self) -> None:
-        """Check for subscribers, and receive waiting messages; to be called regularly."""
+        """Check for publishers and subscribers, and receive waiting messages; to be called
+        regularly.
+        """
+        self.connect()
         self._drain()
         for publisher in self._on_demand:
             publisher.look()

@@ -33,7 +33,6 @@ from estimator_pkg.streams.contract import NO_NUMBERS, SKIP, Action, Stream
 
 LOOK_AROUND = 0.1  # [s]
 START_WITH = "start the node with 'observer: {}'"  # to have another observer's gain
-CONNECT = 0.02  # [s] between looks for publishers
 
 
 class ObserverNode(Node):
@@ -128,8 +127,7 @@ class ObserverNode(Node):
         stream.topics = [each.topic_name for each in self.health.inputs]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_AROUND, self._look_around, clock=steady)
-        # It subscribes once the executor runs: the queues of subscriptions are not long.
-        self.create_timer(CONNECT, self._endpoints.connect, clock=steady)
+        self._endpoints.open(steady)  # last: the queues of subscriptions are not long
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} from '
             f'{" and ".join(self._endpoints.inputs)} on {self._wired[0].topic_name}'
