@@ -138,7 +138,8 @@ def test_a_flood_starves_neither_services_nor_reports_and_is_counted(probe, case
             now = len(node.reported)
             probe.until(lambda: len(node.reported) > now)
             assert node.counted() == published, node.values
-            assert int(node.values['lost_by_dds']) > 0.1 * published
+            if joints:  # a drive's node keeps up where the machine is too busy for the flood
+                assert int(node.values['lost_by_dds']) > 0.1 * published
         assert longest[0] < ANSWERED, f'{longest} s'
         assert apart < 1.0 + ANSWERED, f'{case}: reports are {apart} s apart'
         assert grown < 5.0, f'{case}: its memory grew by {grown} MB'
