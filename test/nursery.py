@@ -21,6 +21,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import lru_cache
 
 NUMBER = struct.Struct('i')
@@ -57,16 +58,22 @@ def nursery() -> Nursery:
 
 
 class Child:
-    """A process of the nursery: what tests use of `subprocess.Popen`, with both outputs in one."""
+    """A process of the nursery: what tests use of `subprocess.Popen`.
 
-    def __init__(self, module: str, *arguments: str) -> None:
-        read, write = os.pipe()
+    Its two outputs go to `files`, or together to `stdout`, which one can read.
+    """
+
+    def __init__(self, module: str, *arguments: str, files: tuple[int, int] | None = None) -> None:
+        self.stdout, pipe = None, None
+        if files is None:
+            read, pipe = os.pipe()
+            self.stdout, files = os.fdopen(read), (pipe, pipe)
         self._status, status = os.pipe()
         request = json.dumps([module, arguments, os.getcwd()]).encode()
-        socket.send_fds(nursery().line, [request], [write, status])
-        os.close(write)
-        os.close(status)
-        self.stdout = os.fdopen(read)
+        socket.send_fds(nursery().line, [request], [*files, status])
+        for number in (pipe, status):
+            if number is not None:
+                os.close(number)
         self.pid = self._number()
         self.returncode: int | None = None
 
@@ -97,10 +104,15 @@ class Child:
         self.send_signal(signal.SIGKILL)
 
 
+def fits(environment: Mapping[str, str]) -> bool:
+    """True if it is that of the nursery, which its children have; else a process starts afresh."""
+    return nursery().environment == alike(environment)
+
+
 def start(module: str, *arguments: str) -> Child | subprocess.Popen:
-    """Start it; afresh where the environment is not that of the nursery."""
+    """Start it; both outputs are read from its `stdout`."""
     environment = {**os.environ, 'PYTHONUNBUFFERED': '1'}
-    if nursery().environment == alike(environment):
+    if fits(environment):
         return Child(module, *arguments)
     return subprocess.Popen(
         [sys.executable, '-m', module, *arguments],
@@ -111,20 +123,58 @@ def start(module: str, *arguments: str) -> Child | subprocess.Popen:
     )
 
 
+class Run:
+    """A run of which only the end matters."""
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        self._files = output, error = os.memfd_create('stdout'), os.memfd_create('stderr')
+        environment = {**os.environ, 'PYTHONUNBUFFERED': '1'}
+        self._child: Child | subprocess.Popen
+        if fits(environment):
+            self._child = Child(module, *arguments, files=(output, error))
+        else:
+            words = [sys.executable, '-m', module, *arguments]
+            self._child = subprocess.Popen(words, stdout=output, stderr=error, env=environment)
+
+    def done(self, timeout: float = 200.0) -> tuple[int, str, str]:
+        """(exit code, stdout, stderr); it is killed after `timeout` [s]."""
+        try:
+            code = self._child.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            raise
+        told = []
+        for number in self._files:
+            os.lseek(number, 0, os.SEEK_SET)
+            with os.fdopen(number, 'rb') as file:
+                told.append(file.read().decode())
+        return code, *told
+
+
+def run(module: str, *arguments: str) -> tuple[int, str, str]:
+    """(exit code, stdout, stderr) of `python -m MODULE`."""
+    return Run(module, *arguments).done()
+
+
 def prepare() -> None:
-    """Import what nodes do."""
-    from diagnostic_msgs.msg import DiagnosticArray
-    from rosidl_generator_py import import_type_support
-    from sensor_msgs.msg import JointState
+    """Import what nodes do, as far as it is installed."""
+    from estimator_pkg.ros import runtime  # noqa: F401, I001  prepares what NumPy reads
 
     import estimator_pkg.driver.compiled
-    import estimator_pkg.nodes.observer
+    import estimator_pkg.observers
     import estimator_pkg.streams.angle
 
-    for message in (DiagnosticArray, JointState):
-        import_type_support(message.__module__.partition('.')[0])
-    estimator_pkg.observers.find(estimator_pkg.streams.angle.AngleStream.SETTINGS().observer)
     estimator_pkg.driver.compiled.available()  # imports Numba
+    estimator_pkg.observers.find(estimator_pkg.streams.angle.AngleStream.SETTINGS().observer)
+    with suppress(ImportError):
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rosidl_generator_py import import_type_support
+        from sensor_msgs.msg import JointState
+
+        import estimator_pkg.nodes.observer
+
+        for message in (DiagnosticArray, JointState):
+            import_type_support(message.__module__.partition('.')[0])
     gc.freeze()
 
 
@@ -143,15 +193,16 @@ def fork_as_asked(line: socket.socket) -> tuple[str, list[str]]:
 
     signal.signal(signal.SIGCHLD, ended)
     while True:
-        raw, files, *_ = socket.recv_fds(line, 1 << 17, 2)
+        raw, files, *_ = socket.recv_fds(line, 1 << 17, 3)
         if not raw:
             sys.exit()
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGCHLD])
-        output, report = files
+        output, error, report = files
         pid = os.fork()
         if not pid:
             break
         os.close(output)
+        os.close(error)
         os.write(report, NUMBER.pack(pid))
         reports[pid] = report
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGCHLD])
@@ -160,9 +211,9 @@ def fork_as_asked(line: socket.socket) -> tuple[str, list[str]]:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     module, arguments, folder = json.loads(raw)
     os.chdir(folder)
-    for number in (1, 2):
-        os.dup2(output, number)
-    for number in (line.fileno(), output, report, *reports.values()):
+    os.dup2(output, 1)
+    os.dup2(error, 2)
+    for number in (line.fileno(), output, error, report, *reports.values()):
         os.close(number)
     return module, arguments
 

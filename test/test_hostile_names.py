@@ -10,6 +10,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import nursery
 import pytest
 import yaml
 
@@ -232,18 +233,14 @@ def hostile(tmp_path_factory):
 
 def ran(*words, code=0):
     """What the command printed, which no terminal obeys and in which no name makes a line."""
-    done = subprocess.run(
-        [sys.executable, '-m', 'estimator_pkg.cli', *map(str, words)],
-        capture_output=True,
-        timeout=250,
-    )
-    assert done.returncode == code, done.stderr.decode()
-    for text in (done.stdout.decode(), done.stderr.decode()):
+    ended, *texts = nursery.run('estimator_pkg.cli', *map(str, words))
+    assert ended == code, texts
+    for text in texts:
         assert 'Traceback' not in text
         for line in text.splitlines():
             assert line.isprintable(), line
             assert not line.lstrip(' -*').startswith(('fake', 'gnp.')), line
-    return done.stdout.decode(), done.stderr.decode()
+    return texts
 
 
 @pytest.mark.long

@@ -237,13 +237,14 @@ def test_every_declared_parameter_has_a_row():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('name', sorted(declaring_classes()))
-def test_every_declared_parameter_is_described(name):
-    for parameter in declared(declaring_classes()[name]).values():
-        assert parameter.description.strip(), parameter.name
-        assert parameter.kind in listing.TYPE_NAMES, parameter.name
-        if parameter.default is not None:
-            assert parameter.check(parameter.default) == parameter.default
+def test_every_declared_parameter_is_described():
+    for name, declaring in declaring_classes().items():
+        for parameter in declared(declaring).values():
+            where = f'{name}: {parameter.name}'
+            assert parameter.description.strip(), where
+            assert parameter.kind in listing.TYPE_NAMES, where
+            if parameter.default is not None:
+                assert parameter.check(parameter.default) == parameter.default, where
 
 
 def test_the_page_of_parameters_opens_with_the_default_node(capsys):

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import subprocess
@@ -78,11 +79,28 @@ def test_the_overview_names_every_command_and_its_purpose():
     assert all(f'  {name} ' in done.stdout for name in COMMANDS)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('command', COMMANDS)
-def test_every_command_has_its_help(command):
-    done = without(LIBRARIES, command, '--help')
-    assert done.returncode == 0 and '--json' in done.stdout and not done.stderr
+EACH = """
+    import contextlib, io, json
+    from estimator_pkg.cli import main
+    found = {}
+    for word in sys.argv[1:]:
+        with contextlib.redirect_stdout(io.StringIO()) as said:
+            try:
+                code = main([word, '--help'])
+            except SystemExit as end:
+                code = end.code
+        found[word] = code, said.getvalue()
+    print(json.dumps(found))
+"""
+
+
+def test_every_command_has_its_help():
+    done = without(LIBRARIES, *COMMANDS, code=textwrap.dedent(EACH))
+    assert done.returncode == 0 and not done.stderr
+    found = json.loads(done.stdout)
+    assert list(found) == COMMANDS
+    for command, (code, text) in found.items():
+        assert not code and '--json' in text and f'{command} [-h]' in text, (command, text)
 
 
 @pytest.mark.parametrize(

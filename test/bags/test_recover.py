@@ -352,8 +352,9 @@ def test_simulate_ends_with_what_it_has(number, tmp_path):
 
 @pytest.fixture(scope='module')
 def long_bag(tmp_path_factory):
+    """Long enough to be interrupted, and too short to be compiled for."""
     path = tmp_path_factory.mktemp('signals') / 'long'
-    assert cli.main(['simulate', 'encoder', '--duration', '600', '--out', str(path)]) == 0
+    assert cli.main(['simulate', 'encoder', '--duration', '300', '--out', str(path)]) == 0
     return path
 
 

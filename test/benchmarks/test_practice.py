@@ -5,7 +5,6 @@
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_coeffs
 
 from benchmarks import practice
 from benchmarks.columns import Column
@@ -32,6 +31,8 @@ def test_every_law_follows_a_constant_speed():
 
 
 def test_the_slope_at_the_end_of_a_parabola_is_savitzky_and_golays():
+    from scipy.signal import savgol_coeffs  # takes a second to import
+
     angle = np.random.default_rng(1).standard_normal(len(TIME))
     kernel = savgol_coeffs(15, 2, deriv=1, delta=H, pos=14, use='dot')
     wanted = np.convolve(angle, kernel[::-1], 'valid')

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import dds
 import numpy as np
+import nursery
 import pytest
 from answers import estimated, valid
 from test_joint import BEGIN, MODULE, MS, turning
@@ -427,17 +428,9 @@ WRONG_STARTS = [
 
 
 def test_a_wrong_start_is_one_line_and_exit_code_2():
-    children = [
-        subprocess.Popen(
-            [sys.executable, '-m', *MODULE.split(), '--ros-args', *words],
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
-        for words, _ in WRONG_STARTS
-    ]
-    for child, (words, told) in zip(children, WRONG_STARTS):
-        output, error = child.communicate(timeout=dds.PATIENCE)
-        assert child.returncode == 2, (words, error)
+    runs = [nursery.Run(*MODULE.split(), '--ros-args', *words) for words, _ in WRONG_STARTS]
+    for run, (words, told) in zip(runs, WRONG_STARTS):
+        code, output, error = run.done(dds.PATIENCE)
+        assert code == 2, (words, error)
         assert told in error and len(error.splitlines()) == 1, (words, error)
         assert output == ''

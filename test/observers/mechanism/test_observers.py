@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 
@@ -83,9 +84,20 @@ def test_algebra_solves(size):
     np.testing.assert_allclose(matrix @ np.array(found), x, atol=1e-12)
 
 
-@pytest.mark.parametrize('name', NAMES)
-@pytest.mark.parametrize('model', MODELS)
-@pytest.mark.parametrize('form', ('exact', 'paper'))
+STEPS = list(itertools.product(NAMES, MODELS, ('exact', 'paper')))
+# Each observer in both forms, each model with each form and with two observers or more
+QUICK = [
+    *(('geso', 'robotic_leg', 'exact'), ('geso', 'single_joint', 'paper')),
+    *(('hgo', 'single_joint', 'exact'), ('hgo', 'cart_pendulum', 'paper')),
+    *(('ehgo', 'cart_pendulum', 'exact'), ('ehgo', 'robotic_leg', 'paper')),
+    *(('smo', 'single_joint', 'exact'), ('smo', 'cart_pendulum', 'paper')),
+]
+
+
+@pytest.mark.parametrize(
+    'name, model, form',
+    [pytest.param(*each, marks=() if each in QUICK else pytest.mark.slow) for each in STEPS],
+)
 @pytest.mark.skipif(not available(), reason='needs numba')
 def test_plain_and_compiled_agree_step_by_step(name, model, form):
     functions = made(name, model=model, form=form)

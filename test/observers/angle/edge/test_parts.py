@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from estimator_pkg.observers.angle.edge import bandwidth as edge_bandwidth
 from estimator_pkg.observers.angle.edge import covariance as edge_covariance
@@ -24,6 +23,8 @@ COVARIANCE = (1e-4, 1e-3, 5e-3, 0.04, 0.3, 5.0)
     [(0.0, 1.0), (0.5, 0.2), (-3.0, 0.5), (2.0, 5.0), (3.9, 0.4), (1.0, 1e-4), (-0.3, 1e-2)],
 )
 def test_within_is_the_truncated_gaussian(e, half):
+    from scipy import stats  # takes half a second to import
+
     sigma = 0.7
     mean, ratio = within(e, half, sigma)
     exact = stats.truncnorm((e - half) / sigma, (e + half) / sigma, scale=sigma)
