@@ -484,10 +484,15 @@ def make_track(
             return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
         return output(state, coefficients, design, measurement, known_input)
 
-    def deviation(track: tuple, design: tuple) -> tuple[float, float]:
+    def deviation(track: tuple, design: tuple) -> Any:
         """Return one standard deviation of position and velocity."""
+        _, coefficients, state = newest(track)
+        return stddev(state, coefficients, design)
+
+    def scaled(track: tuple, design: tuple) -> tuple[float, float]:
+        """Return one standard deviation of position and velocity, the latter calibrated."""
         _, _, _, _, _, coefficients, state, _, _, _, _, _, (_, (scale, _, _)) = track
         position, velocity = stddev(state, coefficients, design)
         return position, scale * velocity
 
-    return TrackFunctions(blank, advance, read, deviation)
+    return TrackFunctions(blank, advance, read, deviation if period is None else scaled)
