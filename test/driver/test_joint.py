@@ -12,9 +12,10 @@ from answers import valid
 from observer_cases import angle_observers, label, make, stamps, stream, variants, wrapped
 
 from estimator_pkg import observers
+from estimator_pkg.driver import batch
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.compiled import available, longest_dt
+from estimator_pkg.driver.compiled import available, cannot_compile, compiled, longest_dt
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.guard import DUPLICATE, MISCONFIGURED, USED
 from estimator_pkg.driver.joint import Joint
@@ -74,6 +75,25 @@ def test_batch_equals_compiled_batch(name):
     assert_equal(
         one.run(again, angles[:200], fast=False), other.run(again, angles[:200], fast=True), 1e-9
     )
+
+
+@pytest.mark.skipif(not available(), reason='Numba is not installed')
+def test_a_loop_that_numba_refuses_runs_as_plain_python():
+    def in_plain_python_only(x):
+        return math.fsum([x])
+
+    def loop(state, design, limits, stamps, angles, given, position, *others):
+        for i in range(len(stamps)):
+            position[i] = in_plain_python_only(angles[i])
+        return state
+
+    at, angles = stream(1)
+    with pytest.raises(Exception, match='nopython') as refused:
+        compiled(loop)(1.0, (), (), at, angles, angles, angles.copy())
+    assert cannot_compile(refused.value)
+    state, out = batch.run(loop, 1.0, (), (), at, angles, fast=True)
+    assert state == 1.0
+    np.testing.assert_array_equal(out.position, angles)
 
 
 def test_batch_in_parts_equals_the_whole():

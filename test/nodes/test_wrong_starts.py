@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import dds
+import nursery
 import pytest
 
 from estimator_pkg.errors import UserError
@@ -136,14 +137,9 @@ FILES = {  # what a parameter file says of joint_observer -> what the executable
 
 def ended(module, *arguments):
     """The line that a node printed when it ended with a usage error."""
-    done = subprocess.run(
-        [sys.executable, '-m', 'estimator_pkg.nodes.executables', module, *arguments],
-        text=True,
-        capture_output=True,
-        timeout=3.0 * dds.PATIENCE,
-    )
-    assert done.returncode == 2 and done.stdout == '', done.stderr
-    (line,) = done.stderr.splitlines()
+    code, output, error = nursery.run('estimator_pkg.nodes.executables', module, *arguments)
+    assert code == 2 and output == '', error
+    (line,) = error.splitlines()
     return line
 
 

@@ -29,7 +29,7 @@ def jumps_within_the_margin(e):
     return w if abs(w) < math.pi - 0.05 else 0.1 * w
 
 def in_plain_python_only(e):
-    return {'a dictionary': [math.sin(e)]}['a dictionary'].pop()
+    return math.fsum([math.sin(e)])  # Numba takes a dictionary of lists
 
 def whole_numbers_too(e):
     return 0 if e == 0 else 2.0 * math.tan(0.5 * e)
