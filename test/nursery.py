@@ -181,22 +181,23 @@ def prepare() -> None:
 def fork_as_asked(line: socket.socket) -> tuple[str, list[str]]:
     """Fork for each request; return in the child alone, with its module and arguments."""
     reports: dict[int, int] = {}  # where the exit code of a child goes
-
-    def ended(*_: object) -> None:
-        while reports:
-            pid, status = os.waitpid(-1, os.WNOHANG)
-            if not pid:
-                return
-            report = reports.pop(pid)
-            os.write(report, NUMBER.pack(os.waitstatus_to_exitcode(status)))
-            os.close(report)
-
-    signal.signal(signal.SIGCHLD, ended)
+    woken, wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+    signal.set_wakeup_fd(wake)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
     while True:
+        ready, *_ = select.select([line, woken], [], [])
+        if woken in ready:
+            os.read(woken, 1 << 10)
+        while reports and (ended := os.waitpid(-1, os.WNOHANG))[0]:
+            report = reports.pop(ended[0])
+            with suppress(BrokenPipeError):  # nobody waits any more
+                os.write(report, NUMBER.pack(os.waitstatus_to_exitcode(ended[1])))
+            os.close(report)
+        if line not in ready:
+            continue
         raw, files, *_ = socket.recv_fds(line, 1 << 17, 3)
         if not raw:
             sys.exit()
-        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGCHLD])
         output, error, report = files
         pid = os.fork()
         if not pid:
@@ -205,15 +206,14 @@ def fork_as_asked(line: socket.socket) -> tuple[str, list[str]]:
         os.close(error)
         os.write(report, NUMBER.pack(pid))
         reports[pid] = report
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGCHLD])
+    signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGCHLD])
     signal.signal(signal.SIGINT, signal.default_int_handler)
     module, arguments, folder = json.loads(raw)
     os.chdir(folder)
     os.dup2(output, 1)
     os.dup2(error, 2)
-    for number in (line.fileno(), output, error, report, *reports.values()):
+    for number in (line.fileno(), woken, wake, output, error, report, *reports.values()):
         os.close(number)
     return module, arguments
 
