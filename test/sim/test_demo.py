@@ -91,7 +91,12 @@ def test_shows_records_and_judges(tmp_path):
 
 
 @pytest.mark.parametrize(
-    'number, after', [(signal.SIGINT, 0.7), (signal.SIGINT, 3.0), (signal.SIGTERM, 3.0)]
+    'number, after',
+    [
+        (signal.SIGINT, 0.7),
+        pytest.param(signal.SIGINT, 3.0, marks=pytest.mark.slow),  # as TERM then
+        (signal.SIGTERM, 3.0),
+    ],
 )
 def test_an_interrupt_ends_every_process(tmp_path, number, after):
     process = start(tmp_path, '--duration', '30')

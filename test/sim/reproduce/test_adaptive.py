@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+import reproduced
 from scipy.linalg import expm
 
 from estimator_pkg import cli
@@ -14,22 +15,9 @@ from sim_pkg.reproduce.adaptive import plant as plant
 from sim_pkg.reproduce.adaptive.paper import REPRODUCTION
 
 QUICK = ('A1', 'A6', 'recorded')
-PARTS = [
-    pytest.param(part, marks=() if part.name in QUICK else pytest.mark.slow, id=part.name)
-    for part in REPRODUCTION.parts
-]
+SLOW = [part.name for part in REPRODUCTION.parts if part.name not in QUICK]
 
-
-@pytest.mark.long
-@pytest.mark.parametrize('part', PARTS)
-def test_every_row_is_within_its_tolerance(part):
-    failed = [
-        f'{row.reference.id}: {row.value} for {row.reference.value} '
-        f'+- {row.reference.tolerance_text}'
-        for row in part.rows()
-        if not row.ok
-    ]
-    assert not failed
+test_every_row_is_within_its_tolerance = reproduced.rows(REPRODUCTION, SLOW)
 
 
 def test_the_table_of_the_specification_is_whole():

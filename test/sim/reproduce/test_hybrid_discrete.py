@@ -4,27 +4,13 @@
 """The reproduction of the hybrid paper: its rows and the figures."""
 
 import pytest
+import reproduced
 
 from estimator_pkg import cli
 from sim_pkg.reproduce.hybrid_discrete.paper import REPRODUCTION
 
 SLOW = ('B2', 'B3', 'B5')
-PARTS = [
-    pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else (), id=part.name)
-    for part in REPRODUCTION.parts
-]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('part', PARTS)
-def test_every_row_is_within_its_tolerance(part):
-    failed = [
-        f'{row.reference.id}: {row.value} for {row.reference.value} '
-        f'+- {row.reference.tolerance_text}'
-        for row in part.rows()
-        if not row.ok
-    ]
-    assert not failed
+test_every_row_is_within_its_tolerance = reproduced.rows(REPRODUCTION, SLOW)
 
 
 def test_the_table_of_the_specification_is_whole():

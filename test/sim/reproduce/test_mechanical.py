@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import reproduced
 from scipy.interpolate import make_smoothing_spline
 
 from estimator_pkg.driver.compiled import available
@@ -21,22 +22,7 @@ pytestmark = pytest.mark.skipif(not available(), reason='takes hours without num
 
 
 SLOW = ('D', 'E', 'G')
-PARTS = [
-    pytest.param(part, marks=pytest.mark.slow if part.name in SLOW else (), id=part.name)
-    for part in REPRODUCTION.parts
-]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('part', PARTS)
-def test_every_row_is_within_its_tolerance(part):
-    failed = [
-        f'{row.reference.id}: {row.value} for {row.reference.value} '
-        f'+- {row.reference.tolerance_text}'
-        for row in part.rows()
-        if not row.ok
-    ]
-    assert not failed
+test_every_row_is_within_its_tolerance = reproduced.rows(REPRODUCTION, SLOW)
 
 
 def test_the_table_of_the_specification_is_whole():
