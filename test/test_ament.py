@@ -47,6 +47,7 @@ def checked(linter, *arguments, folder=ROOT):
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('linter', CHECKS)
 def test_linter(linter):
     code, output = checked(linter, *CHECKS[linter])

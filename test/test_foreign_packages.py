@@ -77,6 +77,7 @@ def told(foreign, *words, code=0):
     return done.stdout if code == 0 else done.stderr
 
 
+@pytest.mark.long
 def test_the_list_knows_them_and_says_what_cannot_be_imported(foreign):
     said = told(foreign, 'list')
     assert re.search(r'  mine +an alpha-beta filter', said)

@@ -202,6 +202,7 @@ EVERY = [
 ]
 
 
+@pytest.mark.long
 @given(st.data())
 def test_what_a_file_says_comes_back_whatever_the_parameter(data):
     """File to Python and back, and through YAML: nothing changes but an automatic value's name."""

@@ -77,6 +77,7 @@ def test_received_is_used_plus_each_kind_of_dropped(rows):
     assert sum(joint.events().values()) <= used
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(arrivals())
 def test_batch_judges_as_the_live_joint_does(rows):

@@ -79,6 +79,7 @@ def messages(draw):
     return bytes(raw) + b'\0' * draw(st.sampled_from([0, 0, 4]))
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(raws=st.lists(messages(), max_size=40), many=st.integers(0, 20))
 def test_blocks_decode_as_single_messages_do(raws, many):

@@ -352,6 +352,7 @@ def test_known_and_bounded_parameters():
     assert found['b1'].value == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
 @pytest.mark.parametrize(
     'gains',

@@ -112,6 +112,7 @@ def test_true_sample_times_are_believed(case):
     assert np.max(rest) < 8.0 * 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('case', [case for case in CASES if not case[1]], ids=label)
 def test_compiled_code_finds_the_same(case):
     t = np.arange(int(2.0 * RATE)) / RATE

@@ -71,6 +71,7 @@ VECTORS = [  # form, order, values of z1 after samples 1, 2, 3, 10, 100, 1000
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('form, order, expected', VECTORS)
 def test_vectors(form, order, expected):
     measured = signal(np.arange(0, 1100) * 1e-3)[0]

@@ -64,6 +64,7 @@ def test_stddev_is_the_scatter_of_the_estimate(name, form):
     np.testing.assert_allclose(told, spread, rtol=0.12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'values',
     [

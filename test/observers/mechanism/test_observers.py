@@ -94,6 +94,7 @@ QUICK = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'name, model, form',
     [pytest.param(*each, marks=() if each in QUICK else pytest.mark.slow) for each in STEPS],
@@ -339,6 +340,7 @@ def test_dry_friction_at_200_hz_through_both_directions(name):
     assert np.max(np.abs(speeds)) > 20.0 and np.max(error) < 0.06
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'name, model, numbers',
     (

@@ -52,6 +52,7 @@ def test_the_order_of_the_observers_holds_for_random_starts():
     assert np.median(post) < np.median(hyb) < np.median(cont)
 
 
+@pytest.mark.long
 def test_no_speed_loses_the_default_observer_and_the_printed_one_is_lost():
     for speed in pmsm_alias_rows.BAD_SPEEDS:
         times, fires = outcome(ROBUST, speed, 1)
