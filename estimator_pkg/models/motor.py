@@ -73,7 +73,9 @@ def check_motor(data: MotorData, owner: str) -> tuple[float, float, float, float
     missing = [name for name in NEEDED if getattr(data, name) is None]
     if missing:
         raise UsageError(
-            f'{owner} needs the motor data {", ".join(missing)}: set them as parameters'
+            f'{owner} needs the motor data {", ".join(missing)}: set them as parameters, '
+            'resistance [ohm] and inductance [H] of one phase to the star point, which are half of '
+            'line to line, flux linkage [Wb], pole pairs'
         )
     bad = [name for name in NEEDED if not getattr(data, name) > 0]
     if bad:

@@ -31,6 +31,7 @@ from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import WHY_DROPPED
+from estimator_pkg.streams.drive import ELECTRICAL
 
 MMAP_THRESHOLD = -3  # glibc's malloc.h
 LONG = 8_000_000  # shorter arrays stay in memory [bytes]
@@ -252,7 +253,7 @@ def compared(
                 moved = true.motions.get(joint)
                 if moved is not None and len(estimate.stamps):
                     candidates[joint].add(source, estimate, moved)
-                if joint not in true.series and joint in true.motions:
+                if joint not in true.series and {joint, joint + ELECTRICAL} & set(true.motions):
                     continue
                 if joint not in true.series:
                     notes.append(f"joint '{joint}' has no truth")

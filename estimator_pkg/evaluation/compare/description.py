@@ -12,6 +12,7 @@ from estimator_pkg.evaluation.compare.truth import SMOOTHED
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.text import WIDTH, error, fixed, number, table, wrapped
+from estimator_pkg.streams.drive import ELECTRICAL
 
 HEADER = (
     'estimate',
@@ -65,6 +66,7 @@ def describe(comparison: Comparison, wide: bool = False) -> str:
         counts = row.matched
         moved = row.joint in comparison.corrected  # by its lag, so nearly all truth is interpolated
         ends = moved or row.joint in comparison.smoothed  # such a reference ends earlier
+        moved = moved or (ends and row.joint.endswith(ELECTRICAL))  # or has fewer samples
         if counts['unmatched'] > (0.01 * counts['estimates'] if ends else 0) or (
             counts['interpolated'] and not moved
         ):

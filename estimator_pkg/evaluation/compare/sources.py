@@ -21,12 +21,14 @@ from estimator_pkg.bags.wiring import Setup, settled
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.options import ESTIMATE, Options
+from estimator_pkg.evaluation.options import AUTO, ESTIMATE, SMOOTHER, TRUTH, Options
+from estimator_pkg.evaluation.reference import back_emf
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import Request, Stream, counts_of
+from estimator_pkg.streams.drive import DriveStream
 
 Array = NDArray[np.float64]
 
@@ -49,7 +51,10 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
     _check_clocks(options.observers)
     chosen = options.observers or ((Entry('', AngleSettings.observer),) if options.angle else ())
     for entry in chosen:
-        found = recordings.measured(bag, _setup(entry, bag, options))
+        setup = _setup(entry, bag, options)
+        found = recordings.measured(bag, setup)
+        if not found and setup.kind == DriveStream.KIND and _without_truth(bag, options):
+            found = back_emf.measured(bag, setup)
         if found:
             return found
     if options.measurement is not None and not chosen:
@@ -66,6 +71,13 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
     except UserError:  # estimates can be compared with a truth without a measurement
         pass
     return {}
+
+
+def _without_truth(bag: Bag, options: Options) -> bool:
+    """Return True if there is no truth, or the off-line reference is requested instead."""
+    if options.reference == SMOOTHER:
+        return True
+    return options.reference == AUTO and options.truth is None and TRUTH not in bag.topics
 
 
 def _check_clocks(observers: Sequence[Entry]) -> None:
@@ -163,8 +175,10 @@ def recording(
     ------
     UserError, UsageError : the bag lacks an input, or a parameter is wrong.
     """
-    found = recordings.recording(bag, _setup(entry, bag, options), measurement)
-    return found.per_sample() if per_sample.available(bag, options) else found
+    setup = _setup(entry, bag, options)
+    found = recordings.recording(bag, setup, measurement)
+    of_drive = setup.kind == DriveStream.KIND and _without_truth(bag, options)
+    return found.per_sample() if of_drive or per_sample.available(bag, options) else found
 
 
 def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None) -> Estimate:

@@ -19,6 +19,7 @@ from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import reference
+from estimator_pkg.evaluation.reference.back_emf import of_angles
 from estimator_pkg.evaluation.reference.late import MATTERS, common_lag, confirmed
 from estimator_pkg.evaluation.reference.motion import Motion, motion
 from estimator_pkg.evaluation.reference.reference import Reference
@@ -26,6 +27,7 @@ from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
+from estimator_pkg.streams.drive import ELECTRICAL, DriveStream
 
 Array = NDArray[np.float64]
 
@@ -81,6 +83,11 @@ def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options)
 def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Options) -> Truth:
     topic = options.truth or TRUTH
     if options.truth is None and topic not in bag.topics:
+        if not options.observers and DriveStream.recognises(bag.topics.__contains__, False):
+            raise UserError(
+                f'{path}: a drive without truth: add --observer pmsm and its motor data (--params '
+                f"FILE), or try 'velocity_estimator doctor {path}'"
+            )
         raise UserError(
             f'{path}: no truth: there is no topic {TRUTH}; name another JointState with '
             f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
@@ -143,12 +150,13 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
     steps = len(measurement) if len(measurement) > 1 else None
     with progress(f'{path}: reference', steps) as advance:
         for joint, each in measurement.items():
-            found.motions[joint] = moved = motion(
-                each.stamps_ns, each.position, options.wrap_period
-            )
+            period = 0.0 if joint.endswith(ELECTRICAL) else options.wrap_period
+            found.motions[joint] = moved = motion(each.stamps_ns, each.position, period)
             advance(1)
             if moved is None:
                 continue
+            if joint.endswith(ELECTRICAL):
+                found.motions[joint] = moved = of_angles(moved)
             if options.motion_hz is not None:
                 found.motions[joint] = moved = moved.below(options.motion_hz)
             firm = moved.firm

@@ -10,18 +10,24 @@ import contextlib
 import io
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from estimator_pkg import destination
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.selection import MADE, TRUTH
+from estimator_pkg.bags.wiring import settled
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.evaluation.doctor import report
-from estimator_pkg.evaluation.doctor.choice import candidates, choose
-from estimator_pkg.evaluation.doctor.examine import examine, readings, setup
+from estimator_pkg.evaluation.compare import requested
+from estimator_pkg.evaluation.doctor import drive, report
+from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
+from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
+from estimator_pkg.evaluation.doctor.readings import Readings
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
 from estimator_pkg.evaluation.options import check_joints, joint_arguments
 from estimator_pkg.evaluation.text import wrapped
@@ -31,6 +37,8 @@ from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
+from estimator_pkg.streams.contract import Request
+from estimator_pkg.streams.drive import DriveStream
 
 APPEAR = 5.0  # longest wait for a topic of joint states [s]
 ALONE = 0.5  # and for another one after the first [s]
@@ -57,11 +65,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='the measurement is a number in messages of any type, as in replay',
     )
     parser.add_argument(
+        '--params',
+        metavar='YAML',
+        help='motor data of a drive: parameter file of pmsm_observer',
+    )
+    parser.add_argument(
         '--set',
         metavar='KEY=VALUE',
         action='append',
         default=[],
-        help='a parameter of joint_observer, such as counts_per_revolution; repeatable',
+        help='a parameter of joint_observer, such as counts_per_revolution, or of pmsm_observer, '
+        'such as resistance; repeatable',
     )
     joint_arguments(parser)
     parser.add_argument('--out', metavar='YAML', help='write a parameter file for joint_observer')
@@ -89,7 +103,61 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         return _examined(parsed, path, f'{", ".join(topics)}, {parsed.live:g} s live')
 
 
+def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
+    """Examine a drive: the same for currents and voltages."""
+    (entry,) = requested.entries([drive.OBSERVER], parsed.params, parsed.set)
+    settings = dict(entry.values)
+    values = {'observer': drive.OBSERVER, **drive.ANY, **settings}
+    chosen = settled(DriveStream, bag, values, Request(None, None))
+    found = drive.examine(bag, chosen, drive.needed(settings), parsed.motion_hz)
+    nothing = np.zeros(0)
+    none = Readings(found.name, np.zeros(0, np.int64), np.zeros(0, np.int64), nothing, nothing, 0.0)
+    examined = [Examined(none, found.findings, said=tuple(found.said))]
+    show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
+    print(report.text(examined, Choice()))
+    parameters = drive.as_yaml(found, origin, settings)
+    _write(parsed, examined, Choice(), origin, parameters)
+    return {
+        'origin': origin,
+        'topic': chosen.topics[0].name,
+        'observer': drive.OBSERVER,
+        'tuned': bool(found.values),
+        'parameters': parameters,
+        'joints': {
+            found.name: {
+                'findings': examined[0].as_dict(),
+                'gains': dict(found.values),
+                'verdict': None if found.verdict is None else found.verdict.as_dict(),
+            }
+        },
+        'ok': True,
+    }
+
+
+def _write(
+    parsed: argparse.Namespace,
+    examined: Sequence[Examined],
+    choice: Choice,
+    origin: str,
+    parameters: str,
+) -> None:
+    """Write the requested files and print their names."""
+    if parsed.out:
+        destination.write_text(parsed.out, parameters)
+        show('', f'parameters: {parsed.out}')
+    else:
+        show('', 'A parameter file of this: add --out params.yaml')
+    if parsed.html:
+        destination.write_text(parsed.html, report.page(examined, choice, origin, parameters))
+        show(f'page: {parsed.html}')
+
+
 def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, Any]:
+    with open_bag(path, parsed.unpack_limit) as bag:
+        if is_drive(bag, parsed.measurement, parsed.angle):
+            return _drive(parsed, bag, origin)
+    if parsed.params:
+        raise UsageError('--params is for drives: use --set for the parameters of joint_observer')
     settings = parse_assignments(parsed.set)
     with open_bag(path, parsed.unpack_limit) as bag:
         chosen = setup(bag, parsed.measurement, parsed.angle, parsed.wrap_period, settings)
@@ -115,14 +183,7 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
     if not parsed.set and parsed.wrap_period != 2.0 * math.pi:
         settings = {'wrap_period': parsed.wrap_period}
     parameters = report.as_yaml(examined, choice, origin, settings)
-    if parsed.out:
-        destination.write_text(parsed.out, parameters)
-        show('', f'parameters: {parsed.out}')
-    else:
-        show('', 'A parameter file of this: add --out params.yaml')
-    if parsed.html:
-        destination.write_text(parsed.html, report.page(examined, choice, origin, parameters))
-        show(f'page: {parsed.html}')
+    _write(parsed, examined, choice, origin, parameters)
     return {
         'origin': origin,
         'topic': topic,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import observers, streams
+from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
@@ -24,17 +24,22 @@ from estimator_pkg.evaluation.doctor.readings import FAIL, Finding, Readings
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers.angle.core import LARGEST
 from estimator_pkg.streams.contract import PUBLISHER, Request
+from estimator_pkg.streams.drive import DriveStream
 
 FEWEST = angles.FEWEST
 
 
 @dataclass(frozen=True)
 class Examined:
-    """One joint's findings, and the verdict on its estimates; None without a reference."""
+    """One joint's findings, and the verdict on its estimates; None without a reference.
+
+    said : the verdict in words, if it is none of an angle.
+    """
 
     readings: Readings
     findings: list[Finding]
     answer: Answer | None = None
+    said: tuple[str, ...] = ()
 
     def as_dict(self) -> list[dict[str, Any]]:
         """Return the findings for ``--json``."""
@@ -59,17 +64,15 @@ def setup(
 ) -> Setup:
     """Return the wiring of the measurement in the bag, as `joint_observer` would have it."""
     stream = streams.named(streams.USUAL)
-    if measurement is None and angle is None and not measured_topics(bag):
-        for other in streams.every():  # a drive's bag has no angle to examine
-            if other.recognises(lambda name: name in bag.topics, False):
-                own = observers.of_kind(other.KIND)[0]
-                raise UserError(
-                    f'{bag.path} has the topics of {other.NODE} and no angle, which doctor needs: '
-                    f"try 'velocity_estimator evaluate {bag.path} --observer {own} --params FILE',"
-                    ' or name a number with --angle'
-                )
     values = {'wrap_period': period, **(settings or {})}
     return settled(stream, bag, values, Request(measurement, angle))
+
+
+def is_drive(bag: Bag, measurement: str | None, angle: str | None) -> bool:
+    """Return True if the bag has currents and voltages, and no angle to examine."""
+    if measurement is not None or angle is not None or measured_topics(bag):
+        return False
+    return DriveStream.recognises(lambda name: name in bag.topics, False)
 
 
 def readings(bag: Bag, chosen: Setup) -> list[Readings]:

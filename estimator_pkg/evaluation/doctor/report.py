@@ -61,7 +61,9 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
     found = {}
     for each in examined:
         name = each.readings.name
-        if each.answer is None:
+        if each.said:
+            found[name] = list(each.said)
+        elif each.answer is None:
             keep = f'The file keeps {choice.observer} at its defaults for it.'
             why = 'the joint does not move enough' if each.readings.rows.size else 'no readings'
             found[name] = [f'No ranking: {why}. {keep}']

@@ -37,7 +37,7 @@ def cautions(reference: Motion) -> tuple[str, ...]:
         )
     left = reference.smoothed
     if (
-        not (reference.constant or reference.put_back or reference.seldom)
+        not (reference.standing or reference.constant or reference.put_back or reference.seldom)
         and left.unexplained > SEEN * left.uncertainty
     ):
         found.append(
@@ -47,7 +47,7 @@ def cautions(reference: Motion) -> tuple[str, ...]:
     length = float(reference.time[-1] - reference.time[0])
     if length < SHORT:
         found.append(f'the record has only {number(length, 2)} s: a longer one may rank otherwise')
-    return (*found, STANDING)
+    return (*found, reference.standing or STANDING)
 
 
 def _steady(reference: Motion) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 from estimator_pkg.evaluation.text import number
 
 STANDING = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
+VAGUE = 300.0  # a larger bound is no help [%]
 EQUAL = 30.0  # estimates whose errors differ by less may be called equal [%]
 
 
@@ -108,7 +109,8 @@ class Verdict:
             within = max(pair.within for pair in self._of_best())
             keep = f': keep {self.default}' if self.default else ''
             if within > EQUAL:
-                return [f'None can be told apart here (within {percent(within)} %){keep}.']
+                most = f' (within {percent(within)} %)' if within < VAGUE else ''
+                return [f'None can be told apart here{most}{keep}.']
             return [f'All are equal within {percent(within)} % here{keep}.']
         text = f'{self.best} is best: {own}'
         if self.default in self.rms and self.default != self.best:

@@ -62,6 +62,7 @@ class Motion:
     fresh : which readings are new.
     smoothed : result of the smoother.
     motion_hz : highest frequency at which the joint moves [Hz], see `below`; None: not known.
+    standing : what such readings never show; '': that of an angle.
     """
 
     stamps: Stamps
@@ -77,6 +78,7 @@ class Motion:
     fresh: Fresh
     smoothed: Smoothed
     motion_hz: float | None = None
+    standing: str = ''
 
     @property
     def put_back(self) -> bool:

@@ -283,15 +283,15 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 def _usual(parsed: argparse.Namespace) -> str:
     """Set the observer that is not named, and return it; raise UsageError."""
-    if parsed.search or parsed.params or parsed.apply:
-        raise UsageError(
-            '--search, --params and --apply are for one observer: name it with --observer'
-        )
     bags = expanded(parsed.bags) if parsed.bags else []
     named = bags and not (parsed.angle or parsed.measurement)
     parsed.observer = (
         any_observer.usual(bags[0].path, parsed.unpack_limit) if named else any_observer.DEFAULT
     )
+    if parsed.observer == any_observer.DEFAULT and (parsed.search or parsed.params or parsed.apply):
+        raise UsageError(
+            '--search, --params and --apply are for one observer: name it with --observer'
+        )
     return str(parsed.observer)
 
 

@@ -170,7 +170,8 @@ def test_without_stamps_the_arrival_is_used(tmp_path, capsys):
     'words, code, message',
     [
         (['nowhere'], 1, 'does not exist'),
-        ([str(BAGS / 'simulated/drive_profile')], 1, '--observer pmsm'),
+        ([str(BAGS / 'simulated/drive_profile'), '--set', 'flux=-1'], 2, 'flux'),
+        ([str(BAGS / 'vicon/yawbag'), '--angle', 'a:b', '--params', 'x'], 2, 'is for drives'),
         ([str(BAGS / 'vicon/yawbag')], 1, 'a number with --angle'),
         ([], 2, 'one of the two'),
         (['bag', '--live', '3'], 2, 'one of the two'),

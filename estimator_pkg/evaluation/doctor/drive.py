@@ -1,0 +1,302 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A drive without an encoder: what is wrong with its currents, voltages and motor data, and which
+form of `pmsm` to use.
+
+The off-line electrical angle of the back-EMF (`evaluation.reference.back_emf`) judges. It needs no
+flux linkage, so it checks the given one, and a resistance that does not fit changes the amplitude
+of the back-EMF with the current.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator_pkg import params_file, yaml_text
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.recording import recording
+from estimator_pkg.bags.wiring import Setup
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.doctor.readings import FAIL, PASS, WARN, Finding
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
+from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.reference.back_emf import (
+    BackEmf,
+    Drive,
+    back_emf,
+    needed,
+    of_angles,
+    signals,
+)
+from estimator_pkg.evaluation.reference.motion import Motion, motion
+from estimator_pkg.evaluation.text import number, wrapped
+from estimator_pkg.streams.drive import ELECTRICAL, DriveSettings, DriveStream
+
+OBSERVER = 'pmsm'
+VARIANTS = ('hybrid', 'continuous')  # the default is 'identifier'
+FILTERS = (100.0, 300.0, 3000.0)  # of the speed [Hz], tried besides the default
+TRAINED = 0.7  # part of the record on which the form is chosen
+GAP = 1.5  # a longer step has lost samples [median sample times]
+LOST = 0.01  # a larger fraction of lost samples is reported
+SEEN = 0.5  # a smaller fraction of angles with enough back-EMF is reported
+FLUX = 0.15  # a larger relative difference of the flux linkage is reported
+RESISTANCE = 0.2  # the same of the resistance, if it is
+SURE = 3.0  # this many standard deviations
+ANY = {'resistance': 1.0, 'inductance': 1e-3, 'flux': 0.1, 'pole_pairs': 1}  # to read the topics
+UNITS = {
+    'resistance': 'ohm, one phase to the star point: half of line to line',
+    'inductance': 'H, one phase to the star point: half of line to line',
+    'flux': 'Wb, flux linkage of the magnets',
+    'pole_pairs': 'half of the number of poles',
+}
+
+
+class Examined(NamedTuple):
+    """Findings on a drive, the verdict in words, and the parameters to use besides those given.
+
+    verdict : of the candidates; None without a reference.
+    """
+
+    name: str
+    findings: list[Finding]
+    said: list[str]
+    values: Mapping[str, Any]
+    verdict: Verdict | None = None
+
+
+def examine(
+    bag: Bag, setup: Setup, missing: Sequence[str] = (), motion_hz: float | None = None
+) -> Examined:
+    """Return all findings on the drive of a bag, and the verdict.
+
+    Parameters
+    ----------
+    missing : motor data that nobody gave; the setup has any values for them.
+    motion_hz : highest frequency at which the speed changes [Hz]; None: not known.
+    """
+    name = f'{setup.values.get("joint", DriveSettings.joint)}{ELECTRICAL}'
+    drive = signals(bag, setup)
+    found = _of_samples(drive)
+    if missing:
+        give = '; '.join(f'{each} ({UNITS[each]})' for each in missing)
+        found.append(Finding('motor data', FAIL, f'not given: {", ".join(missing)}', f'set {give}'))
+        options = ' '.join(f'--set {each}=...' for each in missing)
+        said = [f'No ranking: the motor data are needed. Add {options}, or --params FILE.']
+        return Examined(name, found, said, {})
+    emf = back_emf(drive, setup.values)
+    moved = None
+    if emf is not None and np.isfinite(emf.angle).any():
+        found += _of_back_emf(emf, setup.values)
+        moved = motion(emf.stamps, emf.angle, 0.0)
+    else:
+        remedy = 'turn the motor faster; check voltages, resistance and flux'
+        found.append(Finding('back-EMF', FAIL, 'too small in every sample', remedy))
+    if moved is None or moved.seldom:
+        return Examined(name, found, ['No ranking: the rotor cannot be seen. Keep pmsm.'], {})
+    moved = of_angles(moved)
+    return _judged(name, found, bag, setup, moved, motion_hz)
+
+
+def _of_samples(drive: Drive) -> list[Finding]:
+    """Return the findings on stamps and signals."""
+    if len(drive.stamps) < 100:
+        text = f'{len(drive.stamps)} usable samples'
+        return [Finding('samples', FAIL, text, 'record currents and voltages for a second')]
+    steps = np.diff(drive.stamps) * 1e-9
+    step = float(np.median(steps))
+    lost = float(np.sum(np.rint(steps / step) - 1.0)) / (len(steps) + 1)
+    longest = float(np.max(steps))
+    found = [
+        Finding('rate', PASS, f'{1.0 / step:.6g} Hz, {len(drive.stamps)} samples'),
+        Finding(
+            'lost samples',
+            WARN if lost > LOST else PASS,
+            f'{100.0 * lost:.2g} %, longest gap {number(longest * 1e3, 2)} ms',
+            'send each sample' if lost > LOST else '',
+        ),
+    ]
+    for what, values, unit in (
+        ('current', drive.current, 'A'),
+        ('voltage', drive.voltage, 'V'),
+    ):
+        most = float(np.max(np.abs(values)))
+        rms = float(np.sqrt(np.mean(np.abs(values) ** 2)))
+        level = PASS if most > 0.0 else FAIL
+        remedy = '' if most > 0.0 else f'the {what} is zero throughout: is it connected?'
+        text = f'amplitude {number(rms, 3)} {unit} rms, up to {number(most, 3)} {unit}'
+        found.append(Finding(what, level, text, remedy))
+    return found
+
+
+def _of_back_emf(emf: BackEmf, values: Mapping[str, Any]) -> list[Finding]:
+    """Return the findings on what can be seen of the rotor, and on the motor data."""
+    seen = np.isfinite(emf.angle)
+    share = float(np.mean(seen))
+    fastest = float(np.max(np.abs(emf.speed[seen])))
+    found = [
+        Finding(
+            'back-EMF',
+            PASS if share >= SEEN else WARN,
+            f'shows the rotor for {100.0 * share:.0f} % of the time, up to '
+            f'{number(fastest, 4)} rad/s (electrical)',
+            '' if share >= SEEN else 'nothing is judged while the motor is slow: turn it faster',
+        )
+    ]
+    size, speed, along = (
+        each[seen & np.isfinite(each)] for each in (emf.size, np.abs(emf.speed), emf.along)
+    )
+    flux, more, stddev = _fitted(size, speed, along)
+    given = float(values['flux'])
+    off = flux / given - 1.0
+    wrong = abs(off) > FLUX
+    found.append(
+        Finding(
+            'flux linkage',
+            WARN if wrong else PASS,
+            f'{number(flux, 4)} Wb, given {number(given, 4)} Wb',
+            f'set flux to {number(flux, 4)}, or check resistance, voltages and scaling'
+            if wrong
+            else '',
+            {'flux': flux},
+        )
+    )
+    resistance = float(values['resistance'])
+    doubt = abs(more) > max(SURE * stddev, RESISTANCE * resistance)
+    text = (
+        f'{number(resistance + more, 3)} +- {number(stddev, 2)} ohm fits best, given '
+        f'{number(resistance, 3)} ohm'
+        if stddev < resistance
+        else 'this record does not show it'
+    )
+    found.append(
+        Finding(
+            'resistance',
+            WARN if doubt and stddev < resistance else PASS,
+            text,
+            'check the resistance (one phase to the star point, warm), and the dead time'
+            if doubt and stddev < resistance
+            else '',
+            {'resistance': resistance + more, 'stddev': stddev},
+        )
+    )
+    return found
+
+
+def _fitted(size: np.ndarray, speed: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
+    """Return (flux linkage [Wb], missing resistance [ohm], its standard deviation [ohm]).
+
+    Least squares of the amplitude: flux times speed, plus resistance times the current along it.
+    """
+    columns = np.stack([speed, along], axis=1)
+    normal = columns.T @ columns
+    flux = float(np.median(size / np.maximum(speed, 1e-9)))
+    scale = np.sqrt(np.diag(normal))
+    if not (scale > 0.0).all() or np.linalg.cond(normal / np.outer(scale, scale)) > 1e6:
+        return flux, 0.0, math.inf
+    inverse = np.linalg.inv(normal)
+    fitted = inverse @ (columns.T @ size)
+    rest = size - columns @ fitted
+    alike = 20.0  # neighbouring windows share disturbances: fewer are independent
+    stddev = math.sqrt(alike * float(rest @ rest) / len(size) * float(inverse[1, 1]))
+    return float(fitted[0]), float(fitted[1]), stddev
+
+
+def candidates() -> list[Entry]:
+    """Return the forms of `pmsm` that are compared, the default first."""
+    found = [Entry(OBSERVER, OBSERVER)]
+    found += [_entry(variant=each) for each in VARIANTS]
+    return found + [_entry(speed_filter_hz=hz) for hz in FILTERS]
+
+
+def _entry(**values: Any) -> Entry:
+    told = [f'{each:g} Hz' if isinstance(each, float) else str(each) for each in values.values()]
+    return Entry(' '.join([OBSERVER, *told]), OBSERVER, tuple(values.items()))
+
+
+def _judged(
+    name: str,
+    found: list[Finding],
+    bag: Bag,
+    setup: Setup,
+    moved: Motion,
+    motion_hz: float | None,
+) -> Examined:
+    """Return the result with the ranking of the candidates."""
+    whole = recording(bag, setup, {}).per_sample()
+    velocity, tracked, why = {}, {}, ''
+    entries = {entry.label: entry for entry in candidates()}
+    for label, entry in entries.items():
+        try:
+            made = whole.run(OBSERVER, dict(entry.values)).get(name)
+        except UserError as error:
+            why = str(error)
+            continue
+        if made is None or not len(made.stamps):
+            continue
+        velocity[label] = at_reference(moved, made.stamps, made.velocity)
+        tracked[label] = len(made.stamps) / max(len(made.due), 1)
+    default = OBSERVER
+    share = tracked.get(default, 0.0)
+    found.append(
+        Finding(
+            'lock',
+            PASS if share >= SEEN else (WARN if share else FAIL),
+            f'pmsm has an estimate for {100.0 * share:.0f} % of the samples',
+            '' if share >= SEEN else why or 'see flux linkage and resistance',
+        )
+    )
+    if not velocity:
+        return Examined(name, found, [f'No ranking: {why or "no form has an estimate"}.'], {})
+    first, last = int(moved.stamps[0]), int(moved.stamps[-1])
+    cut = first + round(TRAINED * (last - first))
+
+    def ranked(begin: int, end: int) -> Verdict:
+        kept = (moved.stamps > begin) & (moved.stamps <= end)
+        part = {label: each[kept] for label, each in velocity.items()}
+        return rank(part, moved.between(begin, end), default, motion_hz)
+
+    trained, verdict, held_out = ranked(first - 1, cut), ranked(first - 1, last), ranked(cut, last)
+    best = trained.choice
+    sure = verdict.better(best, default) > 0 and held_out.better(best, default) > 0
+    chosen = best if best != default and sure else default
+    values = dict(entries[chosen].values)
+    said = []
+    if chosen in verdict.rms:
+        how = 'with ' + ', '.join(f'{k}: {v}' for k, v in values.items()) if values else 'as it is'
+        late = delay(moved.time, velocity[chosen], moved.velocity)
+        text = f'Use {OBSERVER} {how}: error {number(verdict.rms[chosen], 2)} rad/s rms'
+        said.append(
+            text + (f', {number(late * 1e3, 2)} ms late' if math.isfinite(late) else '') + '.'
+        )
+    said += verdict.sentences()
+    return Examined(name, found, said, values, verdict)
+
+
+def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str:
+    """Return a parameter file for `pmsm_observer`.
+
+    Parameters
+    ----------
+    settings : parameters that the user gave.
+    """
+    lines = [
+        f'Made by velocity_estimator doctor from {origin}.',
+        f'For the node {DriveStream.NODE}: --ros-args --params-file THIS_FILE',
+        'Judged without ground truth, by the off-line angle of the back-EMF.',
+        *examined.said[:2],
+    ]
+    written = [yaml_text.comment(each) for line in lines for each in wrapped(line, 78)]
+    written += ['/**:', '  ros__parameters:']
+    for name, value in {'observer': OBSERVER, **settings, **examined.values}.items():
+        if params_file.parameter_of(name) == name:
+            written.append(f'    {yaml_text.key(name)}: {yaml_text.scalar(value)}')
+    for name in needed(settings):
+        written.append(f'    # {name}:  # {UNITS[name]}')
+    return '\n'.join(written) + '\n'

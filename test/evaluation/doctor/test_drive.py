@@ -1,0 +1,152 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The verdict on a drive without truth, against the truth of simulated ones."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.drive_ranking import CONDITIONS, MOTOR, run
+from estimator_pkg import params_file, streams
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.wiring import settled
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.cli import main
+from estimator_pkg.evaluation.doctor import drive
+from estimator_pkg.evaluation.reference.back_emf import Drive, back_emf, of_angles, signals
+from estimator_pkg.evaluation.reference.motion import motion
+from estimator_pkg.streams.contract import Request
+
+BAGS = Path(__file__).resolve().parents[3] / 'bags'
+REVERSAL = BAGS / 'simulated/drive_reversal'
+BATCHES = 'std_msgs/msg/Float64MultiArray'
+DATA = [word for name, value in MOTOR.items() for word in ('--set', f'{name}={value}')]
+
+
+@pytest.fixture(scope='module')
+def bare(tmp_path_factory):
+    """The bag of a simulated drive without anything that shows the truth."""
+    path = tmp_path_factory.mktemp('drive') / 'bare'
+    with open_bag(REVERSAL) as bag, BagWriter(path) as out:
+        out.add_topic('/drive_samples', BATCHES)
+        for message in bag.messages(['/drive_samples']):
+            out.write('/drive_samples', message.log_ns, bytes(message.raw))
+    return str(path)
+
+
+def turning(speed, rate=20_000.0, seconds=0.5, noise=0.0, flux=MOTOR['flux']):
+    """Signals of a motor whose electrical speed is `speed(t)`; and its angle."""
+    time = np.arange(int(seconds * rate)) / rate
+    fine = np.linspace(0.0, seconds, 40 * len(time))
+    angle = np.cumsum(speed(fine)) * (fine[1] - fine[0])
+    theta = np.interp(time, fine, angle)
+    random = np.random.default_rng(0)
+    current = 10.0 * np.exp(1j * (theta + 0.5 * np.pi))
+    flux_linkage = flux * np.exp(1j * theta) + MOTOR['inductance'] * current
+    voltage = np.zeros(len(time), complex)
+    mean = 0.5 * (current[1:] + current[:-1])
+    voltage[1:] = np.diff(flux_linkage) * rate + MOTOR['resistance'] * mean
+    read = current + noise * (random.standard_normal((len(time), 2)) @ [1.0, 1j])
+    stamps = 10**18 + np.rint(time * 1e9).astype(np.int64)
+    return Drive(stamps, read, voltage), theta
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+@pytest.mark.parametrize('noise', [0.0, 0.1])
+def test_the_angle_of_the_back_emf_is_that_of_the_rotor(sign, noise):
+    def speed(t):
+        return sign * (1500.0 + 500.0 * np.sin(2.0 * np.pi * 4.0 * t))
+
+    read, theta = turning(speed, noise=noise)
+    found = back_emf(read, MOTOR)
+    true = np.interp(found.stamps, read.stamps, theta)
+    seen = np.isfinite(found.angle)
+    assert np.mean(seen) > 0.95
+    off = found.angle[seen] - true[seen]
+    off -= 2.0 * math.pi * np.rint(np.median(off) / (2.0 * math.pi))
+    assert np.abs(off[3:-3]).max() < 0.02
+    flux = np.median(found.size[seen] / np.abs(found.speed[seen]))
+    assert flux == pytest.approx(MOTOR['flux'], rel=0.01)
+    moved = of_angles(motion(found.stamps, found.angle, 0.0))
+    error = moved.velocity - speed((moved.stamps - 10**18) * 1e-9)
+    assert np.sqrt(np.mean(error[20:-20] ** 2)) < 1.5
+
+
+def test_nothing_is_seen_at_standstill_and_turns_are_not_lost_across_it():
+    read, theta = turning(lambda t: 1500.0 * np.cos(2.0 * np.pi * 2.0 * t), noise=0.05)
+    found = back_emf(read, MOTOR)
+    true = np.interp(found.stamps, read.stamps, theta)
+    speed = np.gradient(true, found.stamps * 1e-9)
+    seen = np.isfinite(found.angle)
+    assert not seen[np.abs(speed) < 20.0].any() and seen[np.abs(speed) > 300.0].mean() > 0.95
+    off = found.angle[seen] - true[seen]
+    assert np.ptp(off) < 0.1
+
+
+def test_a_motor_at_rest_shows_nothing():
+    read, _ = turning(lambda t: 0.0 * t, noise=0.05)
+    assert back_emf(read, MOTOR) is None
+
+
+@pytest.mark.long
+def test_a_drive_gets_a_verdict_and_a_file(bare, tmp_path, capsys):
+    out, page = tmp_path / 'p.yaml', tmp_path / 'p.html'
+    result = tmp_path / 'r.json'
+    files = '--out', str(out), '--html', str(page), '--json', str(result)
+    assert main(['doctor', bare, *DATA, *files]) == 0
+    text = ' '.join(capsys.readouterr().out.split())
+    assert 'Use pmsm' in text and 'neither a wrong resistance or inductance' in text
+    assert 'WARN lost samples' in text and 'PASS flux linkage' in text
+    values = params_file.load(out, 'pmsm_observer')
+    assert values['flux'] == MOTOR['flux'] and values['observer'] == 'pmsm'
+    assert '<h2>Verdict</h2>' in page.read_text()
+    found = json.loads(result.read_text())
+    told = found['joints']['motor_electrical']['verdict']['rms']['pmsm']
+
+    # the same as with the truth that the bag has lost
+    assert main(['evaluate', str(REVERSAL), '--observer', 'pmsm', *DATA, '--json', '-']) == 0
+    known = json.loads(capsys.readouterr().out)['bags'][str(REVERSAL)]
+    joint = known['estimates']['pmsm']['joints']['motor_electrical']
+    assert main(['evaluate', bare, '--observer', 'pmsm', *DATA, '--json', str(result)]) == 0
+    alone = json.loads(result.read_text())['bags'][bare]
+    without = alone['estimates']['pmsm']['joints']['motor_electrical']
+    assert without['velocity']['delay_s'] == pytest.approx(joint['velocity']['delay_s'], abs=1e-4)
+    assert 0.3 < joint['velocity']['rms'] / told < 1.5  # here one in 50 samples has a truth
+
+
+def test_what_is_missing_is_named_with_its_unit(bare, tmp_path, capsys):
+    out = tmp_path / 'p.yaml'
+    assert main(['doctor', bare, '--set', 'flux=0.0019', '--out', str(out)]) == 0
+    text = ' '.join(capsys.readouterr().out.split())
+    assert 'FAIL motor data not given: resistance, inductance, pole_pairs' in text
+    assert 'ohm, one phase to the star point' in text and '--set pole_pairs=...' in text
+    assert '# resistance:' in out.read_text() and params_file.load(out, 'pmsm_observer')
+    assert main(['evaluate', bare]) == 1
+    assert 'add --observer pmsm and its motor data' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'name, factor, check', [('flux', 1.4, 'flux linkage'), ('resistance', 0.5, 'resistance')]
+)
+def test_wrong_motor_data_are_named(name, factor, check):
+    with open_bag(REVERSAL) as bag:
+        values = {'observer': 'pmsm', **MOTOR, name: factor * MOTOR[name]}
+        setup = settled(streams.named('drive'), bag, values, Request(None, None))
+        found = drive._of_back_emf(back_emf(signals(bag, setup), values), values)
+    (finding,) = (each for each in found if each.check == check)
+    assert finding.level == 'WARN' and finding.remedy
+    assert finding.numbers[name] == pytest.approx(MOTOR[name], rel=0.15)
+
+
+@pytest.mark.slow
+def test_the_verdict_agrees_with_the_truth():
+    outcomes = run()
+    assert len(outcomes) == len(CONDITIONS)
+    for each in outcomes:
+        assert each.tau > 0.8 and each.regret < 1.02 and each.wrong == 0
+        assert 0.9 < each.ratio < 1.1
+    assert sum(each.declared for each in outcomes) > 20
