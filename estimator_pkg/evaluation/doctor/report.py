@@ -22,12 +22,17 @@ NAME = 19  # columns of a check's name
 ALL = 'all joints'
 STYLE = """
 :root { color-scheme: light dark }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 1rem auto; padding: 0 1rem }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 1rem auto; padding: 0 1rem;
+overflow-wrap: anywhere }
+h1 { font-size: clamp(1.2rem, 4.5vw, 1.8rem) } h3 { margin-bottom: .3rem }
+.use { font-weight: 600; margin: .3rem 0 } ul { margin: .3rem 0; padding-left: 1.2rem }
 table { border-collapse: collapse; width: 100% }
 td { border-top: 1px solid #8884; padding: .3rem .6rem .3rem 0; vertical-align: top }
 td:first-child { font-weight: 600; width: 4rem } td:nth-child(2) { width: 11rem }
-.PASS { color: #3a8f4d } .WARN { color: #b8740a } .FAIL { color: #d0363b }
-pre { overflow-x: auto; padding: .8rem; background: #8882; border-radius: .4rem }
+.PASS { color: light-dark(#1d7a38, #62c87c) } .WARN { color: light-dark(#8f5600, #e5a33c) }
+.FAIL { color: light-dark(#b8242a, #ff7b7f) }
+pre { overflow-x: auto; overflow-wrap: normal; font-size: .875rem }
+pre { padding: .8rem; background: #8882; border-radius: .4rem }
 small { display: block; opacity: .8 }
 @media (max-width: 40rem) { td { display: block; border: 0; padding: 0; width: auto !important }
 tr { display: block; border-top: 1px solid #8884; padding: .4rem 0 } }
@@ -140,9 +145,10 @@ def as_yaml(
         f'Made by velocity_estimator doctor from {origin}.',
         f'For the node {AngleStream.NODE}: --ros-args --params-file THIS_FILE',
     ]
+    how = f'{choice.observer} with these gains' if any(choice.gains.values()) else choice.observer
+    usual = 'at its defaults' if choice.observer == DEFAULT else f'{DEFAULT}, the default,'
     lines.append(
-        f'{choice.observer} is better than {DEFAULT}, the default, on the last 30 % of the record '
-        '(95 %).'
+        f'{how} is better than {usual} on the last 30 % of the record (95 %).'
         if choice.tuned
         else f'{choice.observer}, the default: nothing was better on the last 30 % of the record '
         '(95 %).'
@@ -186,7 +192,10 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
         f'<h1>{escaped(origin)}</h1><h2>Verdict</h2>',
     ]
     for name, said in verdicts(examined, choice).items():
-        parts.append(f'<h3>{escaped(name or "joint")}</h3><p>{"<br>".join(map(escaped, said))}</p>')
+        use = [each for each in said[:1] if name != ALL]
+        parts.append(f'<h3>{escaped(name or "joint")}</h3>')
+        parts += [f'<p class="use">{escaped(each)}</p>' for each in use]
+        parts += ['<ul>', *(f'<li>{escaped(each)}</li>' for each in said[len(use) :]), '</ul>']
     code = '\n'.join(map(escaped, parameters.split('\n')))
     parts.append(f'<h2>Parameter file</h2><pre>{code}</pre>')
     parts.append(f'<h2>Checks</h2><p>{escaped(summary(examined).replace(chr(10), " "))}</p>')

@@ -6,11 +6,13 @@
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import browser
 import numpy as np
 import pytest
 
@@ -240,3 +242,30 @@ def test_a_better_one_that_is_not_taken_is_named_with_the_reason():
     assert 'kalman 16 Hz is better on the whole record, but not for each joint' in text
     text = ' '.join(sentences('elbow', found, choose({'elbow': found})))
     assert 'but not' not in text
+
+
+@pytest.mark.page
+def test_the_page_fits_a_phone_and_is_legible_in_the_dark(tmp_path):
+    path = bag(tmp_path / ('a_long_name_of_a_bag' * 4), {'elbow' * 20: math.sin}, seconds=2.0)
+    page = tmp_path / 'report.html'
+    assert main(['doctor', path, '--html', str(page)]) == 0
+    assert '<p class="use">' in page.read_text() and '<br>' not in page.read_text()
+    driver = browser.start()
+    try:
+        for scheme in ('light', 'dark'):
+            feature = {'name': 'prefers-color-scheme', 'value': scheme}
+            driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
+            for width in (400, 1280):
+                size = {'width': width, 'height': 900, 'deviceScaleFactor': 1}
+                metrics = {**size, 'mobile': width < 500}
+                driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
+                driver.get(page.as_uri())
+                wide = driver.execute_script('return document.documentElement.scrollWidth')
+                assert wide <= width
+            colour = driver.execute_script(
+                "return getComputedStyle(document.querySelector('td.PASS')).color"
+            )
+            green = [int(each) for each in re.findall(r'\d+', colour)][1]
+            assert (green > 170) == (scheme == 'dark')
+    finally:
+        driver.quit()
