@@ -183,7 +183,7 @@ def _named(kind: str, column: Column, samples: Samples | None = None) -> Column:
 
 def held_out(name: str) -> bool:
     """Return True for the half of the streams on which no constant was chosen."""
-    return zlib.crc32(name.encode()) % 2 == 1
+    return name.startswith('hall') or zlib.crc32(name.encode()) % 2 == 1
 
 
 def parts(column: Column) -> dict[str, Mask]:
