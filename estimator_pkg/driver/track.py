@@ -171,6 +171,11 @@ def take_all(
     return repeats, False
 
 
+def unbounded(state: tuple, coefficients: tuple, design: tuple) -> float:
+    """Return inf: replaces the bound of an observer that has none."""
+    return math.inf
+
+
 def make_track(
     functions: Functions, period: float | None = None, calibrated: bool = True
 ) -> TrackFunctions:
@@ -196,6 +201,7 @@ def make_track(
         functions.finite,
     )
     nothing, restart = functions.blank, functions.new_start
+    bound = functions.bound or unbounded
 
     def blank(design: tuple) -> tuple:
         """Return a track before its first sample."""
@@ -493,6 +499,11 @@ def make_track(
         """Return one standard deviation of position and velocity, the latter calibrated."""
         _, _, _, _, _, coefficients, state, _, _, _, _, _, (_, (scale, _, _)) = track
         position, velocity = stddev(state, coefficients, design)
-        return position, scale * velocity
+        if scale > 1.0:
+            most = bound(state, coefficients, design)
+            if velocity < most:
+                velocity *= scale
+                velocity = velocity if velocity < most else most
+        return position, velocity
 
     return TrackFunctions(blank, advance, read, deviation if period is None else scaled)

@@ -54,6 +54,8 @@ class Functions:
     restart : (state, coefficients, design, measurement) -> state. Starts again after an outage or
         a jump of the clock. It forgets the motion, but keeps what does not depend on it (the
         turns counted, the identified parameters). None: `init` is called.
+    bound : (state, coefficients, design) -> largest speed [rad/s] that the readings allow, which no
+        standard deviation exceeds. None: no such bound.
     limits : (dt) -> None, or text that names why these gains cannot work at this dt [s], with the
         limit.
     group_delay : (dt) -> delay of the velocity at low frequency [s].
@@ -79,6 +81,7 @@ class Functions:
     jump: Callable[[tuple, tuple], tuple] | None = None
     why: Callable[[tuple, tuple], str] | None = None
     restart: Callable[[tuple, tuple, tuple, Any], tuple] | None = None
+    bound: Callable[[tuple, tuple, tuple], float] | None = None
 
     @property
     def new_start(self) -> Callable[[tuple, tuple, tuple, Any], tuple]:

@@ -240,6 +240,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         core.group_delay,
         is_angle,
         restart=_make_restart(init, period),
+        bound=_make_bound(clamped),
     )
 
 
@@ -502,6 +503,17 @@ def _make_stddev(
         return math.sqrt(of_position), sigma
 
     return stddev
+
+
+def _make_bound(clamped: Callable[..., float]) -> Callable[..., float]:
+    def bound(state: tuple, coefficients: tuple, design: Design) -> float:
+        inner, _, reading, _, _, _, _ = state
+        _, since, _, _ = reading
+        if since > 0.0 and design.low_speed_bound > 0.0:
+            return clamped(math.inf, inner, reading, coefficients, design)
+        return math.inf
+
+    return bound
 
 
 def _make_resume(core: AngleCore, period: float) -> Callable[..., tuple]:
