@@ -152,7 +152,8 @@ z = \frac{(\omega - \hat v)^2 - \operatorname{var} \hat v}{\sigma^2} \tag{4}
 has the mean M, the mean square of the observer's own error in units of σ². M is averaged over 24 instants, each
 weighted by $`(M/(M + \operatorname{var} \hat v/\sigma^2))^2`$, because the noise of (3) hides small errors. One z
 counts at most 9 of its means. The published σ is multiplied by $`\sqrt{0.8 M}`$ where that exceeds 1. It is
-never made smaller than the observer's own, and chance rarely makes M exceed 1/0.8 when σ is right.
+never made smaller than the observer's own, nor larger than the low-speed bound where it applies. Chance rarely makes
+M exceed 1/0.8 when σ is right.
 
 - **R** is the mean of $`(\Delta y_k - \Delta y_{k-1})^2/6`$ over pairs of neighbouring samples, and at least
   quantum²/12. The quantum is the smallest step, or the smallest difference of two, that was seen.
