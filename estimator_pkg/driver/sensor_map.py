@@ -88,6 +88,7 @@ def parted(track: tuple) -> tuple[tuple, Place, Memory]:
         reading,
         earlier,
         repeats,
+        calibration,
         place,
         memory,
     ) = track
@@ -104,6 +105,7 @@ def parted(track: tuple) -> tuple[tuple, Place, Memory]:
         reading,
         earlier,
         repeats,
+        calibration,
     )
     return inner, place, memory
 
