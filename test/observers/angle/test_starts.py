@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import label, make, stamps, tunable_variants, wrapped
+from observer_cases import label, make, stamps, tunable_variants, variants, wrapped
 from sigma_starts import MOTIONS, Case, measure, readings_of_error, stream
 
 from estimator_pkg.observers.contract import TRACKING
@@ -19,7 +19,7 @@ NOISES = (0.0, 0.5)
 
 @pytest.mark.long
 @pytest.mark.parametrize('known', [False, True], ids=['quantum found', 'quantum given'])
-@pytest.mark.parametrize('variant', tunable_variants(), ids=label)
+@pytest.mark.parametrize('variant', variants(), ids=label)
 def test_error_is_within_five_sigma_from_the_first_changed_reading_on(variant, known):
     name, gains = variant
     for motion in MOTIONS:

@@ -67,17 +67,19 @@ from estimator_pkg.observers.angle.edge.sensor import (
 )
 from estimator_pkg.observers.angle.edge.start import (
     RECENT,
+    RESTS,
     SETTLES,
     START,
     UNSURE,
     Doubt,
     Motion,
-    bent,
     doubted,
+    doubted_in_noise,
     later,
     settled,
     started,
     stood,
+    unseen,
 )
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import (
@@ -236,7 +238,7 @@ def after_jump(
         band,
         first_step(quantum, BLUR, jump, dt),
         steps,
-        doubted(quantum, dt, period, 0.0),
+        doubted(quantum, dt, period, 0.0, 0.0),
     )
 
 
@@ -256,13 +258,13 @@ def straight_line(
     """
     quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
     was, _, _, _, _, _, _, _ = band
-    _, to_settle, since = doubt
+    _, to_settle, since, age = doubt
     motion, p, band = started(measurement, change, dt, quantum, noise, period, LONGEST)
     if to_settle == UNSURE:
         density, low, variance, up, down, up_time, down_time, squares = band
         density = was if was > density else density
         band = (density, low, variance, up, down, up_time, down_time, squares)
-        doubt = (0.0, SETTLES, since)
+        doubt = (0.0, SETTLES, since, age)
         sensor = paced(first_step(quantum, BLUR, change, dt), pace)
     return motion, p, band, sensor, doubt
 
@@ -324,7 +326,7 @@ def update(
     # the slow law and the fast law; a vibration needs a density of its own
     least = (quantum * quantum + 12.0 * noise) / LONGEST**5
     if not flickers:
-        shaken = vibration(sensor)
+        shaken = vibration(sensor) if warm else 0.0
         if shaken > least:
             least = shaken
     listening, growth, date, product = follow_band(band, z, f * p00 / s, idle, least, laws)
@@ -442,7 +444,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         x, v, a, idle = motion
         quantum, noise, scatter, _, stepped, _, size, rested, _, _, pace = sensor
         last, low, high, _, _ = convention
-        _, to_settle, since = doubt
+        _, to_settle, since, age = doubt
         _, uneven = clock
         dt, _, _, _, _, _ = coefficients
         change = measurement - last
@@ -468,7 +470,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             elif jump != 0.0:  # a glitch
                 change += jump
                 steps = (smallest, candidate, shown, least, left, finer, 0.0)
-            _, to_settle, since = doubt
+            _, to_settle, since, age = doubt
         # the search for the quantum: in the readings as they came, without a correction
         first, counted = False, change + known_input
         if change != 0.0 and shows_quantum(steps, counted, size, rested, quantum):
@@ -523,15 +525,18 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 p = swayed(p, swing, dt)
         p00, _, _, _, _, _ = p
         idle += dt
-        if (
+        starts = (
             rested > 0.0
             and change != 0.0
             and rested > MEMORY * dt
             and noise <= PLAIN * square
             and (first or 12.0 * p00 > RESTED * square)
-        ):
+        )
+        if starts:
             doubted_so_far = False
-            doubt = doubted(quantum, dt, period, 0.0 if first else since)
+            doubt = doubted(
+                quantum, dt, period, 0.0 if first else since, age if rested < RESTS else 0.0
+            )
         if off > outside or off < -outside:
             # an eighth of a turn off: no reading of this shaft, or not of this speed
             astray += dt
@@ -546,6 +551,8 @@ def _make_step(period: float) -> Callable[..., tuple]:
         else:  # it moved away from a reading that was not believed
             sway = (mean_sway, 0.0, 0.0)
         noisy = noise > PLAIN * square
+        if noisy and not starts:
+            doubt = doubted_in_noise(doubt, off, v, quantum, noise, dt, period)
         if not noisy and change * stepped < 0.0 and -half < moved < half:
             mean_sway, _, _ = sway
             if mean_sway <= 0.0:
@@ -585,7 +592,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                     # what moved before was residue, or this is a glitch: the next reading decides
                     smallest, candidate, shown, least, left, finer, _ = steps
                     steps = (smallest, candidate, shown, least, left, finer, change)
-                    doubt = doubted(quantum, dt, period, 0.0)
+                    doubt = doubted(quantum, dt, period, 0.0, 0.0)
                 motion = (measurement - off, v, a, idle)
                 lock = (COASTING if status != INITIALISING else status, 0.0, astray)
                 return (motion, p, band, sensor, steps, convention, lock, calm, doubt, clock)
@@ -626,19 +633,20 @@ def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
 
 def _make_stddev(period: float) -> Callable[..., tuple[float, float]]:
     def stddev(state: tuple, coefficients: tuple, design: Design) -> tuple[float, float]:
-        (x, v, _, _), p, band, sensor, _, convention, _, _, doubt, _ = state
+        (x, v, a, _), p, band, sensor, _, convention, _, _, doubt, _ = state
         p00, _, _, p11, _, _ = p
         _, _, _, up, down, _, _, squares = band
         quantum, noise, _, _, _, _, _, unchanged, _, _, _ = sensor
         reading, low, high, _, _ = convention
-        of_doubt, _, since = doubt
+        of_doubt, _, _, age = doubt
         dt, _, _, _, _, _ = coefficients
+        starting = 0.0 < age < RECENT
         floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
         if design.quantum == 0.0 and low == high:  # nothing moved: no quantum is known
             return math.inf, math.inf
         variance = p11 * (squares if squares > CALM else CALM)
         if p11 <= 0.0:
-            variance, _, _ = doubted(quantum, dt, period, 0.0)
+            variance, _, _, _ = doubted(quantum, dt, period, 0.0, 0.0)
         else:
             variance += of_doubt
         if up > 0.0 or down > 0.0:  # the cumulative sums doubt it: a motion may begin
@@ -646,10 +654,10 @@ def _make_stddev(period: float) -> Callable[..., tuple[float, float]]:
             if deviation + deviation >= period or deviation + deviation < -period:
                 deviation = wrap(deviation, period)
             rate = deviation / dt
-            if abs(rate) > abs(v):  # it may have begun in the last quarter of a sample
+            if starting or abs(rate) > abs(v):  # it may have begun in the last quarter of a sample
                 variance += 16.0 * rate * rate
-        if 0.0 < since < RECENT:
-            variance += bent(12.0 * (floor + noise), since)
+        if starting:
+            variance += unseen(a, quantum, noise, dt, age)
         sigma = math.sqrt(variance)
         if unchanged > 0.0:
             most = fastest(sensor, 0.0)
@@ -667,7 +675,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
         quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         smallest, candidate, shown, least, left, finer, _ = steps
         status, _, astray = lock
-        _, _, since = doubt
+        _, _, since, _ = doubt
         _, uneven = clock
         return (
             (measurement, v, 0.0, 0.0),
@@ -678,7 +686,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
             follow(convention, measurement, period),
             (COASTING if status == TRACKING else status, 0.0, astray),
             STEADY,
-            (v * v, SETTLES, since),
+            (v * v, SETTLES, since, 0.0),
             (0.0, uneven),
         )
 

@@ -4,11 +4,13 @@
 """How the edge-aware observer comes to know a speed: at a start, and where a shaft has rested.
 
 The covariance is right for motions like those before, and knows nothing of one that has just begun.
-So the first changed reading after a rest, and a gap, put the speed in doubt: the published variance
-gets what the readings since then leave open.
+So the first changed reading after a rest, a reading far outside the noise of a rest, and a gap put
+the speed in doubt: the published variance gets what the readings since then leave open.
 """
 
 from __future__ import annotations
+
+import math
 
 from estimator_pkg.observers.angle.edge.bandwidth import Band, begin_band
 from estimator_pkg.observers.angle.edge.covariance import Covariance
@@ -18,15 +20,20 @@ VAGUE = 100.0  # the same in quanta, where there is no turn
 
 SETTLES = 2.0  # changed readings after which a speed in doubt is known
 UNSURE = 3.0  # the same when the first has just come: the next one may be a line's second point
-RECENT = 0.3  # [s] after the first motion of all a change of its acceleration is not seen
+RECENT = 0.25  # [s] a start lasts: so long a change of its acceleration may not be seen
+RESTS = 0.1  # [s] without motion: a rest. In noise: without leaving a quantum and the noise
+FAR, SURELY = 2.5, 6.0  # standard deviations of the noise: a start may show, and it does
+LAG = 0.2  # of the speed error at the end of a ramp, see `unseen`: so that five of it cover it
 
 Motion = tuple[float, float, float, float]
 # (variance of the speed, in addition to the covariance's [(rad/s)^2]; changed readings until it is
-# settled, above 0 while anything is in doubt; time since the first motion, or the start [s])
-Doubt = tuple[float, float, float]
+# settled, above 0 while anything is in doubt; time since the first motion of all, and since the
+# last start [s])
+Doubt = tuple[float, float, float, float]
 
 LAST = 0.5  # in place of the changed readings, where `RECENT` alone has not passed
-START: Doubt = (0.0, LAST, 0.0)
+PERHAPS = 0.75  # the same, where noise alone may have looked like a start
+START: Doubt = (0.0, LAST, 0.0, 0.0)
 
 
 def started(
@@ -68,27 +75,65 @@ def swerve(quantum: float, period: float) -> float:
     return bend * bend / 3.0
 
 
-def doubted(quantum: float, dt: float, period: float, since: float) -> Doubt:
+def doubted(quantum: float, dt: float, period: float, since: float, age: float) -> Doubt:
     """Return the doubt at the first changed reading after a rest: no speed is known.
 
     Parameters
     ----------
     since : time since the first motion of all [s].
+    age : time since the last start [s]; 0: this is one.
     """
-    return ((quantum * quantum / 6.0 + 0.25 * swerve(quantum, period)) / (dt * dt), UNSURE, since)
+    variance = (quantum * quantum / 6.0 + 0.25 * swerve(quantum, period)) / (dt * dt)
+    return variance, UNSURE, since, age
 
 
-def bent(square: float, since: float) -> float:
-    """Return the variance of the speed [(rad/s)^2] that an unseen bend of the motion may hide.
+def doubted_in_noise(
+    doubt: Doubt, off: float, v: float, quantum: float, noise: float, dt: float, period: float
+) -> Doubt:
+    """Return the doubt after a reading in which noise hides single edges.
 
-    A parabola that stays within one quantum of a line for `since` [s] ends steeper than the line by
-    at most 4 quanta in that time; a uniform error of that size has a third of its square.
+    The joint rests if it would not leave the noise and a quantum within `RESTS`. It may have
+    started if a reading is far from where it rests. It has not if the next one is there again.
 
     Parameters
     ----------
-    square : of the quantum, with 12 times the variance of the noise [rad^2].
+    off : of the reading from the predicted angle [rad].
+    v : predicted speed [rad/s].
+    noise : variance of a reading, without the quantum's own [rad^2].
     """
-    return 16.0 / 3.0 * square / (since * since)
+    _, to_settle, since, _ = doubt
+    sigma = math.sqrt(noise)
+    if RESTS * abs(v) > sigma + quantum:
+        return doubt
+    beyond = abs(off) - 0.5 * quantum  # outside the cell
+    if beyond > SURELY * sigma:
+        variance, _, _, _ = doubted(quantum, dt, period, since, 0.0)
+        return variance, SETTLES, since, dt
+    if to_settle < 1.0:
+        if beyond > FAR * sigma:
+            return 0.0, PERHAPS, since, dt
+        if to_settle == PERHAPS and beyond < 0.0:
+            return 0.0, LAST, since, RECENT
+    return doubt
+
+
+def unseen(a: float, quantum: float, noise: float, dt: float, age: float) -> float:
+    """Return the variance of the speed [(rad/s)^2] that no reading of a start can show yet.
+
+    A parabola that stays within one quantum of a line for `age` [s] ends steeper than the line by
+    at most 4 quanta in that time; half of its square is the variance. Where an acceleration ends,
+    the speed is wrong by sqrt(2 a w) before the angle is wrong by w, and by 2 a dt more until two
+    samples have shown it.
+
+    Parameters
+    ----------
+    a : estimated acceleration [rad/s^2].
+    noise : variance of a reading, without the quantum's own [rad^2].
+    """
+    size = abs(a)
+    hidden = quantum + 3.0 * math.sqrt(noise)
+    ends = LAG * (math.sqrt(2.0 * size * hidden) + 2.0 * size * dt)
+    return 8.0 * (quantum * quantum + 12.0 * noise) / (age * age) + ends * ends
 
 
 def settled(
@@ -106,25 +151,30 @@ def settled(
     square : of the quantum [rad^2].
     noise : variance of the reading, without the quantum's own [rad^2].
     """
+    before, to_settle, since, age = doubt
+    if to_settle < 1.0:
+        return doubt
     rate = 1.0 / (rested + dt)
     secant = change * rate
     beyond = secant - v
     way = secant * secant * dt * dt
     variance = beyond * beyond + ((way if way < square else square) + 12.0 * noise) * rate * rate
-    before, to_settle, since = doubt
     to_settle -= 1.0
     if to_settle <= 0.0:
-        return 0.0, LAST if since < RECENT else 0.0, since
+        return 0.0, LAST if since < RECENT or age < RECENT else 0.0, since, age
     if to_settle < SETTLES - 1.0:
         variance = 0.5 * (variance + before)
-    return variance, to_settle, since
+    return variance, to_settle, since, age
 
 
 def later(doubt: Doubt, dt: float) -> Doubt:
     """Return the doubt a sample of `dt` [s] later."""
-    variance, to_settle, since = doubt
+    variance, to_settle, since, age = doubt
     since += dt
-    return variance, 0.0 if since >= RECENT and to_settle == LAST else to_settle, since
+    age += dt
+    if since >= RECENT and age >= RECENT and to_settle < 1.0:
+        to_settle = 0.0
+    return variance, to_settle, since, age
 
 
 def stood(quantum: float, blur: float, longest: float) -> tuple[Covariance, Band]:

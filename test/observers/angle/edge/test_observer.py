@@ -925,3 +925,11 @@ def test_after_a_gap_sigma_covers_a_joint_that_stands(quantum, gap, after):
         out = make('edge_adaptive', gains).run(at, read(angle, quantum), fast=False)
         error = np.abs(out.velocity - after)[2000:]
         assert np.all(error < 3.0 * out.velocity_stddev[2000:])
+
+
+def test_noise_at_a_start_is_no_vibration():
+    """At rest in noise of three quanta, quantum given: few third differences last by chance."""
+    random = np.random.default_rng(1)
+    reading = np.rint(3.0 * random.standard_normal(1500)) * QUANTUM
+    out = make('edge_adaptive', {'quantum': QUANTUM}).run(stamps(1500, 2e-3), reading, fast=False)
+    assert np.sqrt(np.mean(out.velocity[500:] ** 2)) < 0.02
