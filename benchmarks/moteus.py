@@ -32,6 +32,7 @@ from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
+MAPPED, OF_EDGES = 'edge_adaptive, sensor_map', 'the same, times that of the edges'  # rows
 FOLDER = 'moteus_hall'  # of the bags
 RATE = 30_000  # [Hz]
 COUNTS = 90  # a turn
@@ -40,6 +41,7 @@ MARK = 0x5A  # first byte of a record
 RECORD = 3  # bytes
 HEADERS = 5  # in a row, where a capture starts
 SECTOR = np.array([0, 0, 2, 1, 4, 5, 3, 0])  # of the six codes of three Hall lines
+BLOCK = 15_000  # samples for which what was learnt before is used
 WINDOW = 3000  # samples in which the bias is taken
 STEADY = 0.05  # relative change of the true speed in such a window, at most
 SLOW = 50.0  # [counts/s] the bias is not taken below
@@ -57,13 +59,14 @@ THRESHOLDS = {
 class Capture(NamedTuple):
     """A capture; arrays of shape (n,).
 
-    stamps [ns], counts, true velocity [counts/s].
+    stamps [ns], counts, true velocity [counts/s], True where a line fell.
     """
 
     name: str
     stamps: NDArray[np.int64]
     counts: NDArray[np.int64]
     velocity: Array
+    fell: NDArray[np.bool_]
 
 
 def codes(data: bytes) -> NDArray[np.int64]:
@@ -97,7 +100,9 @@ def capture(name: str, lines: NDArray[np.int64]) -> Capture:
     if len(falling):
         velocity[falling[0] : falling[-1]] = np.repeat(speeds, np.diff(falling))
     stamps = START_NS + np.rint(np.arange(len(lines)) * (1e9 / RATE)).astype(np.int64)
-    return Capture(name, stamps, count, velocity)
+    fallen = np.zeros(len(lines), bool)
+    fallen[falling] = True
+    return Capture(name, stamps, count, velocity, fallen)
 
 
 def captures(folder: Path) -> list[Capture]:
@@ -162,6 +167,42 @@ def judge(found: Capture, velocity: Array) -> dict[str, float]:
     }
 
 
+def mapped(found: Capture, *, fast: bool | None = None) -> tuple[Array, Array]:
+    """Return the velocity [counts/s] with `sensor_map: learn`, of the shaft and of the edges.
+
+    Notes
+    -----
+    The metric takes each falling edge to be where it should be, so its true velocity repeats the
+    errors of the edges. From one falling edge to the next the shaft turns by two counts and by how
+    much the errors e of the two edges differ, and the metric's velocity is that of the shaft times
+    2 / (2 + e' - e). The errors are those learnt before the block of samples: the estimate is
+    causal.
+    """
+    joint = Entry('', 'edge_adaptive', (('sensor_map', 'learn'),)).joint(quantum=QUANTUM)
+    rows = np.arange(len(found.counts))
+    last = np.maximum.accumulate(np.where(found.fell, rows, 0))
+    heading = np.diff(found.counts, prepend=found.counts[0])[last]
+    edge = (found.counts[last] - 0.5 * heading) * QUANTUM
+    shaft, edges = np.zeros(len(rows)), np.zeros(len(rows))
+    for at in range(0, len(rows), BLOCK):
+        block = slice(at, at + BLOCK)
+        before = [(way, joint.sensor_errors(way)) for way in (1, -1)]
+        out = joint.run(
+            found.stamps[block], found.counts[block].astype(np.float64) * QUANTUM, fast=fast
+        )
+        velocity = np.nan_to_num(out.velocity)
+        shaft[block] = velocity / QUANTUM
+        ratio = np.ones(len(velocity))
+        for way, errors in before:
+            there = heading[block] == way
+            start, speeds = edge[block][there], velocity[there]
+            step = 2.0 * way * QUANTUM
+            further = errors(start + step, speeds) - errors(start, speeds)
+            ratio[there] = step / (step + further)
+        edges[block] = shaft[block] * ratio
+    return shaft, edges
+
+
 def run(
     folder: Path, entries: Iterable[Entry] | None = None, *, fast: bool | None = None
 ) -> list[dict[str, Any]]:
@@ -169,7 +210,7 @@ def run(
     chosen = list(at_defaults() if entries is None else entries)
     rows = []
     found = captures(folder)
-    with progress('captures', len(found) * len(chosen)) as advance:
+    with progress('captures', len(found) * (len(chosen) + (entries is None))) as advance:
         for each in found:
             for entry in chosen:
                 joint = entry.joint(**_known(entry))
@@ -181,6 +222,11 @@ def run(
                         **judge(each, out.velocity / QUANTUM),
                     }
                 )
+                advance(1)
+            if entries is None:
+                shaft, edges = mapped(each, fast=fast)
+                for label, velocity in ((MAPPED, shaft), (OF_EDGES, edges)):
+                    rows.append({'capture': each.name, 'observer': label, **judge(each, velocity)})
                 advance(1)
     return rows
 

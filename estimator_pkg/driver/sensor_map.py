@@ -13,7 +13,7 @@ mark. So the speed between two marks is taken from the turn around them, and
 
 with mean 0 over the turn. The errors are averaged over turns. An edge that comes late by a constant
 time has an error in proportion to the speed, so each edge of a coarse sensor has two numbers per
-direction: error = a + b x speed.
+direction: error = a + b (speed - that of the first turn).
 
 Each turn is first predicted from those before it. Its readings are corrected only where this leaves
 less than half of the mean square error, in several turns in a row. Noise does not repeat and never
@@ -21,8 +21,8 @@ passes; neither does a joint that does not turn. The corrections come and go ove
 mark on the far side of the shaft, so that the corrected reading does not jump.
 
 A cogging torque makes the speed itself repeat each turn. At one speed nothing tells it from an
-error of the sensor. At another one it does: it shrinks with the square of the speed, so what was
-learnt predicts no turn any more. It is dropped then, and as much proof again is required.
+error of the sensor. But it shrinks with the square of the speed. So what was learnt from it
+predicts no faster turn, and is dropped there; and slower turns are not learnt from.
 
 The functions are those of `track` for a joint with a map, whose track has two fields more: `place`
 is what each sample needs, and the memory of `sensor_marks`. Angles are in rad, times in s.
@@ -31,8 +31,10 @@ is what each sample needs, and the memory of `sensor_marks`. Angles are in rad, 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator_pkg.driver.guard import DUPLICATE, USED
 from estimator_pkg.driver.sensor_marks import (
@@ -122,7 +124,7 @@ def error_of(memory: Memory, cell: int, heading: int, size: float) -> tuple[floa
     here, beyond = cell % marks, (cell + 1) % marks
     if kind == COARSE:
         table = 1 if heading < 0 else 0
-        speed = pace[SPEED] / pace[UNIT] if pace[UNIT] > 0.0 else 0.0
+        speed = pace[SPEED] / pace[UNIT] - 1.0 if pace[UNIT] > 0.0 else 0.0
         lower = tables[table, USED_A, here] + speed * tables[table, USED_B, here]
         upper = tables[table, USED_A, beyond] + speed * tables[table, USED_B, beyond]
         return float(upper if heading < 0 else lower), 0.0, float(upper - lower)
@@ -229,6 +231,39 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
     return TrackFunctions(blank, advance, read, deviation)
 
 
+Errors = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+
+
+def errors_of(track: tuple, heading: int) -> Errors:
+    """Return the errors taken out now: (angles as read, speeds) -> those of the marks [rad].
+
+    Both are arrays of shape (n,) [rad, rad/s], and so is what the function returns: the error of
+    the mark next to each angle, 0 without a map.
+
+    Parameters
+    ----------
+    heading : direction of the motion, 1 or -1.
+    """
+
+    def nothing(angles: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.zeros(len(angles))
+
+    if len(track) == FIELDS:
+        return nothing
+    _, (low, size, _, _, _, _, _, _, _), (course, pace, _, _, tables, _, _) = parted(track)
+    marks, cell, unit = int(course[MARKS]), int(course[CELL]), float(size * pace[UNIT])
+    if marks == 0:
+        return nothing
+    table = tables[1 if course[KIND] == COARSE and heading < 0 else 0].copy()
+
+    def errors(angles: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+        at = (np.rint((angles - low) / size).astype(np.int64) + cell) % marks
+        found: NDArray[np.float64] = table[USED_A, at]
+        return found + (np.abs(speeds) / unit - 1.0) * table[USED_B, at] if unit > 0.0 else found
+
+    return errors
+
+
 def what_is_learnt(track: tuple) -> str:
     """Return what the status of a joint reports of its sensor; '' if nothing is corrected."""
     if len(track) == FIELDS:
@@ -238,7 +273,7 @@ def what_is_learnt(track: tuple) -> str:
     used = [table for table in (0, 1) if proofs[table, IN_USE] > 0.0]
     if not used:
         return ''
-    speed = pace[SPEED] / pace[UNIT] if pace[UNIT] > 0.0 else 0.0
+    speed = pace[SPEED] / pace[UNIT] - 1.0 if pace[UNIT] > 0.0 else 0.0
     errors = np.abs(tables[used, A, :marks] + speed * tables[used, B, :marks])
     largest = int(np.argmax(errors.max(axis=0)))
     at = math.degrees((low + (largest - course[CELL]) * size) % (size * marks))

@@ -23,9 +23,10 @@ LEAST = 6  # counts of a turn, at least
 WHOLE = 0.01  # as close is a number of counts to a whole one
 RESIDUE = 1e-9  # [rad] a smaller step is none
 RING = 256  # times that are kept
+SLOWER = 0.7  # of the highest speed: a slower turn is not learnt from
 STEADY = 0.1  # of a turn's time: its halves take the same time but for this
 LOCAL = 12  # marks around one, over which a search takes the speed to be constant
-SEARCHED = 1  # turns after which a period is found, once one has passed
+SEARCHED = 2  # turns after which a period is found, once one has passed
 ALIKE, STRIKING = 1.5, 0.7  # of mean squares: as small as the smallest; a smallest that is small
 BETTER, WORSE = 0.5, 0.8  # mean squared error with the map, over that without it
 TURNS = 3.0  # in a row that have to be better, at first
@@ -39,7 +40,7 @@ RESOLVED, RESOLVED_EDGES = 0.5, 1.0
 
 # Memory: `course`, `pace`, and arrays: times of the marks, shape (RING,), the newest at the number
 # of marks in a row; what cells are larger than they should be in this turn, over their size, shape
-# (MOST,); tables, shape (2, 4, MOST); proofs, shape (2, 7); search, shape (3, RING)
+# (MOST,); tables, shape (2, 4, MOST); proofs, shape (2, 8); search, shape (3, RING)
 Memory = tuple[Any, Any, Any, Any, Any, Any, Any]
 
 # course, int64. kind of the sensor; marks of a turn; marks after which the errors repeat, 0: not
@@ -57,7 +58,7 @@ QUANTUM, STEP, SPEED, UNIT, OPEN, GIVEN = range(6)
 A, B, USED_A, USED_B = range(4)
 # columns of its proof: turns learnt; mean squared errors without and with the map; good turns in a
 # row, of which as many are required; marks since it is in use, at most a turn; in use
-LEARNT, WITHOUT, WITH, GOOD, REQUIRED, AGE, IN_USE = range(7)
+LEARNT, WITHOUT, WITH, GOOD, REQUIRED, AGE, IN_USE, FASTEST = range(8)
 # rows of the search: pairs of cells over their usual size, the newest at FILLED; squared
 # differences over lags; their number
 CELLS, SQUARES, COUNTS = range(3)
@@ -71,7 +72,7 @@ def blank_memory(quantum: float) -> Memory:
         np.zeros(RING),
         np.zeros(MOST),
         np.zeros((2, 4, MOST)),
-        np.zeros((2, 7)),
+        np.zeros((2, 8)),
         np.zeros((3, RING)),
     )
     forget(memory)
@@ -129,7 +130,7 @@ def learn(memory: Memory, table: int, size: float, speed: float) -> None:
 
     Parameters
     ----------
-    speed : in its unit; 0: b is not learnt.
+    speed : in its unit, less 1; 0: b is not learnt.
     """
     course, pace, _, cells, tables, proofs, _ = memory
     marks = course[MARKS]
@@ -248,7 +249,9 @@ def take_mark(memory: Memory, size: float, mark: int, time: float, left: float) 
             course[FILLED] = 0
             if pace[UNIT] == 0.0:
                 pace[UNIT] = speed
-            learn(memory, table, size, speed / pace[UNIT] if kind == COARSE else 0.0)
+            if speed > SLOWER * proofs[table, FASTEST]:  # else a torque ripples more than before
+                proofs[table, FASTEST] = max(speed, proofs[table, FASTEST])
+                learn(memory, table, size, speed / pace[UNIT] - 1.0 if kind == COARSE else 0.0)
     if marks > 0:
         was = proofs[table, AGE]
         age = min(max(was + 2.0 * proofs[table, IN_USE] - 1.0, 0.0), float(marks))

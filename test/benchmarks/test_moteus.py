@@ -45,7 +45,7 @@ def test_the_metric():
     velocity = np.full(2 * moteus.WINDOW, 100.0)
     velocity[moteus.WINDOW :] = np.linspace(100.0, 200.0, moteus.WINDOW)
     stamps = np.arange(len(velocity))
-    found = moteus.Capture('20250616-hboard-cycle', stamps, stamps, velocity)
+    found = moteus.Capture('20250616-hboard-cycle', stamps, stamps, velocity, stamps < 0)
     judged = moteus.judge(found, velocity + 2.0)
     assert judged == pytest.approx({'square': 4.0 / 29.4, 'largest': 2.0, 'bias': 0.02})
     missing = np.where(stamps < moteus.WINDOW, np.nan, velocity)
@@ -65,3 +65,17 @@ def test_no_capture_is_above_the_threshold():
 def test_no_captures(tmp_path):
     with pytest.raises(UserError, match=r'has no capture such as 20250616-speed-cycle\.dat\.gz'):
         moteus.captures(tmp_path)
+
+
+@pytest.mark.slow
+def test_errors_of_the_edges_are_most_of_what_is_left_at_speed():
+    """Bounds on both sides of what the page says."""
+    for name, least, most in (
+        ('20260618-spindle-sweep', 0.1, 0.3),
+        ('20250616-hboard-cycle', 0.4, 0.62),
+        ('20250616-speed-cycle', 0.5, 0.8),
+    ):
+        (found,) = (each for each in moteus.captures(HALL) if each.name == name)
+        shaft, edges = moteus.mapped(found, fast=True)
+        assert least < moteus.judge(found, edges)['square'] < most
+        assert moteus.judge(found, edges)['square'] < moteus.judge(found, shaft)['square']
