@@ -472,9 +472,9 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 steps = (smallest, candidate, shown, least, left, finer, 0.0)
             _, to_settle, since, age = doubt
         # the search for the quantum: in the readings as they came, without a correction
-        first, counted = False, change + known_input
-        if change != 0.0 and shows_quantum(steps, counted, size, rested, quantum):
-            first = low == high
+        first = False
+        if change != 0.0 and shows_quantum(steps, change + known_input, size, rested, quantum):
+            first, counted = low == high, change + known_input
             extent = abs(measurement) + abs(last)
             least = ROUNDING * extent if first and design.quantum == 0.0 else RESIDUE * quantum
             if -least <= counted <= least or -FINEST < counted < FINEST:
@@ -485,12 +485,8 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 if quantum != used:
                     p, band, sensor = rescaled(p, band, sensor, quantum, first)
         sensor = follow_sensor(sensor, change, dt, quantum, MEMORY, BLUR)
-        excess = 0.0  # of the cell over a quantum
-        if known_input != 0.0:
-            if change != 0.0:
-                sensor = counted_as(sensor, counted)
-            elif known_input > 0.0:
-                excess = known_input
+        if known_input != 0.0 and change != 0.0:
+            sensor = counted_as(sensor, change + known_input)
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         convention = follow(convention, measurement, period)
         status, count, astray = lock
@@ -571,7 +567,10 @@ def _make_step(period: float) -> Callable[..., tuple]:
         # most readings are plainly no news: no edge, and none was expected
         elif ahead > half or ahead < -half or off > half or off < -half or 12.0 * p00 > square:
             edges = math.sqrt(noise)
-            worth = interval(off, ahead, quantum, p00, edges, SIGMAS * edges + excess)
+            hold = SIGMAS * edges
+            if known_input > 0.0 and change == 0.0:  # the cell is so much larger than a quantum
+                hold += known_input
+            worth = interval(off, ahead, quantum, p00, edges, hold)
             kind, _, _ = worth
         if kind != NOTHING:
             believed, (dx, dv, da), p, band, sensor = update(
