@@ -20,6 +20,7 @@ from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP
 MOST = 128  # counts of a turn of a coarse sensor, at most
 FEWEST, USUAL = 32, 64  # marks of a fine sensor's turn: at least; at most, and usually
 LEAST = 6  # counts of a turn, at least
+SHOWN = 16  # marks whose steps show the quantum
 WHOLE = 0.01  # as close is a number of counts to a whole one
 RESIDUE = 1e-9  # [rad] a smaller step is none
 RING = 256  # times that are kept
@@ -346,7 +347,7 @@ def refined(memory: Memory, period: float) -> bool:
     """Return True if the steps since the start show that the marks do not fit the quantum."""
     course, pace, _, _, _, _, _ = memory
     kind, turn, quantum = course[KIND], course[TURN], pace[QUANTUM]
-    unknown = quantum == math.inf or (kind == NONE and course[STEPS] < turn)
+    unknown = quantum == math.inf or (kind == NONE and course[STEPS] < SHOWN)
     if pace[GIVEN] > 0.0 or unknown:
         return False
     right, marks = grid(period, quantum)

@@ -45,7 +45,8 @@ class Functions:
         depend on dt (poles, variances). Called again when a gain changes; ordinary Python.
     prepare : (design, dt) -> coefficients. Returns everything that follows from dt [s] and design.
     init : (measurement, design) -> state. Returns the state after the first sample.
-    step : (state, coefficients, design, measurement, input) -> state. Advances by one sample.
+    step : (state, coefficients, design, measurement, input) -> state. Advances by one sample. The
+        input of an observer of single angles is 0, or see `driver.sensor_map`.
     output : (state, coefficients, design, measurement, input) ->
         (position, velocity, acceleration or nan, status).
     stddev : (state, coefficients, design) -> (position, velocity): one standard deviation of each.
