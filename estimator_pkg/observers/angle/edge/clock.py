@@ -7,6 +7,10 @@ What a late stamp does to an innovation is derived in docs/stamps_and_quantisati
 is odd if it differs from the mean by far more than sample times usually do. If the mean sample time
 explains the reading much better, the stamp is wrong: the sample is taken in with the mean sample
 time, and the lateness is remembered until the stamps have caught up.
+
+A sensor that has a clock of its own is read too early now and then: the reading repeats while the
+shaft moves on, and such a reading is none. The next one shows whether the sensor only skipped one
+(it moved by all of the way), or goes by another clock (it moved by a sample less).
 """
 
 from __future__ import annotations
@@ -20,10 +24,62 @@ EVEN = 0.5  # mean deviation: with a larger one no sample time is known to be th
 SIGMAS = 3.0  # standard deviations, in addition to a quantum, that an innovation may have by chance
 MEMORY = 32.0  # samples over which the deviations are averaged
 
-# (by how much the last stamp was late [s]; mean deviation of the sample times, over their mean)
-Clock = tuple[float, float]
+REPEATS = 12.0  # quanta: an unchanged reading of a shaft that moved by more is no reading
+STOPS = 4.0  # samples: a shaft that is about to stop within them may have stopped
+HELD = 16.0  # samples for which no unchanged reading is believed, at most
+SEEN = 0.25  # what one repeat adds to the evidence of another clock, from 0 to 1
+APART = 0.3  # evidence above this is believed: two repeats
+FORGOTTEN = 256.0  # samples in which it is forgotten
 
-UNKNOWN: Clock = (0.0, 1.0)  # a start has to show that its stream is even
+# (by how much the last stamp was late [s]; mean deviation of the sample times, over their mean;
+# time since the reading repeats [s], 0: it does not; the longest such time after which the shaft
+# had moved on [s]; evidence that the sensor has another clock, 0 to 1)
+Clock = tuple[float, float, float, float, float]
+
+UNKNOWN: Clock = (0.0, 1.0, 0.0, 0.0, 0.0)  # a start has to show that its stream is even
+
+
+def repeats(clock: Clock, dt: float, pace: float, v: float, a: float, p11: float) -> bool:
+    """Return True if an unchanged reading is an old one, at a speed of `REPEATS` in a sample.
+
+    One is held so at first, and as many as twice the longest such pause after which the shaft had
+    moved on.
+
+    Parameters
+    ----------
+    v, a : estimated speed and acceleration [rad/s, rad/s^2]. p11 : variance of the speed.
+    """
+    _, _, held, longest, _ = clock
+    way, held = abs(v) * dt, held + dt
+    return (
+        way * way > SIGMAS * SIGMAS * p11 * dt * dt
+        and abs(v) > STOPS * abs(a) * dt
+        and held <= 2.0 * longest + 1.5 * dt
+        and held <= HELD * pace
+    )
+
+
+def waiting(clock: Clock, dt: float) -> Clock:
+    """Return the clock after a reading that repeated."""
+    late, uneven, held, longest, apart = clock
+    return (late, uneven, held + dt, longest, apart)
+
+
+def resumed(clock: Clock, change: float, passed: float, pace: float, v: float) -> Clock:
+    """Return the clock after a reading that is believed, and moved by `change` [rad].
+
+    Parameters
+    ----------
+    passed : time since the last one that was [s].
+    """
+    late, uneven, held, longest, apart = clock
+    apart -= 1.0 / FORGOTTEN
+    if held > 0.0:
+        short = (v * passed - change) / (v * pace)  # of the way [samples]
+        if change != 0.0 and -1.5 < short < 1.5:  # the shaft had moved on
+            longest = held if held > longest else longest
+            apart += SEEN if short > 0.5 else 0.0
+    return (late, uneven, 0.0, longest, 0.0 if apart < 0.0 else 1.0 if apart > 1.0 else apart)
 
 
 def elapsed(
@@ -47,7 +103,7 @@ def elapsed(
     p : covariance of the estimate; see `covariance`.
     quantum, noise : of the reading; see `sensor`.
     """
-    late, uneven = clock
+    late, uneven, held, longest, apart = clock
     if pace <= 0.0:
         return dt, clock
     odd, taken = dt - pace, dt
@@ -77,4 +133,4 @@ def elapsed(
     uneven += ((off if off < 1.0 else 1.0) - uneven) / MEMORY
     if ODD * uneven < UNEVEN:  # even enough for `elapsed` to be left out, unless it is late
         uneven = 0.0 if late == 0.0 else UNEVEN / ODD
-    return taken, (late, uneven)
+    return taken, (late, uneven, held, longest, apart)

@@ -31,7 +31,17 @@ from estimator_pkg.observers.angle.edge.bandwidth import (
     follow_sway,
     sums_alone,
 )
-from estimator_pkg.observers.angle.edge.clock import UNEVEN, UNKNOWN, Clock, elapsed
+from estimator_pkg.observers.angle.edge.clock import (
+    APART,
+    REPEATS,
+    UNEVEN,
+    UNKNOWN,
+    Clock,
+    elapsed,
+    repeats,
+    resumed,
+    waiting,
+)
 from estimator_pkg.observers.angle.edge.covariance import (
     Covariance,
     corrected,
@@ -52,6 +62,7 @@ from estimator_pkg.observers.angle.edge.sensor import (
     TOO_SMALL,
     Sensor,
     Steps,
+    aged,
     agreement,
     begin_sensor,
     counted_as,
@@ -445,16 +456,29 @@ def _make_step(period: float) -> Callable[..., tuple]:
         quantum, noise, scatter, _, stepped, _, size, rested, _, _, pace = sensor
         last, low, high, _, _ = convention
         _, to_settle, since, age = doubt
-        _, uneven = clock
+        _, uneven, held, _, apart = clock
         dt, _, _, _, _, _ = coefficients
         change = measurement - last
         if change + change >= period or change + change < -period:
             change = wrap(change, period)
+        # a reading that repeats an old one, and the first one after it
+        passed = held + dt
+        if change == 0.0 and abs(v) * dt > REPEATS * quantum:
+            status, _, _ = lock
+            _, _, _, p11, _, _ = p
+            if status == TRACKING and repeats(clock, dt, pace, v, a, p11):
+                _, half_square, kept, _, _, _ = coefficients
+                density, _, _, _, _, _, _, _ = band
+                motion = (x + v * dt + a * half_square, v + a * dt, kept * a, idle + dt)
+                p, clock = predicted(p, density, coefficients), waiting(clock, dt)
+                return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
+        if held > 0.0 or apart > 0.0:
+            clock = resumed(clock, change, passed, pace, v)
         # a stamp that is wrong
         if uneven > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
             taken, clock = elapsed(clock, dt, pace, change + last - x, v, a, p, quantum, noise)
             if taken != dt:
-                dt = taken
+                dt, passed = taken, passed + taken - dt
                 coefficients = prepare(design, dt)
         # residue: was the last step a glitch, or the first real one?
         doubted_so_far = to_settle > 0.0
@@ -484,9 +508,11 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 used, quantum = quantum, quantum_of(steps, design.quantum)
                 if quantum != used:
                     p, band, sensor = rescaled(p, band, sensor, quantum, first)
-        sensor = follow_sensor(sensor, change, dt, quantum, MEMORY, BLUR)
+        sensor = follow_sensor(sensor, change, passed, quantum, MEMORY, BLUR)
         if known_input != 0.0 and change != 0.0:
             sensor = counted_as(sensor, change + known_input)
+        if apart > APART:
+            sensor = aged(sensor, v)
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         convention = follow(convention, measurement, period)
         status, count, astray = lock
@@ -499,7 +525,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             # no speed is known: the second reading, the second that moves on after a rest, or the
             # first that moves so early that it shows the quantum alone
             motion, p, band, sensor, doubt = straight_line(
-                measurement, change, dt, sensor, period, band, doubt
+                measurement, change, passed, sensor, period, band, doubt
             )
             lock = (status, count + 1.0, astray)
             return (motion, p, band, sensor, steps, convention, lock, STEADY, doubt, clock)
@@ -507,6 +533,9 @@ def _make_step(period: float) -> Callable[..., tuple]:
         _, half_square, kept, _, _, _ = coefficients
         density, _, _, _, _, _, _, _ = band
         moved = v * dt + a * half_square
+        ahead = change - moved
+        if held > 0.0:  # and moved while the reading repeated
+            ahead -= (v - 0.5 * a * held) * held
         off = measurement - x - moved
         if off + off >= period or off + off < -period:
             off = wrap(off, period)
@@ -541,7 +570,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             motion = (measurement - off, v, a, idle)
             lock = (COASTING if status != INITIALISING else status, 0.0, astray)
             return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
-        ahead, half, calm = change - moved, 0.5 * quantum, sway
+        half, calm = 0.5 * quantum, sway
         if count > 0.0:
             sway = follow_sway(sway, ahead, OUTLIER * (scatter + square), MEMORY)
         else:  # it moved away from a reading that was not believed
@@ -675,7 +704,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
         smallest, candidate, shown, least, left, finer, _ = steps
         status, _, astray = lock
         _, _, since, _ = doubt
-        _, uneven = clock
+        _, uneven, _, longest, apart = clock
         return (
             (measurement, v, 0.0, 0.0),
             (quantum * quantum / 12.0, 0.0, 0.0, p11, 0.0, p22),
@@ -686,7 +715,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
             (COASTING if status == TRACKING else status, 0.0, astray),
             STEADY,
             (v * v, SETTLES, since, 0.0),
-            (0.0, uneven),
+            (0.0, uneven, 0.0, longest, apart),
         )
 
     return resume

@@ -97,6 +97,19 @@ def counted_as(sensor: Sensor, step: float) -> Sensor:
     return (quantum, noise, scatter, residual, corrected, dt, abs(step), since, bend, lasting, pace)
 
 
+def aged(sensor: Sensor, v: float) -> Sensor:
+    """Return a sensor whose readings are up to one sample old, at the speed `v` [rad/s].
+
+    The age is uniform, so the noise is at least (v dt)^2/12. It repeats like a sawtooth, of which
+    third differences see the teeth alone.
+    """
+    quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
+    age = v * v * pace * pace / 12.0
+    noise = age if noise < age else noise
+    scatter = age if scatter < age else scatter
+    return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
+
+
 def paced(sensor: Sensor, pace: float) -> Sensor:
     """Return the sensor with another mean sample time [s]."""
     quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, _ = sensor
