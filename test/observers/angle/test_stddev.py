@@ -4,7 +4,7 @@
 # ruff: noqa: E501, RUF001 (a page of the documentation stands here as it is printed)
 """The standard deviation beside an estimate: right at constant speed, measured in motion.
 
-    python test/observers/angle/test_stddev.py > docs/coverage.md
+    PYTHONPATH=test python test/observers/angle/test_stddev.py > docs/coverage.md
 
 writes the table of what the 95 % interval covers in motion; a test holds the table to that.
 """
@@ -260,7 +260,7 @@ standard deviations that follow. The 95 % interval is ±1.96 of them.
 
 The table has the covered part of the samples that were `tracking`. It was measured in simulation:
 1 kHz, white noise of {NOISE * 1e3:g} mrad, noise estimated from the stream, and defaults except for
-the parameters in the first column. `python test/observers/angle/test_stddev.py > docs/coverage.md`
+the parameters in the first column. `PYTHONPATH=test python test/observers/angle/test_stddev.py > docs/coverage.md`
 makes it.
 
 """
@@ -293,7 +293,7 @@ def test_table_of_coverage_is_current(variant):
         if line.startswith(f'| {described(variant)} |')
     ]
     assert len(lines) == 1, (
-        'write the table anew: python test/observers/angle/test_stddev.py > docs/coverage.md'
+        'write the table anew: PYTHONPATH=test python test/observers/angle/test_stddev.py > docs/coverage.md'
     )
     written = [float(number) / 100.0 for number in re.findall(r'([\d.]+) %', lines[0])]
     assert written == pytest.approx(measured_row(variant), abs=0.02)
