@@ -55,7 +55,7 @@ def predictions(form, order, dt, measured, bound=None):
     implicit = form == 'implicit'
     v, a = np.empty(len(measured)), np.empty(len(measured))
     # one step before the first sample, at rest on it, so that the prediction is the start itself
-    first = super_twisting.at_rest(float(measured[0]))
+    first = (float(measured[0]), 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
     compiled(run)(first, super_twisting.prepare(design, dt), dt, np.asarray(measured), v, a)
     return v, a
 

@@ -152,11 +152,6 @@ def init(measurement: float, design: Design) -> tuple:
     return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0)
 
 
-def at_rest(measurement: float) -> tuple:
-    """Return the state of a shaft that is known to rest at this angle [rad]."""
-    return (measurement, 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
-
-
 def averaged(power: float, total: float) -> float:
     """Return the mean square innovation, after REFRESH samples whose squares make this `total`.
 
