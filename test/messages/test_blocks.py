@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator_pkg.messages import layouts
-from estimator_pkg.messages.block import from_messages
+from estimator_pkg.messages.block import compact, from_messages, join, rows
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.messages.joint_state_block import decode_block, encode_block
@@ -157,6 +157,37 @@ def test_blocks_encode_as_single_messages_do(stamps, names, frame):
 
 def test_an_empty_block_has_no_groups():
     assert decode_block(block_of([])) == ([], [])
+
+
+def test_of_too_many_layouts_each_further_message_is_a_group():
+    raws = [
+        Encoder().encode(10**9 + i, f'frame {"x" * (i % 20)}', ['a'], [1.0 * i]) for i in range(60)
+    ]
+    groups, malformed = decode_block(block_of([b'', *raws]))
+    sizes = [len(group.rows) for group in groups]
+    assert malformed == [0]  # it is one of those that are tried
+    assert sizes == [3] * (layouts.MANY_LAYOUTS - 1) + [1] * (60 - 3 * (layouts.MANY_LAYOUTS - 1))
+
+
+def test_blocks_are_joined_sorted_and_cut_without_losing_a_byte():
+    raws = [b'one', b'', b'three', b'4']
+    first = from_messages([0, 1, 0, 1], [5, 3, 3, 9], [1, 2, 3, 4], raws)
+    both = join([first.take(np.array([2, 0])), first, from_messages([], [], [], [])])
+    assert both.log_ns.tolist() == [3, 5, 5, 3, 3, 9] and both.topic.tolist() == [0, 0, 0, 1, 0, 1]
+    assert both.publish_ns.tolist() == [3, 1, 1, 2, 3, 4]
+
+    def texts(found):
+        return [bytes(found.data[a:b]) for a, b in zip(found.start, found.end)]
+
+    assert texts(both) == [b'three', b'one', *raws]
+    ordered = both.in_log_order()
+    assert texts(ordered) == [b'three', b'', b'three', b'one', b'one', b'4']
+    assert ordered.in_log_order() is ordered
+    part = compact(first.take(np.array([3, 2])))
+    assert texts(part) == [b'4', b'three'] and bytes(part.data) == b'three4'
+    assert len(compact(first.take(np.array([], int))).data) == 0
+    assert rows(first.data, np.array([0, 3]), 3).tobytes() == b'onethr'
+    assert rows(first.data, np.array([], int), 3).shape == (0, 3)
 
 
 def test_ten_thousand_alike_are_one_group():

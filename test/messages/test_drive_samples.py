@@ -161,3 +161,6 @@ def test_vectors_both_ways():
     assert back == message
     with pytest.raises(MalformedMessageError):
         vector3.decode(raw[:40])
+    assert vector3.decode(vector3.encode(5, '', 1.0, 2.0)) == (5, '', 1.0, 2.0, 0.0)
+    for stamp in (2**31 * 10**9, -(2**31) * 10**9 - 1):  # as no header can carry it
+        assert abs(vector3.decode(vector3.encode(stamp, '', 1.0, 2.0)).stamp_ns - stamp) == 1

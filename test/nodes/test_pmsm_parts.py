@@ -14,12 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator_pkg import listing, observers, params_file
+from estimator_pkg.driver import drive
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
 from estimator_pkg.models.motor import phases
-from estimator_pkg.observers.contract import INITIALISING, TRACKING
+from estimator_pkg.observers.contract import INITIALISING, MISCONFIGURED, TRACKING
 from estimator_pkg.observers.pmsm.gains import Gains
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.streams.drive import DriveSettings
@@ -57,6 +58,54 @@ def test_a_repeated_batch_does_nothing_however_long_it_is():
         assert np.isnan(repeated.rows).all()
     assert other.dropped() == {'duplicate': 12 * 700} and not other.events()
     assert other.estimate() == one.estimate()
+
+
+def test_stamps_that_contradict_the_sample_period_are_misconfigured_until_they_fit():
+    made = batches(4)
+    motor = joint()
+    motor = DriveJoint(motor.observer, motor.gains, motor.settings, sample_period=1e-3)
+    found = motor.take(*made[0])
+    assert np.isnan(found.rows).all() and motor.dropped() == {'misconfigured': 50}
+    assert motor.why() == (
+        'sample_period is 0.001 s, but the stamps are 0.0002 s apart: correct sample_period'
+    )
+    assert math.isnan(motor.estimate()[1]) and motor.estimate()[3] == MISCONFIGURED
+    stamps, values = made[1]
+    motor.take(stamps[:2], values[:2])  # two stamps decide nothing
+    assert motor.dropped() == {'misconfigured': 52}
+    stamps = BEGIN + np.arange(50) * 1_009_000  # within a hundredth
+    assert np.isfinite(motor.take(stamps, values).rows[-1]).all() and motor.misfit == ''
+    assert motor.dropped() == {'misconfigured': 52}
+    assert len(motor.take(stamps[:0], values[:0]).rows) == 0
+
+
+def test_a_reset_forgets_which_batches_came():
+    motor = joint()
+    for batch in (made := batches(3)):
+        motor.take(*batch)
+    motor.reset()
+    assert not motor.running and motor.why() == ''
+    motor.take(*made[2])
+    assert not motor.dropped() and motor.running
+
+
+def test_a_refusal_of_the_compiler_leaves_plain_python(monkeypatch):
+    refusal = type('TypingError', (Exception,), {'__module__': 'numba.core.errors'})
+    raised = refusal()
+
+    def run(*given, fast):
+        assert fast
+        raise raised
+
+    monkeypatch.setattr(drive, 'run', run)
+    motor = joint()
+    motor.fast = True
+    motor.warm_up()
+    assert not motor.fast
+    motor.warm_up()  # nothing to do
+    motor.fast, raised = True, ValueError('a fault of the observer')
+    with pytest.raises(ValueError, match='a fault of the observer'):
+        motor.warm_up()
 
 
 def test_overtaken_batches_are_late_and_three_in_a_row_are_a_clock_that_jumped():

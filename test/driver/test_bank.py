@@ -1,0 +1,143 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Joints of a stream: a limit of their number, names that are known, expiry, what is counted."""
+
+import math
+
+import pytest
+
+from estimator_pkg import observers
+from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
+from estimator_pkg.driver.bank import Bank, Received
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.efforts import COMMAND
+from estimator_pkg.observers.contract import TRACKING
+
+START_NS, MS = 1_700_000_000_000_000_000, 1_000_000
+
+
+def bank(only=(), most=None, overrides=None, **values):
+    return Bank(Configuration(observers.find('kalman'), values, overrides), only, most)
+
+
+def adaptive(**given):
+    return AdaptiveBank(AdaptiveConfiguration(observers.find('adaptive'), {}), **given)
+
+
+def moved(one, names, count=30, first=0):
+    """Take messages of joints that all turn at 2 rad/s; return what the last one gave."""
+    for k in range(first, first + count):
+        found = one.update(START_NS + k * MS, names, [0.002 * k] * len(names))
+    return found
+
+
+def test_a_limit_refuses_new_names_and_never_named_ones():
+    one = bank(most=2, overrides={'x': {'noise': 1e-4}})
+    found = moved(one, ('a', 'x', 'b', 'c', 'd'), 1)
+    assert list(one.joints) == ['a', 'x', 'b']
+    assert [estimate is None for estimate in found.estimates] == [False] * 3 + [True] * 2
+    assert (one.refused, one.refused_name) == (2, 'd')
+    moved(one, ('c', 'a'), 3, 1)
+    assert one.refused == 5 and one.refused_name == 'c'
+    assert one.joint('a').used == 4
+    one.forget('x')  # named: its place was no place of the limit's
+    assert one.joint('c') is None and one.refused == 6
+    one.forget('a')
+    assert one.expired == 2 and one.joint('c') is not None and one.joint('e') is None
+    assert list(one.joints) == ['b', 'c']
+    again = bank(only=('a', 'b', 'c'), most=1)
+    moved(again, ('a', 'b', 'c', 'd'), 1)
+    assert list(again.joints) == ['a', 'b', 'c'] and again.refused == 0  # all are named
+    assert bank(most=0).joint('a') is None
+
+
+def test_a_joint_that_comes_back_is_new():
+    one = bank()
+    moved(one, ('a', 'b'), 300)
+    before = one.joint('a')
+    assert before.estimate()[3] == TRACKING
+    one.forget('a')
+    assert one.joint('a') is not before and one.joint('a').used == 0
+    assert one.joint('b').used == 300
+
+
+def test_what_was_touched_is_said_once_and_only_of_joints():
+    one = bank(most=1)
+    assert set(one.touched()) == set()
+    moved(one, ('a',), 1)
+    assert set(one.touched()) == set()  # nothing is noted before the rehearsal
+    one.rehearse()
+    moved(one, ['a', 'refused'], 2, 1)
+    assert set(one.touched()) == {'a'} and set(one.touched()) == set()
+    moved(one, ('a',), 1, 3)
+    one.forget('a')
+    assert set(one.touched()) == set()
+
+
+def test_joints_of_equal_gains_share_functions():
+    one = bank(overrides={'slow': {'noise': 1e-2}, 'linear': {'wrap_period': 0.0}})
+    one.rehearse()
+    moved(one, ('a', 'b', 'slow', 'linear'), 1)
+    functions = [one.joint(name).functions for name in ('a', 'b', 'slow', 'linear')]
+    assert functions[0] is functions[1]
+    assert functions[0] is not functions[2] and functions[0] is not functions[3]
+    assert one.joint('slow').gains.noise == 1e-2
+    assert one.joint('linear').settings.wrap_period == 0.0
+
+
+def test_messages_that_do_not_fit_are_counted_by_kind():
+    one = bank()
+    assert one.update(START_NS, ('a', 'b'), ()) is None
+    assert one.update(START_NS, ('a', 'b'), (1.0,)) is None
+    assert one.update(START_NS, ('a', 'b'), (1.0, 2.0, 3.0)) is None
+    assert (one.empty, one.mismatched, dict(one.joints)) == (1, 2, {})
+    plain = Received()
+    plain.joints = {'a': one.joint('a')}
+    assert tuple(plain.touched()) == ('a',) and plain.why_silent('a') == ''
+
+
+def test_selected_joints_keep_their_place_and_efforts_come_whole_or_not():
+    one = bank(only=('c', 'a'))
+    names, positions, efforts = ('a', 'b', 'c'), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
+    assert one.selected(names, positions, efforts) == (['a', 'c'], [1.0, 3.0], [4.0, 6.0])
+    assert not one.selected(names, positions, efforts[:2])[2]
+    assert bank().selected(names, positions, efforts) == (names, positions, efforts)
+
+
+def test_other_gains_keep_the_state_only_where_its_shape_is_the_same():
+    joint = bank().joint('a')
+    for k in range(30):
+        joint.update(START_NS + k * MS, 0.002 * k)
+    before, alike = joint.estimate(), bank(noise=1e-2).joint('a')
+    assert joint.goes_on_with(alike.functions)
+    assert not joint.goes_on_with(bank(model='constant_velocity').joint('a').functions)
+    assert joint.estimate() == before  # it is a trial
+    joint.set_gains(alike.gains)
+    assert joint.gains.noise == 1e-2 and joint.used == 30
+    assert joint.estimate()[:2] == before[:2]
+
+
+def test_without_efforts_the_adaptive_observer_counts_and_says_why():
+    one = adaptive()
+    assert one.take(START_NS, ('a', 'b'), (0.0, 0.0), (1.0,)) is None
+    assert (one.without_input, one.mismatched) == (1, 1)
+    found = one.take(START_NS, ('a', 'b'), (0.0, 0.0), (1.0, math.nan))
+    assert found.estimates[0] is not None and found.estimates[1] is None
+    assert one.unknown == {'b'} and one.why_silent('a') == '' and one.why_silent('b')
+    assert one.joint('b').dropped() == {'non_finite': 1}
+    one.take(START_NS + MS, ('b',), (0.0,), (1.0,))
+    assert one.unknown == set() and one.joint('b').used == 1
+    one.take(START_NS + 2 * MS, ('b',), (0.0,), (math.inf,))
+    one.forget('b')
+    assert one.unknown == set() and list(one.joints) == ['a']
+
+
+@pytest.mark.parametrize('only, kept', [((), 2), (('a',), 1)])
+def test_commands_of_too_many_names_are_not_kept(only, kept):
+    one = adaptive(only=only, source=COMMAND, most=2)
+    one.command(START_NS, ('a', 'b', 'c', 'd'), (1.0,) * 4)
+    assert len(one._acting) == kept
+    found = one.take(START_NS + MS, ('a',), (0.0,), ())
+    assert found.estimates[0] is not None and one.without_input == 0
+    assert adaptive(source=COMMAND).take(START_NS, ('a',), (0.0,), ()).estimates == [None]

@@ -1,0 +1,111 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Events of a hybrid system: which are used, which are refused, and that each is counted once."""
+
+import dataclasses
+import math
+
+import pytest
+
+from estimator_pkg.driver.configuration import settings_of
+from estimator_pkg.driver.efforts import COMMAND
+from estimator_pkg.driver.switched import (
+    APPLIED,
+    EARLY,
+    LATE,
+    OUT_OF_ORDER,
+    PAST,
+    WAITING,
+    SwitchedBank,
+    SwitchedJoint,
+)
+from estimator_pkg.observers.switched.observer import OBSERVER, Gains
+from estimator_pkg.parameters import build
+
+START_NS, MS = 1_700_000_000_000_000_000, 1_000_000
+
+
+def system(**settings):
+    made = SwitchedJoint(
+        OBSERVER, build(Gains, {'model': 'gripper'}), build(settings_of(OBSERVER), settings)
+    )
+    made.happened = []  # the sample after which an event took effect
+    jump = made.functions.jump
+
+    def noted(state, event):
+        made.happened.append(((made.last_ns - START_NS) // MS, event[0]))
+        return jump(state, event)
+
+    made.functions = dataclasses.replace(made.functions, jump=noted)
+    return made
+
+
+def sampled(made, first, last):
+    for k in range(first, last):
+        assert made.update(START_NS + k * MS, (1e-3 * k,), (0.1,))
+
+
+def test_an_event_takes_effect_at_the_sample_nearest_to_its_stamp():
+    made = system(reorder_window=0.02)
+    assert made.event(START_NS, 'close') == EARLY
+    sampled(made, 0, 100)  # the newest is 99
+    assert made.event(START_NS + 99 * MS - 20 * MS - 1, 'close') == PAST
+    assert made.event(START_NS + 79 * MS, 'close') == LATE
+    assert made.event(START_NS + 79 * MS, 'open') == OUT_OF_ORDER
+    assert made.event(START_NS + 98 * MS, 'open') == LATE
+    assert made.event(START_NS + 99 * MS - MS // 2, 'close') == APPLIED
+    assert made.event(START_NS + 99 * MS, 'open') == APPLIED
+    assert made.happened == [(99, 'close'), (99, 'open'), (99, 'close'), (99, 'open')]
+    made.happened.clear()
+    for at, mode in ((99.4, 'close'), (101.4, 'open'), (103.0, 'close'), (104.6, 'open')):
+        assert made.event(START_NS + round(at * MS), mode) == WAITING
+    sampled(made, 100, 108)
+    assert made.happened == [(99, 'close'), (101, 'open'), (103, 'close'), (105, 'open')]
+    assert made.event_counts == {
+        EARLY: 1, PAST: 1, LATE: 2, OUT_OF_ORDER: 1, APPLIED: 2, WAITING: 4,
+    }  # fmt: skip
+
+
+def test_a_reset_forgets_events_but_not_how_many_came():
+    made = system()
+    sampled(made, 0, 10)
+    assert made.event(START_NS + 50 * MS, 'close') == WAITING
+    made.reset()
+    sampled(made, 10, 60)
+    assert made.happened == []
+    assert made.event(START_NS + 59 * MS, 'close') == APPLIED
+    assert made.event_counts[WAITING] == 1
+
+
+def test_until_z_has_converged_the_reason_says_so():
+    made = system()
+    assert 'Z has not converged' not in made.why()
+    sampled(made, 0, 3)
+    assert made.why() == 'Z has not converged: it is predicted'
+
+
+def test_messages_without_the_joint_or_its_effort_are_counted():
+    bank = SwitchedBank(system(), ('finger',))
+    assert bank.actuated == ('finger',) and bank.orders == (('finger',), ('finger',))
+    assert bank.take(START_NS, ('other',), (0.0,), (1.0,)) is None
+    assert bank.take(START_NS, ('finger', 'other'), (0.0, 0.0), (1.0,)) is None
+    assert bank.mismatched == 2 and bank.why_silent('finger') == ''
+    found = bank.take(START_NS, ('finger',), (0.0,), (math.nan,))
+    assert found.estimates == [None]
+    assert bank.why_silent('finger') == 'an effort is not a number'
+    assert bank.system.dropped() == {'non_finite': 1}
+    found = bank.take(START_NS + MS, ('other', 'finger'), (9.0, 0.5), (7.0, 1.0))
+    assert found.names == ['finger'] and found.estimates[0][0] == pytest.approx(0.5, abs=1e-3)
+    assert found.efforts == [1.0] and found.written(0) == 0.5 and bank.why_silent('finger') == ''
+
+
+def test_commands_of_the_joint_alone_are_its_input():
+    bank = SwitchedBank(system(), ('finger',), COMMAND)
+    assert bank.take(START_NS, ('finger',), (0.0,), ()).estimates == [None]
+    assert bank.why_silent('finger') == 'no effort_command is valid'
+    bank.command(START_NS, ('other',), (1.0,))
+    assert bank.take(START_NS + MS, ('finger',), (0.0,), ()).estimates == [None]
+    bank.command(START_NS + MS, ('other', 'finger'), (1.0, 0.2))
+    assert bank.take(START_NS + 2 * MS, ('finger',), (0.0,), ()).estimates[0] is not None
+    assert bank.why_silent('finger') == ''
