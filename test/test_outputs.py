@@ -25,6 +25,7 @@ from estimator_pkg import VelocityEstimator, cli
 from estimator_pkg.bags.definitions import jazzy
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.driver.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, StampRepair
+from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.smoother import Smoother
 
 TABLE = Path(__file__).with_name('outputs.csv')
@@ -64,6 +65,9 @@ def streams_of_an_angle():
         'repeats': (time, counts(np.repeat(sine[::2], 2))),
         'outliers': (time, counts(ramps) + np.where(np.arange(700) % 97 == 50, 0.9, 0.0)),
     }
+    moved = ramps + 1.9 * (time > 0.7)
+    moved[:3] += 2.0  # the first readings are no good, and later the angle is another for ever
+    found['moved'] = time, np.mod(counts(moved, 8192), TURN)
     late = time.copy()
     late[::83] += 3e-3
     late[1::83] += 1.1e-3
@@ -144,9 +148,10 @@ def of_smoother(stream, **given):
     yield 'learnt', figures([smoother.jerk, smoother.noise, smoother.quantum])
 
 
-def of_stamp_repair(kind):
-    random = np.random.default_rng(3)
-    number, count = np.arange(9000), 9000
+def stamps_of(kind):
+    """(stamps [ns], angles of two joints, shape (n, 2)) of a device of 1 kHz: stamps are late."""
+    random, count = np.random.default_rng(3), 9000
+    number = np.arange(count)
     late = {
         'late': random.uniform(0.0, 1e6, count),
         'bursts': (-number % 4) * 1e6 + random.uniform(0.0, 1e5, count),
@@ -154,15 +159,78 @@ def of_stamp_repair(kind):
         'holes': random.uniform(0.0, 8e5, count) + 1e6 * np.cumsum(random.random(count) < 0.01),
         'jump': random.uniform(0.0, 5e5, count) + 4e9 * (number > 7000) - 9e9 * (number > 8000),
         'irregular': np.cumsum(random.uniform(-8e5, 8e5, count)),
+        'rest': random.uniform(0.0, 4e4, count) + 1e6 * np.cumsum(random.random(count) < 0.01),
+        'equal': (number % 2 == 0) * 1e6,
+        'faults': random.uniform(0.0, 7e5, count)
+        + 5e9 * (number > 60)
+        + 3e6 * np.maximum(number - 6000, 0),
     }[kind]
     stamps = START_NS + (number * 1_000_000 + np.round(late).astype(np.int64))
-    angle = np.mod(np.round(4.0 * np.sin(4e-3 * number) * 651.9) / 651.9, TURN)
+    moving = np.where(kind == 'rest', np.minimum(number, 2500), number)
+    angle = np.round(4.0 * np.sin(4e-3 * moving) * 651.9) / 651.9
+    both = np.stack([np.mod(angle, TURN), np.mod(0.5 * angle, TURN)], axis=1)
+    if kind == 'equal':  # and some messages come twice
+        again = np.sort(np.concatenate([number, number[::97]]))
+        stamps, both = stamps[again], both[again]
+    if kind == 'faults':
+        both[::11, 1], both[500::700, 0], stamps[400::900] = math.nan, 1e12, 0
+    return stamps.tolist(), both.tolist()
+
+
+def of_stamp_repair(kind):
     repair = StampRepair(lambda name: TURN)
-    out = [repair(s, ['a'], (x,)) - START_NS for s, x in zip(stamps.tolist(), angle.tolist())]
-    yield 'stamps', figures(np.array(out) * 1e-9 - 1e-3 * number)
-    yield 'fit', figures([repair.period, repair.drift, STATES.index(repair.state)])
+    stamps, angles = stamps_of(kind)
+    used = ('a', 'b') if kind in ('rest', 'equal', 'faults') else ('a',)
+    states, out = Counter(), []
+    for stamp, positions in zip(stamps, angles):
+        out.append(repair(stamp, used, positions[: len(used)]) - stamp)
+        states[STATES.index(repair.state)] += 1
+    yield 'stamps', figures(np.array(out) * 1e-9)
+    yield 'fit', figures([repair.period, repair.drift, repair.jitter, repair.offset])
+    yield 'states', figures([states[state] for state in range(len(STATES))])
 
 
+SPEEDS = {
+    'eccentric': lambda time: 40.0 + 0.0 * time,
+    'eccentric, back': lambda time: -30.0 + 8.0 * np.sin(2.0 * time),
+    'coarse': lambda time: 60.0 + 10.0 * np.sin(time),
+    'coarse, both ways': lambda time: 70.0 * np.tanh(20.0 * np.sin(1.5 * time)),
+    'cogging': lambda time: np.where(time < 3.0, 40.0, 80.0),
+    'exact': lambda time: 50.0 * (np.mod(time, 1.5) < 1.2),
+}
+
+
+MEMORY = ('course', 'pace', 'errors', 'proofs')
+
+
+def of_sensor_map(kind):
+    """Sensors with errors that repeat each turn, which are learnt."""
+    random, time = np.random.default_rng(5), np.arange(5000) * 1e-3
+    speed = SPEEDS[kind](time)
+    angle = 0.3 + 1e-3 * np.cumsum(speed)
+    if kind == 'cogging':
+        angle += 30.0 / speed**2 * np.sin(5.0 * angle)
+    turns = np.floor(angle / TURN)
+    if 'coarse' in kind:
+        edges = np.sort((np.arange(16) + random.uniform(-0.2, 0.2, 16) + 0.25) * TURN / 16)
+        place = np.searchsorted(edges, angle - TURN * turns) - 0.5
+        readings = (turns * 16 + place) * TURN / 16
+    else:
+        wrong = 0.03 * np.sin(angle) if 'eccentric' in kind else 0.0
+        readings = np.floor((angle + wrong) * 4096 / TURN) * TURN / 4096
+    readings = np.remainder(readings + math.pi, TURN) - math.pi
+    stamps = START_NS + np.round(1e9 * time).astype(np.int64)
+    for observer in ('kalman', 'edge_adaptive'):
+        joint = Entry(observer, observer).joint(sensor_map='learn')
+        out = joint.run(stamps, readings, fast=False)
+        yield observer, figures(out.velocity)
+        yield f'{observer}, position', figures(out.position)
+        course, pace, _, _, tables, proofs, _ = joint._track[-1]
+        for name, values in zip(MEMORY, (course[:-1], pace, tables, proofs)):
+            yield f'{observer}, {name}', figures(values)
+
+
+KINDS = ['late', 'bursts', 'drift', 'holes', 'jump', 'irregular', 'rest', 'equal', 'faults']
 STREAMS = streams_of_an_angle()
 
 # ---- observers that know more, from bags
@@ -257,7 +325,9 @@ def cases():
     for stream in STREAMS:
         yield 'smoother', stream, lambda _, s=stream: of_smoother(s)
         yield 'smoother, quantum', stream, lambda _, s=stream: of_smoother(s, quantum=TURN / 4096)
-    for kind in ('late', 'bursts', 'drift', 'holes', 'jump', 'irregular'):
+    for kind in SPEEDS:
+        yield 'sensor_map', kind, lambda _, k=kind: of_sensor_map(k)
+    for kind in KINDS:
         yield 'stamp_repair', kind, lambda _, k=kind: of_stamp_repair(k)
     for bag, observer, text in DRIVEN:
         yield (

@@ -64,7 +64,7 @@ def test_nothing_identified_is_not_saved(tmp_path):
         one = bank()
         one.take(10**18, ('a',), (0.0,), (0.0,))
         save(str(tmp_path / 'x.yaml'), one)
-    with pytest.raises(UserError, match='cannot write .*no_folder'):
+    with pytest.raises(UserError, match=r'cannot write .*no_folder'):
         save(str(tmp_path / 'no_folder' / 'x.yaml'), learnt())
     assert not list(tmp_path.iterdir())
 

@@ -14,6 +14,7 @@ from observer_cases import stamps, wrapped
 from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.angle.super_twisting import gains as tables
 from estimator_pkg.observers.angle.super_twisting import observer as super_twisting
 from estimator_pkg.observers.angle.super_twisting.observer import OBSERVER, Gains
 from estimator_pkg.observers.circle import Circle
@@ -262,3 +263,34 @@ def test_interval_covers_after_a_large_transient(outlier):
     later = (number > 1000) & ((number - 1000) % 500 > 150)
     error = np.abs(out.velocity - math.pi * np.cos(math.pi * time))[later]
     assert 0.92 <= np.mean(error < 1.96 * out.velocity_stddev[later]) <= 0.97
+
+
+def test_beyond_the_table_the_noise_gains_are_those_of_its_end():
+    design = OBSERVER.build(Gains(order=3), Circle(0.0)).design().core
+    coefficients = super_twisting.prepare(design, 1e-3)
+
+    def at(place):
+        """The gains at this place of the table: the speed of the error dynamics in samples."""
+        speed = 10.0 ** (tables.TABLE_FROM + tables.TABLE_STEP * place)
+        power = (coefficients[-1] / speed) ** 8
+        assert tables.equivalent(power, coefficients) == pytest.approx(speed)
+        return tables.noise_gains_tabled(power, coefficients)
+
+    last = tables.TABLE - 1
+    assert at(-0.5) == at(-5.0) == pytest.approx(at(1e-6), rel=1e-4)
+    assert at(last + 0.5) == at(last + 9.0) == pytest.approx(at(last - 0.002), rel=1e-3)
+    for inside in (0.5, last - 0.5):
+        for here, below, above in zip(at(inside), at(inside - 0.5), at(inside + 0.4999)):
+            assert min(below, above) <= here <= max(below, above)
+        # as the filter of that speed has them
+        k = tables.matched_3(10.0 ** (tables.TABLE_FROM + tables.TABLE_STEP * inside), design.roots)
+        assert at(inside)[0] == pytest.approx(_position_variance(k), rel=2e-2)
+
+
+def _position_variance(k):
+    """Of the position per unit variance of the readings, of the filter with these gains."""
+    chain = np.array([[1.0, 1.0, 0.5, 1.0 / 6.0], [0, 1, 1, 0.5], [0, 0, 1, 1], [0, 0, 0, 1]])
+    gain = np.array(k)[:, None]
+    kept = (np.eye(4) - gain @ np.array([[1.0, 0.0, 0.0, 0.0]])) @ chain
+    found = np.linalg.solve(np.eye(16) - np.kron(kept, kept), (gain @ gain.T).ravel())
+    return found[0]
