@@ -65,7 +65,7 @@ def streams_of_an_angle():
         'repeats': (time, counts(np.repeat(sine[::2], 2))),
         'outliers': (time, counts(ramps) + np.where(np.arange(700) % 97 == 50, 0.9, 0.0)),
     }
-    moved = ramps + 1.9 * (time > 0.7)
+    moved = ramps + 6.0 * time + 1.9 * (time > 0.7)
     moved[:3] += 2.0  # the first readings are no good, and later the angle is another for ever
     found['moved'] = time, np.mod(counts(moved, 8192), TURN)
     late = time.copy()

@@ -328,3 +328,18 @@ def test_a_joint_of_any_observer_takes_its_own_gains():
         gains, settings = Configuration(observer).for_joint('any')
         assert gains == build(observer.gains, {})
         assert Joint(observer, gains, settings).gains is gains
+
+
+def test_what_the_compiler_refuses_runs_as_it_is_and_other_errors_are_raised(monkeypatch):
+    raised = type('TypingError', (Exception,), {'__module__': 'numba.core.errors'})()
+
+    def refused(function):
+        raise raised
+
+    at, angles = stream(1, 600)
+    plain = make('kalman').run(at, angles, fast=False)
+    monkeypatch.setattr(batch, 'compiled', refused)
+    assert_equal(make('kalman').run(at, angles, fast=True), plain, 0.0)
+    raised = ValueError('a fault of the observer')
+    with pytest.raises(ValueError, match='a fault of the observer'):
+        make('kalman').run(at, angles, fast=True)

@@ -113,6 +113,7 @@ def test_every_function_that_is_called_is_compiled_once_and_nothing_else(compile
     assert 3.0 in cells and inner.of.__globals__['innermost'] in cells
     assert twin(1.0) == made.outer(1.0)
     assert compiled.compiled(made.outer) is twin and len(compiler) == 3
+    assert compiled.compiled(made.make(3.0, made.innermost)) is twin  # the same code and closure
     assert compiled.compiled(made.make(4.0, made.innermost)) is not twin and len(compiler) == 4
     same = compiled.compiled(made.make(3, made.innermost))  # of another type: another function
     assert same is not twin and len(compiler) == 5
