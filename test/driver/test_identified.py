@@ -24,6 +24,7 @@ def bank(**values):
 
 def learnt(names=('a',), **values):
     one, u = bank(**values), excited(1500, hold=50)
+    one.take(10**18 - DT_NS, ('idle',), (0.0,), (0.0,))  # this one learns nothing
     angles, _ = servo(2.0, 5.0, 30.0, u, 1e-9 * DT_NS)
     for k in range(len(u)):
         one.take(

@@ -58,7 +58,7 @@ def test_an_event_takes_effect_at_the_sample_nearest_to_its_stamp():
     assert made.event(START_NS + 99 * MS, 'open') == APPLIED
     assert made.happened == [(99, 'close'), (99, 'open'), (99, 'close'), (99, 'open')]
     made.happened.clear()
-    for at, mode in ((99.4, 'close'), (101.4, 'open'), (103.0, 'close'), (104.6, 'open')):
+    for at, mode in ((99.4, 'close'), (101.5, 'open'), (103.0, 'close'), (104.6, 'open')):
         assert made.event(START_NS + round(at * MS), mode) == WAITING
     sampled(made, 100, 108)
     assert made.happened == [(99, 'close'), (101, 'open'), (103, 'close'), (105, 'open')]

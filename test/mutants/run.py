@@ -97,11 +97,13 @@ def is_news(mutation) -> bool:
     """False for what NO_NEWS names, and for a number that is changed by less than 2 %."""
     if NO_NEWS.search(mutation.operator_name):
         return False
+    (line, first), (_, last) = mutation.start_pos, mutation.end_pos
+    text = Path(mutation.module_path).read_text().splitlines()[line - 1]
+    if text.lstrip().startswith('@'):
+        return False
     if mutation.operator_name != 'core/NumberReplacer':
         return True
-    (line, first), (_, last) = mutation.start_pos, mutation.end_pos
     try:
-        text = Path(mutation.module_path).read_text().splitlines()[line - 1]
         return abs(float(text[first:last])) <= LARGE
     except ValueError:
         return True

@@ -315,3 +315,13 @@ def test_the_servo_suits_node_and_simulator():
 def test_no_name_is_declared_twice():
     names = [*declared(DriveSettings), *declared(JointSettings), *declared(Gains)]
     assert len(names) == len(set(names))
+
+
+def test_without_tolerance_a_nanosecond_apart_is_no_pair():
+    pairs = Pairs(0)
+    assert pairs.put(VOLTAGE, BEGIN, (1.0, 2.0)) == []
+    assert pairs.put(CURRENT, BEGIN + 1, (3.0, 4.0)) == [] and pairs.apart_ns == 1
+    assert [pair.sample for pair in pairs.put(VOLTAGE, BEGIN + 1, (5.0, 6.0))] == [
+        (3.0, 4.0, 5.0, 6.0)
+    ]
+    assert (pairs.paired, pairs.unpaired, pairs.apart_ns) == (1, 1, None)
