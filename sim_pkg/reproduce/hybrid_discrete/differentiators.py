@@ -65,6 +65,11 @@ def _loop(form: str, order: int) -> Callable:
     return loop
 
 
+def at_rest(measurement: float) -> tuple:
+    """Return the state of a shaft that is known to rest at this angle [rad]."""
+    return (measurement, 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
+
+
 def estimated(
     form: str, order: int, dt: float, measured: Array, bound: float = 0.0
 ) -> tuple[Array, Array]:
@@ -76,7 +81,7 @@ def estimated(
     design = super_twisting.build(gains, Circle(0.0)).design()[0]
     v, a = np.empty(len(measured)), np.empty(len(measured))
     # one step before the first sample, at rest there, so that the prediction is the start itself
-    first = super_twisting.at_rest(float(measured[0]))
+    first = at_rest(float(measured[0]))
     compiled(_loop(form, order))(
         first, super_twisting.prepare(design, dt), dt, np.asarray(measured, float), v, a
     )
@@ -172,7 +177,7 @@ def _jitter() -> Values:
         super_twisting.Gains(order=1, form='implicit', bound=BOUND[1]), Circle(0.0)
     ).design()[0]
     for name in ('nominal', 'true'):
-        state, found = super_twisting.at_rest(float(position[0])), [0.0]
+        state, found = at_rest(float(position[0])), [0.0]
         for dt, angle in zip(steps.tolist(), position[1:].tolist()):
             coefficients = super_twisting.prepare(design, 1e-3 if name == 'nominal' else dt)
             state = correct(state, coefficients, angle)[0]
