@@ -95,8 +95,13 @@ ANGLE = {
         {'injection': 'tan', 'order': 2, 'form': 'paper', 'bandwidth_hz': 8.0},
         {'form': 'paper', 'bandwidth_hz': 6.0, 'unwrap': True},
     ),
-    'kalman': ({}, {'model': 'constant_velocity', 'quantum': TURN / 4096}, {'noise': 1e-3}),
-    'pll': ({}, {'bandwidth_hz': 5.0, 'low_speed_bound': False}),
+    'kalman': (
+        {},
+        {'model': 'constant_velocity', 'quantum': TURN / 4096},
+        {'noise': 1e-3},
+        {'model': 'constant_velocity', 'bandwidth_hz': 6.0},
+    ),
+    'pll': ({}, {'bandwidth_hz': 5.0, 'low_speed_bound': False}, {'damping': 1.5}),
     'finite_difference': ({}, {'bandwidth_hz': 200.0}),
     'super_twisting': (
         {},

@@ -94,9 +94,12 @@ def compiler(monkeypatch):
     compiled.available.cache_clear()
 
 
-def test_every_function_that_is_called_is_compiled_once_and_nothing_else(compiler):
+def test_every_function_that_is_called_is_compiled_once_and_nothing_else(compiler, monkeypatch):
+    kept = []
+    monkeypatch.setattr(compiled, '_keep_on_disk', lambda *given: kept.append(given))
     made = module()
     twin = compiled.compiled(made.outer)
+    assert kept == [(twin, twin.of, made.outer)]  # the code of the others is in it
     names = sorted(each.of.__name__ for each in compiler)
     assert names == ['inner', 'innermost', 'outer']
     for each in compiler:

@@ -99,7 +99,9 @@ def test_a_refusal_of_the_compiler_leaves_plain_python(monkeypatch):
 
     monkeypatch.setattr(drive, 'run', run)
     motor = joint()
-    motor.fast = True
+    monkeypatch.setattr(drive, 'available', lambda: True)
+    assert not DriveJoint(motor.observer, motor.gains, motor.settings).fast
+    motor = DriveJoint(motor.observer, motor.gains, motor.settings, fast=True)
     motor.warm_up()
     assert not motor.fast
     motor.warm_up()  # nothing to do
