@@ -14,6 +14,7 @@ import csv
 import io
 import itertools
 import math
+import re
 import tempfile
 from collections import Counter, defaultdict
 from pathlib import Path
@@ -24,6 +25,7 @@ import pytest
 from estimator_pkg import VelocityEstimator, cli
 from estimator_pkg.bags.definitions import jazzy
 from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.driver.sensor_map import what_is_learnt
 from estimator_pkg.driver.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, StampRepair
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.smoother import Smoother
@@ -157,6 +159,9 @@ def stamps_of(kind):
     """(stamps [ns], angles of two joints, shape (n, 2)) of a device of 1 kHz: stamps are late."""
     random, count = np.random.default_rng(3), 9000
     number = np.arange(count)
+    gone = np.flatnonzero(number % 311 == 300)
+    pauses = np.zeros(count)
+    pauses[gone] = np.resize([2e6, 7e6, 3e7, 4e8, 1e6, 1.6e9, 1.2e6], len(gone))
     late = {
         'late': random.uniform(0.0, 1e6, count),
         'bursts': (-number % 4) * 1e6 + random.uniform(0.0, 1e5, count),
@@ -166,6 +171,7 @@ def stamps_of(kind):
         'irregular': np.cumsum(random.uniform(-8e5, 8e5, count)),
         'rest': random.uniform(0.0, 4e4, count) + 1e6 * np.cumsum(random.random(count) < 0.01),
         'equal': (number % 2 == 0) * 1e6,
+        'gaps': random.uniform(0.0, 2e5, count) + np.cumsum(pauses),
         'faults': random.uniform(0.0, 7e5, count)
         + 5e9 * (number > 60)
         + 3e6 * np.maximum(number - 6000, 0),
@@ -177,6 +183,8 @@ def stamps_of(kind):
     if kind == 'equal':  # and some messages come twice
         again = np.sort(np.concatenate([number, number[::97]]))
         stamps, both = stamps[again], both[again]
+    if kind == 'gaps':  # one joint or both are not there when messages come again
+        both[gone[::2], 0], both[gone[1::3], 1] = math.nan, math.nan
     if kind == 'faults':
         both[::11, 1], both[500::700, 0], stamps[400::900] = math.nan, 1e12, 0
     return stamps.tolist(), both.tolist()
@@ -185,7 +193,7 @@ def stamps_of(kind):
 def of_stamp_repair(kind):
     repair = StampRepair(lambda name: TURN)
     stamps, angles = stamps_of(kind)
-    used = ('a', 'b') if kind in ('rest', 'equal', 'faults') else ('a',)
+    used = ('a', 'b') if kind in ('rest', 'equal', 'gaps', 'faults') else ('a',)
     states, out = Counter(), []
     for stamp, positions in zip(stamps, angles):
         out.append(repair(stamp, used, positions[: len(used)]) - stamp)
@@ -230,12 +238,14 @@ def of_sensor_map(kind):
         out = joint.run(stamps, readings, fast=False)
         yield observer, figures(out.velocity)
         yield f'{observer}, position', figures(out.position)
+        told_numbers = re.findall(r'\d+(?:\.\d+)?', what_is_learnt(joint._track))
+        yield f'{observer}, told', figures([float(number) for number in told_numbers])
         course, pace, _, _, tables, proofs, _ = joint._track[-1]
         for name, values in zip(MEMORY, (course[:-1], pace, tables, proofs)):
             yield f'{observer}, {name}', figures(values)
 
 
-KINDS = ['late', 'bursts', 'drift', 'holes', 'jump', 'irregular', 'rest', 'equal', 'faults']
+KINDS = ['late', 'bursts', 'drift', 'holes', 'jump', 'irregular', 'rest', 'equal', 'gaps', 'faults']
 STREAMS = streams_of_an_angle()
 
 # ---- observers that know more, from bags
