@@ -158,12 +158,9 @@ class TurnsExecutor(SingleThreadedExecutor):
 
     def _take(self, subscription: Subscription) -> None:
         """Call the callback with the waiting messages, for one turn."""
-        receive = subscription.callback
-        if subscription._callback_type is Subscription.CallbackType.MessageOnly:
-
-            def receive(message: Any, _: Any) -> None:
-                subscription.callback(message)
-
+        callback = subscription.callback
+        alone = subscription._callback_type is Subscription.CallbackType.MessageOnly
+        receive = (lambda message, _: callback(message)) if alone else callback
         if not take_turn(subscription, receive):
             self.busy = monotonic()
 

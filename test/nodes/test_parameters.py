@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from estimator_pkg import observers, params_file
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.driver.joint import SensorSettings
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import MalformedMessageError
@@ -71,7 +71,7 @@ def assert_taught(section, parameters):
 def test_yaml_teaches_the_keys_of_the_node_and_of_joints():
     sections = yaml_sections()
     assert_taught(sections['input'], declared(AngleSettings))
-    assert_taught(sections['joints'], {**declared(JointSettings), **declared(AngleGains)})
+    assert_taught(sections['joints'], {**declared(SensorSettings), **declared(AngleGains)})
 
 
 @pytest.mark.parametrize('observer', angle_observers(), ids=lambda observer: observer.name)
@@ -104,7 +104,7 @@ def test_what_the_yaml_sets_suits_every_observer(observer):
 
 def test_no_name_is_declared_twice():
     for observer in angle_observers():
-        names = [*declared(AngleSettings), *declared(JointSettings), *declared(observer.gains)]
+        names = [*declared(AngleSettings), *declared(SensorSettings), *declared(observer.gains)]
         assert len(names) == len(set(names)), observer.name
 
 

@@ -99,9 +99,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--correct-reference',
-        action=argparse.BooleanOptionalAction,
+        action='store_true',
+        default=None,
         help="remove the truth's own lag and bias, fitted to the measured position, first "
         '(default: its lag, where that is certain)',
+    )
+    parser.add_argument(
+        '--no-correct-reference',
+        dest='correct_reference',
+        action='store_false',
+        default=None,
+        help='keep them',
     )
     parser.add_argument(
         '--reference',

@@ -319,21 +319,23 @@ def test_the_density_expects_manoeuvres_like_the_last():
 
 def test_the_doubt_of_a_new_speed_is_what_the_way_since_the_last_edge_leaves_open():
     speed, dt, noise, square = 3.0, 0.01, 0.002, 1e-4
-    before = (9.0, edge_start.UNSURE, 1.0)
+    before = (9.0, edge_start.UNSURE, 1.0, 2.0)
     # the second edge after a rest of 0.04 s: off by the mean speed since then, and a sample's way
-    after, left, since = edge_start.settled(before, speed, 0.1, 0.04, dt, square, noise)
+    after, left, *times = edge_start.settled(before, speed, 0.1, 0.04, dt, square, noise)
     way = (0.1 / 0.05) ** 2 * dt * dt
     own = (0.1 / 0.05 - speed) ** 2 + (min(way, square) + 12.0 * noise) / 0.05**2
-    assert after == pytest.approx(own) and (left, since) == (edge_start.UNSURE - 1.0, 1.0)
+    assert after == pytest.approx(own) and (left, times) == (edge_start.UNSURE - 1.0, [1.0, 2.0])
     # a cell, where it is less than a sample's way
     fine = edge_start.settled(before, speed, 0.1, 0.04, dt, 1e-9, noise)[0]
     assert after - fine == pytest.approx((way if way < square else square) / 0.05**2, rel=1e-3)
-    doubt = (9.0, edge_start.SETTLES - 0.5, 1.0)
+    doubt = (9.0, edge_start.SETTLES - 0.5, 1.0, 2.0)
     mean = edge_start.settled(doubt, speed, 0.1, 0.04, dt, square, noise)[0]
     assert mean == pytest.approx(0.5 * (own + 9.0))  # from the second on, with the one before
-    for since, left in ((edge_start.RECENT, 0.0), (0.9 * edge_start.RECENT, edge_start.LAST)):
-        last = edge_start.settled((9.0, 1.0, since), speed, 0.1, 0.04, dt, square, noise)
-        assert last == (0.0, left, since)
-    assert edge_start.later((4.0, edge_start.LAST, 0.2), 0.05) == (4.0, edge_start.LAST, 0.25)
-    assert edge_start.later((4.0, edge_start.LAST, 0.2), 0.1) == pytest.approx((4.0, 0.0, 0.3))
-    assert edge_start.later((4.0, 2.0, 0.2), 0.2) == (4.0, 2.0, 0.4)
+    recent = edge_start.RECENT
+    for since, age in ((recent, recent), (0.9 * recent, recent), (recent, 0.9 * recent)):
+        left = 0.0 if since == age else edge_start.LAST
+        last = edge_start.settled((9.0, 1.0, since, age), speed, 0.1, 0.04, dt, square, noise)
+        assert last == (0.0, left, since, age)
+        almost = (4.0, edge_start.LAST, since - 0.01, age - 0.01)
+        assert edge_start.later(almost, 0.01) == pytest.approx((4.0, left, since, age))
+    assert edge_start.later((4.0, 2.0, 0.2, 0.1), 0.2) == pytest.approx((4.0, 2.0, 0.4, 0.3))
