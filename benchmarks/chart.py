@@ -169,6 +169,7 @@ def _panel(axis: Any, found: dict[str, Any], name: str, places: dict[str, float]
     for side in ('top', 'right', 'left'):
         axis.spines[side].set_visible(False)
     head, _, joint = name.partition('/')
+    head = textwrap.fill(head.replace('_', ' '), 20).replace(' ', '_')
     heading = f'{head}\n{joint}' if joint else f'{head}\n' + textwrap.fill(column['summary'], 24)
     axis.set_title(heading, fontsize=9)
 

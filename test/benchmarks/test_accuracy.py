@@ -215,7 +215,7 @@ def test_a_process_is_weighed():
     assert 90.0 < large.memory - small.memory < 130.0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_replay_is_measured_beside_rosbags():
     rows = {row['name']: row for row in replay.replays(200, rounds=1)}
     assert rows['rosbags / replay without --out']['limit'] == 3.0

@@ -90,7 +90,7 @@ def test_motulator_tracks_so_that_it_is_a_fair_peer():
     assert angle > 1.0  # by half a sample: which is why it may choose
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_command_shows_both_sides_and_ours_is_nowhere_worse(capsys):
     rows = {row['name']: row for row in drive.drives(rounds=3)}
     for what in ('speed', 'angle'):

@@ -94,7 +94,7 @@ def settings_of(name):
     return gains + [{**own, **gains[1]} for own in STRUCTURES.get(name, ()) if len(gains) > 1]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_velocity_of_an_unknown_motor_beats_every_angle_only_observer():
     stamps, angles, efforts, _, velocities = run(20.0, sampling_jitter=2e-4)
     quantum = 2.0 * math.pi / 4096

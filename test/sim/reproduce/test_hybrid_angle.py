@@ -244,7 +244,7 @@ def test_a_place_for_figures_that_cannot_be_is_told_before_the_work(tmp_path, ca
     assert captured.out == '' and captured.err.count('\n') == 1
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_figures_are_drawn(tmp_path):
     image = pytest.importorskip('matplotlib.image')
     paths = REPRODUCTION.draw(tmp_path)
