@@ -53,7 +53,7 @@ class Row(NamedTuple):
 
     noise : error of the reference [rad/s]. results : by observer. single, best : rms of the single
     best baseline and of the best of the four [rad/s]; which : name of the latter. judged : the
-    reference tells the baselines' errors.
+    reference is fine enough for the baselines' errors.
     """
 
     series: str

@@ -3,8 +3,8 @@
 
 """Starts `python -m MODULE` for tests by a fork of a process that has imported ROS and NumPy.
 
-The imports are most of what a short-lived node costs. A fork has the modules and nothing else: no
-context of ROS, no participant of DDS. It is a child of the nursery, which reports its exit code.
+The imports take most of a short-lived node's time. A fork has the imported modules, but no
+context of ROS and no participant of DDS. It is a child of the nursery, which reports its exit code.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What every observer puts out on small streams is what outputs.csv says.
+"""The outputs of every observer on small streams have the figures in outputs.csv.
 
-    python test/test_outputs.py        writes outputs.csv anew, after a change on purpose
+    python test/test_outputs.py        writes outputs.csv anew, after an intended change
 
 Each line has figures of one output: its number of values, mean, rms and last value, all to a
 millionth. The streams are short and full of trouble, so that most lines of the code matter to one.

@@ -20,9 +20,9 @@ less than half of the mean square error, in several turns in a row. Noise does n
 passes; neither does a joint that does not turn. The corrections come and go over a turn, mark by
 mark on the far side of the shaft, so that the corrected reading does not jump.
 
-A cogging torque makes the speed itself repeat each turn. At one speed nothing tells it from an
-error of the sensor. But it shrinks with the square of the speed. So what was learnt from it
-predicts no faster turn, and is dropped there; and slower turns are not learnt from.
+A cogging torque makes the speed itself repeat each turn. At one speed it cannot be
+distinguished from an error of the sensor. But it shrinks with the square of the speed. So what was
+learnt from it predicts no faster turn, and is dropped there. Slower turns are not learnt from.
 
 The functions are those of `track` for a joint with a map, whose track has two fields more: `place`
 is what each sample needs, and the memory of `sensor_marks`. Angles are in rad, times in s.
@@ -75,40 +75,9 @@ Place = tuple[float, float, float, float, float, float, float, float, float]
 NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, math.nan, 0.0, -math.inf, math.inf, 0.0)
 
 
-def parted(track: tuple) -> tuple[tuple, Place, Memory]:
-    """Return (track without the map, place, memory)."""
-    (
-        last_ns,
-        before_ns,
-        late,
-        dt_ns,
-        mean_dt,
-        coefficients,
-        state,
-        running,
-        kept,
-        reading,
-        earlier,
-        repeats,
-        calibration,
-        place,
-        memory,
-    ) = track
-    inner = (
-        last_ns,
-        before_ns,
-        late,
-        dt_ns,
-        mean_dt,
-        coefficients,
-        state,
-        running,
-        kept,
-        reading,
-        earlier,
-        repeats,
-        calibration,
-    )
+def parted(whole: tuple) -> tuple[tuple, Place, Memory]:
+    """Return (track without the map, place, memory) of a track with a map."""
+    inner, (place, memory) = whole[:FIELDS], whole[FIELDS:]
     return inner, place, memory
 
 

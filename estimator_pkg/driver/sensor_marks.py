@@ -35,8 +35,8 @@ LONGEST = 64.0  # the same, at most
 SLOWLY = 4.0  # turns over which these errors are averaged
 WILD = 4.0  # times its mean: a mean squared error counts no more
 KEPT = 12.0  # turns over which the map is averaged
-# of what a sample leaves open: a smaller error is none of the sensor. Edges are times, and have to
-# be known better than by a sample before a filter may trust them more
+# of the angle within a sample: a smaller error cannot be attributed to the sensor. Edges are times,
+# and have to be known better than by a sample before a filter may trust them more
 RESOLVED, RESOLVED_EDGES = 0.5, 1.0
 
 # Memory: `course`, `pace`, and arrays: times of the marks, shape (RING,), the newest at the number

@@ -69,7 +69,7 @@ def test_no_captures(tmp_path):
 
 @pytest.mark.slow
 def test_errors_of_the_edges_are_most_of_what_is_left_at_speed():
-    """Bounds on both sides of what the page says."""
+    """Lower and upper bounds around the figures on the page."""
     for name, least, most in (
         ('20260618-spindle-sweep', 0.1, 0.3),
         ('20250616-hboard-cycle', 0.4, 0.62),
