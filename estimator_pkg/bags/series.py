@@ -58,7 +58,8 @@ def joint_series(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, 
         first += len(block)
     bag.count_malformed(topic, first, unread)
     if not pieces:
-        raise UserError(f"no message on topic '{topic}' of {bag.path} names a joint")
+        why = 'names a joint' if first else 'can be read'
+        raise UserError(f"no message on topic '{topic}' of {bag.path} {why}")
     return {name: _series(items) for name, items in pieces.items()}
 
 

@@ -156,10 +156,11 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
     with open_bag(path, parsed.unpack_limit) as bag:
         if is_drive(bag, parsed.measurement, parsed.angle):
             return _drive(parsed, bag, origin)
-    if parsed.params:
-        raise UsageError('--params is for drives: use --set for the parameters of joint_observer')
-    settings = parse_assignments(parsed.set)
-    with open_bag(path, parsed.unpack_limit) as bag:
+        if parsed.params:
+            raise UsageError(
+                '--params is for drives: use --set for the parameters of joint_observer'
+            )
+        settings = parse_assignments(parsed.set)
         chosen = setup(bag, parsed.measurement, parsed.angle, parsed.wrap_period, settings)
         joints = readings(bag, chosen)
         topic = chosen.topics[0].name
