@@ -19,7 +19,7 @@ import math
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import Any, TypeVar
 
 from estimator_pkg import yaml_text
@@ -217,8 +217,8 @@ class Parameter:
 def parameter(
     default: Any,
     *,
-    unit: str,
     description: str,
+    unit: str = '',
     range: tuple[float | None, float | None] | None = None,
     choices: tuple[str, ...] = (),
     equation: str = '',
@@ -233,7 +233,7 @@ def parameter(
     """A dataclass field that carries its declaration (see `Parameter`).
 
     ``kind`` is needed only where the default is None (a value that follows from others).
-    ``required``: None is the default and a user must set it.
+    ``required``: None is the default and a user must set it. Without ``unit`` it has none.
 
     Raises
     ------
@@ -259,6 +259,9 @@ def parameter(
         'formerly': formerly or {},
     }
     return dataclasses.field(default=default, metadata={'parameter': declared})
+
+
+structural = partial(parameter, structural=True)
 
 
 def declared(cls: type) -> dict[str, Parameter]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 
 FASTEST = 2e4  # fastest rate of a plant that the simulator can integrate [1/s]
 FOREVER = 0.0  # duration of a node that never ends
@@ -58,34 +58,24 @@ class RunSettings:
     Every simulator node has them in addition to the parameters of its simulator.
     """
 
-    seed: int = parameter(
+    seed: int = structural(
         1,
-        unit='',
         range=(0, 2**31 - 1),  # a slider of rqt_reconfigure has 32 bits
-        structural=True,
         description='the same seed and parameters give the same values and the same stamps '
         "relative to the start, live and in 'velocity_estimator simulate'",
     )
-    duration: float = parameter(
-        FOREVER,
-        unit='s',
-        range=(0.0, 1e9),
-        structural=True,
-        description='the node ends after this time; 0: never',
+    duration: float = structural(
+        FOREVER, unit='s', range=(0.0, 1e9), description='the node ends after this time; 0: never'
     )
-    wait_for_subscribers: int = parameter(
+    wait_for_subscribers: int = structural(
         0,
-        unit='',
         range=(0, 1000),
-        structural=True,
         description='number of subscribers of each measurement topic to wait for before the start, '
         'so that they miss nothing',
     )
-    wait_for_truth_subscribers: int = parameter(
+    wait_for_truth_subscribers: int = structural(
         0,
-        unit='',
         range=(0, 1000),
-        structural=True,
         description='the same for each truth topic (a recorder of all topics counts as 1 on each)',
     )
 

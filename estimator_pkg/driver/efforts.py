@@ -20,7 +20,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import multi_array
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 JOINT_STATE, ARRAY = 'JointState', 'Float64MultiArray'
 
@@ -76,28 +76,23 @@ LARGEST = 1e9  # largest valid input [N m, N, V or A]
 class DrivenSettings(JointSettings):
     """Parameters per joint, or per system, of observers with a known input."""
 
-    effort_is: str | None = parameter(
+    effort_is: str | None = structural(
         None,
-        unit='',
         kind=str,
         choices=(COMMANDED, MEASURED),
-        structural=True,
         description='commanded: an effort acts from its stamp to that of the next one; '
         'measured: it acted from the previous stamp to its own. Automatic: measured in '
         'joint_states, commanded in effort_command',
     )
-    input_unit: str = parameter(
+    input_unit: str = structural(
         '',
-        unit='',
         choices=('N m', 'newton', 'V', 'A'),
-        structural=True,
         formerly={'N': 'newton'},
         description="unit of the model's input, which is effort times input_scale; it is part of "
         'the status and of the units of identified parameters; empty: unknown',
     )
     input_scale: tuple[float, ...] = parameter(
         (1.0,),
-        unit='',
         kind=list,
         range=(-1e9, 1e9),
         description="factor from the topic's effort to the model's input, for all inputs or each; "

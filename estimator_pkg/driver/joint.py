@@ -29,7 +29,7 @@ from estimator_pkg.driver.sensor_map import FIELDS, Errors, errors_of, make_mapp
 from estimator_pkg.driver.track import field_of, make_track, replaced
 from estimator_pkg.observers.circle import Circle, nearest_turn
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 
 _is_running, _mean_dt, _state, _coefficients, _repeats, _last_ns = map(
     field_of, ('running', 'mean_dt', 'state', 'coefficients', 'repeats', 'last_ns')
@@ -51,19 +51,15 @@ SHARED = (
 class JointSettings(GuardSettings):
     """Parameters per joint in addition to the observer's gains."""
 
-    wrap_period: float = parameter(
+    wrap_period: float = structural(
         2.0 * math.pi,
         unit='rad',
         range=(0.0, 1e6),
-        structural=True,
         description='period after which the reading repeats; 0: prismatic or multi-turn joint, '
         'without wrapping',
     )
-    unwrap: bool = parameter(
-        False,
-        unit='',
-        structural=True,
-        description='count turns from the first sample and publish a multi-turn position',
+    unwrap: bool = structural(
+        False, description='count turns from the first sample and publish a multi-turn position'
     )
 
 
@@ -74,11 +70,9 @@ NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
 class SensorSettings(JointSettings):
     """Parameters per joint of observers that take single angles."""
 
-    sensor_map: str = parameter(
+    sensor_map: str = structural(
         NONE,
-        unit='',
         choices=(NONE, LEARN),
-        structural=True,
         description='learn: errors of the sensor that repeat each turn (eccentricity, misplaced '
         'edges, edges that come late) are learnt while the joint turns, and taken out of its '
         'readings where that is proven to help',

@@ -23,7 +23,7 @@ from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.circle import nearest_turn
 from estimator_pkg.observers.contract import STATUS_NAMES, VALID, Observer
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 WAITING = 16  # largest number of incomplete stamps of a mechanism
 
@@ -32,11 +32,9 @@ WAITING = 16  # largest number of incomplete stamps of a mechanism
 class MechanismSettings(DrivenSettings):
     """Parameters per mechanism; `wrap_period` comes from the model."""
 
-    joints: tuple[str, ...] | None = parameter(
+    joints: tuple[str, ...] | None = structural(
         None,
-        unit='',
         kind=tuple,
-        structural=True,
         description="names of the mechanism's joints in the topics, in the order of the model's "
         "positions; automatic: the model's own names",
     )

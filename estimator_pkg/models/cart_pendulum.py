@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.friction import asymmetric
 from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Vector, everywhere
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 
 GRAVITY = 9.81  # m/s^2
 
@@ -27,82 +27,66 @@ GRAVITY = 9.81  # m/s^2
 class Parameters:
     """The parameters of a cart-pendulum; the defaults are those of section 6."""
 
-    pendulum_inertia: float = parameter(
+    pendulum_inertia: float = structural(
         0.0484,
         unit='kg m^2',
         range=(1e-9, 1e6),
-        structural=True,
         equation='J = J_f',
         description='inertia of the pendulum about its pivot',
     )
-    pendulum_moment: float = parameter(
+    pendulum_moment: float = structural(
         0.105,
         unit='kg m',
         range=(0.0, 1e6),
-        structural=True,
         equation='B = l_m m_p',
         description='mass of the pendulum times the distance of its centre from the pivot',
     )
-    moving_mass: float = parameter(
+    moving_mass: float = structural(
         1.15,
         unit='kg',
         range=(1e-9, 1e6),
-        structural=True,
         equation='m = M_c + m_p',
         description='mass of cart and pendulum',
     )
-    gravity: float | None = parameter(
+    gravity: float | None = structural(
         None,
         unit='N m',
         range=(0.0, 1e7),
-        structural=True,
         equation='Gv = g l_m m_p',
         description='largest torque of gravity on the pendulum; automatic: 9.81 m/s^2 times '
         'the moment',
     )
-    force_constant: float = parameter(
+    force_constant: float = structural(
         1.0,
         unit='N/A',
         range=(-1e6, 1e6),
-        structural=True,
         description='force on the cart per unit of the input (9.27 N/A in section 6); 1 if the '
         'input is the force',
     )
-    friction_forward: float = parameter(
+    friction_forward: float = structural(
         0.0,
         unit='N',
         range=(0.0, 1e6),
-        structural=True,
         description='Coulomb friction of the cart moving forward (3.98 N in section 6)',
     )
-    friction_backward: float = parameter(
+    friction_backward: float = structural(
         0.0,
         unit='N',
         range=(0.0, 1e6),
-        structural=True,
         description='Coulomb friction of the cart moving backward (2.87 N in section 6)',
     )
-    friction_speed: float = parameter(
+    friction_speed: float = structural(
         0.0,
         unit='m/s',
         range=(0.0, 100.0),
-        structural=True,
         advanced=True,
         description='width of the smoothed sign of the friction, tanh(v / width); 0: a plain sign',
     )
-    pendulum_damping: float = parameter(
-        0.0,
-        unit='N m s/rad',
-        range=(0.0, 1e6),
-        structural=True,
-        description='viscous friction in the pivot',
+    pendulum_damping: float = structural(
+        0.0, unit='N m s/rad', range=(0.0, 1e6), description='viscous friction in the pivot'
     )
-    cart_damping: float = parameter(
-        0.0,
-        unit='N s/m',
-        range=(0.0, 1e6),
-        structural=True,
-        description='viscous friction of the cart',
+    cart_damping: float = structural(
+        0.0, unit='N s/m', range=(0.0, 1e6), description='viscous friction of the cart'
     )
 
     def __post_init__(self) -> None:

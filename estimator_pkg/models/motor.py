@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 
 POWER_INVARIANT = math.sqrt(1.5)  # length of a power-invariant vector per amplitude
 NEEDED = ('resistance', 'inductance', 'flux', 'pole_pairs')
@@ -23,40 +23,35 @@ NEEDED = ('resistance', 'inductance', 'flux', 'pole_pairs')
 class MotorData:
     """Motor data from a nameplate or a measurement; there are no defaults."""
 
-    resistance: float | None = parameter(
+    resistance: float | None = structural(
         None,
         required=True,
         unit='ohm',
         range=(1e-6, 1e4),
-        structural=True,
         description='stator resistance of one phase to the star point (half of line to line)',
         equation='R in (1)',
     )
-    inductance: float | None = parameter(
+    inductance: float | None = structural(
         None,
         required=True,
         unit='H',
         range=(1e-9, 10.0),
-        structural=True,
         description='stator inductance of one phase to the star point (half of line to line)',
         equation='L in (1)',
     )
-    flux: float | None = parameter(
+    flux: float | None = structural(
         None,
         required=True,
         unit='Wb',
         range=(1e-7, 100.0),
-        structural=True,
         description='nominal flux linkage of the magnets: amplitude of the phase back-EMF [V] '
         'per electrical speed [rad/s]',
         equation='phi in (1)',
     )
-    pole_pairs: int | None = parameter(
+    pole_pairs: int | None = structural(
         None,
         required=True,
-        unit='',
         range=(1, 200),
-        structural=True,
         kind=int,
         description='pole pairs: electrical turns per mechanical turn',
         equation='p',

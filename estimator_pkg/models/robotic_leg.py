@@ -16,42 +16,27 @@ import math
 from dataclasses import dataclass
 
 from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Vector
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 
 
 @dataclass(frozen=True)
 class Parameters:
     """The parameters of the leg; the defaults are the paper's."""
 
-    foot_mass: float = parameter(
-        4.5,
-        unit='kg',
-        range=(1e-9, 1e6),
-        structural=True,
-        equation='m1',
-        description='mass at the end of the leg',
+    foot_mass: float = structural(
+        4.5, unit='kg', range=(1e-9, 1e6), equation='m1', description='mass at the end of the leg'
     )
-    body_inertia: float = parameter(
-        1.7,
-        unit='kg m^2',
-        range=(1e-9, 1e6),
-        structural=True,
-        equation='m2',
-        description='inertia of the body',
+    body_inertia: float = structural(
+        1.7, unit='kg m^2', range=(1e-9, 1e6), equation='m2', description='inertia of the body'
     )
-    kappa: float = parameter(
+    kappa: float = structural(
         5.0,
         unit='1/m',
         range=(1e-6, 1e6),
-        structural=True,
         description='constant of the paper in Psi; any value above 0 is admissible',
     )
-    margin: float = parameter(
-        0.02,
-        unit='',
-        range=(1e-9, 0.5),
-        structural=True,
-        description='the model is not used where |sin th| is below this',
+    margin: float = structural(
+        0.02, range=(1e-9, 0.5), description='the model is not used where |sin th| is below this'
     )
 
 

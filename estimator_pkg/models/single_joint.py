@@ -16,75 +16,64 @@ from dataclasses import dataclass
 
 from estimator_pkg.models.friction import STRIBECK, smooth_sign
 from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Vector, everywhere
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 
 
 @dataclass(frozen=True)
 class Parameters:
     """The parameters of a single joint."""
 
-    inertia: float = parameter(
+    inertia: float = structural(
         0.1,
         unit='kg m^2',
         range=(1e-9, 1e6),
-        structural=True,
         description='inertia about the axis, with motor and gear (for a slide: mass in kg)',
     )
-    damping: float = parameter(
-        0.0, unit='N m s/rad', range=(0.0, 1e6), structural=True, description='viscous friction'
+    damping: float = structural(
+        0.0, unit='N m s/rad', range=(0.0, 1e6), description='viscous friction'
     )
-    coulomb: float = parameter(
-        0.0, unit='N m', range=(0.0, 1e6), structural=True, description='Coulomb friction'
-    )
-    coulomb_speed: float = parameter(
+    coulomb: float = structural(0.0, unit='N m', range=(0.0, 1e6), description='Coulomb friction')
+    coulomb_speed: float = structural(
         STRIBECK,
         unit='rad/s',
         range=(1e-9, 100.0),
-        structural=True,
         advanced=True,
         description='width of the smoothed sign of the Coulomb friction, tanh(v / width)',
     )
-    gravity: float = parameter(
+    gravity: float = structural(
         0.0,
         unit='N m',
         range=(-1e6, 1e6),
-        structural=True,
         description='largest torque of gravity: mass times g times lever arm; positive if the '
         'joint hangs at the angle `hanging`',
     )
-    hanging: float = parameter(
+    hanging: float = structural(
         0.0,
         unit='rad',
         range=(-10.0, 10.0),
-        structural=True,
         description='angle at which the joint hangs down and gravity exerts no torque',
     )
-    bias: float = parameter(
+    bias: float = structural(
         0.0,
         unit='N m',
         range=(-1e6, 1e6),
-        structural=True,
         description='constant torque against the joint (offset of the torque sensor, a spring)',
     )
-    torque_constant: float = parameter(
+    torque_constant: float = structural(
         1.0,
         unit='N m/A',
         range=(-1e6, 1e6),
-        structural=True,
         description='torque of the motor per unit of the input; 1 if the input is the torque',
     )
-    gear_ratio: float = parameter(
+    gear_ratio: float = structural(
         1.0,
-        unit='',
         range=(-1e5, 1e5),
-        structural=True,
         description='turns of the motor per turn of the joint; 1 if the input is at the joint',
     )
-    period: float = parameter(
+    period: float = structural(
         TURN,
         unit='rad',
         range=(0.0, 1e6),
-        structural=True,
         description='period after which the reading repeats; 0 for a slide or a multi-turn encoder',
     )
 

@@ -19,73 +19,67 @@ from dataclasses import dataclass
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.friction import STRIBECK, smooth_sign
 from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Vector, everywhere
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 
 
 @dataclass(frozen=True)
 class Parameters:
     """The parameters of two links; the defaults are about those of an arm of two 0.2 m links."""
 
-    shoulder_inertia: float = parameter(
+    shoulder_inertia: float = structural(
         0.15,
         unit='kg m^2',
         range=(1e-9, 1e6),
-        structural=True,
         equation='a = I1 + m2 l1^2',
         description='inertia of the upper link about the shoulder, with the mass of the lower one '
         'at the elbow',
     )
-    elbow_inertia: float = parameter(
+    elbow_inertia: float = structural(
         0.04,
         unit='kg m^2',
         range=(1e-9, 1e6),
-        structural=True,
         equation='b = I2',
         description='inertia of the lower link about the elbow',
     )
-    coupling: float = parameter(
+    coupling: float = structural(
         0.04,
         unit='kg m^2',
         range=(0.0, 1e6),
-        structural=True,
         equation='k = m2 l1 r2',
         description='mass of the lower link times the length of the upper one and the distance of '
         'its own centre from the elbow',
     )
-    shoulder_gravity: float = parameter(
+    shoulder_gravity: float = structural(
         2.5,
         unit='N m',
         range=(0.0, 1e6),
-        structural=True,
         equation='ga = g (m1 r1 + m2 l1)',
         description='largest torque of gravity on the shoulder by the upper link and the mass at '
         'its end',
     )
-    elbow_gravity: float = parameter(
+    elbow_gravity: float = structural(
         1.0,
         unit='N m',
         range=(0.0, 1e6),
-        structural=True,
         equation='gb = g m2 r2',
         description='largest torque of gravity on the elbow',
     )
-    shoulder_damping: float = parameter(
-        0.01, unit='N m s/rad', range=(0.0, 1e6), structural=True, description='viscous friction'
+    shoulder_damping: float = structural(
+        0.01, unit='N m s/rad', range=(0.0, 1e6), description='viscous friction'
     )
-    elbow_damping: float = parameter(
-        0.01, unit='N m s/rad', range=(0.0, 1e6), structural=True, description='viscous friction'
+    elbow_damping: float = structural(
+        0.01, unit='N m s/rad', range=(0.0, 1e6), description='viscous friction'
     )
-    shoulder_coulomb: float = parameter(
-        0.05, unit='N m', range=(0.0, 1e6), structural=True, description='Coulomb friction'
+    shoulder_coulomb: float = structural(
+        0.05, unit='N m', range=(0.0, 1e6), description='Coulomb friction'
     )
-    elbow_coulomb: float = parameter(
-        0.05, unit='N m', range=(0.0, 1e6), structural=True, description='Coulomb friction'
+    elbow_coulomb: float = structural(
+        0.05, unit='N m', range=(0.0, 1e6), description='Coulomb friction'
     )
-    coulomb_speed: float = parameter(
+    coulomb_speed: float = structural(
         STRIBECK,
         unit='rad/s',
         range=(1e-9, 100.0),
-        structural=True,
         advanced=True,
         description='width of the smoothed sign of the Coulomb friction, tanh(v / width)',
     )

@@ -18,7 +18,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 from estimator_pkg.streams.contract import Action, Answer, Output, Reply, Request, Values
 from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
 
@@ -30,33 +30,26 @@ PERIOD = 100_000_000  # time between two messages of it, by the measurement's st
 class AdaptiveSettings(EffortSettings):
     """Parameters of the node `adaptive_observer` as a whole."""
 
-    joints: tuple[str, ...] | None = parameter(
+    joints: tuple[str, ...] | None = structural(
         None,
-        unit='',
         kind=tuple,
-        structural=True,
         description='names of the joints to estimate; automatic: every joint that appears',
     )
-    joints_max: int = parameter(
+    joints_max: int = structural(
         512,
-        unit='',
         range=(1, 1_000_000),
-        structural=True,
         description='largest number of joints; further names get no estimate and are counted. '
         'Joints that the parameters name do not count',
     )
-    expiry: float = parameter(
+    expiry: float = structural(
         600.0,
         unit='s',
         range=(0.0, 1e9),
-        structural=True,
         description='after this time without a sample a joint is removed, unless the parameters '
         'name it; with parameters_file its parameters are saved first. 0: never',
     )
-    parameters_file: str = parameter(
+    parameters_file: str = structural(
         '',
-        unit='',
-        structural=True,
         description='file to which ~/save writes the identified parameters; read at start if it '
         'exists. With adapt: false the node starts frozen with them',
     )

@@ -27,7 +27,7 @@ from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.messages.joint_state_block import decode_block
 from estimator_pkg.messages.number import decoder as number_decoder
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import ACCELERATION, Answering
 from estimator_pkg.streams.arrays import Estimation, Samples
 from estimator_pkg.streams.clocks import Clocks
@@ -62,116 +62,84 @@ NODE_OF = {
 class AngleSettings(StreamSettings):
     """Parameters of the node `joint_observer`, without those of its observer."""
 
-    observer: str = parameter(
-        observers.DEFAULT,
-        unit='',
-        structural=True,
-        description="observer to run ('velocity_estimator list' names them all)",
+    observer: str = structural(
+        observers.DEFAULT, description="observer to run ('velocity_estimator list' names them all)"
     )
-    joints: tuple[str, ...] | None = parameter(
+    joints: tuple[str, ...] | None = structural(
         None,
-        unit='',
         kind=tuple,
-        structural=True,
         description='names of the joints to estimate; automatic: every joint that appears',
     )
-    joints_max: int = parameter(
+    joints_max: int = structural(
         512,
-        unit='',
         range=(1, 1_000_000),
-        structural=True,
         description='largest number of joints; further names get no estimate and are counted. '
         'Joints that the parameters name do not count',
     )
-    expiry: float = parameter(
+    expiry: float = structural(
         600.0,
         unit='s',
         range=(0.0, 1e9),
-        structural=True,
         description='after this time without a sample a joint is removed, unless the parameters '
         'name it; 0: never',
     )
-    input: str = parameter(
+    input: str = structural(
         JOINT_STATES,
-        unit='',
         choices=(JOINT_STATES, ANGLE, FIELD),
-        structural=True,
         description='what to read: joint_states (sensor_msgs/JointState on the topic '
         'joint_states), angle (one number of std_msgs on the topic angle, see angle_type), or '
         'field (one number in messages of any type on the topic angle, see field_type and field)',
     )
-    angle_type: str = parameter(
+    angle_type: str = structural(
         'Float64',
-        unit='',
         choices=ANGLE_TYPES,
-        structural=True,
         description='message type of the topic angle, with input: angle',
     )
-    field_type: str = parameter(
+    field_type: str = structural(
         '',
-        unit='',
-        structural=True,
         description='message type of the topic angle, with input: field, as in '
         'geometry_msgs/msg/PoseStamped; any type that is installed where the node runs',
     )
-    field: str = parameter(
+    field: str = structural(
         '',
-        unit='',
-        structural=True,
         description='the number in these messages, as in pose.position.x or data[0]; yaw of an '
         'orientation [rad], as in pose.pose.orientation.yaw. Its time is the stamp of the header, '
         'without a header the time at which the publisher sent it',
     )
-    angle_joint: str = parameter(
-        'joint',
-        unit='',
-        structural=True,
-        description='name of the joint of the topic angle',
-    )
-    counts_per_revolution: float = parameter(
+    angle_joint: str = structural('joint', description='name of the joint of the topic angle')
+    counts_per_revolution: float = structural(
         0.0,
         unit='counts',
         range=(0.0, 1e12),
-        structural=True,
         description='counts per turn on the topic angle; 0: it is in rad. Also the default of '
         'quantum',
     )
-    angle_offset: float = parameter(
+    angle_offset: float = structural(
         0.0,
         unit='rad',
         range=(-1e6, 1e6),
-        structural=True,
         description='added to the angle of the topic angle, after scale and sign',
     )
-    angle_sign: int = parameter(
-        1,
-        unit='',
-        range=(-1, 1),
-        structural=True,
-        description='-1 reverses the sign of the topic angle',
+    angle_sign: int = structural(
+        1, range=(-1, 1), description='-1 reverses the sign of the topic angle'
     )
-    smoothing_lag: float = parameter(
+    smoothing_lag: float = structural(
         0.05,
         unit='s',
         range=(0.005, 0.2),
-        structural=True,
         description='lag of ~/smoothed: a message is answered there once another one is this much '
         'newer',
     )
-    stamp_source: str = parameter(
+    stamp_source: str = structural(
         'header',
-        unit='',
         choices=('header', 'publisher'),
-        structural=True,
         description='time of a message with a header: its stamp, or the time at which its '
         'publisher sent it (for drivers that leave the stamp zero)',
     )
 
-    stamp_repair: str = parameter(
+    stamp_repair: str = structural(
         NONE,
-        unit='',
         choices=(NONE, REGULAR),
-        structural=True,
         description='regular: the device samples regularly and its stamps jitter, so its clock is '
         'fitted to them and the observer uses the fitted times; stamps that the readings confirm '
         'are left alone. Estimates keep the stamps of their messages',

@@ -165,7 +165,6 @@ class StreamSettings:
 
     no_estimate: str = parameter(
         NAN,
-        unit='',
         choices=(NAN, SKIP),
         description='content of ~/estimate while a joint of a message has no estimate: nan (its '
         'velocity is NaN, its position as measured), or skip (no message leaves until every joint '

@@ -22,7 +22,7 @@ from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases, Vector
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import Answering
 from estimator_pkg.streams.contract import (
     ESTIMATE,
@@ -51,57 +51,45 @@ PORTS = {
 class DriveSettings(StreamSettings):
     """Parameters of the node `pmsm_observer`, without those of its observer."""
 
-    observer: str = parameter('pmsm', unit='', structural=True, description='observer of a drive')
-    joint: str = parameter(
+    observer: str = structural('pmsm', description='observer of a drive')
+    joint: str = structural(
         'motor',
-        unit='',
-        structural=True,
         description='name of the joint: mechanical speed and relative position have this name, '
         'electrical quantities this name and _electrical',
     )
-    input: str = parameter(
+    input: str = structural(
         DRIVE_SAMPLES,
-        unit='',
         choices=(DRIVE_SAMPLES, CURRENT_VOLTAGE),
-        structural=True,
         description='input: batches (drive_samples, std_msgs/Float64MultiArray), or the '
         'topics current and voltage (geometry_msgs/Vector3Stamped) paired by stamp',
     )
-    sample_period: float = parameter(
+    sample_period: float = structural(
         0.0,
         unit='s',
         range=(0.0, 0.1),
-        structural=True,
         description='time between two rows of a batch; other stamps are refused. 0: taken from '
         'the stamps',
     )
-    frame: str = parameter(
+    frame: str = structural(
         ALPHA_BETA,
-        unit='',
         choices=(ALPHA_BETA, ABC),
-        structural=True,
         description='current and voltage: x alpha and y beta; or x, y, z the phases a, b, c of a '
         'star without neutral',
     )
-    pair_tolerance: float = parameter(
+    pair_tolerance: float = structural(
         2e-5,
         unit='s',
         range=(0.0, 1.0),
-        structural=True,
         description='largest difference of the stamps of a pair of current and voltage',
     )
-    sum_tolerance: float = parameter(
+    sum_tolerance: float = structural(
         0.1,
-        unit='',
         range=(0.0, 10.0),
-        structural=True,
         description='allowed sum of the phase currents over the recent largest one; currents '
         'beyond it are not used',
     )
-    compile: bool = parameter(
+    compile: bool = structural(
         True,
-        unit='',
-        structural=True,
         description='drive_samples: compile the observer at start if the extra fast is '
         'installed (takes seconds once; then a tenth of the time per sample)',
     )

@@ -16,7 +16,7 @@ from estimator_pkg.messages import multi_array
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import Answering
 from estimator_pkg.streams.contract import (
     ESTIMATE,
@@ -34,28 +34,22 @@ from estimator_pkg.streams.contract import (
 class EffortSettings(StreamSettings):
     """The source of a node's efforts, and the time of its messages."""
 
-    input: str = parameter(
+    input: str = structural(
         FIELD,
-        unit='',
         choices=(FIELD, COMMAND),
-        structural=True,
         description='source of the efforts: the effort field of joint_states, or the topic '
         'effort_command (see effort_is for when they act)',
     )
-    effort_command_type: str = parameter(
+    effort_command_type: str = structural(
         BY_NAME,
-        unit='',
         choices=(BY_NAME, ARRAY),
-        structural=True,
         description='type of the topic effort_command: sensor_msgs/JointState, efforts by name; or '
         'std_msgs/Float64MultiArray, one number per joint (or per joint with an input), in the '
         'order of the joints, with the time of publishing',
     )
-    stamp_source: str = parameter(
+    stamp_source: str = structural(
         'header',
-        unit='',
         choices=('header', 'publisher'),
-        structural=True,
         description='time of a message: its header stamp, or the time of publishing; events always '
         'have their header stamp',
     )

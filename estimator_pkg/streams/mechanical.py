@@ -20,7 +20,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanism.gains import in_words
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 from estimator_pkg.streams.contract import Answer, Output, Request, Values
 from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
 
@@ -31,13 +31,9 @@ GAINS = Output('gains', diagnostics.TYPE, latched=True)
 class MechanicalSettings(EffortSettings):
     """Parameters of the node `mechanical_observer`, without those of its observer."""
 
-    observer: str = parameter(
-        'geso', unit='', structural=True, description='geso, hgo, ehgo or smo'
-    )
-    mechanisms: tuple[str, ...] = parameter(
+    observer: str = structural('geso', description='geso, hgo, ehgo or smo')
+    mechanisms: tuple[str, ...] = structural(
         ('mechanism',),
-        unit='',
-        structural=True,
         description='a name for each mechanism; per_joint.<mechanism>.<parameter> sets a parameter '
         'of one of them',
     )

@@ -18,7 +18,7 @@ from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.models.switched import SwitchedModel, load
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.switched.observer import OBSERVER
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import ACCELERATION
 from estimator_pkg.streams.contract import Answer, Output, Port, Request
 from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
@@ -31,11 +31,9 @@ DISCRETE = Output('discrete_state', JOINT_STATE)
 class SwitchedSettings(EffortSettings):
     """Parameters of the node `switched_observer`, without those of its observer."""
 
-    joints: tuple[str, ...] | None = parameter(
+    joints: tuple[str, ...] | None = structural(
         None,
-        unit='',
         kind=tuple,
-        structural=True,
         description="names of the joints in the topic, in the order of the model's outputs; "
         "automatic: the model's own names",
     )

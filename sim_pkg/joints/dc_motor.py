@@ -12,9 +12,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from estimator_pkg.parameters import structural
 from sim_pkg.contract import Message, Simulator, Topic
 from sim_pkg.joints.driven import MEASURED, SUBSTEP, TRUTH, DrivenParameters, stream
-from sim_pkg.joints.sensor import fixed
 
 RANDOM, SQUARE, SINES, EXAMPLE = 'random', 'square', 'sines', 'random_then_square'
 
@@ -23,32 +23,31 @@ RANDOM, SQUARE, SINES, EXAMPLE = 'random', 'square', 'sines', 'random_then_squar
 class MotorParameters(DrivenParameters):
     """The parameters of the simulator."""
 
-    inertia: float = fixed(0.02, unit='kg m^2', range=(1e-9, 1e6), description='J')
-    damping: float = fixed(0.04, unit='N m s/rad', range=(0.0, 1e6), description='b')
-    stiffness: float = fixed(0.1, unit='N m/rad', range=(0.0, 1e6), description='k')
-    torque_constant: float = fixed(
+    inertia: float = structural(0.02, unit='kg m^2', range=(1e-9, 1e6), description='J')
+    damping: float = structural(0.04, unit='N m s/rad', range=(0.0, 1e6), description='b')
+    stiffness: float = structural(0.1, unit='N m/rad', range=(0.0, 1e6), description='k')
+    torque_constant: float = structural(
         0.6, unit='N m/V', range=(1e-9, 1e6), description='Kv: torque of one volt'
     )
-    coulomb: float = fixed(
+    coulomb: float = structural(
         0.0, unit='N m', range=(0.0, 1e6), description='Coulomb friction; 0: none'
     )
-    load: float = fixed(
+    load: float = structural(
         0.0, unit='N m', range=(-1e6, 1e6), description='constant load torque, added to that of u'
     )
-    voltage: str = fixed(
+    voltage: str = structural(
         RANDOM,
-        unit='',
         choices=(RANDOM, SQUARE, SINES, EXAMPLE),
         description='random: uniform, piecewise constant (both examples of the paper while they '
         'learn); square: 5 s each way; sines: three of them; random_then_square: example 4.1',
     )
-    amplitude: float = fixed(
+    amplitude: float = structural(
         5.0, unit='V', range=(0.0, 1e6), description='rms of the random voltage, else its amplitude'
     )
-    hold: float = fixed(
+    hold: float = structural(
         0.2, unit='s', range=(1e-6, 1e6), description='how long a random voltage stays constant'
     )
-    learn: float = fixed(
+    learn: float = structural(
         100.0, unit='s', range=(0.0, 1e9), description='random_then_square: start of the square'
     )
 

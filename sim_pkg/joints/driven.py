@@ -20,6 +20,7 @@ import numpy as np
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.parameters import structural
 from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Topic, check_rate
 from sim_pkg.joints.sensor import (
@@ -30,7 +31,6 @@ from sim_pkg.joints.sensor import (
     AngleSensor,
     Line,
     SensorParameters,
-    fixed,
 )
 
 MEASURED = Topic('joint_states', JOINT_STATE)
@@ -45,11 +45,10 @@ PART = 0.2  # longest integration step over the fastest time constant
 class DrivenParameters(SensorParameters):
     """Parameters that all driven joints share."""
 
-    joint: str = fixed('joint', unit='', description='name of the joint')
-    start: float = fixed(0.0, unit='rad', range=(-1e3, 1e3), description='angle at the start')
-    convention: str = fixed(  # not raw_counts: they carry no effort
+    joint: str = structural('joint', description='name of the joint')
+    start: float = structural(0.0, unit='rad', range=(-1e3, 1e3), description='angle at the start')
+    convention: str = structural(  # not raw_counts: they carry no effort
         SIGNED,
-        unit='',
         choices=(SIGNED, UNSIGNED, MULTI_TURN),
         description='wrap convention of the angle: [-pi, pi), [0, 2 pi), or multi-turn',
     )

@@ -15,9 +15,10 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import Writer
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.parameters import structural
 from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic
-from sim_pkg.joints.profiles import Profile, ProfileParameters, fixed, make_profile
+from sim_pkg.joints.profiles import Profile, ProfileParameters, make_profile
 from sim_pkg.joints.sensor import (
     RAW_COUNTS,
     SECOND,
@@ -40,12 +41,11 @@ CHUNK = 64  # samples made at a time: few, so that none is published late
 class EncoderParameters(ProfileParameters, SensorParameters):
     """The parameters of the simulator."""
 
-    joints: tuple[str, ...] = fixed(
-        ('wheel',), unit='', description='names of the joints; each has its own sensor'
+    joints: tuple[str, ...] = structural(
+        ('wheel',), description='names of the joints; each has its own sensor'
     )
-    joint_ratio: float = fixed(
+    joint_ratio: float = structural(
         0.8,
-        unit='',
         range=(-10.0, 10.0),
         description='the motion of each further joint over that of the joint before it',
     )

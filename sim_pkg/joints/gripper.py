@@ -10,34 +10,34 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from estimator_pkg.models import gripper
+from estimator_pkg.parameters import structural
 from sim_pkg.contract import Message, Simulator, Topic
 from sim_pkg.joints.driven import EVENTS, MEASURED, TRUTH, DrivenParameters, stream
-from sim_pkg.joints.sensor import fixed
 
 
 @dataclass(frozen=True)
 class GripperParameters(DrivenParameters):
     """The parameters of the simulator."""
 
-    counts_per_revolution: int = fixed(
+    counts_per_revolution: int = structural(
         65536, unit='counts', range=(0, 2**31 - 1), description='resolution; 0: no quantisation'
     )
-    start: float = fixed(0.3, unit='rad', range=(-1e3, 1e3), description='angle at the start')
-    inertia: float = fixed(0.5, unit='kg m^2', range=(1e-6, 1e6), description='J without load')
-    damping: float = fixed(0.4, unit='N m s/rad', range=(0.0, 1e6), description='b')
-    gravity: float = fixed(
+    start: float = structural(0.3, unit='rad', range=(-1e3, 1e3), description='angle at the start')
+    inertia: float = structural(0.5, unit='kg m^2', range=(1e-6, 1e6), description='J without load')
+    damping: float = structural(0.4, unit='N m s/rad', range=(0.0, 1e6), description='b')
+    gravity: float = structural(
         4.905, unit='N m', range=(0.0, 1e6), description='m g l without load: torque at 90 degrees'
     )
-    load_inertia: float = fixed(
+    load_inertia: float = structural(
         0.3, unit='kg m^2', range=(0.0, 1e6), description='J added by a gripped load'
     )
-    load_gravity: float = fixed(
+    load_gravity: float = structural(
         4.905, unit='N m', range=(0.0, 1e6), description='m g l added by a gripped load'
     )
-    first_event: float = fixed(
+    first_event: float = structural(
         2.0, unit='s', range=(1e-3, 1e9), description='when the gripper first closes'
     )
-    event_every: float = fixed(
+    event_every: float = structural(
         2.0,
         unit='s',
         range=(1e-3, 1e9),

@@ -11,18 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 
 Array = NDArray[np.float64]
 Motion = tuple[Array, Array, Array]  # position [rad], velocity [rad/s], acceleration [rad/s^2]
 Profile = Callable[[Array], Motion]  # times [s], shape (n,) -> three arrays of shape (n,)
 
-fixed = partial(parameter, structural=True)  # values must follow from seed and parameters alone
 
 SINES = 32  # number of sines in the random motion
 # The levels of the velocity staircase, as fractions of the largest velocity.
@@ -51,58 +49,57 @@ NAMES = ('constant', 'sine', 'trapezoid', 'chirp', 'steps', 'figure_4', 'figure_
 class ProfileParameters:
     """How the shaft moves."""
 
-    profile: str = fixed(
+    profile: str = structural(
         'sine',
-        unit='',
         choices=NAMES,
         description='the true motion; figure_4 and figure_6 are those of the hybrid-angle paper',
     )
-    velocity: float = fixed(
+    velocity: float = structural(
         10.0,
         unit='rad/s',
         range=(-1e5, 1e5),
         description='constant: the velocity; trapezoid and steps: the largest velocity; '
         'random: the rms velocity',
     )
-    acceleration: float = fixed(
+    acceleration: float = structural(
         50.0,
         unit='rad/s^2',
         range=(0.0, 1e7),
         description='trapezoid and steps: acceleration between two velocities; 0: jump',
     )
-    hold_time: float = fixed(
+    hold_time: float = structural(
         1.0, unit='s', range=(0.001, 1e5), description='trapezoid and steps: time at each velocity'
     )
-    amplitude: float = fixed(
+    amplitude: float = structural(
         5.0, unit='rad', range=(0.0, 1e6), description='sine and chirp: amplitude of the position'
     )
-    frequency: float = fixed(
+    frequency: float = structural(
         0.3,
         unit='Hz',
         range=(1e-4, 1e4),
         description='sine: its frequency; chirp: start of the sweep; random: upper end of the '
         'velocity band',
     )
-    frequency_end: float = fixed(
+    frequency_end: float = structural(
         5.0, unit='Hz', range=(1e-4, 1e4), description='chirp: frequency at which the sweep turns'
     )
-    sweep_time: float = fixed(
+    sweep_time: float = structural(
         20.0,
         unit='s',
         range=(0.001, 1e5),
         description='chirp: time from frequency to frequency_end, the same for each octave; then '
         'it sweeps back, and repeats',
     )
-    decay_time: float = fixed(
+    decay_time: float = structural(
         0.15,
         unit='s',
         range=(1e-4, 1e3),
         description='figure_6: time constant of the motor coasting down, after 5 s',
     )
-    mean_velocity: float = fixed(
+    mean_velocity: float = structural(
         0.0, unit='rad/s', range=(-1e5, 1e5), description='added to the velocity of every profile'
     )
-    start_angle: float = fixed(
+    start_angle: float = structural(
         0.0, unit='rad', range=(-1e6, 1e6), description='position at the start'
     )
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -35,43 +35,41 @@ TURN = 2.0 * math.pi
 MISPLACED = 0.4  # [counts] no edge is further off, nor passes its neighbour
 SIGNED, UNSIGNED, MULTI_TURN, RAW_COUNTS = 'signed', 'unsigned', 'multi_turn', 'raw_counts'
 
-fixed = partial(parameter, structural=True)  # values must follow from seed and parameters alone
-chance = partial(fixed, 0.0, unit='', range=(0.0, 1.0))
-interval = partial(fixed, unit='s', range=(0.0, 1e6))
+chance = partial(structural, 0.0, range=(0.0, 1.0))
+interval = partial(structural, unit='s', range=(0.0, 1e6))
 
 
 @dataclass(frozen=True)
 class SensorParameters:
     """The sensor and its faults; by default it only quantises."""
 
-    rate: float = fixed(1000.0, unit='Hz', range=(0.01, 1e5), description='samples per second')
-    counts_per_revolution: int = fixed(
+    rate: float = structural(1000.0, unit='Hz', range=(0.01, 1e5), description='samples per second')
+    counts_per_revolution: int = structural(
         4096,
         unit='counts',
         range=(0, 2**31 - 1),
         description='resolution; the angle is rounded down to a count, so its mean error is minus '
         'half a count; 0: no quantisation',
     )
-    convention: str = fixed(
+    convention: str = structural(
         SIGNED,
-        unit='',
         choices=(SIGNED, UNSIGNED, MULTI_TURN, RAW_COUNTS),
         description='wrap convention of the angle: [-pi, pi), [0, 2 pi), multi-turn, or counts in '
         '[0, counts_per_revolution) as std_msgs/Int32 on the topic angle',
     )
-    noise: float = fixed(
+    noise: float = structural(
         0.0,
         unit='rad',
         range=(0.0, 10.0),
         description='standard deviation of white Gaussian noise, before quantisation',
     )
-    eccentricity: float = fixed(
+    eccentricity: float = structural(
         0.0,
         unit='rad',
         range=(0.0, 1.0),
         description='amplitude of an error that is a sine of the angle, as of an eccentric disc',
     )
-    misplaced_edges: float = fixed(
+    misplaced_edges: float = structural(
         0.0,
         unit='counts',
         range=(0.0, 0.4),
@@ -79,13 +77,13 @@ class SensorParameters:
         'sensors or bad lines; clipped at 0.4',
     )
     outliers: float = chance(description='fraction of readings with an error of outlier_size')
-    outlier_size: float = fixed(
+    outlier_size: float = structural(
         1.0, unit='rad', range=(0.0, 1e3), description='size of an outlier, of either sign'
     )
     repeated: float = chance(
         description='fraction of samples that repeat the previous reading with a new stamp'
     )
-    update_every: int = fixed(
+    update_every: int = structural(
         1,
         unit='samples',
         range=(1, 1_000_000),

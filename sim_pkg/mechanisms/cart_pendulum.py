@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.load import load
+from estimator_pkg.parameters import structural
 from sim_pkg.contract import Message, Simulator
-from sim_pkg.joints.sensor import fixed
 from sim_pkg.mechanisms.balance import balancing_force, triangle
 from sim_pkg.mechanisms.stream import CHUNK, MechanismParameters, Vector, merged, stream, topics
 
@@ -38,30 +38,27 @@ UNIT = {'pendulum_inertia': 1.0, 'pendulum_moment': 0.1, 'moving_mass': 1.0, 'gr
 class Parameters(MechanismParameters):
     """The parameters of the simulator; the input is the motor's current [A]."""
 
-    variant: str = fixed(
+    variant: str = structural(
         FULL,
-        unit='',
         choices=(FULL, NORMALISED),
         description='full: the laboratory of section 6; normalised: section 5.1, free motion',
     )
-    control: str = fixed(
+    control: str = structural(
         OPEN,
-        unit='',
         choices=(OPEN, TRUE_VELOCITY, OBSERVER),
         description='open: excitation of the hanging pendulum; true_velocity: balanced upright '
         'with the true velocities; observer (live only): with those of the topic `estimate`',
     )
-    encoders: str = fixed(
+    encoders: str = structural(
         'hpm',
-        unit='',
         choices=tuple(QUANTA),
         description="the paper's high-precision or low-precision encoders (the latter at half the "
         'rate), or exact; `quantum` and `hold` override it',
     )
-    amplitude: float = fixed(
+    amplitude: float = structural(
         2.5, unit='A', range=(0.0, 100.0), description='amplitude of the open-loop chirp'
     )
-    start_angle: float = fixed(
+    start_angle: float = structural(
         0.05, unit='rad', range=(-0.5, 0.5), description='start angle of the balanced pendulum'
     )
 

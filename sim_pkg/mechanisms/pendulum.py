@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator_pkg.models.load import load
+from estimator_pkg.parameters import structural
 from sim_pkg.contract import Message, Simulator
-from sim_pkg.joints.sensor import fixed, random_stream
+from sim_pkg.joints.sensor import random_stream
 from sim_pkg.mechanisms.stream import MechanismParameters, Vector, merged, stream, topics
 
 PLANT = {'inertia': 0.05, 'damping': 0.02, 'gravity': 1.5, 'coulomb': 0.05}
@@ -24,21 +25,21 @@ SINES = 12
 class Parameters(MechanismParameters):
     """The parameters of the simulator."""
 
-    rate: float = fixed(500.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
-    quantum: tuple[float, ...] = fixed(
+    rate: float = structural(500.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
+    quantum: tuple[float, ...] = structural(
         (2.0 * math.pi / 4096.0,),
         unit='rad',
         kind=list,
         range=(0.0, 10.0),
         description='quantum of the encoder; 0: exact',
     )
-    torque: float = fixed(
+    torque: float = structural(
         0.6, unit='N m', range=(0.0, 1e6), description='rms of the driving torque'
     )
-    lowest: float = fixed(
+    lowest: float = structural(
         0.2, unit='Hz', range=(0.001, 1e4), description='lowest frequency of the torque'
     )
-    highest: float = fixed(
+    highest: float = structural(
         3.0, unit='Hz', range=(0.001, 1e4), description='highest frequency of the torque'
     )
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from estimator_pkg.models.load import load
+from estimator_pkg.parameters import structural
 from sim_pkg.contract import Message, Simulator
-from sim_pkg.joints.sensor import fixed
 from sim_pkg.mechanisms.stream import MechanismParameters, Vector, merged, stream, topics
 
 START = (2.2, 1.8, 0.4)
@@ -21,17 +21,17 @@ START = (2.2, 1.8, 0.4)
 class Parameters(MechanismParameters):
     """The parameters of the simulator."""
 
-    rate: float = fixed(1000.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
-    quantum: tuple[float, ...] = fixed(
+    rate: float = structural(1000.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
+    quantum: tuple[float, ...] = structural(
         (1.0 / 500.0, 2.0 * math.pi / 256.0, 2.0 * math.pi / 256.0),
         unit='m, rad, rad',
         kind=list,
         range=(0.0, 10.0),
         description='quantum of the encoders, for all or each; 0: exact',
     )
-    force: float = fixed(0.0535, unit='N', range=(0.0, 1e6), description='amplitude of u1')
-    torque: float = fixed(0.067, unit='N m', range=(0.0, 1e6), description='amplitude of u2')
-    omega: float = fixed(
+    force: float = structural(0.0535, unit='N', range=(0.0, 1e6), description='amplitude of u1')
+    torque: float = structural(0.067, unit='N m', range=(0.0, 1e6), description='amplitude of u2')
+    omega: float = structural(
         10.0, unit='rad/s', range=(0.0, 1e4), description='angular frequency of u1 and u2'
     )
 

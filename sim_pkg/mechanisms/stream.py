@@ -24,10 +24,10 @@ from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.mechanism.motion import make_plant
 from estimator_pkg.observers.mechanism.velocity import make_acceleration
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import structural
 from sim_pkg.chunks import sample_count
 from sim_pkg.contract import Message, Topic, check_rate, diverged
-from sim_pkg.joints.sensor import SECOND, fixed, random_stream
+from sim_pkg.joints.sensor import SECOND, random_stream
 
 MEASURED = Topic('joint_states', JOINT_STATE)
 TRUTH = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
@@ -45,31 +45,29 @@ Drive = Callable[[float, Vector, Vector], Vector]  # (time, measured, true veloc
 class MechanismParameters:
     """Parameters that all simulators of mechanisms share."""
 
-    rate: float = fixed(224.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
-    quantum: tuple[float, ...] = fixed(
+    rate: float = structural(224.0, unit='Hz', range=(1.0, 1e5), description='samples per second')
+    quantum: tuple[float, ...] = structural(
         (0.0,),
         unit='rad or m',
         kind=list,
         range=(0.0, 10.0),
         description='quantum of the encoders, for all positions or each; 0: exact',
     )
-    noise: tuple[float, ...] = fixed(
+    noise: tuple[float, ...] = structural(
         (0.0,),
         unit='rad or m',
         kind=list,
         range=(0.0, 10.0),
         description='standard deviation of the noise before the encoders, for all or each',
     )
-    hold: int = fixed(
+    hold: int = structural(
         1,
         unit='samples',
         range=(1, 1000),
         description='samples for which a reading is repeated (2: encoders at half the rate)',
     )
-    model_parameters: tuple[str, ...] = parameter(
+    model_parameters: tuple[str, ...] = structural(
         (),
-        unit='',
-        structural=True,
         description="parameters of the plant as 'name=value' that differ from the simulator's "
         'defaults; an observer with the defaults does not know them',
     )

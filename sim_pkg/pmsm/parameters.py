@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
-from sim_pkg.joints.profiles import fixed
+from estimator_pkg.parameters import structural
 from sim_pkg.pmsm.control import Control, tuned
 from sim_pkg.pmsm.plant import Plant
 from sim_pkg.pmsm.profiles import NAMES, Profile, named
@@ -22,109 +22,102 @@ MAGNET = -0.0011  # temperature coefficient of the flux (neodymium) [1/K]
 class PmsmParameters:
     """The parameters of the drive; the motor is that of Table 1 of Bosso et al. (2020)."""
 
-    resistance: float = fixed(
+    resistance: float = structural(
         0.06, unit='ohm', range=(1e-6, 1e4), description='nominal stator resistance per phase'
     )
-    inductance: float = fixed(
+    inductance: float = structural(
         33.75e-6, unit='H', range=(1e-9, 10.0), description='nominal stator inductance per phase'
     )
-    flux: float = fixed(
+    flux: float = structural(
         1.9e-3, unit='Wb', range=(1e-7, 100.0), description='nominal flux linkage of the magnets'
     )
-    pole_pairs: int = fixed(7, unit='', range=(1, 200), description='pole pairs')
-    inertia: float = fixed(
+    pole_pairs: int = structural(7, range=(1, 200), description='pole pairs')
+    inertia: float = structural(
         2.5e-5, unit='kg m^2', range=(1e-9, 1e3), description='inertia of rotor and load'
     )
-    rated_current: float = fixed(
+    rated_current: float = structural(
         10.0,
         unit='A',
         range=(1e-3, 1e4),
         description='amplitude of the phase current at rated torque',
     )
-    current_max: float = fixed(
-        30.0,
-        unit='A',
-        range=(1e-3, 1e4),
-        description='current limit of the controller (amplitude)',
+    current_max: float = structural(
+        30.0, unit='A', range=(1e-3, 1e4), description='current limit of the controller (amplitude)'
     )
-    resistance_error: float = fixed(
+    resistance_error: float = structural(
         0.0,
-        unit='',
         range=(-0.9, 10.0),
         description='relative error of the nominal resistance: plant over nominal, minus 1',
     )
-    inductance_error: float = fixed(
+    inductance_error: float = structural(
         0.0,
-        unit='',
         range=(-0.9, 10.0),
         description='relative error of the nominal inductance: plant over nominal, minus 1',
     )
-    flux_error: float = fixed(
+    flux_error: float = structural(
         0.0,
-        unit='',
         range=(-0.9, 10.0),
         description='relative error of the nominal flux linkage: plant over nominal, minus 1',
     )
-    temperature_rise: float = fixed(
+    temperature_rise: float = structural(
         0.0,
         unit='K',
         range=(-100.0, 200.0),
         description='final temperature rise: the resistance rises by 0.39 % per K, the flux falls '
         'by 0.11 % per K',
     )
-    temperature_time: float = fixed(
+    temperature_time: float = structural(
         60.0, unit='s', range=(0.01, 1e5), description='time constant of the warming'
     )
-    load_quadratic: float = fixed(
+    load_quadratic: float = structural(
         2.5e-7, unit='N m s^2', range=(0.0, 1e3), description='load torque over speed squared'
     )
-    load_constant: float = fixed(
+    load_constant: float = structural(
         0.0, unit='N m', range=(0.0, 1e4), description='constant load torque against the motion'
     )
-    viscous: float = fixed(0.0, unit='N m s', range=(0.0, 1e3), description='viscous friction')
-    coulomb: float = fixed(0.0, unit='N m', range=(0.0, 1e3), description='Coulomb friction')
-    load_step: float = fixed(
+    viscous: float = structural(0.0, unit='N m s', range=(0.0, 1e3), description='viscous friction')
+    coulomb: float = structural(0.0, unit='N m', range=(0.0, 1e3), description='Coulomb friction')
+    load_step: float = structural(
         0.0, unit='N m', range=(0.0, 1e4), description='load torque added at load_step_time'
     )
-    load_step_time: float = fixed(
+    load_step_time: float = structural(
         0.5, unit='s', range=(0.0, 1e6), description='time of the load step'
     )
-    dc_voltage: float = fixed(24.0, unit='V', range=(0.1, 1e4), description='DC link voltage')
-    sample_rate: float = fixed(
+    dc_voltage: float = structural(24.0, unit='V', range=(0.1, 1e4), description='DC link voltage')
+    sample_rate: float = structural(
         20000.0,
         unit='Hz',
         range=(1000.0, 200000.0),
         description='rate of controller, carrier and sampling',
     )
-    inverter: str = fixed(
+    inverter: str = structural(
         'averaged',
-        unit='',
         choices=('averaged', 'switched'),
         description='averaged: the mean voltage of each period; switched: the switching edges of '
         'the bridge',
     )
-    dead_time: float = fixed(
+    dead_time: float = structural(
         0.0,
         unit='s',
         range=(0.0, 1e-5),
         description='dead time of the bridge; the reported voltage does not contain its effect',
     )
-    sampling_offset: float = fixed(
+    sampling_offset: float = structural(
         0.0,
         unit='period',
         range=(0.0, 0.5),
         description='time from the valley of the carrier to the sampling of the currents',
     )
-    current_noise: float = fixed(
+    current_noise: float = structural(
         0.0, unit='A', range=(0.0, 1e3), description='standard deviation on each measured current'
     )
-    adc_bits: int = fixed(
-        12, unit='', range=(0, 24), description='bits of the current ADC; 0: continuous'
+    adc_bits: int = structural(
+        12, range=(0, 24), description='bits of the current ADC; 0: continuous'
     )
-    adc_range: float = fixed(
+    adc_range: float = structural(
         60.0, unit='A', range=(1e-3, 1e5), description='range of the current ADC, each way'
     )
-    voltage_delay: int = fixed(
+    voltage_delay: int = structural(
         0,
         unit='sample',
         range=(-1, 2),
@@ -132,23 +125,22 @@ class PmsmParameters:
         'stamp; 1: it starts to act at the stamp; 2: as computed there by the controller; -1: it '
         'is one sample old',
     )
-    current_hz: float = fixed(
+    current_hz: float = structural(
         1000.0, unit='Hz', range=(1.0, 1e5), description='bandwidth of the current control'
     )
-    speed_hz: float = fixed(
+    speed_hz: float = structural(
         30.0, unit='Hz', range=(0.01, 1e4), description='bandwidth of the speed control'
     )
-    profile: str = fixed(
+    profile: str = structural(
         'p1',
-        unit='',
         choices=NAMES,
         description='reference of the speed: constant, ramps (0.3 to 1 and back), p1 (of the '
         'paper, 0.7 s long), reversal, standstill (start and stop)',
     )
-    speed_rpm: float = fixed(
+    speed_rpm: float = structural(
         6000.0, unit='rpm', range=(-1e6, 1e6), description='top speed of the profile'
     )
-    profile_time: float = fixed(
+    profile_time: float = structural(
         1.0, unit='s', range=(0.01, 1e5), description='length of one run through the profile'
     )
 

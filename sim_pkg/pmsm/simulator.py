@@ -19,10 +19,10 @@ from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.motor import POWER_INVARIANT, phases
+from estimator_pkg.parameters import structural
 from estimator_pkg.streams.drive import ELECTRICAL
 from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic, diverged
-from sim_pkg.joints.profiles import fixed
 from sim_pkg.joints.sensor import random_stream
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
@@ -45,55 +45,46 @@ Floats = NDArray[np.float64]
 class PmsmSimulatorParameters(PmsmParameters):
     """The parameters of the simulator: the drive, and what it publishes."""
 
-    joint: str = fixed(
+    joint: str = structural(
         'motor',
-        unit='',
         description='name of the joint in the truth; the name with _electrical has the electrical '
         'quantities',
     )
-    publish: str = fixed(
+    publish: str = structural(
         BATCHES,
-        unit='',
         choices=(BATCHES, SINGLE),
         description='batches: drive_samples; single: one message per sample on current and voltage',
     )
-    batch: int = fixed(200, unit='samples', range=(1, 100000), description='samples per batch')
-    publish_rate: float = fixed(
+    batch: int = structural(200, unit='samples', range=(1, 100000), description='samples per batch')
+    publish_rate: float = structural(
         0.0,
         unit='Hz',
         range=(0.0, 200000.0),
         description='published samples per second; sample_rate must be an integer multiple of it. '
         'Current at the stamp, mean voltage since the previous one; 0: every sample',
     )
-    phase_values: bool = fixed(
-        False,
-        unit='',
-        description='current and voltage carry the phases a, b, c instead of alpha and beta',
+    phase_values: bool = structural(
+        False, description='current and voltage carry the phases a, b, c instead of alpha and beta'
     )
-    scaling: str = fixed(
+    scaling: str = structural(
         'amplitude',
-        unit='',
         choices=('amplitude', 'power'),
         description='length of the alpha-beta vectors: amplitude of the phase quantity, or '
         'sqrt(1.5) times that',
     )
-    true_samples: bool = fixed(
+    true_samples: bool = structural(
         True,
-        unit='',
         description='with batches: publish electrical angle, speed and flux of every sample on '
         'ground_truth/samples',
     )
-    lost: float = fixed(
-        0.0, unit='', range=(0.0, 1.0), description='fraction of batches that never arrive'
+    lost: float = structural(
+        0.0, range=(0.0, 1.0), description='fraction of batches that never arrive'
     )
-    repeated: float = fixed(
-        0.0, unit='', range=(0.0, 1.0), description='fraction of batches that arrive twice'
+    repeated: float = structural(
+        0.0, range=(0.0, 1.0), description='fraction of batches that arrive twice'
     )
-    overtaken: float = fixed(
-        0.0,
-        unit='',
-        range=(0.0, 1.0),
-        description='fraction of batches that arrive after the next one',
+    overtaken: float = structural(
+        0.0, range=(0.0, 1.0), description='fraction of batches that arrive after the next one'
     )
 
     def __post_init__(self) -> None:

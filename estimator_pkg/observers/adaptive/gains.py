@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 SAMPLED, PAPER = 'sampled', 'paper'
 GRADIENT, LEAST_SQUARES = 'gradient', 'least_squares'
@@ -27,64 +27,53 @@ Matrix = NDArray[np.float64]
 class Gains:
     """Parameters of `adaptive`."""
 
-    order: int = parameter(
+    order: int = structural(
         2,
-        unit='',
         range=(1, 6),
-        structural=True,
         description='order of the plant from input to angle; 2: inertia, damping and spring',
         equation='(1), observable canonical form',
     )
-    form: str = parameter(
+    form: str = structural(
         SAMPLED,
-        unit='',
         choices=(SAMPLED, PAPER),
-        structural=True,
         description='sampled: filters exact for the sample time and a step that is stable for '
         'every gain; paper: (11) to (13) by forward Euler, whose damping b/J has an error of '
         'dt k/J',
     )
-    law: str = parameter(
+    law: str = structural(
         LEAST_SQUARES,
-        unit='',
         choices=(LEAST_SQUARES, GRADIENT),
-        structural=True,
         description='adaptation law: least squares needs no scaling and converges about a hundred '
         "times faster than the paper's gradient (12)",
     )
-    observer_poles: tuple[float, ...] | None = parameter(
+    observer_poles: tuple[float, ...] | None = structural(
         None,
         unit='1/s',
         kind=list,
         range=(-1e6, -1e-6),
-        structural=True,
         description='eigenvalues of A_c - K C, one per order: bandwidth of the filters; automatic: '
         'from bandwidth_hz',
     )
-    bandwidth_hz: float = parameter(
+    bandwidth_hz: float = structural(
         5.0,
         unit='Hz',
         range=(1e-3, 1e4),
         search=(0.5, 100.0),
-        structural=True,
         description='magnitude of the observer poles where observer_poles is automatic; set it '
         'well above the frequencies of the motion, and low enough to suppress the noise',
     )
-    model_poles: tuple[float, ...] | None = parameter(
+    model_poles: tuple[float, ...] | None = structural(
         None,
         unit='1/s',
         kind=list,
         range=(-1e6, -1e-6),
-        structural=True,
         description='eigenvalues of A_c, one per order: the plant that is assumed before '
         'adaptation; automatic: half the observer poles',
         equation='(2), (40)',
     )
-    gamma: tuple[float, ...] = parameter(
+    gamma: tuple[float, ...] = structural(
         (1000.0,),
-        unit='',
         kind=list,
-        structural=True,
         description='gain of the gradient: one number, one for each free parameter (about '
         '1/mean square of its signal), or a positive definite matrix row by row. It '
         "also weights the parameters in the gate 'gamma'",
@@ -97,71 +86,53 @@ class Gains:
         description='time constant, in time spent adapting, with which least squares forgets; the '
         'variance never exceeds start_variance; 0: it forgets nothing',
     )
-    start_variance: tuple[float, ...] | None = parameter(
+    start_variance: tuple[float, ...] | None = structural(
         None,
-        unit='',
         kind=list,
         range=(1e-12, 1e18),
-        structural=True,
         advanced=True,
         description='diagonal of the initial P of least squares, per variance of the measurement: '
         'one number, or one for each free parameter; automatic: 1e4 w^(2 i) for a parameter of '
         'index i, w the geometric mean of the observer poles',
     )
-    load: bool = parameter(
+    load: bool = structural(
         False,
-        unit='',
-        structural=True,
         description='learn a constant load (or an offset of the spring) too, as one more parameter '
         'd<order>; without it a constant load biases the other parameters',
     )
-    gravity: bool = parameter(
+    gravity: bool = structural(
         False,
-        unit='',
-        structural=True,
         description='learn a torque proportional to the sine of the angle too (a pendulum or arm, '
         'whose angle is 0 where it hangs), as one more parameter s<order>; set '
         "known: ['k/J=0'] if there is no spring",
     )
-    known: tuple[str, ...] = parameter(
+    known: tuple[str, ...] = structural(
         (),
-        unit='',
-        structural=True,
         description="parameters that are known, such as 'b1=0', 'k/J=0': l1.., b1.., d<order>, "
         's<order>, and for order 2 b/J, k/J, Kv/J, load/J, mgl/J',
     )
-    bounds: tuple[str, ...] = parameter(
-        (),
-        unit='',
-        structural=True,
-        description="bounds of free parameters, such as 'b/J>=0', 'b2<=50'",
+    bounds: tuple[str, ...] = structural(
+        (), description="bounds of free parameters, such as 'b/J>=0', 'b2<=50'"
     )
-    theta: tuple[float, ...] | None = parameter(
+    theta: tuple[float, ...] | None = structural(
         None,
-        unit='',
         kind=list,
-        structural=True,
         description='initial parameters, l1.. then b1.. (then d<order>, s<order>); automatic: zero',
     )
     adapt: bool = parameter(
         True,
-        unit='',
         description='false freezes the parameters; the filters keep running, so that adaptation '
         'resumes without a bump',
     )
-    velocity: str = parameter(
+    velocity: str = structural(
         'full',
-        unit='',
         choices=('full', 'paper'),
-        structural=True,
         description='full: C (A x + B u), correct once the innovation is zero; paper: (38), '
         'which needs b1 = 0 and correct parameters',
     )
-    gate: str = parameter(
+    gate: str = structural(
         'noise',
-        unit='',
         choices=('noise', 'gamma', 'none'),
-        structural=True,
         formerly={'off': 'none'},
         description='adapt only while the signals determine the parameters. noise: the '
         'information matrix exceeds signal_to_noise times the one of measurement noise '
@@ -170,13 +141,12 @@ class Gains:
     )
     signal_to_noise: float = parameter(
         100.0,
-        unit='',
         range=(1.0, 1e12),
         description="threshold of the gate 'noise': noise in the filtered measurement biases the "
         'parameters by at most about 1/signal_to_noise of their values',
     )
     excitation: float = parameter(
-        0.02, unit='', range=(1e-12, 1e12), description="threshold of the gate 'gamma'"
+        0.02, range=(1e-12, 1e12), description="threshold of the gate 'gamma'"
     )
     excitation_memory: float = parameter(
         20.0,
@@ -184,19 +154,16 @@ class Gains:
         range=(1e-3, 1e6),
         description='time constant of the information matrix of the gates',
     )
-    knock: float = parameter(
+    knock: float = structural(
         5.0,
-        unit='',
         range=(0.0, 1e9),
-        structural=True,
         description='an innovation larger than this multiple of its usual size is a knock from '
         'outside: adaptation pauses until the filters have settled; 0: never',
     )
-    moving_above: float = parameter(
+    moving_above: float = structural(
         0.0,
         unit='rad/s',
         range=(0.0, 1e6),
-        structural=True,
         description='adapt only while the joint moves faster: the model is not valid while dry '
         'friction sticks; 0: always',
     )

@@ -44,7 +44,7 @@ from estimator_pkg.observers.maths.covariance import (
 from estimator_pkg.observers.maths.scatter import FIRST as FIRST_VARIANCE
 from estimator_pkg.observers.maths.scatter import begin_scatter, follow_scatter, resume_scatter
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 VELOCITY, ACCELERATION = 'constant_velocity', 'constant_acceleration'
 # -3 dB frequency of the velocity over w0; of the third order: the root of u^3 - 8 u - 1, u = w^2
@@ -59,11 +59,9 @@ FIRST_3 = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class Gains(AngleGains):
     """Parameters of `kalman`."""
 
-    model: str = parameter(
+    model: str = structural(
         ACCELERATION,
-        unit='',
         choices=(VELOCITY, ACCELERATION),
-        structural=True,
         description='what a joint does when left alone; constant_acceleration also gives the '
         'acceleration and has no ramp lag',
     )

@@ -39,7 +39,6 @@ class Gains(AngleGains):
     )
     damping: float = parameter(
         1.0,
-        unit='',
         range=(0.2, 10.0),
         advanced=True,
         description='zeta of the loop; 1: two equal poles, 0.707: flattest response',

@@ -41,7 +41,6 @@ class Gains(MechanicalGains, BandwidthGains):
 
     h: tuple[float, ...] | None = parameter(
         None,
-        unit='',
         kind=list,
         range=(0.0, 1e9),
         advanced=True,

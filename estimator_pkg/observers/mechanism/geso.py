@@ -54,7 +54,6 @@ class Gains(MechanicalGains, LoopGains):
 
     Gamma: tuple[float, ...] | None = parameter(
         None,
-        unit='',
         kind=list,
         range=(-1e12, 1e12),
         advanced=True,

@@ -50,7 +50,6 @@ class Gains(MechanicalGains, LoopGains):
     )
     h: tuple[float, ...] | None = parameter(
         None,
-        unit='',
         kind=list,
         range=(0.0, 1e9),
         advanced=True,

@@ -16,7 +16,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 Array = NDArray[np.float64]
 
@@ -29,43 +29,33 @@ MEASUREMENT, ESTIMATE = 'measurement', 'estimate'
 class MechanicalGains:
     """The parameters that all observers of mechanisms share."""
 
-    model: str = parameter(
+    model: str = structural(
         'single_joint',
-        unit='',
-        structural=True,
         choices=(*registry.names(registry.MODELS), 'package.module:name'),
         description="the mechanism; 'velocity_estimator list' shows the parameters of each, "
         'docs/own_model.md how to write one',
     )
-    model_parameters: tuple[str, ...] = parameter(
+    model_parameters: tuple[str, ...] = structural(
         (),
-        unit='',
-        structural=True,
         description="the model's numbers as 'name=value', such as ['inertia=0.05', "
         "'damping=0.01']; 'velocity_estimator identify' estimates them",
     )
-    form: str = parameter(
+    form: str = structural(
         EXACT,
-        unit='',
         choices=(EXACT, PAPER),
-        structural=True,
         description='exact: the step is exact for the time between samples; paper: forward Euler, '
         'which is unstable unless dt K is well below L',
     )
-    hold: str = parameter(
+    hold: str = structural(
         LINEAR,
-        unit='',
         choices=(LINEAR, PREVIOUS),
-        structural=True,
         advanced=True,
         description='the measurement between samples in the exact form: linear, or constant at the '
         'previous sample (half a sample more delay)',
     )
-    schedule: str = parameter(
+    schedule: str = structural(
         MEASUREMENT,
-        unit='',
         choices=(MEASUREMENT, ESTIMATE),
-        structural=True,
         description='where the model is evaluated: at the measurement, as the proof requires, or '
         'at the estimated position, which is less noisy with a noisy encoder',
     )
@@ -114,7 +104,6 @@ class LoopGains(BandwidthGains):
 
     damping: float = parameter(
         1.0,
-        unit='',
         range=(0.1, 10.0),
         search=(0.5, 2.0),
         description='damping ratio of the error at the operating point',

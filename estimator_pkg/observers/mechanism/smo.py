@@ -47,7 +47,7 @@ from estimator_pkg.observers.mechanism.velocity import (
     make_braked,
     make_place,
 )
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 NEWTON = 60  # most steps of Newton's method; from above it converges monotonically
 
@@ -214,11 +214,9 @@ SMALLEST = 1e-18  # smallest mean squared innovation for the describing function
 class Gains(MechanicalGains):
     """Parameters of `smo`."""
 
-    variant: str = parameter(
+    variant: str = structural(
         SUPER_TWISTING,
-        unit='',
         choices=(SUPER_TWISTING, UNIFORM),
-        structural=True,
         description='injections of the sliding mode: those of super_twisting, or uniform ones',
     )
     mu: tuple[float, ...] = parameter(
@@ -231,16 +229,16 @@ class Gains(MechanicalGains):
         'predict; one number for all positions, or one each',
     )
     k1: tuple[float, ...] = parameter(
-        (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the position'
+        (1.0,), kind=list, range=(1e-9, 1e9), description='uniform: gain of the position'
     )
     k2: tuple[float, ...] = parameter(
-        (1.0,), unit='', kind=list, range=(1e-9, 1e9), description='uniform: gain of the velocity'
+        (1.0,), kind=list, range=(1e-9, 1e9), description='uniform: gain of the velocity'
     )
     mu1: float = parameter(
-        1.86, unit='', range=(1e-9, 1e6), description='uniform: gain of the root and of the sign'
+        1.86, range=(1e-9, 1e6), description='uniform: gain of the root and of the sign'
     )
     mu2: float = parameter(
-        0.303, unit='', range=(0.0, 1e6), description='uniform: gain of the powers 3/2 and 2'
+        0.303, range=(0.0, 1e6), description='uniform: gain of the powers 3/2 and 2'
     )
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.motor import MotorData, check_motor
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 EPSILON = 85e-6  # s; Table 1's gains are those of (17) at this epsilon
 EPSILON_SPEED = 0.374  # epsilon times the top electrical speed in Table 1's motor
@@ -25,25 +25,20 @@ SETTLES = 5.0  # settling time of the fast part in units of epsilon
 class Gains(MotorData):
     """Parameters of `pmsm`: motor data, one relative bandwidth, and the paper's symbols."""
 
-    variant: str = parameter(
+    variant: str = structural(
         'identifier',
-        unit='',
         choices=('identifier', 'hybrid', 'continuous'),
-        structural=True,
         description='identifier: (16) with the flux identifier (25), (26); hybrid: (16); '
         'continuous: (5)',
     )
-    form: str = parameter(
+    form: str = structural(
         'robust',
-        unit='',
         choices=('robust', 'paper'),
-        structural=True,
         description='robust: gated identifier, alternating clock, frozen while not observable; '
         'paper: the equations as printed (misprints mended)',
     )
     relative_bandwidth: float = parameter(
         0.1286,
-        unit='',
         range=(0.01, 1.0),
         search=(0.03, 0.5),
         description='natural frequency of angle and flux estimation per electrical speed',
@@ -106,36 +101,30 @@ class Gains(MotorData):
         'takes a sample',
         equation='Lambda in (7)',
     )
-    periods: int = parameter(
+    periods: int = structural(
         2,
-        unit='',
         range=(1, 16),
-        structural=True,
         advanced=True,
         description='clock periods that the identifier fits',
         equation='N in (23)',
     )
     second_period: float = parameter(
         0.8,
-        unit='',
         range=(0.2, 1.0),
         advanced=True,
         description='length of every second clock period relative to the others, so that at no '
         'speed the rotor is at the same angle at every tick; 1: all equal (form paper: always)',
     )
-    scaling: str = parameter(
+    scaling: str = structural(
         'amplitude',
-        unit='',
         choices=('amplitude', 'power'),
-        structural=True,
         description='scaling of the measured alpha-beta vectors: their length is the amplitude of '
         'the phase quantity, or sqrt(1.5) times that (power-invariant)',
     )
-    voltage_delay: float = parameter(
+    voltage_delay: float = structural(
         0.0,
         unit='sample',
         range=(0.0, 8.0),
-        structural=True,
         description='delay between the interval that ends at the stamp of a voltage and the '
         'interval over which it acts (2: a command computed at the stamp acts over the period '
         'after the next)',
@@ -189,7 +178,6 @@ class Gains(MotorData):
     )
     resistance_error: float = parameter(
         0.2,
-        unit='',
         range=(0.0, 2.0),
         advanced=True,
         description='relative uncertainty of the resistance; the back-EMF must exceed twice the '

@@ -8,34 +8,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from estimator_pkg.models.switched import OWN
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 
 @dataclass(frozen=True)
 class Gains:
     """Parameters of `switched`."""
 
-    model: str = parameter(
+    model: str = structural(
         'gripper',
-        unit='',
         choices=(*OWN, 'package.module:name'),
-        structural=True,
         description='the system: a built-in model, or your own SwitchedModel',
     )
-    discrete: str = parameter(
+    discrete: str = structural(
         'regression',
-        unit='',
         choices=('regression', 'inversion', 'copy'),
-        structural=True,
         description='how Z is estimated: regression for noisy encoders; inversion as in the paper, '
         'for exact outputs only; copy: predicted with A_d and beta_d only',
         equation='(28), (29)',
     )
-    velocity: str = parameter(
+    velocity: str = structural(
         'filtered',
-        unit='',
         choices=('filtered', 'cascade'),
-        structural=True,
         description='source of the published velocity. filtered: an extended observer that uses '
         'the model with the estimated Z, for noisy encoders; cascade: the super-twisting stages, '
         'as in the paper',
@@ -49,11 +43,9 @@ class Gains:
         description='-3 dB frequency from true to estimated velocity for motion that the model '
         'does not predict; velocity filtered only',
     )
-    form: str = parameter(
+    form: str = structural(
         'implicit',
-        unit='',
         choices=('implicit', 'explicit'),
-        structural=True,
         description='discretisation of super-twisting; explicit chatters, it is there for '
         'comparison',
     )
@@ -64,17 +56,14 @@ class Gains:
         description='a stage runs while the errors of all stages before it are below this',
         equation='epsilon in (23)',
     )
-    steps: int = parameter(
+    steps: int = structural(
         1,
-        unit='',
         range=(1, 20),
-        structural=True,
         description='number of past intervals that the inversion uses',
         equation='N in (28)',
     )
     singular_value: float = parameter(
         0.05,
-        unit='',
         range=(0.0, 1e9),
         description='the inversion is used if the smallest singular value of its matrix is above '
         'this',
@@ -87,19 +76,16 @@ class Gains:
         'between two events closer than this Z stays predicted',
         equation='tau_c in (26)',
     )
-    reset: str = parameter(
+    reset: str = structural(
         'all',
-        unit='',
         choices=('all', 'states', 'none'),
-        structural=True,
         description='what (13) resets at an event. states: the states of both chains; all: the '
         'last derivative of each chain too; none: nothing',
     )
-    filter_rate: float = parameter(
+    filter_rate: float = structural(
         25.0,
         unit='1/s',
         range=(1e-3, 1e5),
-        structural=True,
         description='pole of the regression filter; set it as high as the noise allows',
     )
     memory: float = parameter(
@@ -111,7 +97,6 @@ class Gains:
     )
     bound_scale: float = parameter(
         1.0,
-        unit='',
         range=(1e-6, 1e6),
         description="factor on the model's bounds L of the outputs' derivatives",
     )

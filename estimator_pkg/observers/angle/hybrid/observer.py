@@ -14,7 +14,7 @@ from estimator_pkg.observers.angle.hybrid import correction, injections, paper, 
 from estimator_pkg.observers.angle.hybrid.design import Design, continuous_design, paper_limit
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Functions, Observer
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 LAG_PAPER = 0.75  # see `AngleCore.lag`: of the paper's poles, 1 and 5
 SETTLING = 3.0  # time constants of the slowest pole until a start counts as settled
@@ -32,27 +32,21 @@ class Gains(AngleGains):
         description='-3 dB frequency from true to estimated velocity of the continuous design',
         equation='sets epsilon',
     )
-    order: int | None = parameter(
+    order: int | None = structural(
         None,
-        unit='',
         kind=int,
         range=(2, 3),
-        structural=True,
         description='3 also gives acceleration and has no ramp lag; automatic: 3 (form paper: 2)',
     )
-    form: str = parameter(
+    form: str = structural(
         'robust',
-        unit='',
         choices=('robust', 'paper'),
-        structural=True,
         description='robust: poles matched at any sample time, innovation continued past half a '
         'turn, reset before injection; paper: Algorithm 1 exactly',
     )
-    injection: str = parameter(
+    injection: str = structural(
         'saw',
-        unit='',
         choices=(*injections.NAMES, 'package.module:name'),
-        structural=True,
         description='how an error acts: sin(e), 2 tan(e/2), e, e held within M, or your own '
         'function of the error [rad]',
         equation='phi, section IV',
@@ -76,7 +70,6 @@ class Gains(AngleGains):
     )
     k1: float | None = parameter(
         None,
-        unit='',
         kind=float,
         range=(1e-6, 1e6),
         advanced=True,
@@ -85,7 +78,6 @@ class Gains(AngleGains):
     )
     k2: float | None = parameter(
         None,
-        unit='',
         kind=float,
         range=(1e-6, 1e6),
         advanced=True,
@@ -94,7 +86,6 @@ class Gains(AngleGains):
     )
     k3: float | None = parameter(
         None,
-        unit='',
         kind=float,
         range=(1e-6, 1e6),
         advanced=True,

@@ -37,7 +37,7 @@ from estimator_pkg.observers.angle.super_twisting.gains import (
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.observers.maths.twisting import implicit_step
-from estimator_pkg.parameters import parameter
+from estimator_pkg.parameters import parameter, structural
 
 EXPLICIT = ('taylor', 'explicit')
 PACE = 0.55  # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
@@ -51,11 +51,9 @@ HALVED = 0.5  # ... and is forgotten by this factor every REFRESH samples
 class Gains(AngleGains):
     """Parameters of `super_twisting`."""
 
-    order: int = parameter(
+    order: int = structural(
         2,
-        unit='',
         range=(1, 3),
-        structural=True,
         description='1: velocity, from a bound of acceleration; 2: and acceleration, from a bound '
         'of jerk; 3: from a bound of snap',
     )
@@ -68,11 +66,9 @@ class Gains(AngleGains):
         'fails hard, too large costs about its square root in noise',
         equation='L in lambda_j = c_j L^(j/(n+1))',
     )
-    form: str = parameter(
+    form: str = structural(
         'matching',
-        unit='',
         choices=('matching', 'implicit', 'taylor', 'explicit'),
-        structural=True,
         description='sampling: matching (eigenvalues matched to dt), implicit (order 1 only), '
         'taylor (explicit with Taylor terms), explicit (Euler; chatters by dt times '
         'the gain, kept to show why not)',
