@@ -27,9 +27,9 @@ from estimator_pkg.messages.drive_samples import Batch
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.messages.joint_state_block import decode_block
 from estimator_pkg.observers.contract import VALID
-from estimator_pkg.streams.angle import FieldSamples
 from estimator_pkg.streams.contract import PUBLISHER, Answers, Stream, counts_of
 from estimator_pkg.streams.history import History
+from estimator_pkg.streams.sources import FieldSamples
 
 
 class Estimate(NamedTuple):

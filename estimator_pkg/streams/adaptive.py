@@ -19,39 +19,31 @@ from estimator_pkg.messages import diagnostics
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import structural
-from estimator_pkg.streams.contract import Action, Answer, Output, Reply, Request, Values
-from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
+from estimator_pkg.streams.contract import (
+    Action,
+    Answer,
+    JointsSettings,
+    Output,
+    Reply,
+    Request,
+    Values,
+)
+from estimator_pkg.streams.driven import DrivenStream, EffortSettings
+from estimator_pkg.streams.sources import Sample
 
 IDENTIFIED = Output('identified_parameters', diagnostics.TYPE, on_demand=True)
 PERIOD = 100_000_000  # time between two messages of it, by the measurement's stamps [ns]
 
 
 @dataclass(frozen=True)
-class AdaptiveSettings(EffortSettings):
+class AdaptiveSettings(JointsSettings, EffortSettings):
     """Parameters of the node `adaptive_observer` as a whole."""
 
-    joints: tuple[str, ...] | None = structural(
-        None,
-        kind=tuple,
-        description='names of the joints to estimate; automatic: every joint that appears',
-    )
-    joints_max: int = structural(
-        512,
-        range=(1, 1_000_000),
-        description='largest number of joints; further names get no estimate and are counted. '
-        'Joints that the parameters name do not count',
-    )
-    expiry: float = structural(
-        600.0,
-        unit='s',
-        range=(0.0, 1e9),
-        description='after this time without a sample a joint is removed, unless the parameters '
-        'name it; with parameters_file its parameters are saved first. 0: never',
-    )
     parameters_file: str = structural(
         '',
-        description='file to which ~/save writes the identified parameters; read at start if it '
-        'exists. With adapt: false the node starts frozen with them',
+        description='file to which ~/save writes the identified parameters, also those of a joint '
+        'that expires; read at start if it exists. With adapt: false the node starts frozen with '
+        'them',
     )
 
     def find_observer(self) -> Observer:
@@ -67,11 +59,6 @@ class AdaptiveSettings(EffortSettings):
                 f"parameters_file '{self.parameters_file}': the folder {folder} does not exist"
             )
         return OBSERVER
-
-    @property
-    def only(self) -> tuple[str, ...]:
-        """The joints to estimate; empty: all."""
-        return tuple(name for name in self.joints or () if name)
 
 
 class AdaptiveStream(DrivenStream):
@@ -107,15 +94,6 @@ class AdaptiveStream(DrivenStream):
         path = settings.parameters_file if settings else ''
         saved = adaptive_file.load(path) if path and Path(path).exists() else {}
         return AdaptiveConfiguration(OBSERVER, common, overrides, saved)
-
-    @classmethod
-    def start(
-        cls, settings: AdaptiveSettings, configuration: AdaptiveConfiguration
-    ) -> AdaptiveStream:
-        """See `Stream`."""
-        stream = cls(settings, configuration)
-        stream.try_gains(configuration)
-        return stream
 
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""

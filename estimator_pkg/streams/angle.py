@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,10 @@ from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError, UserError, plainly
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.field import Field
-from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.joint_state import Decoder
-from estimator_pkg.messages.joint_state_block import decode_block
-from estimator_pkg.messages.number import decoder as number_decoder
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import ACCELERATION, Answering
-from estimator_pkg.streams.arrays import Estimation, Samples
+from estimator_pkg.streams.arrays import Estimation
 from estimator_pkg.streams.clocks import Clocks
 from estimator_pkg.streams.contract import (
     ESTIMATE,
@@ -37,13 +33,14 @@ from estimator_pkg.streams.contract import (
     STDDEV,
     Answer,
     Answers,
+    JointsSettings,
     Port,
     Request,
     Stream,
-    StreamSettings,
     Values,
 )
 from estimator_pkg.streams.smoothing import SMOOTHED, SMOOTHED_STDDEV, Smoothing
+from estimator_pkg.streams.sources import FieldSamples, JointStates, Numbers, Source
 
 JOINT_STATES = 'joint_states'
 ANGLE = 'angle'
@@ -59,29 +56,11 @@ NODE_OF = {
 
 
 @dataclass(frozen=True)
-class AngleSettings(StreamSettings):
+class AngleSettings(JointsSettings):
     """Parameters of the node `joint_observer`, without those of its observer."""
 
     observer: str = structural(
         observers.DEFAULT, description="observer to run ('velocity_estimator list' names them all)"
-    )
-    joints: tuple[str, ...] | None = structural(
-        None,
-        kind=tuple,
-        description='names of the joints to estimate; automatic: every joint that appears',
-    )
-    joints_max: int = structural(
-        512,
-        range=(1, 1_000_000),
-        description='largest number of joints; further names get no estimate and are counted. '
-        'Joints that the parameters name do not count',
-    )
-    expiry: float = structural(
-        600.0,
-        unit='s',
-        range=(0.0, 1e9),
-        description='after this time without a sample a joint is removed, unless the parameters '
-        'name it; 0: never',
     )
     input: str = structural(
         JOINT_STATES,
@@ -188,11 +167,6 @@ class AngleSettings(StreamSettings):
         return self.input != JOINT_STATES
 
     @property
-    def only(self) -> tuple[str, ...]:
-        """The joints to estimate; empty: all. YAML writes an empty list as an empty text."""
-        return tuple(name for name in self.joints or () if name)
-
-    @property
     def raw_angle(self) -> RawAngle:
         """The conversion from a number on the topic angle to rad."""
         return RawAngle(self.counts_per_revolution, self.angle_offset, self.angle_sign)
@@ -203,133 +177,6 @@ class AngleSettings(StreamSettings):
         if self.is_number and not values.get('quantum') and self.counts_per_revolution > 0.0:
             values['quantum'] = self.raw_angle.quantum
         return values
-
-
-class Sample(NamedTuple):
-    """One message of the measurement in SI units."""
-
-    stamp_ns: int
-    frame_id: str
-    names: Sequence[str]
-    positions: Sequence[float]
-    efforts: Sequence[float] = ()
-
-
-class Source(Protocol):
-    """Converts the measurement's messages to samples."""
-
-    type: str
-
-    def sample(self, raw: bytes, publish_ns: int) -> Sample:
-        """Convert one message; raise MalformedMessageError if it has another type."""
-
-    def samples(self, block: Block) -> tuple[list[Samples], list[int]] | None:
-        """Convert a block; return samples and malformed rows, or None: only one by one."""
-
-
-class JointStates:
-    """Samples from JointStates.
-
-    Parameters
-    ----------
-    by_publisher : use the time of publishing, not the header stamp.
-    """
-
-    type = JOINT_STATE
-
-    def __init__(self, by_publisher: bool = False) -> None:
-        self._by_publisher = by_publisher
-        self._layout = Decoder().layout
-
-    def sample(self, raw: bytes, publish_ns: int) -> Sample:
-        """See `Source`."""
-        layout = self._layout(raw)
-        return Sample(
-            publish_ns if self._by_publisher else layout.stamp_ns(raw),
-            layout.frame_id,
-            layout.names,
-            layout.numbers(raw, 0),
-            layout.numbers(raw, 2),
-        )
-
-    def samples(self, block: Block) -> tuple[list[Samples], list[int]]:
-        """See `Source`."""
-        groups, malformed = decode_block(block)
-        return [
-            Samples(
-                group.rows,
-                group.frame_id,
-                group.names,
-                block.publish_ns[group.rows] if self._by_publisher else group.stamps_ns,
-                group.arrays[0],
-                group.arrays[2],
-            )
-            for group in groups
-        ], malformed
-
-
-class Numbers:
-    """Samples of one joint from numbers of std_msgs, stamped with the time of publishing."""
-
-    def __init__(self, kind: str, joint: str, angle: RawAngle) -> None:
-        self.type = f'std_msgs/msg/{kind}'
-        self._number: Callable[[bytes], float] = number_decoder(kind)
-        self._angle = angle.angle
-        self._names = (joint,)
-
-    def sample(self, raw: bytes, publish_ns: int) -> Sample:
-        """See `Source`."""
-        return Sample(publish_ns, '', self._names, (self._angle(self._number(raw)),))
-
-    def samples(self, block: Block) -> None:
-        """See `Source`."""
-
-
-class FieldSamples:
-    """Samples of one joint from a number in messages of any type.
-
-    Parameters
-    ----------
-    field : the number. joint : name of the joint. angle : conversion of the number to an angle.
-    by_publisher : use the time of publishing also where the messages have a header.
-    """
-
-    def __init__(
-        self, field: Field, joint: str, angle: RawAngle, by_publisher: bool = False
-    ) -> None:
-        self.type = field.type
-        self._field, self._names, self._angle = field, (joint,), angle.angle
-        self._by_publisher = by_publisher
-
-    def sample(self, raw: bytes, publish_ns: int) -> Sample:
-        """See `Source`; without a header the time is that of publishing."""
-        stamp_ns, frame_id, value = self._field.decode(raw)
-        return Sample(
-            publish_ns if stamp_ns is None or self._by_publisher else stamp_ns,
-            frame_id,
-            self._names,
-            () if value is None else (self._angle(value),),
-        )
-
-    def samples(self, block: Block) -> tuple[list[Samples], list[int]]:
-        """See `Source`."""
-        groups, malformed = self._field.decode_block(block)
-        found = []
-        for group in groups:
-            stamps = group.stamps_ns
-            if stamps is None or self._by_publisher:
-                stamps = block.publish_ns[group.rows]
-            positions = (
-                np.zeros((len(group.rows), 0))
-                if group.values is None
-                else self._angle(group.values)[:, None]
-            )
-            found.append(
-                Samples(
-                    group.rows, group.frame_id, self._names, stamps, positions, positions[:, :0]
-                )
-            )
-        return found, malformed
 
 
 class AngleStream(Stream):
@@ -381,13 +228,6 @@ class AngleStream(Stream):
     ) -> Configuration:
         """See `Stream`."""
         return Configuration(observer, settings.implied(common) if settings else common, overrides)
-
-    @classmethod
-    def start(cls, settings: AngleSettings, configuration: Configuration) -> AngleStream:
-        """See `Stream`."""
-        stream = cls(settings, configuration)
-        stream.try_gains(configuration)
-        return stream
 
     # Messages
 

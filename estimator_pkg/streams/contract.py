@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from estimator_pkg.messages.field import Field
 from estimator_pkg.observers import instead
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.parameters import Parameter, build, declared, parameter
+from estimator_pkg.parameters import Parameter, build, declared, parameter, structural
 from estimator_pkg.streams.history import History
 
 TYPICAL_DT = 1e-3  # [s]
@@ -127,38 +127,6 @@ class Request(NamedTuple):
     joints: tuple[str, ...] = ()
 
 
-class Joints(Protocol):
-    """The joints of a stream.
-
-    Attributes
-    ----------
-    configuration : present gains and settings of the joints.
-    only : names of the joints to estimate; empty: every joint that appears.
-    mismatched, empty : numbers of messages with arrays that do not fit, and without a position.
-    refused, expired : numbers of samples of names beyond the limit, and of removed joints.
-    """
-
-    configuration: Any
-    only: frozenset[str]
-    mismatched: int
-    empty: int
-    refused: int
-    expired: int
-
-    @property
-    def joints(self) -> Mapping[str, Joint]:
-        """The joints (or mechanisms) by name."""
-
-    def touched(self) -> Iterable[str]:
-        """Return the joints that may have had a sample since the last call."""
-
-    def rehearse(self) -> None:
-        """Prepare everything that the first sample needs."""
-
-    def why_silent(self, name: str) -> str:
-        """Return why a joint may have no usable sample, if it is known; else ''."""
-
-
 @dataclass(frozen=True)
 class StreamSettings:
     """Base of the dataclasses that declare the parameters of a node as a whole."""
@@ -176,6 +144,35 @@ class StreamSettings:
         raise NotImplementedError
 
 
+@dataclass(frozen=True)
+class JointsSettings(StreamSettings):
+    """Parameters of a node that estimates each joint of its messages by itself."""
+
+    joints: tuple[str, ...] | None = structural(
+        None,
+        kind=tuple,
+        description='names of the joints to estimate; automatic: every joint that appears',
+    )
+    joints_max: int = structural(
+        512,
+        range=(1, 1_000_000),
+        description='largest number of joints; further names get no estimate and are counted. '
+        'Joints that the parameters name do not count',
+    )
+    expiry: float = structural(
+        600.0,
+        unit='s',
+        range=(0.0, 1e9),
+        description='after this time without a sample a joint is removed, unless the parameters '
+        'name it; 0: never',
+    )
+
+    @property
+    def only(self) -> tuple[str, ...]:
+        """The joints to estimate; empty: all. YAML writes an empty list as an empty text."""
+        return tuple(name for name in self.joints or () if name)
+
+
 class Stream(ABC):
     """Computes the messages that answer one family's input messages.
 
@@ -183,7 +180,7 @@ class Stream(ABC):
     ----------
     settings : an instance of `SETTINGS`.
     observer : of kind `KIND`.
-    bank : the joints.
+    bank : the joints; see `estimator_pkg.driver.bank.Bank`.
     inputs, outputs : the ports; the first input is the measurement, the first two outputs are
         `ESTIMATE` and `STDDEV`.
 
@@ -255,9 +252,12 @@ class Stream(ABC):
         return Configuration(observer, common, overrides)
 
     @classmethod
-    @abstractmethod
     def start(cls, settings: Any, configuration: Any) -> Stream:
         """Return a stream; raise UserError for problems beyond ranges."""
+        family: Any = cls  # each takes settings and configuration
+        stream: Stream = family(settings, configuration)
+        stream.try_gains(configuration)
+        return stream
 
     @classmethod
     def of(cls, values: Values) -> Stream:

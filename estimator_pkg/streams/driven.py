@@ -6,15 +6,15 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 from estimator_pkg.driver.efforts import ARRAY, COMMAND, FIELD, EffortCommands
 from estimator_pkg.driver.efforts import JOINT_STATE as BY_NAME
+from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import multi_array
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import Answering
@@ -25,9 +25,11 @@ from estimator_pkg.streams.contract import (
     Answer,
     Output,
     Port,
+    Request,
     Stream,
     StreamSettings,
 )
+from estimator_pkg.streams.sources import JointStates, Sample
 
 
 @dataclass(frozen=True)
@@ -53,16 +55,6 @@ class EffortSettings(StreamSettings):
         description='time of a message: its header stamp, or the time of publishing; events always '
         'have their header stamp',
     )
-
-
-class Sample(NamedTuple):
-    """One message of the measurement in SI units; `efforts` is empty if it has none."""
-
-    stamp_ns: int
-    frame_id: str
-    names: Sequence[str]
-    positions: Sequence[float]
-    efforts: Sequence[float]
 
 
 class DrivenStream(Stream):
@@ -104,25 +96,13 @@ class DrivenStream(Stream):
         outputs = (ESTIMATE, STDDEV, *outputs)
         super().__init__(settings, observer, bank, inputs, outputs)
         self._commands = EffortCommands(settings.effort_command_type, orders, by_publisher)
-        self._by_publisher = by_publisher
-        self._layout = Decoder().layout
+        self._sample = JointStates(by_publisher).sample
         self._answering = Answering(self)
 
     def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
         """See `Stream`."""
         if port == 0:
-            layout = self._layout(raw)
-            return (
-                self.answer(
-                    Sample(
-                        publish_ns if self._by_publisher else layout.stamp_ns(raw),
-                        layout.frame_id,
-                        layout.names,
-                        layout.numbers(raw, 0),
-                        layout.numbers(raw, 2),
-                    )
-                ),
-            )
+            return (self.answer(self._sample(raw, publish_ns)),)
         if port == self._efforts:
             self.bank.command(*self._commands.decode(raw, publish_ns))
         else:
@@ -148,3 +128,15 @@ class DrivenStream(Stream):
         """See `Stream`."""
         settings: Any = self.bank.joints[name].settings
         return {'input': self.settings.input, 'input_unit': settings.input_unit}
+
+    @classmethod
+    def requested(
+        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+    ) -> dict[str, Any]:
+        """See `Stream`."""
+        if request.angle or request.joints:
+            raise UsageError(
+                '--angle and --joint are for observers of single angles: name the joints with '
+                "--set 'joints=[...]'"
+            )
+        return values

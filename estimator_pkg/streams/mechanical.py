@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,8 +21,9 @@ from estimator_pkg.messages import diagnostics
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanism.gains import in_words
 from estimator_pkg.parameters import structural
-from estimator_pkg.streams.contract import Answer, Output, Request, Values
-from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
+from estimator_pkg.streams.contract import Answer, Output, Values
+from estimator_pkg.streams.driven import DrivenStream, EffortSettings
+from estimator_pkg.streams.sources import Sample
 
 GAINS = Output('gains', diagnostics.TYPE, latched=True)
 
@@ -74,13 +75,6 @@ class MechanicalStream(DrivenStream):
     ) -> MechanismConfiguration:
         """See `Stream`."""
         return MechanismConfiguration(observer, common, overrides)
-
-    @classmethod
-    def start(
-        cls, settings: MechanicalSettings, configuration: MechanismConfiguration
-    ) -> MechanicalStream:
-        """See `Stream`."""
-        return cls(settings, configuration)
 
     def try_gains(self, configuration: MechanismConfiguration) -> None:
         """See `Stream`: checks each mechanism; common values need not suit any of them."""
@@ -152,15 +146,3 @@ class MechanicalStream(DrivenStream):
                     "set its joint names with the parameter 'joints'"
                 )
         return self._unanswered()
-
-    @classmethod
-    def requested(
-        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-    ) -> dict[str, Any]:
-        """See `Stream`."""
-        if request.angle or request.joints:
-            raise UsageError(
-                '--angle and --joint are for observers of single angles: set the '
-                "joints of a mechanism with --set 'joints=[...]'"
-            )
-        return values

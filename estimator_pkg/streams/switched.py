@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -20,8 +19,9 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.switched.observer import OBSERVER
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import ACCELERATION
-from estimator_pkg.streams.contract import Answer, Output, Port, Request
-from estimator_pkg.streams.driven import DrivenStream, EffortSettings, Sample
+from estimator_pkg.streams.contract import Answer, Output, Port
+from estimator_pkg.streams.driven import DrivenStream, EffortSettings
+from estimator_pkg.streams.sources import Sample
 
 EVENTS = Port('switch_event', JOINT_STATE, answered=False, optional=True)
 DISCRETE = Output('discrete_state', JOINT_STATE)
@@ -83,13 +83,6 @@ class SwitchedStream(DrivenStream):
         )
         self._decode_event, self._encode_discrete = Decoder().decode, Encoder().encode
         self.refused_event = ''  # the newest unused event, and why
-
-    @classmethod
-    def start(cls, settings: SwitchedSettings, configuration: Configuration) -> SwitchedStream:
-        """See `Stream`."""
-        stream = cls(settings, configuration)
-        stream.try_gains(configuration)
-        return stream
 
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""
@@ -158,17 +151,3 @@ class SwitchedStream(DrivenStream):
         if not self.topics[1]:
             warnings.append(f'{path} has no topic /{EVENTS.topic}: the system never switches')
         return warnings
-
-    # Bags
-
-    @classmethod
-    def requested(
-        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
-    ) -> dict[str, Any]:
-        """See `Stream`."""
-        if request.angle or request.joints:
-            raise UsageError(
-                '--angle and --joint are for observers of single angles: set the '
-                "joints of a switched system with --set 'joints=[...]'"
-            )
-        return values
