@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Starts `python -m MODULE` for tests by a fork of a process that has imported ROS and NumPy.
+"""Starts `python -m MODULE` for tests by a fork of a process that has imported ROS and Numba.
 
 The imports take most of a short-lived node's time. A fork has the imported modules, but no
 context of ROS and no participant of DDS. It is a child of the nursery, which reports its exit code.
@@ -20,6 +20,7 @@ import socket
 import struct
 import subprocess
 import sys
+import textwrap
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import lru_cache
@@ -109,13 +110,22 @@ def fits(environment: Mapping[str, str]) -> bool:
     return nursery().environment == alike(environment)
 
 
+def words_of(module: str, *arguments: str) -> list[str]:
+    """The command line of a process that starts afresh."""
+    return [
+        sys.executable,
+        '-c' if module == 'exec' else '-m',
+        *(arguments if module == 'exec' else (module, *arguments)),
+    ]
+
+
 def start(module: str, *arguments: str) -> Child | subprocess.Popen:
     """Start it; both outputs are read from its `stdout`."""
     environment = {**os.environ, 'PYTHONUNBUFFERED': '1'}
     if fits(environment):
         return Child(module, *arguments)
     return subprocess.Popen(
-        [sys.executable, '-m', module, *arguments],
+        words_of(module, *arguments),
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -133,7 +143,7 @@ class Run:
         if fits(environment):
             self._child = Child(module, *arguments, files=(output, error))
         else:
-            words = [sys.executable, '-m', module, *arguments]
+            words = words_of(module, *arguments)
             self._child = subprocess.Popen(words, stdout=output, stderr=error, env=environment)
 
     def done(self, timeout: float = 200.0) -> tuple[int, str, str]:
@@ -154,6 +164,13 @@ class Run:
 def run(module: str, *arguments: str) -> tuple[int, str, str]:
     """(exit code, stdout, stderr) of `python -m MODULE`."""
     return Run(module, *arguments).done()
+
+
+def run_script(script: str, *arguments: object) -> tuple[int, str]:
+    """(exit code, both outputs) of `python -c SCRIPT`, which is indented."""
+    child = start('exec', textwrap.dedent(script), *map(str, arguments))
+    output = child.stdout.read()
+    return child.wait(), output
 
 
 def prepare() -> None:
@@ -224,5 +241,9 @@ if __name__ == '__main__':
     prepare()
     name, words = fork_as_asked(connection)
     connection.detach()
-    sys.argv = [name, *words]
-    runpy.run_module(name, run_name='__main__', alter_sys=True)
+    if name == 'exec':
+        sys.argv = ['-c', *words[1:]]
+        exec(words[0], {'__name__': '__main__'})
+    else:
+        sys.argv = [name, *words]
+        runpy.run_module(name, run_name='__main__', alter_sys=True)

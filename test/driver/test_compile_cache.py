@@ -8,12 +8,19 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import textwrap
 
+import nursery
 import pytest
 
 pytest.importorskip('numba')
 
+ALONE = """
+    import os, sys
+    from numba.core import config
+    sys.dont_write_bytecode = True
+    os.environ['NUMBA_CACHE_DIR'] = sys.argv[2]
+    config.reload_config()
+"""
 CALL = """
     import resource, sys
     if sys.argv[1] != '-1':
@@ -42,16 +49,11 @@ DRIVE = """
 
 
 def call(cache, size=-1, script=CALL):
-    """(cache hits, lines on stderr) of a process that compiles a function."""
-    done = subprocess.run(
-        [sys.executable, '-c', textwrap.dedent(script), str(size)],
-        capture_output=True,
-        text=True,
-        timeout=200,
-        env={**os.environ, 'NUMBA_CACHE_DIR': str(cache), 'PYTHONDONTWRITEBYTECODE': '1'},
-    )
-    assert done.returncode == 0, done.stderr
-    return int(done.stdout.split()[-1]), done.stderr.splitlines()
+    """(cache hits, further lines) that a process prints which compiles a function."""
+    code, output = nursery.run_script(ALONE + script, size, cache)
+    assert code == 0, output
+    *lines, hits = output.splitlines()
+    return int(hits.removeprefix('hits ')), lines
 
 
 @pytest.fixture(scope='module')
