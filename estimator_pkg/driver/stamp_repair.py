@@ -80,8 +80,7 @@ class _Joint:
 
     def after(self, periods: int) -> float:
         """Return the expected step over this number of periods [rad]."""
-        bend = self.bend if periods <= NEAR else 0.0
-        return periods * self.speed + 0.5 * periods * (periods + 1) * bend
+        return periods * self.speed + 0.5 * periods * (periods + 1) * self.bend
 
 
 class StampRepair:

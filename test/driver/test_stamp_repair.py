@@ -12,7 +12,14 @@ from observer_cases import make
 
 from benchmarks.signals import Signal, constant, encoder, sine, trapezoid
 from estimator_pkg.driver.guard import DUPLICATE
-from estimator_pkg.driver.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, StampRepair
+from estimator_pkg.driver.stamp_repair import (
+    COLLECTING,
+    FEW,
+    FIRST,
+    LEFT_ALONE,
+    REPAIRED,
+    StampRepair,
+)
 from estimator_pkg.streams.clocks import Clocks
 
 TURN = 2.0 * math.pi
@@ -22,6 +29,7 @@ MOTIONS = {
     'fast': constant(200.0),
 }
 MS = 1_000_000
+START = 1_700_000_000_000_000_000
 
 
 def repaired(stamps, angle, names=('joint',)):
@@ -206,6 +214,69 @@ def test_another_period(first, then):
     assert error('edge_adaptive', times, rest, 6.0) < 1.2 * error(
         'edge_adaptive', rest.stamps, rest, 6.0
     )
+
+
+def test_the_period_is_that_of_least_squares_over_all_messages():
+    """Until the memory ends, and while no residual is clipped: the recursion is exact."""
+    times = np.arange(900) * 10 * MS
+    stamps = START + times + np.random.default_rng(3).integers(-200_000, 200_000, 900)
+    for count in (FIRST, 300, 900):
+        _, states, repair = repaired(stamps[:count], np.zeros(count))
+        slope, _ = np.polyfit(np.arange(count), stamps[:count] - START, 1)
+        assert repair.period == pytest.approx(1e-9 * slope, rel=1e-9)
+        assert repair.jitter == pytest.approx(100e-6, rel=0.1)
+    assert set(states) == {COLLECTING, LEFT_ALONE}  # no reading shows which times are right
+
+
+def test_it_is_repaired_within_a_second_of_motion_and_not_at_once():
+    samples = recorded('trapezoid')
+    stamps = samples.stamps + delays('either way', len(samples.stamps), np.random.default_rng(1))
+    _, states, _ = repaired(stamps, samples.angle)
+    assert 0.5e9 <= stamps[states.index(REPAIRED)] - stamps[0] < 1e9
+
+
+def test_a_pause_of_seven_periods_is_part_of_the_first_fit():
+    stamps = START + np.cumsum([0, 200, 200, 200, 1400, *[200] * 12]) * MS
+    _, states, repair = repaired(stamps, np.zeros(len(stamps)))
+    assert states.index(LEFT_ALONE) == FEW - 1
+    assert repair.period == pytest.approx(0.2, rel=1e-9)
+
+
+def test_joints_that_show_nothing_take_nothing_from_one_that_shows_lost_messages():
+    whole, random = recorded('fast', duration=3.0), np.random.default_rng(5)
+    kept = (np.arange(3000) < 1000) | (random.random(3000) > 0.02)
+    samples = type(whole)(*(each[kept] for each in whole))
+    stamps = samples.stamps + random.integers(0, 6 * MS // 10, len(samples.stamps))
+    alone, _, _ = repaired(stamps, samples.angle)
+    noise = 1e-3 * random.standard_normal(len(stamps))
+    repair, names = StampRepair(lambda name: TURN), ('still', 'none', 'sways', 'joint')
+    times = [
+        repair(stamp, names, (0.4, math.nan, *readings))
+        for stamp, *readings in zip(stamps.tolist(), noise.tolist(), samples.angle.tolist())
+    ]
+    assert np.array_equal(times, alone)
+    assert np.std((alone - samples.stamps)[1000:]) < 60_000  # [ns]
+
+
+def test_joints_decide_alike_whatever_their_units():
+    """One shows which times are right; the other, in metres, moves by micrometres in noise."""
+    samples = recorded('sine', duration=2.0)
+    random = np.random.default_rng(6)
+    stamps = samples.stamps + random.integers(0, MS, len(samples.stamps))
+    noise = 1e-6 * random.standard_normal(len(stamps))
+    repair = StampRepair(lambda name: TURN)
+    for stamp, *readings in zip(stamps.tolist(), samples.angle.tolist(), noise.tolist()):
+        repair(stamp, ('turns', 'slides'), readings)
+    assert repair.state == REPAIRED
+
+
+@pytest.mark.parametrize('speed', [-0.6, 0.6])
+def test_equal_readings_in_a_batch_are_not_one_message(speed):
+    """0.6 counts per message: each third reading or so equals the one before."""
+    counts = np.floor(speed * np.arange(3000))
+    stamps = START + (np.arange(3000) // 5 + 1) * 5 * MS
+    _, _, repair = repaired(stamps, counts * TURN / 4096)
+    assert repair.period == pytest.approx(1e-3, rel=1e-3)
 
 
 def test_messages_in_batches():
