@@ -9,6 +9,9 @@ python -m docs.tools.edge_adaptive_figures docs/figures
 from __future__ import annotations
 
 import argparse
+import ast
+import importlib
+import pkgutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -32,7 +35,8 @@ from benchmarks.signals import (
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.track import Track
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.observers.angle.edge import observer as edge_adaptive
+from estimator_pkg.observers.angle import edge
+from estimator_pkg.observers.angle.edge import constants as edge_constants
 from estimator_pkg.observers.angle.edge.interval import INTERVAL
 from estimator_pkg.observers.angle.edge.sensor import vibration
 from estimator_pkg.progress import progress
@@ -59,29 +63,53 @@ COLUMNS = ('slow', 'sine', 'trapezoid', 'reversal', 'noise', 'beat', 'fast beat'
 DRAWS = 4
 
 
+MODULES = tuple(
+    importlib.import_module(f'{edge.__name__}.{found.name}')
+    for found in pkgutil.iter_modules(edge.__path__)
+)
+
+
 @contextmanager
-def constants(**values: Any) -> Iterator[None]:
-    """Replace constants or functions of the observer's module within the block."""
-    before = {name: getattr(edge_adaptive, name) for name in values}
-    for name, value in values.items():
-        setattr(edge_adaptive, name, value)
+def replaced(**values: Any) -> Iterator[None]:
+    """Replace names in all modules of the observer within the block."""
+    before = [
+        (module, name, getattr(module, name))
+        for module in MODULES
+        for name in values
+        if hasattr(module, name)
+    ]
+    for module, name, _ in before:
+        setattr(module, name, values[name])
     try:
         yield
     finally:
-        for name, value in before.items():
-            setattr(edge_adaptive, name, value)
+        for module, name, value in before:
+            setattr(module, name, value)
 
 
-def scaled(name: str, factor: float) -> Any:
-    """Return a constant times `factor`."""
-    value = getattr(edge_adaptive, name)
-    if isinstance(value, dict):
-        return {key: factor * one for key, one in value.items()}
-    return factor * value
+def scaled(name: str, factor: float) -> dict[str, Any]:
+    """Return all constants where one is `factor` times its value, and those derived from it."""
+    names: dict[str, Any] = {}
+    for line in ast.parse(Path(edge_constants.__file__).read_text()).body:
+        exec(compile(ast.Module([line], []), '<constants>', 'exec'), names)
+        if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == name:
+            value = names[name]
+            names[name] = (
+                {key: factor * one for key, one in value.items()}
+                if isinstance(value, dict)
+                else factor * value
+            )
+    return {key: value for key, value in names.items() if key.isupper()}
 
 
 def cells_alone(
-    off: float, ahead: float, quantum: float, variance: float, noise: float, hold: float
+    off: float,
+    ahead: float,
+    quantum: float,
+    variance: float,
+    noise: float,
+    flickers: bool,
+    excess: float,
 ) -> tuple[int, float, float]:
     """Return a reading's weight if only its cell counted."""
     return INTERVAL, off, 0.5 * quantum
@@ -185,7 +213,7 @@ def _beats(plt: Any) -> Any:
     samples = one.samples(duration=4.0)
     figure, axes = plt.subplots(2, 1, figsize=(8, 5), sharex=True)
     time = seconds(samples)
-    with constants(interval=cells_alone):
+    with replaced(interval=cells_alone):
         cells = traced(ENTRY.joint(quantum=one.quantum), samples)
     edges = traced(ENTRY.joint(quantum=one.quantum), samples)
     for found, color, label in (
@@ -234,7 +262,7 @@ def _bandwidth(plt: Any) -> Any:
         lw=0.5,
         label='larger cumulative sum',
     )
-    axes[2].axhline(edge_adaptive.ALARM, color='tab:green', ls=':', lw=0.8)
+    axes[2].axhline(edge_constants.ALARM, color='tab:green', ls=':', lw=0.8)
     axes[2].set(xlabel='time [s]')
     axes[2].legend(fontsize=8)
     return figure
@@ -348,7 +376,7 @@ def _constants(plt: Any) -> Any:
                 if factor == 1.0:
                     curves.append(usual)
                     continue
-                with constants(**{name: scaled(name, factor)}):
+                with replaced(**scaled(name, factor)):
                     curves.append(pooled())
             for one in chosen:
                 axis.loglog(

@@ -26,7 +26,8 @@ The mean square of the normalised innovations also scales the published standard
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+
+from estimator_pkg.observers.angle.edge.constants import ALARM, MEMORY, RATE, SHARE, SIGMAS
 
 # (density of the jerk [(rad/s^3)^2 s]; low-passed innovation, its variance were it white;
 # cumulative sum of positive and of negative innovations; run time of either [s]; mean square of the
@@ -39,32 +40,13 @@ Sway = tuple[float, float, float]
 STEADY: Sway = (0.0, 0.0, 0.0)
 
 
-class Laws(NamedTuple):
-    """Constants of the two laws.
-
-    rate : of log(density) per unit of the product, and per unit of the filter's memory.
-    slack : of the product: what is left of it where motion is followed best.
-    share : memory of the low-pass over the filter's own.
-    sigmas : slack of the cumulative sums.
-    alarm : of the cumulative sums.
-    memory : samples over which the squares are averaged.
-    """
-
-    rate: float
-    slack: float
-    share: float
-    sigmas: float
-    alarm: float
-    memory: float
-
-
 def begin_band(density: float) -> Band:
     """Return the band at a start, with this density of the jerk [(rad/s^3)^2 s]."""
     return (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def follow_band(
-    band: Band, z: float, gain: float, idle: float, least: float, laws: tuple
+    band: Band, z: float, gain: float, idle: float, least: float, slack: float
 ) -> tuple[Band, float, float, float]:
     """Return (band, growth of log density, date of a manoeuvre, product) after an innovation.
 
@@ -74,32 +56,32 @@ def follow_band(
     gain : the part of it by which the position is corrected.
     idle : time since the last innovation [s].
     least : the density never falls below this.
+    slack : of the product: what is left of it where motion is followed best.
 
     Returns
     -------
     The growth is 0 where it fell; the date [s] is 0 where there is no manoeuvre.
     """
     density, low, variance, up, down, up_time, down_time, squares = band
-    rate, slack, share, sigmas, alarm, memory = laws
-    squares += (z * z - squares) / memory
-    # slow law: C = z m / sqrt(var m), log c += rate b (C - slack), with b = weight
-    weight = share * gain
+    squares += (z * z - squares) / MEMORY
+    # slow law: C = z m / sqrt(var m), log c += RATE b (C - slack), with b = weight
+    weight = SHARE * gain
     product = z * low / math.sqrt(variance)
     low += weight * (z - low)
     variance = (1.0 - weight) * (1.0 - weight) * variance + weight * weight
-    move = rate * weight * (product - slack)
+    move = RATE * weight * (product - slack)
     density *= math.exp(move)
     if density < least:
         density, move = least, 0.0
-    # fast law (Page 1954): g = max(0, g + z - sigmas), alarm at g > alarm
+    # fast law (Page 1954): g = max(0, g + z - SIGMAS), alarm at g > ALARM
     up_time += idle
     down_time += idle
-    up += z - sigmas
-    down -= z + sigmas
+    up += z - SIGMAS
+    down -= z + SIGMAS
     date = 0.0
-    if up > alarm:
+    if up > ALARM:
         date = up_time
-    elif down > alarm:
+    elif down > ALARM:
         date = down_time
     if up <= 0.0 or date > 0.0:
         up = up_time = 0.0
@@ -140,13 +122,12 @@ def sums_alone(band: Band, after: Band) -> Band:
     return (density, low, variance, up, down, up_time, down_time, squares)
 
 
-def follow_sway(sway: Sway, ahead: float, most: float, memory: float) -> Sway:
+def follow_sway(sway: Sway, ahead: float, most: float) -> Sway:
     """Return the sway after a reading that moved by `ahead` [rad] beyond the prediction.
 
     Parameters
     ----------
     most : no product counts more than this, of either sign [rad^2].
-    memory : samples over which the products are averaged.
 
     Notes
     -----
@@ -162,16 +143,16 @@ def follow_sway(sway: Sway, ahead: float, most: float, memory: float) -> Sway:
         product = most
     elif product < -most:
         product = -most
-    return (mean + (product - mean) / memory, ahead, last)
+    return (mean + (product - mean) / MEMORY, ahead, last)
 
 
-def began(date: float, dt: float, noisy: bool, sigmas: float, alarm: float) -> float:
+def began(date: float, dt: float, noisy: bool) -> float:
     """Return how long ago [s] the manoeuvre began whose cumulative sum has run for `date` [s].
 
     Without noise a deviation is large at once. In noise one that grows as the cube of time is
-    `sigmas` large at n, if the excess over `sigmas` takes m samples more to sum up to the alarm:
-    3 sigmas/n m^2/2 = alarm. The two samples that it takes at least are no growth.
+    `SIGMAS` large at n, if the excess over `SIGMAS` takes m samples more to sum up to the alarm:
+    3 SIGMAS/n m^2/2 = ALARM. The two samples that it takes at least are no growth.
     """
     if noisy:
-        date += 1.5 * sigmas / alarm * (date / dt - 2.0) * date
+        date += 1.5 * SIGMAS / ALARM * (date / dt - 2.0) * date
     return date + dt

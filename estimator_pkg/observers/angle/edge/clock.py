@@ -17,19 +17,18 @@ from __future__ import annotations
 
 import math
 
+from estimator_pkg.observers.angle.edge.constants import FORGOTTEN, HELD, MEMORY, SIGMAS
+from estimator_pkg.observers.angle.edge.covariance import Covariance
+from estimator_pkg.observers.angle.edge.sensor import Sensor
+from estimator_pkg.observers.contract import TRACKING
+
 UNEVEN = 0.1  # of the mean sample time: what differs by less is never odd
 ODD = 4.0  # mean deviations: a sample time that differs by more is odd
 LIE = 0.25  # of an innovation: a mean sample time that leaves less shows a wrong stamp
 EVEN = 0.5  # mean deviation: with a larger one no sample time is known to be the usual one
-SIGMAS = 3.0  # standard deviations, in addition to a quantum, that an innovation may have by chance
-MEMORY = 32.0  # samples over which the deviations are averaged
-
-REPEATS = 12.0  # quanta: an unchanged reading of a shaft that moved by more is no reading
 STOPS = 4.0  # samples: a shaft that is about to stop within them may have stopped
-HELD = 16.0  # samples for which no unchanged reading is believed, at most
 SEEN = 0.25  # what one repeat adds to the evidence of another clock, from 0 to 1
 APART = 0.3  # evidence above this is believed: two repeats
-FORGOTTEN = 256.0  # samples in which it is forgotten
 
 # (by how much the last stamp was late [s]; mean deviation of the sample times, over their mean;
 # time since the reading repeats [s], 0: it does not; the longest such time after which the shaft
@@ -39,7 +38,9 @@ Clock = tuple[float, float, float, float, float]
 UNKNOWN: Clock = (0.0, 1.0, 0.0, 0.0, 0.0)  # a start has to show that its stream is even
 
 
-def repeats(clock: Clock, dt: float, pace: float, v: float, a: float, p11: float) -> bool:
+def repeats(
+    lock: tuple, clock: Clock, dt: float, pace: float, motion: tuple, p: Covariance
+) -> bool:
     """Return True if an unchanged reading is an old one, at a speed of `REPEATS` in a sample.
 
     One is held so at first, and as many as twice the longest such pause after which the shaft had
@@ -47,12 +48,16 @@ def repeats(clock: Clock, dt: float, pace: float, v: float, a: float, p11: float
 
     Parameters
     ----------
-    v, a : estimated speed and acceleration [rad/s, rad/s^2]. p11 : variance of the speed.
+    motion, p : estimate before this reading, and its covariance.
     """
     _, _, held, longest, _ = clock
+    _, v, a, _ = motion
+    _, _, _, p11, _, _ = p
     way, held = abs(v) * dt, held + dt
+    status, _, _ = lock
     return (
-        way * way > SIGMAS * SIGMAS * p11 * dt * dt
+        status == TRACKING
+        and way * way > SIGMAS * SIGMAS * p11 * dt * dt
         and abs(v) > STOPS * abs(a) * dt
         and held <= 2.0 * longest + 1.5 * dt
         and held <= HELD * pace
@@ -83,27 +88,19 @@ def resumed(clock: Clock, change: float, passed: float, pace: float, v: float) -
 
 
 def elapsed(
-    clock: Clock,
-    dt: float,
-    pace: float,
-    moved: float,
-    v: float,
-    a: float,
-    p: tuple,
-    quantum: float,
-    noise: float,
+    clock: Clock, dt: float, moved: float, motion: tuple, p: Covariance, sensor: Sensor
 ) -> tuple[float, Clock]:
     """Return the time that passed between two readings [s], and the clock.
 
     Parameters
     ----------
-    dt, pace : sample time by the stamps, and its mean [s].
+    dt : sample time by the stamps [s].
     moved : distance of the reading from the last estimate [rad].
-    v, a : estimated speed and acceleration [rad/s, rad/s^2].
-    p : covariance of the estimate; see `covariance`.
-    quantum, noise : of the reading; see `sensor`.
+    motion, p : estimate before this reading, and its covariance.
     """
     late, uneven, held, longest, apart = clock
+    quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
+    _, v, a, _ = motion
     if pace <= 0.0:
         return dt, clock
     odd, taken = dt - pace, dt

@@ -103,8 +103,10 @@ def manoeuvred(p: Covariance, d: float, date: float) -> Covariance:
 def swayed(p: Covariance, sway: float, dt: float) -> Covariance:
     """Return the covariance with a speed that goes at random.
 
-    It does so by 2 `sway` [rad^2] / dt^2 in a sample.
+    It does so by 2 `sway` [rad^2] / dt^2 in a sample; not at all where that is not above 0.
     """
+    if sway <= 0.0:
+        return p
     p00, p01, p02, p11, p12, p22 = p
     speed = sway / dt
     return (p00 + sway / 1.5, p01 + speed, p02, p11 + 2.0 * speed / dt, p12, p22)

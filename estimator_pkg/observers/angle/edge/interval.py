@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import math
 
+from estimator_pkg.observers.angle.edge.constants import SIGMAS
+
 ROOT_HALF = math.sqrt(0.5)
 DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
 TAIL = 6.0  # sigmas from which the tail's own series is used: erfc's digits would cancel
@@ -46,48 +48,51 @@ def within(e: float, half: float, sigma: float) -> tuple[float, float]:
 
 
 def interval(
-    off: float, ahead: float, quantum: float, variance: float, noise: float, hold: float
+    off: float,
+    ahead: float,
+    quantum: float,
+    variance: float,
+    noise: float,
+    flickers: bool,
+    excess: float,
 ) -> tuple[int, float, float]:
-    """Return what this reading is worth: (kind, centre less prediction, half width) [rad].
+    """Return what this reading shows: (kind, centre less prediction, half width) [rad].
 
     Parameters
     ----------
     off : cell's centre minus predicted angle [rad].
     ahead : change of the reading minus predicted motion [rad].
     variance : of the predicted angle [rad^2]. Above quantum^2/12 the cell alone is news.
-    noise : standard deviation of the edges [rad].
-    hold : a prediction that far [rad] outside the cell is held.
+    noise : variance of the edges [rad^2].
+    flickers : noise crosses an edge more often than the angle does: no edge is a time. But the
+        whole cell is news as soon as `SIGMAS` of the noise reach out of it.
+    excess : by how much the cell is wider than a quantum [rad].
     """
     half = 0.5 * quantum
+    edges = math.sqrt(noise)
+    hold = SIGMAS * edges
+    if flickers:
+        near = half - hold
+        if off > near or off < -near or 12.0 * variance > quantum * quantum:
+            return INTERVAL, off, half
+        return NOTHING, off, half
     if 12.0 * variance > quantum * quantum:
         return INTERVAL, off, half
     if ahead > half:
         width = quantum - ahead
         if width > -quantum:  # else the speed is not what was thought: the cell alone
-            width = (width if width > 0.0 else 0.0) + noise
+            width = (width if width > 0.0 else 0.0) + edges
             if width < quantum:
                 return INTERVAL, off - half + 0.5 * width, 0.5 * width
         return INTERVAL, off, half
     if ahead < -half:
         width = quantum + ahead
         if width > -quantum:
-            width = (width if width > 0.0 else 0.0) + noise
+            width = (width if width > 0.0 else 0.0) + edges
             if width < quantum:
                 return INTERVAL, off + half - 0.5 * width, 0.5 * width
         return INTERVAL, off, half
+    hold += excess
     if off > half + hold or off < -half - hold:
         return HELD, off, half
-    return NOTHING, off, half
-
-
-def cell(off: float, quantum: float, variance: float, hold: float) -> tuple[int, float, float]:
-    """Return the same as `interval`, where noise crosses an edge more often than the angle does.
-
-    No edge is a time then; but with noise of a known size the whole cell is news as soon as noise
-    of `hold` [rad] reaches out of it.
-    """
-    half = 0.5 * quantum
-    near = half - hold
-    if off > near or off < -near or 12.0 * variance > quantum * quantum:
-        return INTERVAL, off, half
     return NOTHING, off, half

@@ -5,11 +5,11 @@
 
     a' = -a/FADE + w,  v' = a,  x' = v,       w white jerk of a density that is found on line
 
-What differs from a Kalman filter (`covariance`) is what it makes of a reading
-(`interval`: a count is an interval, an edge is a time), how fast it listens
-(`bandwidth`), that it learns its sensor (`sensor`) and how it starts (`start`). The
-one thing a user says is the quantum, and even that is checked. The derivation is in
-docs/observers/edge_adaptive.md.
+What differs from a Kalman filter (`covariance`) is what it makes of a reading (`interval`: a count
+is an interval, an edge is a time; `update`), how fast it listens (`bandwidth`), that it learns its
+sensor (`quantum`, `sensor`) and its stamps (`clock`), and how it starts (`start`). The one thing a
+user says is the quantum, and even that is checked. The derivation is in
+docs/observers/edge_adaptive.md, whose headings are those of `step`.
 """
 
 from __future__ import annotations
@@ -20,20 +20,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from estimator_pkg.observers.angle.core import LOST_AFTER, OUTSIDE, is_angle
-from estimator_pkg.observers.angle.edge.bandwidth import (
-    STEADY,
-    Band,
-    Laws,
-    after_manoeuvre,
-    began,
-    begin_band,
-    follow_band,
-    follow_sway,
-    sums_alone,
-)
+from estimator_pkg.observers.angle.edge.bandwidth import STEADY, begin_band, follow_sway
 from estimator_pkg.observers.angle.edge.clock import (
     APART,
-    REPEATS,
     UNEVEN,
     UNKNOWN,
     Clock,
@@ -42,40 +31,41 @@ from estimator_pkg.observers.angle.edge.clock import (
     resumed,
     waiting,
 )
-from estimator_pkg.observers.angle.edge.covariance import (
-    Covariance,
-    corrected,
-    manoeuvred,
-    predicted,
-    swayed,
-    widened,
+from estimator_pkg.observers.angle.edge.constants import (
+    CONFIRMED,
+    FADE,
+    MEMORY,
+    PLAIN,
+    REPEATS,
+    RESTED,
+    SLACK,
 )
-from estimator_pkg.observers.angle.edge.interval import HELD, NOTHING, cell, interval, within
-from estimator_pkg.observers.angle.edge.sensor import (
-    FINEST,
+from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
+from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
+from estimator_pkg.observers.angle.edge.quantum import (
     FIRST_STEPS,
     JUMP,
-    OUTLIER,
-    RESIDUE,
-    ROUNDING,
     TOO_LARGE,
     TOO_SMALL,
-    Sensor,
+    UNIT,
     Steps,
-    aged,
     agreement,
+    is_residue,
+    quantum_of,
+    search,
+    shows_quantum,
+    with_jump,
+)
+from estimator_pkg.observers.angle.edge.sensor import (
+    OUTLIER,
+    Sensor,
+    aged,
     begin_sensor,
     counted_as,
-    first_step,
-    follow_noise,
     follow_sensor,
-    follow_steps,
-    paced,
-    quantum_of,
-    shows_quantum,
-    vibration,
     with_noise,
 )
+from estimator_pkg.observers.angle.edge.sigma import fastest, make_stddev
 from estimator_pkg.observers.angle.edge.start import (
     RECENT,
     RESTS,
@@ -83,15 +73,14 @@ from estimator_pkg.observers.angle.edge.start import (
     START,
     UNSURE,
     Doubt,
-    Motion,
+    after_jump,
     doubted,
     doubted_in_noise,
     later,
     settled,
-    started,
-    stood,
-    unseen,
+    straight_line,
 )
+from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import (
     COASTING,
@@ -103,31 +92,8 @@ from estimator_pkg.observers.contract import (
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 
-# The constants, all of them; docs/observers/edge_adaptive.md says where each comes from.
-RATE = 0.3  # of the slow law: log density per unit of its product and of filter memory
-SLACK = {'smooth': 0.6, 'balanced': 0.3, 'fast': 0.0}  # of that product
-SHARE = 0.2  # memory of the slow law's low-pass, over the filter's
-SIGMAS = 3.0  # slack of the cumulative sums; prediction this far outside its cell is held
-ALARM = 12.0  # of the cumulative sums: four samples of twice the slack
-BLUR = 0.03  # quanta: no edge is known better; and either end of an interval, of its width
-LONGEST = 2.0  # [s] longest memory; the start's too
-FADE = 0.3  # [s] memory of the acceleration
-MEMORY = 32.0  # samples: memory of the noise, and of the innovations' size
-EXPECTED = 0.01  # of the density that explains a manoeuvre: the least after it, without noise
-STRAY = 2.0  # quanta: beyond them one sample alone is never believed
-CONFIRMED = 4.0  # samples after which a start, a gap or a doubt has settled
-CALM = 0.5  # of its variance the speed keeps at least, however small the innovations are
-
-UNIT = 1.0  # [rad] quantum while none is known: before the first step all is relative to it
-RESTED = 0.7  # of a cell's variance: a prediction this vague has seen no edge for long
-SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
-PLAIN = 4.0 * BLUR * BLUR  # square quanta: a noise above it is more than the blur of the edges
-LEAST_PART = 0.05  # of its variance an innovation has at least, were it to count in sigmas
-
-# what the noise of the readings is like
-PLAIN_EDGES = 0  # less than the blur of the edges
-NOISY = 1  # more
-FLICKER = 2  # it crosses an edge more often than the angle does
+# (status, samples since a start, a gap or a doubt, time [s] for which the readings were far off)
+Lock = tuple[int, float, float]
 
 
 @dataclass(frozen=True)
@@ -156,7 +122,7 @@ class Design(NamedTuple):
     """What the gains imply whatever the sample time is."""
 
     quantum: float  # as given [rad]; 0: not known
-    laws: tuple[float, float, float, float, float, float]  # constants; the fields of `Laws`
+    slack: float  # of the slow law
 
 
 def prepare(design: Design, dt: float) -> tuple:
@@ -175,15 +141,8 @@ def prepare(design: Design, dt: float) -> tuple:
 
 def init(measurement: float, design: Design) -> tuple:
     """Return the state after the first sample [rad]; see `build`."""
-    quantum = design.quantum if design.quantum > 0.0 else UNIT
-    return first_state(
-        measurement,
-        begin_sensor(quantum, BLUR),
-        FIRST_STEPS,
-        begin(measurement),
-        START,
-        UNKNOWN,
-    )
+    sensor = begin_sensor(design.quantum if design.quantum > 0.0 else UNIT)
+    return first_state(measurement, sensor, FIRST_STEPS, begin(measurement), START, UNKNOWN)
 
 
 def first_state(
@@ -205,193 +164,35 @@ def first_state(
     )
 
 
-def rescaled(
-    p: Covariance, band: Band, sensor: Sensor, quantum: float, first: bool
-) -> tuple[Covariance, Band, Sensor]:
-    """Return covariance, band and sensor where the quantum in use becomes `quantum` [rad].
-
-    They stay as they were in quanta; but a finer quantum makes the estimate no surer.
-
-    Parameters
-    ----------
-    first : this is the first step of all, and everything was relative to `UNIT`.
-    """
-    used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
-    density, low, variance, up, down, up_time, down_time, squares = band
-    scale = quantum * quantum / (used * used)
-    band = (density * scale, low, variance, up, down, up_time, down_time, squares)
-    if first:
-        noise *= scale
-        lasting *= scale
-        sensor = (used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
-    if scale > 1.0 or first:
-        p00, p01, p02, p11, p12, p22 = p
-        p = (scale * p00, scale * p01, scale * p02, scale * p11, scale * p12, scale * p22)
-    return p, band, sensor
+def without_reading(state: tuple, coefficients: tuple) -> tuple:
+    """Return the state one sample later, predicted alone: the reading is an old one."""
+    (x, v, a, idle), p, band, sensor, steps, convention, lock, sway, doubt, clock = state
+    dt, half_square, kept, _, _, _ = coefficients
+    density, _, _, _, _, _, _, _ = band
+    motion = (x + v * dt + a * half_square, v + a * dt, kept * a, idle + dt)
+    p = predicted(p, density, coefficients)
+    return (motion, p, band, sensor, steps, convention, lock, sway, doubt, waiting(clock, dt))
 
 
-def after_jump(
-    jump: float, last: float, dt: float, given: float, period: float
-) -> tuple[Motion, Covariance, Band, Sensor, Steps, Doubt]:
-    """Return what is known where a `jump` [rad] was confirmed: all before it was residue.
+def coasting(lock: Lock) -> Lock:
+    """Return the lock after a reading that is not believed."""
+    status, _, astray = lock
+    return (COASTING if status != INITIALISING else status, 0.0, astray)
+
+
+def settling(lock: Lock, p: Covariance, dt: float, floor: float) -> Lock:
+    """Return the lock after one more believed reading of a start, a gap or a doubt.
 
     Parameters
     ----------
-    last : the reading after the jump [rad].
-    given : quantum as the user gave it [rad]; 0: not known.
+    floor : twelve times the variance of a reading [rad^2].
     """
-    steps = follow_steps(FIRST_STEPS, jump, 0.0, dt, 0.0, given, math.inf)
-    quantum = quantum_of(steps, given)
-    p, band = stood(quantum, BLUR, LONGEST)
-    return (
-        (last - 0.5 * jump, 0.0, 0.0, 0.0),  # at the edge
-        p,
-        band,
-        first_step(quantum, BLUR, jump, dt),
-        steps,
-        doubted(quantum, dt, period, 0.0, 0.0),
-    )
-
-
-def straight_line(
-    measurement: float,
-    change: float,
-    dt: float,
-    sensor: Sensor,
-    period: float,
-    band: Band,
-    doubt: Doubt,
-) -> tuple[Motion, Covariance, Band, Sensor, Doubt]:
-    """Return what two readings show, `change` [rad] and `dt` [s] after each other.
-
-    Only the bandwidth stays, where the joint started from a rest. Third differences across the
-    start are neither noise nor vibration, so the sensor's means start again.
-    """
-    quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
-    was, _, _, _, _, _, _, _ = band
-    _, to_settle, since, age = doubt
-    motion, p, band = started(measurement, change, dt, quantum, noise, period, LONGEST)
-    if to_settle == UNSURE:
-        density, low, variance, up, down, up_time, down_time, squares = band
-        density = was if was > density else density
-        band = (density, low, variance, up, down, up_time, down_time, squares)
-        doubt = (0.0, SETTLES, since, age)
-        sensor = paced(first_step(quantum, BLUR, change, dt), pace)
-    return motion, p, band, sensor, doubt
-
-
-def manoeuvre(p: Covariance, d: float, date: float, quantum: float, noise: int) -> Covariance:
-    """Return the covariance where the fast law dates a manoeuvre that explains `d` [rad].
-
-    Parameters
-    ----------
-    date : time since the manoeuvre began [s].
-    noise : `PLAIN_EDGES`, `NOISY` or `FLICKER`.
-    """
-    p00, _, _, p11, _, _ = p
-    if noise == FLICKER and -STRAY * quantum < d < STRAY * quantum and p11 > 0.0:
-        # flicker that begins again: it moved in all the time that is remembered
-        date = max(date, math.sqrt(p00 / p11))
-    return manoeuvred(p, d, date)
-
-
-def update(
-    worth: tuple[int, float, float],
-    deviations: tuple[float, float],
-    p: Covariance,
-    band: Band,
-    sensor: Sensor,
-    noise_is: int,
-    idle: float,
-    dt: float,
-    laws: tuple,
-    warm: bool,
-) -> tuple[bool, tuple[float, float, float], Covariance, Band, Sensor]:
-    """Return the measurement update for an informative reading.
-
-    Parameters
-    ----------
-    worth : (kind, centre [rad], half width [rad]), what the reading shows; see `interval`.
-    deviations : of the reading from the predicted angle, and of its change from the predicted
-        motion [rad]; see `interval`.
-    noise_is : `PLAIN_EDGES`, `NOISY` or `FLICKER`.
-    idle : time since the last informative reading [s].
-
-    Returns
-    -------
-    Whether it is believed, correction of (x, v, a), covariance, band, sensor.
-    """
-    kind, centre, half = worth
-    quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
-    p00, p01, p02, _, _, _ = p
-    flickers = noise_is == FLICKER
-    # the interval meets the Gaussian: S = P_00 + R, the mean d, f = 1 - left
-    r = noise + 16.0 * BLUR * BLUR * half * half
-    s = p00 + r
-    d, left = within(centre, half, math.sqrt(s))
-    f = 1.0 - left
-    z = d / math.sqrt(s * (f if f > LEAST_PART else LEAST_PART))
-    beyond = z > ALARM or z < -ALARM
-    if beyond:
-        z = ALARM if z > 0.0 else -ALARM
-    # the slow law and the fast law; a vibration needs a density of its own
-    least = (quantum * quantum + 12.0 * noise) / LONGEST**5
-    if not flickers:
-        shaken = vibration(sensor) if warm else 0.0
-        if shaken > least:
-            least = shaken
-    listening, growth, date, product = follow_band(band, z, f * p00 / s, idle, least, laws)
-    if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
-        # one sample alone: the sums and their dates alone keep it, for the next to confirm
-        return False, (0.0, 0.0, 0.0), p, sums_alone(band, listening), sensor
-    score = d * d / s - f
-    if growth > 0.0:
-        p = widened(p, growth)
-        p00, p01, p02, _, _, _ = p
-        s = p00 + r
-    if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
-        if date > 0.0:
-            date = began(date, dt, noise_is != PLAIN_EDGES, SIGMAS, ALARM)
-            if warm and not flickers:
-                hidden, share = 0.5 * quantum, EXPECTED  # a cell may hide it
-                if noise_is == NOISY:
-                    hidden, share = hidden + SIGMAS * math.sqrt(scatter), 1.0
-                most = 20.0 * (scatter + quantum * quantum) / dt**5  # as in `vibration`
-                listening = after_manoeuvre(listening, abs(d) - hidden, date, share, most)
-            p = manoeuvre(p, d, date, quantum, noise_is)
-            p00, p01, p02, _, _, _ = p
-        if not flickers:
-            off, ahead = deviations
-            edges = math.sqrt(noise)
-            kind, centre, half = interval(off, ahead, quantum, p00, edges, SIGMAS * edges)
-        r = noise + 16.0 * BLUR * BLUR * half * half
-        s = p00 + r
-        d, left = within(centre, half, math.sqrt(s))
-    # the noise follows the score: flicker shows it from either side alike; elsewhere what is
-    # correlated is motion
-    _, low, variance, _, _, _, _, _ = band
-    if low * low < variance if flickers else kind != HELD and (score < 0.0 or product < 1.0):
-        most = noise if flickers and scatter < noise else scatter
-        likelier = follow_noise(noise, score * noise / s, most, quantum, MEMORY, BLUR)
-        if likelier != noise:
-            sensor = with_noise(sensor, likelier)
-    ratio = d / s  # K d = P_.0 d/S
-    shift = (p00 * ratio, p01 * ratio, p02 * ratio)
-    if kind != HELD:  # that an edge did not come moves the estimate, but is no reading
-        p = corrected(p, r, left)
-    return True, shift, p, listening, sensor
-
-
-def fastest(sensor: Sensor, excess: float) -> float:
-    """Return the largest speed [rad/s] that an unchanged reading allows.
-
-    Parameters
-    ----------
-    excess : by how much the present cell is larger than a quantum [rad]; below 0: smaller.
-    """
-    quantum, noise, _, _, _, _, change, since, _, _, _ = sensor
-    way = (change if change > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(noise)
-    return (way + excess if excess > 0.0 else way) / since
+    status, count, astray = lock
+    _, _, _, p11, _, _ = p
+    count += 1.0
+    if count >= CONFIRMED and p11 * dt * dt < floor:
+        return (TRACKING, count, 0.0)
+    return (status, count, astray)
 
 
 def why(state: tuple, design: Any) -> str:
@@ -416,26 +217,17 @@ def build(gains: Gains, circle: Circle) -> Functions:
     """Return the functions at these gains.
 
     State: motion: (position [rad], velocity, acceleration, time since an informative reading [s]);
-    covariance; band (see `bandwidth`); sensor, steps (see `sensor`); convention;
-    lock: (status, samples since a start, a gap or a doubt, time [s] for which the readings were far
-    off); sway (see `bandwidth`); doubt (see `start`); clock (see `clock`).
+    covariance; band (see `bandwidth`); sensor (see `sensor`); steps (see `quantum`); convention;
+    lock, see `Lock`; sway (see `bandwidth`); doubt (see `start`); clock (see `clock`).
     """
     period = float(circle.period)
-
-    def design() -> Design:
-        laws = Laws(RATE, SLACK[gains.prefer], SHARE, SIGMAS, ALARM, MEMORY)
-        return Design(
-            float(gains.quantum),
-            (laws.rate, laws.slack, laws.share, laws.sigmas, laws.alarm, laws.memory),
-        )
-
     return Functions(
-        design,
+        lambda: Design(float(gains.quantum), SLACK[gains.prefer]),
         prepare,
         init,
         _make_step(period),
         _make_output(period, float(circle.unwrap)),
-        _make_stddev(period),
+        make_stddev(period),
         _make_resume(period),
         lambda dt: None,
         lambda dt: math.nan,
@@ -453,84 +245,80 @@ def _make_step(period: float) -> Callable[..., tuple]:
     ) -> tuple:
         motion, p, band, sensor, steps, convention, lock, sway, doubt, clock = state
         x, v, a, idle = motion
-        quantum, noise, scatter, _, stepped, _, size, rested, _, _, pace = sensor
+        quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
         last, low, high, _, _ = convention
+        status, count, astray = lock
         _, to_settle, since, age = doubt
         _, uneven, held, _, apart = clock
-        dt, _, _, _, _, _ = coefficients
+        dt, half_square, kept, _, _, _ = coefficients
         change = measurement - last
         if change + change >= period or change + change < -period:
             change = wrap(change, period)
-        # a reading that repeats an old one, and the first one after it
+        # Repeated readings: one that repeats an old one is not used; `passed` is the time since the
+        # last one that was
+        if (
+            change == 0.0
+            and abs(v) * dt > REPEATS * quantum
+            and repeats(lock, clock, dt, pace, motion, p)
+        ):
+            return without_reading(state, coefficients)
         passed = held + dt
-        if change == 0.0 and abs(v) * dt > REPEATS * quantum:
-            status, _, _ = lock
-            _, _, _, p11, _, _ = p
-            if status == TRACKING and repeats(clock, dt, pace, v, a, p11):
-                _, half_square, kept, _, _, _ = coefficients
-                density, _, _, _, _, _, _, _ = band
-                motion = (x + v * dt + a * half_square, v + a * dt, kept * a, idle + dt)
-                p, clock = predicted(p, density, coefficients), waiting(clock, dt)
-                return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
         if held > 0.0 or apart > 0.0:
             clock = resumed(clock, change, passed, pace, v)
-        # a stamp that is wrong
+        # Wrong stamps
         if uneven > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
-            taken, clock = elapsed(clock, dt, pace, change + last - x, v, a, p, quantum, noise)
+            taken, clock = elapsed(clock, dt, change + last - x, motion, p, sensor)
             if taken != dt:
                 dt, passed = taken, passed + taken - dt
                 coefficients = prepare(design, dt)
-        # residue: was the last step a glitch, or the first real one?
-        doubted_so_far = to_settle > 0.0
-        if doubted_so_far:
+                _, half_square, kept, _, _, _ = coefficients
+        # Residue: was the last step a glitch, or the first real one?
+        starting = to_settle > 0.0
+        if starting:
             doubt = later(doubt, dt)
-            smallest, candidate, shown, least, left, finer, jump = steps
+            _, _, _, _, _, _, jump = steps
             if jump * (change + 0.5 * jump) > 0.0:  # it lasts
                 motion, p, band, sensor, steps, doubt = after_jump(
                     jump, last, dt, design.quantum, period
                 )
                 x, v, a, idle = motion
-                quantum, noise, scatter, _, stepped, _, size, rested, _, _, pace = sensor
+                quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
             elif jump != 0.0:  # a glitch
-                change += jump
-                steps = (smallest, candidate, shown, least, left, finer, 0.0)
+                change, steps = change + jump, with_jump(steps, 0.0)
             _, to_settle, since, age = doubt
-        # the search for the quantum: in the readings as they came, without a correction
+        # Search for the quantum: in the readings as they came, without a correction
         first = False
         if change != 0.0 and shows_quantum(steps, change + known_input, size, rested, quantum):
-            first, counted = low == high, change + known_input
-            extent = abs(measurement) + abs(last)
-            least = ROUNDING * extent if first and design.quantum == 0.0 else RESIDUE * quantum
-            if -least <= counted <= least or -FINEST < counted < FINEST:
-                measurement, change, first = last, 0.0, False  # residue: the reading before is used
+            first, extent = low == high, abs(measurement) + abs(last)
+            unknown = first and design.quantum == 0.0
+            if is_residue(change + known_input, quantum, extent if unknown else 0.0):
+                measurement, change, first = last, 0.0, False  # the reading before is used again
             else:
-                steps = follow_steps(steps, counted, size, rested, extent, design.quantum, scatter)
-                used, quantum = quantum, quantum_of(steps, design.quantum)
-                if quantum != used:
-                    p, band, sensor = rescaled(p, band, sensor, quantum, first)
-        sensor = follow_sensor(sensor, change, passed, quantum, MEMORY, BLUR)
+                quantum, steps, p, band, sensor = search(
+                    steps, change + known_input, extent, design.quantum, p, band, sensor, first
+                )
+        # Noise and vibration
+        sensor = follow_sensor(sensor, change, passed, quantum)
         if known_input != 0.0 and change != 0.0:
             sensor = counted_as(sensor, change + known_input)
         if apart > APART:
             sensor = aged(sensor, v)
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         convention = follow(convention, measurement, period)
-        status, count, astray = lock
+        # A start: the second reading, the second that moves on after a rest, or the first that
+        # moves so early that it shows the quantum alone
         _, _, _, p11, _, _ = p
         if (
             p11 == 0.0
-            or (doubted_so_far and stepped * change > 0.0 and to_settle == UNSURE)
+            or (starting and stepped * change > 0.0 and to_settle == UNSURE)
             or (first and design.quantum == 0.0 and rested <= CONFIRMED * dt)
         ):
-            # no speed is known: the second reading, the second that moves on after a rest, or the
-            # first that moves so early that it shows the quantum alone
             motion, p, band, sensor, doubt = straight_line(
                 measurement, change, passed, sensor, period, band, doubt
             )
             lock = (status, count + 1.0, astray)
             return (motion, p, band, sensor, steps, convention, lock, STEADY, doubt, clock)
-        # prediction: a' = -a/FADE + w, v' = a, x' = v
-        _, half_square, kept, _, _, _ = coefficients
+        # Prediction: a' = -a/FADE + w, v' = a, x' = v
         density, _, _, _, _, _, _, _ = band
         moved = v * dt + a * half_square
         ahead = change - moved
@@ -541,104 +329,92 @@ def _make_step(period: float) -> Callable[..., tuple]:
             off = wrap(off, period)
         v += a * dt
         a *= kept
+        idle += dt
         p = predicted(p, density, coefficients)
         square = quantum * quantum
         mean_sway, _, _ = sway
         if mean_sway > 0.0:
-            swing = mean_sway - square / 6.0 - 2.0 * noise
-            if swing > 0.0:
-                p = swayed(p, swing, dt)
+            p = swayed(p, mean_sway - square / 6.0 - 2.0 * noise, dt)
+        # The first changed reading after a rest puts the speed in doubt
         p00, _, _, _, _, _ = p
-        idle += dt
-        starts = (
-            rested > 0.0
-            and change != 0.0
+        if (
+            change != 0.0
             and rested > MEMORY * dt
             and noise <= PLAIN * square
             and (first or 12.0 * p00 > RESTED * square)
-        )
-        if starts:
-            doubted_so_far = False
+        ):
+            starting = False
             doubt = doubted(
                 quantum, dt, period, 0.0 if first else since, age if rested < RESTS else 0.0
             )
+        # An eighth of a turn off: no reading of this shaft, or not of this speed
         if off > outside or off < -outside:
-            # an eighth of a turn off: no reading of this shaft, or not of this speed
             astray += dt
             if astray > LOST_AFTER:
                 return first_state(measurement, sensor, steps, convention, doubt, clock)
-            motion = (measurement - off, v, a, idle)
-            lock = (COASTING if status != INITIALISING else status, 0.0, astray)
+            motion, lock = (measurement - off, v, a, idle), coasting((status, count, astray))
             return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
-        half, calm = 0.5 * quantum, sway
+        # Sway
+        steady = sway
         if count > 0.0:
-            sway = follow_sway(sway, ahead, OUTLIER * (scatter + square), MEMORY)
+            sway = follow_sway(sway, ahead, OUTLIER * (scatter + square))
         else:  # it moved away from a reading that was not believed
             sway = (mean_sway, 0.0, 0.0)
-        noisy = noise > PLAIN * square
-        if noisy and not starts:
+        # Noise that hides single edges
+        half, noisy = 0.5 * quantum, noise > PLAIN * square
+        if noisy:
             doubt = doubted_in_noise(doubt, off, v, quantum, noise, dt, period)
-        if not noisy and change * stepped < 0.0 and -half < moved < half:
+        elif change * stepped < 0.0 and -half < moved < half:
             mean_sway, _, _ = sway
             if mean_sway <= 0.0:
                 # a reading that the next undoes: its noise is as unknown as an angle in its cell
                 noise, noisy = square / 12.0, True
                 sensor = with_noise(sensor, noise)
-        # what an edge shows
-        kind, worth, noise_is = NOTHING, (NOTHING, 0.0, half), PLAIN_EDGES
-        if noisy:
-            noise_is = FLICKER if moved * moved < noise < half * half else NOISY
+        # What an edge shows; most readings are plainly no news: no edge, and none was expected
+        flickers = noisy and moved * moved < noise < half * half
+        news = (NOTHING, off, half)
         if (
-            noise_is == FLICKER
-        ):  # noise crosses an edge more often than the angle: no edge is a time
-            worth = cell(off, quantum, p00, SIGMAS * math.sqrt(noise))
-            kind, _, _ = worth
-        # most readings are plainly no news: no edge, and none was expected
-        elif ahead > half or ahead < -half or off > half or off < -half or 12.0 * p00 > square:
-            edges = math.sqrt(noise)
-            hold = SIGMAS * edges
-            if known_input > 0.0 and change == 0.0:  # the cell is so much larger than a quantum
-                hold += known_input
-            worth = interval(off, ahead, quantum, p00, edges, hold)
-            kind, _, _ = worth
+            flickers
+            or ahead > half
+            or ahead < -half
+            or off > half
+            or off < -half
+            or 12.0 * p00 > square
+        ):
+            wider = known_input if known_input > 0.0 and change == 0.0 else 0.0
+            news = interval(off, ahead, quantum, p00, noise, flickers, wider)
+        kind, _, _ = news
         if kind != NOTHING:
             believed, (dx, dv, da), p, band, sensor = update(
-                worth,
+                news,
                 (off, ahead),
                 p,
                 band,
                 sensor,
-                noise_is,
+                flickers,
                 idle,
                 dt,
-                design.laws,
+                design.slack,
                 since >= RECENT,
             )
             idle = 0.0
             if not believed:
                 if quantum != design.quantum and abs(change) > JUMP * (high - low):
                     # what moved before was residue, or this is a glitch: the next reading decides
-                    smallest, candidate, shown, least, left, finer, _ = steps
-                    steps = (smallest, candidate, shown, least, left, finer, change)
+                    steps = with_jump(steps, change)
                     doubt = doubted(quantum, dt, period, 0.0, 0.0)
-                motion = (measurement - off, v, a, idle)
-                lock = (COASTING if status != INITIALISING else status, 0.0, astray)
-                return (motion, p, band, sensor, steps, convention, lock, calm, doubt, clock)
+                motion, lock = (measurement - off, v, a, idle), coasting(lock)
+                return (motion, p, band, sensor, steps, convention, lock, steady, doubt, clock)
             off -= dx
             v += dv
             a += da
-            turn = (v + v) * dt
-            if (turn > period or turn < -period) and period > 0.0:
+            if (v + v) * dt > period > 0.0 or (v + v) * dt < -period < 0.0:
                 # faster than half a turn per sample: lock was lost
                 return first_state(measurement, sensor, steps, convention, doubt, clock)
-        if doubted_so_far and change != 0.0:
+        if starting and change != 0.0:
             doubt = settled(doubt, v, change, rested, dt, square, noise)
         if status != TRACKING:
-            _, _, _, p11, _, _ = p
-            count += 1.0
-            if count >= CONFIRMED and p11 * dt * dt < square + 12.0 * noise:
-                status, astray = TRACKING, 0.0
-            lock = (status, count, astray)
+            lock = settling(lock, p, dt, square + 12.0 * noise)
         motion = (measurement - off, v, a, idle)
         return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
 
@@ -657,42 +433,6 @@ def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
         return (present(convention, x, period, unwrap), v, a, status)
 
     return output
-
-
-def _make_stddev(period: float) -> Callable[..., tuple[float, float]]:
-    def stddev(state: tuple, coefficients: tuple, design: Design) -> tuple[float, float]:
-        (x, v, a, _), p, band, sensor, _, convention, _, _, doubt, _ = state
-        p00, _, _, p11, _, _ = p
-        _, _, _, up, down, _, _, squares = band
-        quantum, noise, _, _, _, _, _, unchanged, _, _, _ = sensor
-        reading, low, high, _, _ = convention
-        of_doubt, _, _, age = doubt
-        dt, _, _, _, _, _ = coefficients
-        starting = 0.0 < age < RECENT
-        floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
-        if design.quantum == 0.0 and low == high:  # nothing moved: no quantum is known
-            return math.inf, math.inf
-        variance = p11 * (squares if squares > CALM else CALM)
-        if p11 <= 0.0:
-            variance, _, _, _ = doubted(quantum, dt, period, 0.0, 0.0)
-        else:
-            variance += of_doubt
-        if up > 0.0 or down > 0.0:  # the cumulative sums doubt it: a motion may begin
-            deviation = reading - x
-            if deviation + deviation >= period or deviation + deviation < -period:
-                deviation = wrap(deviation, period)
-            rate = deviation / dt
-            if starting or abs(rate) > abs(v):  # it may have begun in the last quarter of a sample
-                variance += 16.0 * rate * rate
-        if starting:
-            variance += unseen(a, quantum, noise, dt, age)
-        sigma = math.sqrt(variance)
-        if unchanged > 0.0:
-            most = fastest(sensor, 0.0)
-            sigma = most if sigma > most else sigma
-        return math.sqrt(p00 + floor if p00 > 0.0 else floor), sigma
-
-    return stddev
 
 
 def _make_resume(period: float) -> Callable[..., tuple]:
@@ -727,7 +467,7 @@ def _make_restart(period: float) -> Callable[..., tuple]:
         quantum = quantum_of(steps, design.quantum)
         return first_state(
             measurement,
-            begin_sensor(quantum if quantum > 0.0 else UNIT, BLUR),
+            begin_sensor(quantum if quantum > 0.0 else UNIT),
             steps,
             follow(convention, measurement, period),
             START,

@@ -13,7 +13,10 @@ from __future__ import annotations
 import math
 
 from estimator_pkg.observers.angle.edge.bandwidth import Band, begin_band
+from estimator_pkg.observers.angle.edge.constants import BLUR, LONGEST
 from estimator_pkg.observers.angle.edge.covariance import Covariance
+from estimator_pkg.observers.angle.edge.quantum import FIRST_STEPS, Steps, follow_steps, quantum_of
+from estimator_pkg.observers.angle.edge.sensor import Sensor, first_step, paced
 
 SWERVE = 0.1  # half turns per sample by which a starting speed may change at most in a sample
 VAGUE = 100.0  # the same in quanta, where there is no turn
@@ -43,14 +46,12 @@ def started(
     quantum: float,
     noise: float,
     period: float,
-    longest: float,
 ) -> tuple[Motion, Covariance, Band]:
     """Return the line through two readings, `change` [rad] and `dt` [s] after each other.
 
     Parameters
     ----------
     noise : variance of a reading, without the quantum's own [rad^2].
-    longest : memory of the filter that has seen nothing move [s].
     """
     rate = 1.0 / dt
     floor = quantum * quantum / 12.0 + noise
@@ -65,7 +66,7 @@ def started(
             0.5 * bend * rate * rate * rate,
             bend * rate * rate * rate * rate,
         ),
-        begin_band(quantum * quantum / longest**5),
+        begin_band(quantum * quantum / LONGEST**5),
     )
 
 
@@ -177,15 +178,65 @@ def later(doubt: Doubt, dt: float) -> Doubt:
     return variance, to_settle, since, age
 
 
-def stood(quantum: float, blur: float, longest: float) -> tuple[Covariance, Band]:
+def stood(quantum: float) -> tuple[Covariance, Band]:
     """Return what is known of a shaft that has stood for long, and is at an edge.
 
-    A straight line through an angle of its cell, `longest` [s] ago, and the edge.
+    A straight line through an angle of its cell, `LONGEST` [s] ago, and the edge.
     """
-    rate = 1.0 / longest
+    rate = 1.0 / LONGEST
     floor = quantum * quantum / 12.0
     square = rate * rate
     return (
-        (blur * blur * quantum * quantum, 0.0, 0.0, floor * square, 0.0, floor * square * square),
-        begin_band(quantum * quantum / longest**5),
+        (BLUR * BLUR * quantum * quantum, 0.0, 0.0, floor * square, 0.0, floor * square * square),
+        begin_band(quantum * quantum / LONGEST**5),
     )
+
+
+def after_jump(
+    jump: float, last: float, dt: float, given: float, period: float
+) -> tuple[Motion, Covariance, Band, Sensor, Steps, Doubt]:
+    """Return what is known where a `jump` [rad] was confirmed: all before it was residue.
+
+    Parameters
+    ----------
+    last : the reading after the jump [rad].
+    given : quantum as the user gave it [rad]; 0: not known.
+    """
+    steps = follow_steps(FIRST_STEPS, jump, 0.0, dt, 0.0, given, math.inf)
+    quantum = quantum_of(steps, given)
+    p, band = stood(quantum)
+    return (
+        (last - 0.5 * jump, 0.0, 0.0, 0.0),  # at the edge
+        p,
+        band,
+        first_step(quantum, jump, dt),
+        steps,
+        doubted(quantum, dt, period, 0.0, 0.0),
+    )
+
+
+def straight_line(
+    measurement: float,
+    change: float,
+    dt: float,
+    sensor: Sensor,
+    period: float,
+    band: Band,
+    doubt: Doubt,
+) -> tuple[Motion, Covariance, Band, Sensor, Doubt]:
+    """Return what two readings show, `change` [rad] and `dt` [s] after each other.
+
+    Only the bandwidth stays, where the joint started from a rest. Third differences across the
+    start are neither noise nor vibration, so the sensor's means start again.
+    """
+    quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
+    was, _, _, _, _, _, _, _ = band
+    _, to_settle, since, age = doubt
+    motion, p, band = started(measurement, change, dt, quantum, noise, period)
+    if to_settle == UNSURE:
+        density, low, variance, up, down, up_time, down_time, squares = band
+        density = was if was > density else density
+        band = (density, low, variance, up, down, up_time, down_time, squares)
+        doubt = (0.0, SETTLES, since, age)
+        sensor = paced(first_step(quantum, change, dt), pace)
+    return motion, p, band, sensor, doubt

@@ -1,0 +1,26 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The constants of the laws; docs/observers/edge_adaptive.md says where each comes from."""
+
+from __future__ import annotations
+
+RATE = 0.3  # of the slow law: log density per unit of its product and of filter memory
+SLACK = {'smooth': 0.6, 'balanced': 0.3, 'fast': 0.0}  # of that product
+SHARE = 0.2  # memory of the slow law's low-pass, over the filter's
+SIGMAS = 3.0  # slack of the cumulative sums; prediction this far outside its cell is held
+ALARM = 12.0  # of the cumulative sums: four samples of twice the slack
+BLUR = 0.03  # quanta: no edge is known better; and either end of an interval, of its width
+LONGEST = 2.0  # [s] longest memory; the start's too
+FADE = 0.3  # [s] memory of the acceleration
+MEMORY = 32.0  # samples: memory of the noise, and of the innovations' size
+EXPECTED = 0.01  # of the density that explains a manoeuvre: the least after it, without noise
+STRAY = 2.0  # quanta: beyond them one sample alone is never believed
+CONFIRMED = 4.0  # samples after which a start, a gap or a doubt has settled
+CALM = 0.5  # of its variance the speed keeps at least, however small the innovations are
+RESTED = 0.7  # of a cell's variance: a prediction this vague has seen no edge for long
+REPEATS = 12.0  # quanta: an unchanged reading of a shaft that moved by more is no reading
+HELD = 16.0  # samples for which no unchanged reading is believed, at most
+FORGOTTEN = 256.0  # samples in which evidence of another clock is forgotten
+
+PLAIN = 4.0 * BLUR * BLUR  # more noise than this is more than the blur of the edges [quanta^2]

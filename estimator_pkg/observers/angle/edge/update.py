@@ -1,0 +1,164 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The measurement update: an interval meets the Gaussian of the prediction, and both laws listen.
+
+The equations are those of docs/observers/edge_adaptive.md, "What an edge shows" and "How the
+bandwidth moves".
+"""
+
+from __future__ import annotations
+
+import math
+
+from estimator_pkg.observers.angle.edge.bandwidth import (
+    Band,
+    after_manoeuvre,
+    began,
+    follow_band,
+    sums_alone,
+)
+from estimator_pkg.observers.angle.edge.constants import (
+    ALARM,
+    BLUR,
+    EXPECTED,
+    LONGEST,
+    PLAIN,
+    SIGMAS,
+    STRAY,
+)
+from estimator_pkg.observers.angle.edge.covariance import (
+    Covariance,
+    corrected,
+    manoeuvred,
+    widened,
+)
+from estimator_pkg.observers.angle.edge.interval import HELD, interval, within
+from estimator_pkg.observers.angle.edge.sensor import (
+    Sensor,
+    follow_noise,
+    vibration,
+    with_noise,
+)
+
+SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
+LEAST_PART = 0.05  # of its variance an innovation has at least, were it to count in sigmas
+UNBELIEVED = (0.0, 0.0, 0.0)
+
+
+def meeting(p00: float, noise: float, centre: float, half: float) -> tuple[float, ...]:
+    """Return (R, S, d, 1 - f) where an interval meets the predicted angle; see `within`.
+
+    R is the noise and a part of the interval's width, by which either end may be wrong.
+    """
+    r = noise + 16.0 * BLUR * BLUR * half * half
+    s = p00 + r
+    d, left = within(centre, half, math.sqrt(s))
+    return r, s, d, left
+
+
+def explained(
+    p: Covariance,
+    band: Band,
+    sensor: Sensor,
+    d: float,
+    date: float,
+    dt: float,
+    flickers: bool,
+    warm: bool,
+) -> tuple[Covariance, Band]:
+    """Return covariance and band with a manoeuvre that explains `d` [rad].
+
+    Parameters
+    ----------
+    date : run time of the cumulative sum that raised the alarm [s].
+    flickers, warm : as of `update`.
+    """
+    quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
+    noisy = noise > PLAIN * quantum * quantum
+    date = began(date, dt, noisy)
+    if flickers:
+        p00, _, _, p11, _, _ = p
+        if -STRAY * quantum < d < STRAY * quantum and p11 > 0.0:
+            # flicker that begins again: it moved in all the time that is remembered
+            date = max(date, math.sqrt(p00 / p11))
+    elif warm:
+        hidden, share = 0.5 * quantum, EXPECTED  # a cell may hide it
+        if noisy:
+            hidden, share = hidden + SIGMAS * math.sqrt(scatter), 1.0
+        most = 20.0 * (scatter + quantum * quantum) / dt**5  # as in `vibration`
+        band = after_manoeuvre(band, abs(d) - hidden, date, share, most)
+    return manoeuvred(p, d, date), band
+
+
+def update(
+    news: tuple[int, float, float],
+    deviations: tuple[float, float],
+    p: Covariance,
+    band: Band,
+    sensor: Sensor,
+    flickers: bool,
+    idle: float,
+    dt: float,
+    slack: float,
+    warm: bool,
+) -> tuple[bool, tuple[float, float, float], Covariance, Band, Sensor]:
+    """Return the measurement update for an informative reading.
+
+    Parameters
+    ----------
+    news : (kind, centre [rad], half width [rad]), what the reading shows; see `interval`.
+    deviations : of the reading from the predicted angle, and of its change from the predicted
+        motion [rad]; see `interval`.
+    flickers : noise crosses an edge more often than the angle does.
+    idle : time since the last informative reading [s].
+    slack : of the slow law.
+    warm : the noise is known: the first motion is long ago.
+
+    Returns
+    -------
+    Whether it is believed, correction of (x, v, a), covariance, band, sensor.
+    """
+    kind, centre, half = news
+    quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
+    p00, _, _, _, _, _ = p
+    r, s, d, left = meeting(p00, noise, centre, half)
+    f = 1.0 - left
+    score = d * d / s - f
+    z = d / math.sqrt(s * (f if f > LEAST_PART else LEAST_PART))
+    beyond = z > ALARM or z < -ALARM
+    if beyond:
+        z = ALARM if z > 0.0 else -ALARM
+    # slow law and fast law: the density is that of the longest memory, or of a vibration, at least
+    least = (quantum * quantum + 12.0 * noise) / LONGEST**5
+    if warm and not flickers:
+        shaken = vibration(sensor)
+        if shaken > least:
+            least = shaken
+    listening, growth, date, product = follow_band(band, z, f * p00 / s, idle, least, slack)
+    if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
+        # one sample alone: the sums and their dates alone keep it, for the next to confirm
+        return False, UNBELIEVED, p, sums_alone(band, listening), sensor
+    if growth > 0.0:
+        p = widened(p, growth)
+    if date > 0.0:
+        p, listening = explained(p, listening, sensor, d, date, dt, flickers, warm)
+    p00, p01, p02, _, _, _ = p
+    if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
+        off, ahead = deviations
+        kind, centre, half = interval(off, ahead, quantum, p00, noise, flickers, 0.0)
+        r, s, d, left = meeting(p00, noise, centre, half)
+    else:
+        s = p00 + r
+    # the noise follows the score: flicker shows it from either side alike; elsewhere what is
+    # correlated is motion
+    _, low, variance, _, _, _, _, _ = band
+    if low * low < variance if flickers else kind != HELD and (score < 0.0 or product < 1.0):
+        most = noise if flickers and scatter < noise else scatter
+        likelier = follow_noise(noise, score * noise / s, most, quantum)
+        if likelier != noise:
+            sensor = with_noise(sensor, likelier)
+    ratio = d / s  # K d = P_.0 d/S
+    if kind != HELD:  # that an edge did not come moves the estimate, but is no reading
+        p = corrected(p, r, left)
+    return True, (p00 * ratio, p01 * ratio, p02 * ratio), p, listening, sensor
