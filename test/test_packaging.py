@@ -77,6 +77,8 @@ def test_pip_install_finds_share(source, tmp_path):
         'pip',
         'install',
         '--quiet',
+        '--no-compile',
+        '--no-build-isolation',
         '--no-deps',
         '--ignore-installed',
         '--prefix',
@@ -92,7 +94,11 @@ def test_pip_install_finds_share(source, tmp_path):
 
 @pytest.mark.long
 def test_colcon_builds_an_ament_python_package(source, tmp_path):
-    environment = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
+    environment = {
+        **os.environ,
+        'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}',
+        'PYTHONDONTWRITEBYTECODE': '1',
+    }
     listed = run('colcon', '--log-base', str(tmp_path / 'log'), 'list', cwd=source, env=environment)
     assert listed.split() == ['velocity_estimator', '.', '(ros.ament_python)']
     run(
