@@ -194,6 +194,36 @@ def test_recognition_survives_a_gap_and_ends_with_a_reset():
     assert 'repeats' not in joint.why()
 
 
+def test_lost_repetitions_do_not_end_the_recognition():
+    angle, _ = sine(1.0)
+    times = np.arange(1200) / 224.0
+    kept = ~((np.arange(1200) % 2 == 1) & (np.arange(1200) >= 600) & (np.arange(1200) < 640))
+    _, out = run('finite_difference', times[kept], read(times, angle, 8000)[held(1200, 2)][kept])
+    repeats = np.arange(1200)[kept] % 2 == 1
+    assert np.array_equal(out.verdict[224:] == REPEATED, repeats[224:])
+
+
+@pytest.mark.parametrize('sense', [1.0, -1.0])
+def test_a_sensor_that_becomes_slower_in_motion_is_not_taken_for_one_at_rest(sense):
+    """Each reading comes twice, and then three times: a motion of equal direction all the time."""
+    times = np.arange(3000) / 1000.0
+    source = np.concatenate([held(1500, 2), 1500 + held(1500, 3)])
+    angles = read(times, lambda t: sense * (2.0 * t + 0.8 * t**2), 8000)[source]
+    _, out = run('finite_difference', times, angles)
+    fresh = np.diff(source, prepend=-1) > 0
+    assert np.array_equal(out.verdict[1600:] == REPEATED, ~fresh[1600:])
+
+
+def test_holds_of_every_length_at_random_are_no_pattern():
+    """A driver that reads its sensor irregularly: one reading stays for one to nine messages."""
+    random = np.random.default_rng(4)
+    angle, _ = sine(0.5, 2.0)
+    source = np.repeat(np.arange(0, 6000, 5), random.integers(1, 10, 1200))
+    angles = read(np.arange(6000) / 1000.0, angle, 2**16)[source]
+    joint, _ = run('finite_difference', np.arange(len(source)) / 1000.0, angles)
+    assert joint.dropped() == {}
+
+
 def encoders():
     """(label, times, readings) of streams that repeat nothing."""
     random = np.random.default_rng(2)

@@ -134,6 +134,15 @@ def test_irregular_sampling_is_left_alone(draw):
     assert np.array_equal(times, stamps)
 
 
+def test_stamps_are_left_alone_where_readings_cannot_tell():
+    samples = recorded('sine', duration=3.0)
+    random = np.random.default_rng(2)
+    noisy = samples.angle + 0.05 * random.standard_normal(len(samples.angle))
+    stamps = samples.stamps + random.integers(0, MS // 10, len(samples.stamps))
+    times, _, _ = repaired(stamps, noisy)
+    assert np.array_equal(times, stamps)
+
+
 def test_exact_stamps_stay_exact():
     for dropped in (0.0, 0.1):
         samples = recorded('sine', dropped=dropped)
