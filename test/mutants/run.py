@@ -65,9 +65,11 @@ MODULES = (
     'observers/switched/*.py',
     'observers/test_*.py',
     'sim/reproduce/test_hybrid_angle.py',
+    'test_listing.py',
     'test_outputs.py',
     'test_parameters.py',
 )
+DECLARED = 'test/test_listing.py::'  # tests that read all declared parameters
 LONGEST = 15.0  # s of CPU: a test that takes longer, under coverage, is cut off and left out
 BUDGET = 40.0  # s of CPU: the tests of one mutant together
 QUICK = 60  # tests among which the first round is
@@ -269,7 +271,8 @@ def tests(modules, jobs: int) -> dict:
 def judges(known: dict, path: str, lines: range) -> list[str]:
     """The tests that run one of these lines, the quickest first, within the budget.
 
-    A line that runs at import alone (a constant) is judged by all that run anything of its file.
+    A line that runs at import alone (a constant) is judged by all that run anything of its file,
+    and by those that read what all files declare.
     """
     by_line = [
         name
@@ -277,7 +280,11 @@ def judges(known: dict, path: str, lines: range) -> list[str]:
         if not set(lines).isdisjoint(test['lines'].get(path, ()))
     ]
     if not by_line:
-        by_line = [name for name, test in known.items() if test['lines'].get(path)]
+        by_line = [
+            name
+            for name, test in known.items()
+            if test['lines'].get(path) or name.startswith(DECLARED)
+        ]
     chosen, total = [], 0.0
     for name in sorted(by_line, key=lambda name: (known[name]['time'], name)):
         total += known[name]['time']

@@ -88,6 +88,60 @@ def test_third_order_never_puts_the_position_past_the_measurement():
     assert capped > 300
 
 
+# --- starts -----------------------------------------------------------------------------------
+
+
+def fitted(dt, readings, order):
+    """(position, velocity) at the newest reading of the parabola, or line, of least squares."""
+    times = dt * np.arange(1 - len(readings), 1)
+    *_, velocity, position = np.polyfit(times, readings, min(order - 1, len(readings) - 1))
+    return position, velocity
+
+
+@pytest.mark.parametrize('order', [2, 3])
+def test_a_start_is_least_squares_over_all_readings(order):
+    """Until the gains of the expanding memory have come down to the steady ones; anew after a
+    reading that is off by more than an eighth of a turn, from the one before it on.
+    """
+    dt = 1e-3
+    core = core_of(order=order, epsilon=0.05)
+    coefficients = coefficients_of(dt, order=order, epsilon=0.05)
+    readings = 0.1 + 3.0 * dt * np.arange(20)
+    readings += 1e-3 * np.random.default_rng(1).standard_normal(20)
+    readings[8:] += 1.0
+    state, first = core.init(readings[0], core.design()), 0
+    for k, reading in enumerate(readings[1:].tolist(), 1):
+        state, innovation = core.correct(state, coefficients, reading)
+        if k == 8:
+            assert innovation == pytest.approx(1.0, abs=0.02)
+        if k in (8, 9):  # that of 1000 rad/s, and back
+            first = k - 1
+        position, velocity = fitted(dt, readings[first : k + 1], order)
+        assert state[0] - state[1] == pytest.approx(position, abs=1e-12)
+        assert state[2] == pytest.approx(velocity, abs=1e-8)
+    assert state[-1] == 20 - first  # it still starts
+
+
+@pytest.mark.parametrize('dt, held', [(1e-3, 20), (0.02, 3)])
+@pytest.mark.parametrize('order', [2, 3])
+def test_after_readings_that_stay_astray_it_starts_from_the_newest_two(order, dt, held):
+    """For 20 ms and three samples it holds the speed, in case they are outliers."""
+    core = core_of(order=order, epsilon=0.2)
+    coefficients = coefficients_of(dt, order=order, epsilon=0.2)
+    position, speed = 0.4, 2.0
+    state = (position, 0.0, speed, *[0.0] * order)[: order + 2]
+    readings = [position]
+    for k in range(1, held + 6):
+        readings.append(position + (speed + 1.5 * (k > 1)) * dt * k + 1.2)
+        state, innovation = core.correct(state, coefficients, readings[-1])
+        assert math.isinf(innovation) == (k == held + 1)
+        if k <= held:
+            assert state[2] == speed
+        else:
+            expected = fitted(dt, readings[held:], order)
+            assert (state[0] - state[1], state[2]) == pytest.approx(expected, abs=1e-8)
+
+
 def test_injections_differ_at_large_errors_as_in_figure_4():
     """10 to -20 rad/s in 50 ms, epsilon 0.7 s: the spec's RMS errors, and its order."""
     t = 1e-3 * np.arange(8000)
