@@ -122,12 +122,13 @@ def sums_alone(band: Band, after: Band) -> Band:
     return (density, low, variance, up, down, up_time, down_time, squares)
 
 
-def follow_sway(sway: Sway, ahead: float, most: float) -> Sway:
+def follow_sway(sway: Sway, ahead: float, most: float, believed: bool) -> Sway:
     """Return the sway after a reading that moved by `ahead` [rad] beyond the prediction.
 
     Parameters
     ----------
     most : no product counts more than this, of either sign [rad^2].
+    believed : so was the reading before. Else nothing is learnt from what moved since then.
 
     Notes
     -----
@@ -138,6 +139,8 @@ def follow_sway(sway: Sway, ahead: float, most: float) -> Sway:
     2 s^2, five of its standard deviations away, by no chance to speak of; so less is not believed.
     """
     mean, last, before = sway
+    if not believed:
+        return (mean, 0.0, 0.0)
     product = ahead * (last - before)
     if product > most:
         product = most

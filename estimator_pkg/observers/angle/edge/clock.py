@@ -38,23 +38,17 @@ Clock = tuple[float, float, float, float, float]
 UNKNOWN: Clock = (0.0, 1.0, 0.0, 0.0, 0.0)  # a start has to show that its stream is even
 
 
-def repeats(
-    lock: tuple, clock: Clock, dt: float, pace: float, motion: tuple, p: Covariance
-) -> bool:
+def repeats(state: tuple, dt: float) -> bool:
     """Return True if an unchanged reading is an old one, at a speed of `REPEATS` in a sample.
 
     One is held so at first, and as many as twice the longest such pause after which the shaft had
     moved on.
-
-    Parameters
-    ----------
-    motion, p : estimate before this reading, and its covariance.
     """
-    _, _, held, longest, _ = clock
-    _, v, a, _ = motion
+    (_, v, a, _), p, _, sensor, _, _, (status, _, _), _, _, clock = state
     _, _, _, p11, _, _ = p
+    _, _, _, _, _, _, _, _, _, _, pace = sensor
+    _, _, held, longest, _ = clock
     way, held = abs(v) * dt, held + dt
-    status, _, _ = lock
     return (
         status == TRACKING
         and way * way > SIGMAS * SIGMAS * p11 * dt * dt

@@ -37,7 +37,6 @@ from estimator_pkg.observers.angle.edge.constants import (
     MEMORY,
     PLAIN,
     REPEATS,
-    RESTED,
     SLACK,
 )
 from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
@@ -45,12 +44,9 @@ from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
 from estimator_pkg.observers.angle.edge.quantum import (
     FIRST_STEPS,
     JUMP,
-    TOO_LARGE,
-    TOO_SMALL,
     UNIT,
     Steps,
-    agreement,
-    is_residue,
+    misfit,
     quantum_of,
     search,
     shows_quantum,
@@ -61,14 +57,12 @@ from estimator_pkg.observers.angle.edge.sensor import (
     Sensor,
     aged,
     begin_sensor,
-    counted_as,
     follow_sensor,
     with_noise,
 )
 from estimator_pkg.observers.angle.edge.sigma import fastest, make_stddev
 from estimator_pkg.observers.angle.edge.start import (
     RECENT,
-    RESTS,
     SETTLES,
     START,
     UNSURE,
@@ -78,6 +72,7 @@ from estimator_pkg.observers.angle.edge.start import (
     doubted_in_noise,
     later,
     settled,
+    stirred,
     straight_line,
 )
 from estimator_pkg.observers.angle.edge.update import update
@@ -198,19 +193,7 @@ def settling(lock: Lock, p: Covariance, dt: float, floor: float) -> Lock:
 def why(state: tuple, design: Any) -> str:
     """Return what a person should know of the given quantum, or ''."""
     _, _, _, _, steps, _, _, _, _, _ = state
-    given, found = design.quantum, quantum_of(steps, 0.0)
-    judged = agreement(steps, given)
-    if judged == TOO_LARGE:
-        return (
-            f'quantum {given:.4g} is too large: steps of {found:.4g} were seen, which is '
-            'used instead'
-        )
-    if judged == TOO_SMALL:
-        return (
-            f'quantum {given:.4g} is too small: no step below {found:.4g} was seen, which '
-            'is used instead'
-        )
-    return ''
+    return misfit(steps, design.quantum)
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
@@ -244,25 +227,32 @@ def _make_step(period: float) -> Callable[..., tuple]:
         state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
     ) -> tuple:
         motion, p, band, sensor, steps, convention, lock, sway, doubt, clock = state
-        x, v, a, idle = motion
-        quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
         last, low, high, _, _ = convention
-        status, count, astray = lock
-        _, to_settle, since, age = doubt
-        _, uneven, held, _, apart = clock
         dt, half_square, kept, _, _, _ = coefficients
         change = measurement - last
         if change + change >= period or change + change < -period:
             change = wrap(change, period)
-        # Repeated readings: one that repeats an old one is not used; `passed` is the time since the
-        # last one that was
-        if (
-            change == 0.0
-            and abs(v) * dt > REPEATS * quantum
-            and repeats(lock, clock, dt, pace, motion, p)
-        ):
+        # Residue: was the last step a glitch, or the first real one?
+        _, to_settle, _, _ = doubt
+        starting = to_settle > 0.0
+        if starting:
+            doubt = later(doubt, dt)
+            _, _, _, _, _, _, jump = steps
+            if jump * (change + 0.5 * jump) > 0.0:  # it lasts
+                motion, p, band, sensor, steps, doubt = after_jump(
+                    jump, last, dt, design.quantum, period
+                )
+            elif jump != 0.0:  # a glitch
+                change, steps = change + jump, with_jump(steps, 0.0)
+        x, v, a, idle = motion
+        quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
+        status, count, astray = lock
+        _, to_settle, since, _ = doubt
+        _, uneven, held, _, apart = clock
+        # Repeated readings
+        if change == 0.0 and abs(v) * dt > REPEATS * quantum and repeats(state, dt):
             return without_reading(state, coefficients)
-        passed = held + dt
+        passed = held + dt  # since the last reading that was used
         if held > 0.0 or apart > 0.0:
             clock = resumed(clock, change, passed, pace, v)
         # Wrong stamps
@@ -272,35 +262,17 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 dt, passed = taken, passed + taken - dt
                 coefficients = prepare(design, dt)
                 _, half_square, kept, _, _, _ = coefficients
-        # Residue: was the last step a glitch, or the first real one?
-        starting = to_settle > 0.0
-        if starting:
-            doubt = later(doubt, dt)
-            _, _, _, _, _, _, jump = steps
-            if jump * (change + 0.5 * jump) > 0.0:  # it lasts
-                motion, p, band, sensor, steps, doubt = after_jump(
-                    jump, last, dt, design.quantum, period
-                )
-                x, v, a, idle = motion
-                quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
-            elif jump != 0.0:  # a glitch
-                change, steps = change + jump, with_jump(steps, 0.0)
-            _, to_settle, since, age = doubt
         # Search for the quantum: in the readings as they came, without a correction
-        first = False
+        first = change != 0.0 and low == high  # motion of all
         if change != 0.0 and shows_quantum(steps, change + known_input, size, rested, quantum):
-            first, extent = low == high, abs(measurement) + abs(last)
-            unknown = first and design.quantum == 0.0
-            if is_residue(change + known_input, quantum, extent if unknown else 0.0):
-                measurement, change, first = last, 0.0, False  # the reading before is used again
-            else:
-                quantum, steps, p, band, sensor = search(
-                    steps, change + known_input, extent, design.quantum, p, band, sensor, first
-                )
+            extent = abs(measurement) + abs(last)
+            moved, steps, p, band, sensor, quantum = search(
+                steps, change + known_input, extent, design.quantum, p, band, sensor, first
+            )
+            if not moved:  # residue: the reading before is used again
+                measurement, change, first = last, 0.0, False
         # Noise and vibration
-        sensor = follow_sensor(sensor, change, passed, quantum)
-        if known_input != 0.0 and change != 0.0:
-            sensor = counted_as(sensor, change + known_input)
+        sensor = follow_sensor(sensor, change, change + known_input, passed, quantum)
         if apart > APART:
             sensor = aged(sensor, v)
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
@@ -335,18 +307,9 @@ def _make_step(period: float) -> Callable[..., tuple]:
         mean_sway, _, _ = sway
         if mean_sway > 0.0:
             p = swayed(p, mean_sway - square / 6.0 - 2.0 * noise, dt)
-        # The first changed reading after a rest puts the speed in doubt
-        p00, _, _, _, _, _ = p
-        if (
-            change != 0.0
-            and rested > MEMORY * dt
-            and noise <= PLAIN * square
-            and (first or 12.0 * p00 > RESTED * square)
-        ):
-            starting = False
-            doubt = doubted(
-                quantum, dt, period, 0.0 if first else since, age if rested < RESTS else 0.0
-            )
+        if change != 0.0 and rested > MEMORY * dt:  # a rest ends: the speed is in doubt
+            doubt, begins = stirred(doubt, sensor, p, rested, dt, first, period)
+            starting = starting and not begins
         # An eighth of a turn off: no reading of this shaft, or not of this speed
         if off > outside or off < -outside:
             astray += dt
@@ -354,13 +317,10 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 return first_state(measurement, sensor, steps, convention, doubt, clock)
             motion, lock = (measurement - off, v, a, idle), coasting((status, count, astray))
             return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
-        # Sway
-        steady = sway
-        if count > 0.0:
-            sway = follow_sway(sway, ahead, OUTLIER * (scatter + square))
-        else:  # it moved away from a reading that was not believed
-            sway = (mean_sway, 0.0, 0.0)
+        # Sway, unless it moved away from a reading that was not believed
+        before, sway = sway, follow_sway(sway, ahead, OUTLIER * (scatter + square), count > 0.0)
         # Noise that hides single edges
+        p00, _, _, _, _, _ = p
         half, noisy = 0.5 * quantum, noise > PLAIN * square
         if noisy:
             doubt = doubted_in_noise(doubt, off, v, quantum, noise, dt, period)
@@ -373,29 +333,15 @@ def _make_step(period: float) -> Callable[..., tuple]:
         # What an edge shows; most readings are plainly no news: no edge, and none was expected
         flickers = noisy and moved * moved < noise < half * half
         news = (NOTHING, off, half)
-        if (
-            flickers
-            or ahead > half
-            or ahead < -half
-            or off > half
-            or off < -half
-            or 12.0 * p00 > square
-        ):
+        inside = -half <= ahead <= half and -half <= off <= half
+        if not inside or flickers or 12.0 * p00 > square:
             wider = known_input if known_input > 0.0 and change == 0.0 else 0.0
             news = interval(off, ahead, quantum, p00, noise, flickers, wider)
         kind, _, _ = news
         if kind != NOTHING:
+            warm, deviations = since >= RECENT, (off, ahead)
             believed, (dx, dv, da), p, band, sensor = update(
-                news,
-                (off, ahead),
-                p,
-                band,
-                sensor,
-                flickers,
-                idle,
-                dt,
-                design.slack,
-                since >= RECENT,
+                news, deviations, p, band, sensor, flickers, idle, dt, design.slack, warm
             )
             idle = 0.0
             if not believed:
@@ -404,7 +350,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                     steps = with_jump(steps, change)
                     doubt = doubted(quantum, dt, period, 0.0, 0.0)
                 motion, lock = (measurement - off, v, a, idle), coasting(lock)
-                return (motion, p, band, sensor, steps, convention, lock, steady, doubt, clock)
+                return (motion, p, band, sensor, steps, convention, lock, before, doubt, clock)
             off -= dx
             v += dv
             a += da

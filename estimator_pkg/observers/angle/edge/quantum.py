@@ -169,17 +169,6 @@ def rescaled(
     return p, band, sensor
 
 
-def is_residue(step: float, quantum: float, size: float) -> bool:
-    """Return True if a step [rad] is rounding, and no motion.
-
-    Parameters
-    ----------
-    size : of the two readings [rad], before the first step shows the quantum; else 0.
-    """
-    least = ROUNDING * size if size > 0.0 else RESIDUE * quantum
-    return -least <= step <= least or -FINEST < step < FINEST
-
-
 def search(
     steps: Steps,
     step: float,
@@ -189,23 +178,47 @@ def search(
     band: Band,
     sensor: Sensor,
     first: bool,
-) -> tuple[float, Steps, Covariance, Band, Sensor]:
-    """Return the quantum after one more step, and what is known relative to it.
+) -> tuple[bool, Steps, Covariance, Band, Sensor, float]:
+    """Return whether a step is no residue, and what it shows: steps, and the quantum [rad].
 
     Parameters
     ----------
     step, size, given : as `step`, `size` and `quantum` of `follow_steps`.
     first : this is the first step of all.
+
+    Returns
+    -------
+    False where the step is residue: it is no motion, and shows nothing. Then steps, covariance,
+    band and sensor, which are relative to the quantum, and the quantum.
     """
     used, _, scatter, _, _, _, last, since, _, _, _ = sensor
+    least = ROUNDING * size if first and given == 0.0 else RESIDUE * used
+    if -least <= step <= least or -FINEST < step < FINEST:
+        return False, steps, p, band, sensor, used
     steps = follow_steps(steps, step, last, since, size, given, scatter)
     quantum = quantum_of(steps, given)
     if quantum != used:
         p, band, sensor = rescaled(p, band, sensor, quantum, first)
-    return quantum, steps, p, band, sensor
+    return True, steps, p, band, sensor, quantum
 
 
 def with_jump(steps: Steps, jump: float) -> Steps:
     """Return the steps where the last one of `jump` [rad] may show that all before was residue."""
     smallest, candidate, shown, least, left, finer, _ = steps
     return (smallest, candidate, shown, least, left, finer, jump)
+
+
+def misfit(steps: Steps, given: float) -> str:
+    """Return how the given quantum [rad] differs from the steps seen, as text for users, or ''."""
+    judged, found = agreement(steps, given), quantum_of(steps, 0.0)
+    if judged == TOO_LARGE:
+        return (
+            f'quantum {given:.4g} is too large: steps of {found:.4g} were seen, which is '
+            'used instead'
+        )
+    if judged == TOO_SMALL:
+        return (
+            f'quantum {given:.4g} is too small: no step below {found:.4g} was seen, which '
+            'is used instead'
+        )
+    return ''

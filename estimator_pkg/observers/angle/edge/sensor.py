@@ -65,12 +65,6 @@ def with_noise(sensor: Sensor, noise: float) -> Sensor:
     return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
 
 
-def counted_as(sensor: Sensor, step: float) -> Sensor:
-    """Return the sensor with its last step [rad] as read, where the reading was corrected."""
-    quantum, noise, scatter, residual, corrected, dt, _, since, bend, lasting, pace = sensor
-    return (quantum, noise, scatter, residual, corrected, dt, abs(step), since, bend, lasting, pace)
-
-
 def aged(sensor: Sensor, v: float) -> Sensor:
     """Return a sensor whose readings are up to one sample old, at the speed `v` [rad/s].
 
@@ -90,11 +84,12 @@ def paced(sensor: Sensor, pace: float) -> Sensor:
     return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
 
 
-def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float) -> Sensor:
+def follow_sensor(sensor: Sensor, step: float, counted: float, dt: float, quantum: float) -> Sensor:
     """Return the sensor one sample further: the reading moved by `step` [rad] in `dt` [s].
 
     Parameters
     ----------
+    counted : the step as read, without a correction of the reading [rad].
     quantum : to reckon with from now on [rad].
 
     Notes
@@ -137,7 +132,7 @@ def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float) -> Sen
             lasting,
             pace,
         )
-    return quantum, noise, scatter, residual, step, dt, abs(step), 0.0, bend, lasting, pace
+    return quantum, noise, scatter, residual, step, dt, abs(counted), 0.0, bend, lasting, pace
 
 
 def vibration(sensor: Sensor) -> float:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from estimator_pkg.observers.angle.edge.bandwidth import Band, begin_band
-from estimator_pkg.observers.angle.edge.constants import BLUR, LONGEST
+from estimator_pkg.observers.angle.edge.constants import BLUR, LONGEST, PLAIN, RESTED
 from estimator_pkg.observers.angle.edge.covariance import Covariance
 from estimator_pkg.observers.angle.edge.quantum import FIRST_STEPS, Steps, follow_steps, quantum_of
 from estimator_pkg.observers.angle.edge.sensor import Sensor, first_step, paced
@@ -213,6 +213,34 @@ def after_jump(
         steps,
         doubted(quantum, dt, period, 0.0, 0.0),
     )
+
+
+def stirred(
+    doubt: Doubt,
+    sensor: Sensor,
+    p: Covariance,
+    rested: float,
+    dt: float,
+    first: bool,
+    period: float,
+) -> tuple[Doubt, bool]:
+    """Return the doubt at the first changed reading after `rested` [s], and whether it is a start.
+
+    It is none where noise hides single edges (see `doubted_in_noise`), and where the angle is known
+    too well: an edge came meanwhile, that noise took back.
+
+    Parameters
+    ----------
+    first : this is the first motion of all.
+    """
+    quantum, noise, _, _, _, _, _, _, _, _, _ = sensor
+    _, _, since, age = doubt
+    p00, _, _, _, _, _ = p
+    square = quantum * quantum
+    if noise <= PLAIN * square and (first or 12.0 * p00 > RESTED * square):
+        since, age = 0.0 if first else since, age if rested < RESTS else 0.0
+        return doubted(quantum, dt, period, since, age), True
+    return doubt, False
 
 
 def straight_line(

@@ -141,7 +141,7 @@ def sensed(angles, dts=None, quantum=0.01):
             )
         dt = 1e-3 if dts is None else dts[i]
         sensor = edge_sensor.follow_sensor(
-            sensor, step, dt, edge_quantum.quantum_of(steps, quantum)
+            sensor, step, step, dt, edge_quantum.quantum_of(steps, quantum)
         )
     return sensor, steps
 
@@ -223,7 +223,7 @@ def sways(deviations):
     """The mean of `follow_sway` after each of the deviations."""
     sway, means = edge_bandwidth.STEADY, []
     for ahead in deviations:
-        sway = edge_bandwidth.follow_sway(sway, ahead, math.inf)
+        sway = edge_bandwidth.follow_sway(sway, ahead, math.inf, True)
         means.append(sway[0])
     return np.array(means)
 
@@ -250,8 +250,8 @@ def test_noise_does_not_sway_and_a_speed_that_goes_at_random_does():
         speed[k] = kept * speed[k - 1] + steps[k]
     assert np.mean(sways(speed)) == pytest.approx(0.09 * kept / (1.0 + kept), rel=0.1)
     assert sways([1.0, 1.0, 1.0, 1e6])[-1] < sways([1.0, 1.0, 1.0])[-1]  # lasting is no sway
-    assert edge_bandwidth.follow_sway((0.0, -1e9, 1.0), 1.0, 4.0)[0] == -4.0 / 32.0
-    assert edge_bandwidth.follow_sway((0.0, 1e9, 1.0), 1.0, 4.0)[0] == 4.0 / 32.0
+    assert edge_bandwidth.follow_sway((0.0, -1e9, 1.0), 1.0, 4.0, True)[0] == -4.0 / 32.0
+    assert edge_bandwidth.follow_sway((0.0, 1e9, 1.0), 1.0, 4.0, True)[0] == 4.0 / 32.0
 
 
 def test_a_sway_is_white_acceleration():
