@@ -16,9 +16,11 @@ from rclpy.node import Node
 from estimator_pkg.driver.guard import DUPLICATE, ZERO_STAMP
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.nodes import faults
-from estimator_pkg.nodes.endpoints import UNNAMED_PUBLISHER, Endpoints, Input
+from estimator_pkg.nodes.endpoints import Endpoints
 from estimator_pkg.nodes.faults import Faults, listed, of_joints, say
+from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import JointWatch
+from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
 from estimator_pkg.streams.contract import PUBLISHER, Stream
 
 INPUT_PATIENCE = 2.5  # time after the start in which publishers appear [s]

@@ -24,9 +24,11 @@ from estimator_pkg.nodes.diagnostics import (
     entry,
     joint_status,
 )
-from estimator_pkg.nodes.endpoints import Endpoints, Input, latched
+from estimator_pkg.nodes.endpoints import Endpoints
 from estimator_pkg.nodes.faults import Faults, listed, rounded
+from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import NEW, JointWatch, Status
+from estimator_pkg.nodes.qos import latched
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.observers.contract import LOST, MISCONFIGURED, STATUS_NAMES, VALID
 from estimator_pkg.streams.contract import Stream

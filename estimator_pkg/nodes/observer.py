@@ -23,8 +23,9 @@ from estimator_pkg import streams
 from estimator_pkg.errors import UsageError, where
 from estimator_pkg.messages.field import Field
 from estimator_pkg.nodes import message_types
-from estimator_pkg.nodes.endpoints import Endpoints, OnDemand, get_message, latched
+from estimator_pkg.nodes.endpoints import Endpoints, get_message
 from estimator_pkg.nodes.health import Health
+from estimator_pkg.nodes.qos import latched
 from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
 from estimator_pkg.observers import instead
 from estimator_pkg.parameters import declared
@@ -107,21 +108,20 @@ class ObserverNode(Node):
     def _open(self) -> None:
         """Connect the ports."""
         stream, self._endpoints = self.stream, Endpoints(self)
-        self._wired: list[Any] = [
-            self._endpoints.on_demand(get_message(output.type), f'~/{output.name}')
-            if output.on_demand
-            else self._endpoints.publisher(
-                get_message(output.type), f'~/{output.name}', latched() if output.latched else None
+        for output in stream.outputs:
+            self._endpoints.output(
+                get_message(output.type),
+                f'~/{output.name}',
+                latched() if output.latched else None,
+                output.on_demand,
             )
-            for output in stream.outputs
-        ]
         self.create_service(Trigger, '~/reset', self._reset)
         for action in stream.actions():
             self._serve(action)
         self.health = Health(self, stream, self._endpoints, self._ros)
         self._ros.watch(self._check, self._apply)
         stream.go_live()
-        stream.wanted[:] = [not output.on_demand for output in stream.outputs]
+        stream.wanted[:] = [each.wanted for each in self._endpoints.outputs]
         self.health.inputs = [self._listen(port) for port in range(len(stream.inputs))]
         self._endpoints.refuse_circles()
         stream.topics = [each.topic_name for each in self.health.inputs]
@@ -130,7 +130,7 @@ class ObserverNode(Node):
         self._endpoints.open(steady)  # last: the queues of subscriptions are not long
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} from '
-            f'{" and ".join(self._endpoints.inputs)} on {self._wired[0].topic_name}'
+            f'{" and ".join(self._endpoints.inputs)} on {self._endpoints.outputs[0].topic_name}'
         )
         for name, hint in self._ros.of_others().items():
             self.get_logger().warning(f"unknown parameter '{name}': {hint}")
@@ -138,7 +138,7 @@ class ObserverNode(Node):
     # Messages
 
     def _listen(self, number: int) -> Any:
-        port, feed, publishers = self.stream.inputs[number], self.stream.feed, self._wired
+        port, feed, outputs = self.stream.inputs[number], self.stream.feed, self._endpoints.outputs
 
         def came(raw: bytes, info: Mapping[str, Any]) -> None:
             begun = perf_counter()
@@ -151,7 +151,7 @@ class ObserverNode(Node):
                 return
             for answer in answers:
                 for output, message in answer.items():
-                    publishers[output].publish(message)
+                    outputs[output].publish(message)
             if port.answered:
                 self.health.took(perf_counter() - begun)
 
@@ -167,9 +167,7 @@ class ObserverNode(Node):
     def _look_around(self) -> None:
         """Check subscribers and joints, ten times a second by the steady clock."""
         self._endpoints.look()
-        for number, publisher in enumerate(self._wired):
-            if isinstance(publisher, OnDemand):
-                self.stream.wanted[number] = publisher.wanted
+        self.stream.wanted[:] = [each.wanted for each in self._endpoints.outputs]
         for notice in self.stream.notices():
             self.get_logger().warning(notice)
         self.health.look()

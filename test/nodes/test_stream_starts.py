@@ -10,8 +10,10 @@ import time
 
 import dds
 import pytest
-from stream_roles import MESSAGES, best_effort
+from stream_roles import MESSAGES, best_effort, stamp_of
 from stream_starts import ORDERS, start
+
+from estimator_pkg.messages.joint_state import Encoder
 
 
 def check(probe, order, count):
@@ -86,7 +88,7 @@ def test_what_is_lost_after_a_process_was_killed_is_counted(probe):
             publisher = probe.node.create_publisher(JointState, topic, best_effort(50))
             probe.until(publisher.get_subscription_count)
             begun, sent = time.time_ns(), 0
-            while sent < 100 or not listener.answers:
+            while sent < 100 or len(listener.answers) < 2:  # their spacing shows what is lost
                 stamp = begun + sent * 1_000_000
                 publisher.publish(listener.encode(stamp, ['a'], [1e-3 * sent]))
                 sent += 1
@@ -113,3 +115,30 @@ def test_a_subscriber_that_never_connects_does_not_keep_the_input_away(probe):
         begun = time.time_ns()
         raws = [listener.encode(begun + k * 1_000_000, ['a'], [1e-3 * k]) for k in range(20)]
         assert len(listener.feed(raws)) == 20
+
+
+def test_the_first_answers_wait_for_a_subscriber_that_is_discovered_late(probe):
+    """On a busy machine DDS discovers a process seconds late; this one comes after the messages."""
+    from sensor_msgs.msg import JointState
+
+    encode, kept = Encoder().encode, {'estimate': [], 'estimate_stddev': []}
+    words = dds.ros_args(remap=('joint_states:=/early',))
+    with dds.NodeProcess('estimator_pkg.nodes.executables joint_observer', *words):
+        publisher = probe.node.create_publisher(JointState, '/early', best_effort(50))
+        probe.until(publisher.get_subscription_count)
+        begun = time.time_ns()
+        stamps = [begun + k * 1_000_000 for k in range(300)]
+        for k, stamp in enumerate(stamps):
+            publisher.publish(encode(stamp, '', ['a'], [1e-3 * k]))
+            probe.spin(1e-3)
+        subscriptions = [
+            probe.node.create_subscription(
+                JointState, f'/joint_observer/{topic}', rows.append, 1000, raw=True
+            )
+            for topic, rows in kept.items()
+        ]
+        probe.until(lambda: all(len(rows) == len(stamps) for rows in kept.values()))
+        assert all([stamp_of(raw) for raw in rows] == stamps for rows in kept.values())
+        for subscription in subscriptions:
+            probe.node.destroy_subscription(subscription)
+        probe.node.destroy_publisher(publisher)
