@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import importlib.util
 import os
 import re
 import sys
+import tempfile
 from collections import Counter
 from functools import lru_cache
 from pathlib import Path
@@ -142,6 +144,28 @@ def pytest_collection_finish():
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 20, 50)
+
+
+def pytest_sessionstart(session):
+    """Compile each function in one worker: the others wait, and load what it has kept on disk."""
+    if 'PYTEST_XDIST_WORKER' not in os.environ or importlib.util.find_spec('numba') is None:
+        return
+    from estimator_pkg.driver import compiled
+
+    keep = compiled._keep_on_disk
+
+    def keep_and_wait(twin, copy, function):
+        keep(twin, copy, function)
+        compile_it, name = twin.compile, f'{os.getuid()}_{compiled.fingerprint(function)}'
+
+        def one_at_a_time(signature):
+            with open(Path(tempfile.gettempdir()) / f'compiles_{name}', 'w') as file:
+                fcntl.flock(file, fcntl.LOCK_EX)
+                return compile_it(signature)
+
+        twin.compile = one_at_a_time
+
+    compiled._keep_on_disk = keep_and_wait
 
 
 @pytest.hookimpl(optionalhook=True)

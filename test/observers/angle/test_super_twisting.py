@@ -11,7 +11,6 @@ import pytest
 from observer_cases import make as joint_of
 from observer_cases import stamps, wrapped
 
-from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.super_twisting import gains as tables
@@ -57,7 +56,7 @@ def predictions(form, order, dt, measured, bound=None):
     v, a = np.empty(len(measured)), np.empty(len(measured))
     # one step before the first sample, at rest on it, so that the prediction is the start itself
     first = (float(measured[0]), 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
-    compiled(run)(first, super_twisting.prepare(design, dt), dt, np.asarray(measured), v, a)
+    run(first, super_twisting.prepare(design, dt), dt, np.asarray(measured), v, a)
     return v, a
 
 
