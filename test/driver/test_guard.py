@@ -351,6 +351,13 @@ def test_a_hole_does_not_make_the_rate_look_slow():
     assert joint.mean_dt == pytest.approx(1e-3, rel=1e-6)
 
 
+def test_a_hole_after_a_jump_of_the_clock_does_not_make_the_rate_look_slow():
+    joint, feed, now = running()
+    assert feed(now - 3_600_000 * MS) == AFTER_CLOCK_JUMP
+    assert feed(now - 3_600_000 * MS + 400 * MS) == AFTER_GAP
+    assert joint.mean_dt == pytest.approx(1e-3, rel=1e-6)
+
+
 def test_a_few_holes_one_behind_the_other_do_not_make_the_rate_look_slow():
     """Three holes with one sample between them, as a bad radio link makes them, at 1 kHz: two make
     the mean sample time that of a slow stream, and a hundred short steps mend it: the next hole is

@@ -3,7 +3,9 @@
 
 """Sensor errors that repeat each turn: learnt and taken out, and nothing where there are none."""
 
+import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -197,6 +199,30 @@ def test_live_equals_a_batch_and_the_compiled_one():
     assert live.why()
     for one, other in zip(plain, fast):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+def test_the_errors_that_are_reported_are_those_of_the_sensor_and_go_with_its_quantum():
+    """Within two counts: a fifth of the largest. Another quantum is another sensor's; the speed
+    goes on.
+    """
+    stamps, angle, _ = sampled(12.0, 9.0)
+    learning, plain = joint(quantum=TURN / 4096), joint(sensor_map='none')
+    angles = np.linspace(-3.1, 3.1, 60)
+    for each in (learning, plain):
+        each.run(stamps, eccentric(angle), fast=False)
+        speed = each.estimate()[1]
+        found = each.sensor_errors(1)(angles, np.full(60, 12.0))
+        if each is learning:
+            assert np.max(np.abs(found - found.mean() + 0.03 * np.sin(angles))) < 2 * TURN / 4096
+            assert re.fullmatch(
+                r'sensor errors of up to 2 deg that repeat each turn are taken out '
+                r'\(largest near (80|90|100|260|270|280) deg\)',
+                what_is_learnt(each._track),
+            )
+        each.set_gains(dataclasses.replace(each.gains, quantum=TURN / 2048))
+        assert not np.any(each.sensor_errors(1)(angles, np.full(60, 12.0)))
+        assert what_is_learnt(each._track) == ''
+        assert each.estimate()[1] == pytest.approx(speed, rel=0.05)
 
 
 @pytest.mark.parametrize('lowest', [-math.pi, 0.0])

@@ -330,6 +330,23 @@ def test_a_header_after_the_number_gives_its_stamp():
             assert found.value == {0: None, 1: 1.5, 2: 0.5}[i % 3]
 
 
+@pytest.mark.parametrize(
+    'own, stamped',
+    [
+        ('std_msgs/Header first\nfloat64 angle\nstd_msgs/Header last\n', 5),
+        ('float64 angle\nfloat32 torque\nstd_msgs/Header last\n', 6),
+    ],
+)
+def test_the_header_before_the_number_goes_before_the_one_after_it(own, stamped):
+    kind = 'my_msgs/msg/Reading'
+    store = store_for(kind, own + OWN[OWN.index(f'{"=" * 80}\nMSG: std_msgs/Header') :])
+    sent = {'first': header(0), 'angle': 0.5, 'torque': 2.0, 'last': header(1)}
+    fields = {name: value for name, value in sent.items() if f' {name}\n' in own}
+    raw = bytes(store.serialize_cdr(store.types[kind](**fields), kind))
+    stamp, _, value = Field(fields_of(store), kind, 'angle').decode(raw)
+    assert (stamp, value) == (stamped * 10**9 + 7, 0.5)
+
+
 def test_zeros_are_no_orientation():
     """Trackers and IMUs without an orientation send them; their yaw is not 0."""
     messages = [

@@ -15,7 +15,15 @@ from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
+from estimator_pkg.observers.contract import (
+    COASTING,
+    INITIALISING,
+    LOST,
+    MISCONFIGURED,
+    NOT_OBSERVABLE,
+    STATUS_NAMES,
+    TRACKING,
+)
 from estimator_pkg.parameters import build, declared
 
 NAMES = sorted({name for name, _ in variants()})
@@ -26,6 +34,12 @@ each_observer = pytest.mark.parametrize('name', NAMES)
 def test_every_observer_can_be_loaded():
     for name in observers.names():
         assert observers.find(name).name == name
+
+
+def test_a_status_is_the_number_that_recorded_bags_carry():
+    numbers = (INITIALISING, TRACKING, COASTING, LOST, NOT_OBSERVABLE, MISCONFIGURED)
+    assert numbers == (0, 1, 2, 3, 4, 5)
+    assert len(STATUS_NAMES) == 6 and STATUS_NAMES[LOST] == 'lost'
 
 
 def functions(variant, period=2.0 * math.pi):

@@ -150,6 +150,16 @@ def test_end_points_that_atan2_gives_do_not_look_multi_turn():
     assert present(convention, -0.01, TURN, 0.0) == pytest.approx(TURN - 0.01)
 
 
+@pytest.mark.parametrize('least, most', [(-0.1, 6.2), (0.3, 6.6), (-3.3, 1.0)])
+def test_readings_a_little_beyond_every_interval_of_one_turn_are_multi_turn(least, most):
+    convention = begin(0.5)
+    for measured in np.concatenate([np.linspace(0.5, most, 20), np.linspace(most, least, 20)]):
+        convention = follow(convention, float(measured), TURN)
+    assert present(convention, least - 0.2, TURN, 0.0) == pytest.approx(least - 0.2, abs=1e-12)
+    convention = follow(convention, most, TURN)
+    assert present(convention, most + 0.2, TURN, 0.0) == pytest.approx(most + 0.2, abs=1e-12)
+
+
 def test_edge_that_was_not_passed_yet_is_not_shown_passed():
     """Nothing tells yet whether 0 or -pi is where the reading wraps: both must stay right."""
     convention = begin(0.05)

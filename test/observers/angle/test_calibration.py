@@ -181,6 +181,13 @@ def test_the_noise_of_white_readings_and_the_step_of_a_counter():
     assert quantum == pytest.approx(1.5e-3)
 
 
+def test_the_rounding_of_float32_is_no_quantum():
+    """Half of it is 2^-25 of a reading; steps of a few of these are noise, larger ones count."""
+    for move, quantum in ((1.5e-7, math.inf), (3e-7, 3e-7)):
+        sample = (0, 1.0 + move, 1.0, 1.0, 10**6, 10**6)
+        assert follow_noise(0.0, math.inf, sample, move, 0.0)[1] == quantum
+
+
 def test_the_spacing_grows_at_rest_and_shrinks_where_the_motion_shows():
     count = 6000
     time = np.arange(count) * DT

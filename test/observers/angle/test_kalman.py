@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from observer_cases import make, stamps, wrapped
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 from test_frequency_response import transition
 
 from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.observers.angle.kalman import noise_gains_2, noise_gains_3
 from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.maths import covariance
 from estimator_pkg.observers.maths.covariance import steady_gains_2, step_2, step_3
@@ -189,6 +190,24 @@ def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
     assert steady_gains_2(density, dt) == pytest.approx((p[0], p[1] * dt), rel=1e-9)
 
 
+def test_noise_gains_of_any_stable_gains_solve_the_lyapunov_equation():
+    """Live changes of the bandwidth pass through gains that no steady filter has."""
+    random, stable = np.random.default_rng(5), 0
+    f = np.array([[1.0, DT, 0.5 * DT**2], [0.0, 1.0, DT], [0.0, 0.0, 1.0]])
+    while stable < 200:
+        alpha, beta, gamma = random.uniform(0.0, (2.0, 4.0, 4.0))
+        gain = np.array([alpha, beta / DT, gamma / DT**2])
+        kept = (np.eye(3) - np.outer(gain, [1.0, 0.0, 0.0])) @ f
+        if np.max(np.abs(np.linalg.eigvals(kept))) > 0.98:
+            continue
+        stable += 1
+        p = solve_discrete_lyapunov(kept, np.outer(gain, gain))
+        state = (0.0, 0.0, 0.0, (*gain.tolist(), 0.0, 0.0, 0.0), 1.0, None)
+        found = noise_gains_3(state, (DT, None, None, None))
+        expected = p[0, 0], p[1, 1], 1.0 + (f @ p @ f.T)[0, 0]
+        assert found == pytest.approx(expected, rel=1e-6)
+
+
 # The noise that is not given
 
 
@@ -206,6 +225,25 @@ def test_noise_is_seen_through_fast_motion(noise):
     motion = 2.0 * np.sin(2.0 * math.pi * 3.0 * t) + 30.0 * t  # 700 rad/s^2, 13 000 rad/s^3
     measured = wrapped(motion + np.random.default_rng(2).normal(0.0, noise, len(t)))
     assert estimated(measured) == pytest.approx(noise, rel=0.15)
+
+
+def test_noise_gains_of_unstable_gains_are_those_after_the_third_sample():
+    """A first sample time that is far too long leaves such gains for some samples."""
+    for alpha, beta, gamma in ((1.0, 2.2, 0.5), (0.6, 3.3, 0.5), (0.3, 0.1, 0.9)):
+        gain = (alpha, beta / DT, gamma / DT**2, 0.0, 0.0, 0.0)
+        expected = (alpha, pytest.approx((2.0 - 6.0 * beta * (1.0 - beta)) / DT**2), 6.0)
+        assert noise_gains_3((0.0,) * 3 + (gain, 1.0, None), (DT, 0.0, 0.0, 0.0)) == expected
+        if gamma == 0.5:
+            assert noise_gains_2((0.0,) * 2 + (gain[:3], 1.0, None), (DT,) + (0.0,) * 3) == expected
+
+
+def test_noise_is_seen_only_where_sample_times_differ_little():
+    """Each second one is longer: 1.9 times as long is used, 2.1 times as long is not."""
+    for longer, used in ((1.9, True), (2.1, False)):
+        scatter = begin_scatter(0.0)
+        for k, value in enumerate(np.random.default_rng(3).normal(0.0, 1e-3, 500).tolist()):
+            scatter = follow_scatter(scatter, value, DT * (longer if k % 2 else 1.0), 6.3)
+        assert (scatter[1] > 100.0) == used
 
 
 @pytest.mark.parametrize('speed', [0.02, 0.3, 3.0, 30.0])

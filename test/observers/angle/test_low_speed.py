@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from observer_cases import label, make, stamps, tunable_variants, variants, wrapped
 
+from estimator_pkg.driver.track import newest
 from estimator_pkg.observers.angle.core import low_speed_bound
 
 QUANTUM = 2.0 * math.pi / 4096
@@ -81,6 +82,34 @@ def test_creep_is_held_to_a_quantum_over_the_time_since_the_edge(variant, known)
     assert np.sum((out.velocity - speed)[creep] ** 2) < np.sum((free.velocity - speed)[creep] ** 2)
     go = ~creep & (np.arange(len(speed)) > 500)
     assert np.mean(out.velocity[go]) == pytest.approx(np.mean(free.velocity[go]), rel=0.01)
+
+
+@each_variant
+def test_a_cell_wider_than_a_quantum_allows_a_larger_speed(variant):
+    """The known input says by how much, where a map of the sensor's errors has wider cells."""
+    joint = with_gains(slow(variant), True)
+    at = stamps(540)
+    joint.run(at, read(1.0 + 2.0 * DT * np.minimum(np.arange(540), 500)), fast=False)
+    _, coefficients, state = newest(joint._track)
+    functions, design = joint.functions, joint._design
+    since = since_change(read(1.0 + 2.0 * DT * np.minimum(np.arange(540), 500)))[-1] * DT
+    for wider in (0.0, 0.5 * QUANTUM):
+        _, velocity, _, _ = functions.output(state, coefficients, design, 2.0, wider)
+        assert 1.0 <= abs(velocity) * since / (QUANTUM + wider) < 2.01
+        if wider == 0.0:
+            bound = abs(velocity)
+    assert abs(velocity) == pytest.approx(bound + 0.5 * QUANTUM / since)
+
+
+@each_variant
+def test_a_shaft_that_came_to_rest_in_a_gap_is_held_to_a_quantum_over_the_time_since(variant):
+    time = np.concatenate([np.arange(1000), 1300 + np.arange(200)]) * DT
+    at = 1_700_000_000_000_000_000 + np.rint(time * 1e9).astype(np.int64)
+    measured = read(1.0 + 8.0 * np.minimum(time, 1.1))
+    out = with_gains(slow(variant), True).run(at, measured, fast=False)
+    since = np.arange(1, 200) * DT
+    still = since > 8 * DT
+    assert np.all(np.abs(out.velocity[1001:])[still] <= 1.001 * QUANTUM / since[still])
 
 
 @each_quantum

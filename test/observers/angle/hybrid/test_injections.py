@@ -94,6 +94,13 @@ def test_another_period_scales_error_and_injection(name):
         assert function(error, 1.0, 1.0) == pytest.approx(function(error * TURN, TURN, 1.0) / TURN)
 
 
+def test_another_period_scales_one_of_the_user(own):
+    function = injections.find(own('steeper'), margin=MARGIN)
+    for error in (-0.4, 0.1, 0.3):
+        assert function(error, 1.0, 1.0) == pytest.approx(function(error * TURN, TURN, 1.0) / TURN)
+        assert function(error * TURN, TURN, 1.0) != error * TURN
+
+
 @pytest.mark.parametrize(
     'name', ['steeper', 'jumps_within_the_margin', 'in_plain_python_only', 'whole_numbers_too']
 )

@@ -128,11 +128,12 @@ def test_after_readings_that_stay_astray_it_starts_from_the_newest_two(order, dt
     """For 20 ms and three samples it holds the speed, in case they are outliers."""
     core = core_of(order=order, epsilon=0.2)
     coefficients = coefficients_of(dt, order=order, epsilon=0.2)
-    position, speed = 0.4, 2.0
+    position, speed, random = 0.4, 2.0, np.random.default_rng(2)
     state = (position, 0.0, speed, *[0.0] * order)[: order + 2]
     readings = [position]
     for k in range(1, held + 6):
         readings.append(position + (speed + 1.5 * (k > 1)) * dt * k + 1.2)
+        readings[-1] += 1e-3 * random.standard_normal()
         state, innovation = core.correct(state, coefficients, readings[-1])
         assert math.isinf(innovation) == (k == held + 1)
         if k <= held:
