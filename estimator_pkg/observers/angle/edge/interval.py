@@ -24,6 +24,7 @@ THIN = 1e-3  # an interval thinner than this part of sigma is a point
 NOTHING = 0  # the reading has no news for the prediction
 INTERVAL = 1  # a measurement: centre, half width
 HELD = 2  # the prediction has left the cell, and no edge came
+NO_NEWS = (NOTHING, 0.0, 0.0)
 
 
 def within(e: float, half: float, sigma: float) -> tuple[float, float]:
@@ -69,15 +70,13 @@ def interval(
     excess : by how much the cell is wider than a quantum [rad].
     """
     half = 0.5 * quantum
+    if 12.0 * variance > quantum * quantum:
+        return INTERVAL, off, half
     edges = math.sqrt(noise)
     hold = SIGMAS * edges
     if flickers:
         near = half - hold
-        if off > near or off < -near or 12.0 * variance > quantum * quantum:
-            return INTERVAL, off, half
-        return NOTHING, off, half
-    if 12.0 * variance > quantum * quantum:
-        return INTERVAL, off, half
+        return INTERVAL if off > near or off < -near else NOTHING, off, half
     if ahead > half:
         width = quantum - ahead
         if width > -quantum:  # else the speed is not what was thought: the cell alone

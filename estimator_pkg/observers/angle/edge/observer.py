@@ -40,7 +40,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     SLACK,
 )
 from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
-from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
+from estimator_pkg.observers.angle.edge.interval import NO_NEWS, NOTHING, interval
 from estimator_pkg.observers.angle.edge.quantum import (
     FIRST_STEPS,
     JUMP,
@@ -233,7 +233,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         if change + change >= period or change + change < -period:
             change = wrap(change, period)
         # Residue: was the last step a glitch, or the first real one?
-        _, to_settle, _, _ = doubt
+        _, to_settle, since, _ = doubt
         starting = to_settle > 0.0
         if starting:
             doubt = later(doubt, dt)
@@ -244,10 +244,10 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 )
             elif jump != 0.0:  # a glitch
                 change, steps = change + jump, with_jump(steps, 0.0)
+            _, to_settle, since, _ = doubt
         x, v, a, idle = motion
         quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
         status, count, astray = lock
-        _, to_settle, since, _ = doubt
         _, uneven, held, _, apart = clock
         # Repeated readings
         if change == 0.0 and abs(v) * dt > REPEATS * quantum and repeats(state, dt):
@@ -263,16 +263,16 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 coefficients = prepare(design, dt)
                 _, half_square, kept, _, _, _ = coefficients
         # Search for the quantum: in the readings as they came, without a correction
-        first = change != 0.0 and low == high  # motion of all
-        if change != 0.0 and shows_quantum(steps, change + known_input, size, rested, quantum):
+        first, counted = change != 0.0 and low == high, change + known_input
+        if change != 0.0 and shows_quantum(steps, counted, size, rested, quantum):
             extent = abs(measurement) + abs(last)
             moved, steps, p, band, sensor, quantum = search(
-                steps, change + known_input, extent, design.quantum, p, band, sensor, first
+                steps, counted, extent, design.quantum, p, band, sensor, first
             )
             if not moved:  # residue: the reading before is used again
                 measurement, change, first = last, 0.0, False
         # Noise and vibration
-        sensor = follow_sensor(sensor, change, change + known_input, passed, quantum)
+        sensor = follow_sensor(sensor, change, counted, passed, quantum)
         if apart > APART:
             sensor = aged(sensor, v)
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
@@ -332,7 +332,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 sensor = with_noise(sensor, noise)
         # What an edge shows; most readings are plainly no news: no edge, and none was expected
         flickers = noisy and moved * moved < noise < half * half
-        news = (NOTHING, off, half)
+        news = NO_NEWS
         inside = -half <= ahead <= half and -half <= off <= half
         if not inside or flickers or 12.0 * p00 > square:
             wider = known_input if known_input > 0.0 and change == 0.0 else 0.0

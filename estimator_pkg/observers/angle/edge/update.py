@@ -46,17 +46,6 @@ LEAST_PART = 0.05  # of its variance an innovation has at least, were it to coun
 UNBELIEVED = (0.0, 0.0, 0.0)
 
 
-def meeting(p00: float, noise: float, centre: float, half: float) -> tuple[float, ...]:
-    """Return (R, S, d, 1 - f) where an interval meets the predicted angle; see `within`.
-
-    R is the noise and a part of the interval's width, by which either end may be wrong.
-    """
-    r = noise + 16.0 * BLUR * BLUR * half * half
-    s = p00 + r
-    d, left = within(centre, half, math.sqrt(s))
-    return r, s, d, left
-
-
 def explained(
     p: Covariance,
     band: Band,
@@ -120,9 +109,12 @@ def update(
     Whether it is believed, correction of (x, v, a), covariance, band, sensor.
     """
     kind, centre, half = news
-    quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
+    quantum, noise, scatter, _, _, _, _, _, _, lasting, _ = sensor
     p00, _, _, _, _, _ = p
-    r, s, d, left = meeting(p00, noise, centre, half)
+    # the interval meets the Gaussian: S = P_00 + R, the mean d, f = 1 - left
+    r = noise + 16.0 * BLUR * BLUR * half * half
+    s = p00 + r
+    d, left = within(centre, half, math.sqrt(s))
     f = 1.0 - left
     score = d * d / s - f
     z = d / math.sqrt(s * (f if f > LEAST_PART else LEAST_PART))
@@ -131,7 +123,7 @@ def update(
         z = ALARM if z > 0.0 else -ALARM
     # slow law and fast law: the density is that of the longest memory, or of a vibration, at least
     least = (quantum * quantum + 12.0 * noise) / LONGEST**5
-    if warm and not flickers:
+    if lasting > 0.0 and warm and not flickers:
         shaken = vibration(sensor)
         if shaken > least:
             least = shaken
@@ -147,9 +139,9 @@ def update(
     if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
         off, ahead = deviations
         kind, centre, half = interval(off, ahead, quantum, p00, noise, flickers, 0.0)
-        r, s, d, left = meeting(p00, noise, centre, half)
-    else:
-        s = p00 + r
+        r = noise + 16.0 * BLUR * BLUR * half * half
+        d, left = within(centre, half, math.sqrt(p00 + r))
+    s = p00 + r
     # the noise follows the score: flicker shows it from either side alike; elsewhere what is
     # correlated is motion
     _, low, variance, _, _, _, _, _ = band
