@@ -44,6 +44,9 @@ from estimator_pkg.driver.sensor_marks import (
     HEADING,
     IN_USE,
     KIND,
+    LAG,
+    RUN,
+    SHARE,
     MARKS,
     QUANTUM,
     SPEED,
@@ -58,6 +61,7 @@ from estimator_pkg.driver.sensor_marks import (
     blank_memory,
     follow,
     interrupt,
+    ripple_before,
     refined,
     turned,
 )
@@ -66,13 +70,15 @@ from estimator_pkg.observers.circle import wrap
 
 LARGEST = 1e9  # [rad] no reading is larger
 NEAR = 0.1  # of a turn: so near to its interval's end is a reading that wraps
+MOST_RISE = 0.75  # of the ripple, by which a cell is smaller
+LEAK = 0.1
 FIELDS = len(Track._fields)  # of a track without a map
 
 # low: lower end of the cell between two marks that contains the reading; size of the cell; error at
 # its lower end, and slope over it; the newest reading, and its correction; interval of readings
 # that wrap; by how much the angles of the reading reach further than a quantum
-Place = tuple[float, float, float, float, float, float, float, float, float]
-NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, math.nan, 0.0, -math.inf, math.inf, 0.0)
+Place = tuple[float, ...]
+NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, math.nan, 0.0, -math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def parted(whole: tuple) -> tuple[tuple, Place, Memory]:
@@ -86,7 +92,7 @@ def error_of(memory: Memory, cell: int, heading: int, size: float) -> tuple[floa
 
     A coarse sensor's reading has the error of the edge that brought it.
     """
-    course, pace, _, _, tables, _, _ = memory
+    course, pace, _, _, tables, _, _, _ = memory
     kind, marks = course[KIND], course[MARKS]
     if marks == 0:
         return 0.0, 0.0, 0.0
@@ -101,6 +107,27 @@ def error_of(memory: Memory, cell: int, heading: int, size: float) -> tuple[floa
     slope = (float(tables[0, USED_A, beyond]) - lower) / size
     quantum = float(pace[QUANTUM])
     return lower, slope, slope * quantum if quantum < math.inf else 0.0
+
+
+def rise_of(memory: Memory, heading: int, sensor: float) -> tuple[float, float]:
+    """Return by how much longer the shaft takes for this cell, as it did before; 0: not known.
+
+    Parameters
+    ----------
+    sensor : by how much the cell is larger.
+    """
+    course, pace, _, _, _, _, _, _ = memory
+    run, lag = course[RUN], course[LAG]
+    if lag == 0 or heading != course[HEADING] or run < 2 * lag:
+        return 0.0, 0.0
+    before, here, after = (
+        ripple_before(memory, run - 1, lag),
+        ripple_before(memory, run, lag),
+        ripple_before(memory, run + 1, lag),
+    )
+    share = pace[SHARE]
+    rise = max(share * (here - sensor), -MOST_RISE)
+    return rise, max(share * 0.25 * (before + 2.0 * here + after), -MOST_RISE)
 
 
 def interval(reading: float, before: float, period: float) -> tuple[float, float]:
@@ -139,7 +166,7 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
     ) -> tuple[tuple, int]:
         """Return (track, verdict) after one sample, like that of `make_track`."""
         inner, before, memory = parted(track)
-        low, size, error, slope, reading, corrected_by, bottom, top, excess = before
+        low, size, error, slope, reading, corrected_by, bottom, top, excess, way, ripple, rise, back = before
         correction, cell, heading, offset = corrected_by, 0, 0, measurement - low
         inside = 0.0 <= offset < size
         if inside:
@@ -150,7 +177,7 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
         elif size == 0.0:
             low, size = begin(memory, measurement, stamp_ns, period, memory[1][GIVEN])
         else:
-            course, _, _, _, _, _, _ = memory
+            course, _, _, _, _, _, _, _ = memory
             if not -half <= offset < half:
                 offset = wrap(offset, period)
             if not -half <= measurement - reading < half:
@@ -160,6 +187,18 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
             cell = int(course[CELL]) + crossed
             heading = turned(memory, cell) if crossed != 0 else int(course[HEADING])
             error, slope, excess = error_of(memory, cell, heading, size)
+            if course[KIND] == COARSE:
+                if heading == way:
+                    ripple += heading * size * rise - LEAK * ripple
+                if crossed != heading:
+                    ripple = 0.0
+                rise = back = 0.0
+                if crossed == heading:
+                    rise, back = rise_of(memory, heading, excess / size)
+                way = float(heading)
+                error += ripple
+                excess += size * rise - heading * LEAK * ripple
+            excess = heading * excess if excess > 0.0 else 0.0
             correction = error + slope * (measurement - low)
         corrected = measurement + correction
         if corrected < bottom:
@@ -171,7 +210,21 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
         inner, verdict = bare_advance(inner, design, limits, stamp_ns, corrected, known)
         if verdict >= DUPLICATE:
             return inner + (before, memory), verdict
-        place = (low, size, error, slope, measurement, correction, bottom, top, excess)
+        place = (
+            low,
+            size,
+            error,
+            slope,
+            measurement,
+            correction,
+            bottom,
+            top,
+            excess,
+            way,
+            ripple,
+            rise,
+            back,
+        )
         if verdict != USED:
             interrupt(memory, verdict)
             if not inside:
@@ -182,15 +235,23 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
             follow(memory, cell, heading, at, change, last_ns, stamp_ns)
             if refined(memory, period):
                 low, size = begin(memory, measurement, stamp_ns, period, memory[1][QUANTUM])
-                place = (low, size, 0.0, 0.0, measurement, 0.0, bottom, top, 0.0)
+                place = (low, size, 0.0, 0.0, measurement, 0.0, bottom, top, 0.0, 0.0, 0.0, 0.0, 0.0)
         return inner + (place, memory), verdict
 
     def read(
         track: tuple, design: tuple, limits: tuple, measurement: float, known_input: float
     ) -> tuple:
         """Return the newest estimate, like that of `make_track`."""
-        inner, (_, _, _, _, _, correction, _, _, excess), _ = parted(track)
-        return bare_read(inner, design, limits, measurement + correction, excess)
+        inner, place, _ = parted(track)
+        _, size, _, _, _, correction, _, _, excess, way, ripple, rise, back = place
+        position, velocity, acceleration, status = bare_read(
+            inner, design, limits, measurement + correction, excess
+        )
+        if ripple != 0.0 or back != 0.0:
+            position -= ripple
+            velocity /= 1.0 + back
+            acceleration /= 1.0 + back
+        return position, velocity, acceleration, status
 
     def deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """Return one standard deviation of position and velocity."""
@@ -219,7 +280,7 @@ def errors_of(track: tuple, heading: int) -> Errors:
 
     if len(track) == FIELDS:
         return nothing
-    _, (low, size, _, _, _, _, _, _, _), (course, pace, _, _, tables, _, _) = parted(track)
+    _, (low, size, _, _, _, _, _, _, _, _, _, _, _), (course, pace, _, _, tables, _, _, _) = parted(track)
     marks, cell, unit = int(course[MARKS]), int(course[CELL]), float(size * pace[UNIT])
     if marks == 0:
         return nothing
@@ -237,7 +298,7 @@ def what_is_learnt(track: tuple) -> str:
     """Return what the status of a joint reports of its sensor; '' if nothing is corrected."""
     if len(track) == FIELDS:
         return ''
-    _, (low, size, _, _, _, _, _, _, _), (course, pace, _, _, tables, proofs, _) = parted(track)
+    _, (low, size, _, _, _, _, _, _, _, _, _, _, _), (course, pace, _, _, tables, proofs, _, _) = parted(track)
     marks = int(course[MARKS])
     used = [table for table in (0, 1) if proofs[table, IN_USE] > 0.0]
     if not used:

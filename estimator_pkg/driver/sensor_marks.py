@@ -23,6 +23,7 @@ LEAST = 6  # counts of a turn, at least
 SHOWN = 16  # marks whose steps show the quantum
 WHOLE = 0.01  # as close is a number of counts to a whole one
 RESIDUE = 1e-9  # [rad] a smaller step is none
+SPAN = 8.0  # marks over which a ripple is proven
 RING = 256  # times that are kept
 SLOWER = 0.7  # of the highest speed: a slower turn is not learnt from
 STEADY = 0.1  # of a turn's time: its halves take the same time but for this
@@ -42,19 +43,19 @@ RESOLVED, RESOLVED_EDGES = 0.5, 1.0
 # Memory: `course`, `pace`, and arrays: times of the marks, shape (RING,), the newest at the number
 # of marks in a row; what cells are larger than they should be in this turn, over their size, shape
 # (MOST,); tables, shape (2, 4, MOST); proofs, shape (2, 8); search, shape (3, RING)
-Memory = tuple[Any, Any, Any, Any, Any, Any, Any]
+Memory = tuple[Any, Any, Any, Any, Any, Any, Any, Any]
 
 # course, int64. kind of the sensor; marks of a turn; marks after which the errors repeat, 0: not
 # known; index of the cell: that of the mark at its lower end; the newest mark; direction: 1, -1, 0:
 # none yet; marks in a row with known times; new ones of them since a turn was learnt; marks since
 # the start; what times are relative to [ns]
-KIND, TURN, MARKS, CELL, FRONT, HEADING, RUN, FILLED, STEPS, BASE = range(10)
+KIND, TURN, MARKS, CELL, FRONT, HEADING, RUN, FILLED, STEPS, BASE, LAG = range(11)
 # kinds: not known yet; marks are edges; marks are edges of some counts; marks are no edges
 NONE, COARSE, FINE, LOOSE = 0, 1, 2, 3
 # pace, float64. smallest step, or difference of steps; newest step at a mark; speed [marks/s], and
 # that in units of which b counts; what a sample leaves open of the angle at a mark; quantum as
 # given, 0: not
-QUANTUM, STEP, SPEED, UNIT, OPEN, GIVEN = range(6)
+QUANTUM, STEP, SPEED, UNIT, OPEN, GIVEN, SHARE = range(7)
 # rows of the table of a direction: a and b of each mark as learnt, and as used
 A, B, USED_A, USED_B = range(4)
 # columns of its proof: turns learnt; mean squared errors without and with the map; good turns in a
@@ -68,13 +69,14 @@ CELLS, SQUARES, COUNTS = range(3)
 def blank_memory(quantum: float) -> Memory:
     """Return the memory of a sensor of which its quantum [rad] may be known; 0: not known."""
     memory = (
-        np.zeros(10, np.int64),
-        np.array([0.0, 0.0, 0.0, 0.0, 0.0, quantum]),
+        np.zeros(11, np.int64),
+        np.array([0.0, 0.0, 0.0, 0.0, 0.0, quantum, 0.0]),
         np.zeros(RING),
         np.zeros(MOST),
         np.zeros((2, 4, MOST)),
         np.zeros((2, 8)),
         np.zeros((3, RING)),
+        np.zeros((2, MOST + 1)),
     )
     forget(memory)
     return memory
@@ -82,12 +84,13 @@ def blank_memory(quantum: float) -> Memory:
 
 def forget(memory: Memory) -> None:
     """Forget what was learnt."""
-    course, _, _, _, tables, proofs, search = memory
+    course, _, _, _, tables, proofs, search, ripples = memory
     course[FILLED] = 0
     tables[:] = 0.0
     proofs[:] = 0.0
     proofs[:, REQUIRED] = TURNS
     search[:] = 0.0
+    ripples[:] = 1.0
 
 
 def grid(period: float, quantum: float) -> tuple[int, int]:
@@ -114,7 +117,7 @@ def begin(
     ----------
     quantum : [rad]; 0: not known yet.
     """
-    course, pace, _, _, _, _, _ = memory
+    course, pace, _, _, _, _, _, _ = memory
     kind, turn = grid(period, quantum)
     forget(memory)
     course[:] = 0
@@ -133,7 +136,7 @@ def learn(memory: Memory, table: int, size: float, speed: float) -> None:
     ----------
     speed : in its unit, less 1; 0: b is not learnt.
     """
-    course, pace, _, cells, tables, proofs, _ = memory
+    course, pace, _, cells, tables, proofs, _, _ = memory
     marks = course[MARKS]
     left = pace[OPEN] * (RESOLVED_EDGES if course[KIND] == COARSE else RESOLVED)
     total = mean = 0.0
@@ -185,7 +188,7 @@ def look(memory: Memory, time: float) -> None:
     It is the smallest lag over which pairs of cells are as alike as over any (of pairs, because the
     edges of Hall sensors come late by turns).
     """
-    course, _, times, _, _, _, search = memory
+    course, _, times, _, _, _, search, _ = memory
     turn, run, filled = course[TURN], course[RUN], course[FILLED]
     every = 2 - turn % 2  # an even number of edges comes in pairs
     course[FILLED] = 0
@@ -223,7 +226,7 @@ def take_mark(memory: Memory, size: float, mark: int, time: float, left: float) 
     ----------
     left : what the sample leaves open of the angle.
     """
-    course, pace, times, cells, tables, proofs, _ = memory
+    course, pace, times, cells, tables, proofs, _, _ = memory
     kind, heading, run, marks = course[KIND], course[HEADING], course[RUN], course[MARKS]
     times[run % RING] = time
     table = 1 if kind == COARSE and heading < 0 else 0
@@ -261,13 +264,55 @@ def take_mark(memory: Memory, size: float, mark: int, time: float, left: float) 
             tables[table, USED_A, far] = age / marks * tables[table, A, far]
             tables[table, USED_B, far] = age / marks * tables[table, B, far]
         proofs[table, AGE] = age
+        if kind == COARSE and run > 0:
+            follow_ripple(memory, table, size, mark)
     course[FRONT], course[RUN] = mark, run + 1
     course[STEPS] += 1
 
 
+def follow_ripple(memory: Memory, table: int, size: float, mark: int) -> None:
+    """Follow how well the time in a cell repeats that in the cell `lag` marks before."""
+    course, pace, times, _, tables, proofs, _, ripples = memory
+    marks, run, heading = course[MARKS], course[RUN], course[HEADING]
+    course[LAG] = 0
+    slow = pace[SPEED] < SLOWER * proofs[table, FASTEST]
+    of_b = pace[SPEED] / pace[UNIT] - 1.0 if pace[UNIT] > 0.0 else 0.0
+    low = mark - 1 if heading > 0 else mark
+    here, beyond = low % marks, (low + 1) % marks
+    sensor = tables[table, USED_A, beyond] - tables[table, USED_A, here]
+    sensor = (sensor + of_b * (tables[table, USED_B, beyond] - tables[table, USED_B, here])) / size
+    cell = times[run % RING] - times[(run - 1) % RING]
+    best = BETTER
+    for lag in range(5, marks + 1):
+        reach = 2 * lag
+        if marks % lag == 0 and reach <= run and reach < RING:
+            period = times[(run - 1) % RING] - times[(run - 1 - lag) % RING]
+            mean = period / lag
+            guess = mean * (1.0 + ripple_before(memory, run - 1, lag))
+            usual = mean * (1.0 + sensor)
+            missed, without = (cell - guess) / (cell + guess), (cell - usual) / (cell + usual)
+            ripples[0, lag] += (missed * missed - ripples[0, lag]) / SPAN
+            ripples[1, lag] += (without * without - ripples[1, lag]) / SPAN
+            if slow and ripples[0, lag] < best * ripples[1, lag]:
+                course[LAG], best = lag, ripples[0, lag] / ripples[1, lag]
+    if course[LAG] == 0:
+        pace[SHARE] = 0.0
+    else:
+        pace[SHARE] = min(pace[SHARE] + 0.5 / course[LAG], 1.0)
+
+
+def ripple_before(memory: Memory, first: int, lag: int) -> float:
+    """Return by how much longer than usual was the cell before that from mark `first` on."""
+    _, _, times, _, _, _, _, _ = memory
+    here = first - lag
+    start = here - (lag - 1) // 2
+    whole = times[(start + lag) % RING] - times[start % RING]
+    return lag * (times[(here + 1) % RING] - times[here % RING]) / whole - 1.0
+
+
 def turned(memory: Memory, cell: int) -> int:
     """Return the direction in this cell: it turns a mark later where noise may cross a mark."""
-    course, _, _, _, tables, proofs, _ = memory
+    course, _, _, _, tables, proofs, _, _ = memory
     heading, front = course[HEADING], course[FRONT]
     slack = 0 if course[KIND] == COARSE else 1
     if heading == 0:
@@ -289,7 +334,7 @@ def turned(memory: Memory, cell: int) -> int:
 
 def interrupt(memory: Memory, verdict: int) -> None:
     """Pass over a gap; after a new start the map is proven again before it is used."""
-    course, _, _, _, tables, proofs, _ = memory
+    course, _, _, _, tables, proofs, _, _ = memory
     course[HEADING] = course[RUN] = course[FILLED] = 0
     if verdict == AFTER_GAP or verdict == AFTER_STRAY_STAMP:
         return
@@ -318,7 +363,7 @@ def follow(
     at : lower end of the cell, its size, and the reading [rad].
     change : of the reading [rad], since `last_ns`.
     """
-    course, pace, _, _, _, _, _ = memory
+    course, pace, _, _, _, _, _, _ = memory
     low, size, reading = at
     moved = abs(change)
     for step in (moved, abs(moved - pace[STEP])):
@@ -345,7 +390,7 @@ def follow(
 
 def refined(memory: Memory, period: float) -> bool:
     """Return True if the steps since the start show that the marks do not fit the quantum."""
-    course, pace, _, _, _, _, _ = memory
+    course, pace, _, _, _, _, _, _ = memory
     kind, turn, quantum = course[KIND], course[TURN], pace[QUANTUM]
     unknown = quantum == math.inf or (kind == NONE and course[STEPS] < SHOWN)
     if pace[GIVEN] > 0.0 or unknown:

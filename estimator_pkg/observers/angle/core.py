@@ -455,8 +455,7 @@ def _make_output(
         inner, convention, (change, since, smallest, recent), _, (status, _, _, _), _, _ = state
         position, velocity, acceleration = estimate(inner)
         if since > 0.0 and design.low_speed_bound > 0.0:
-            if known_input > 0.0:  # the cell is so much larger than a quantum
-                change += known_input
+            change += abs(known_input)  # the cell reaches so much further than a quantum
             reading = (change, since, smallest, recent)
             velocity = clamped(velocity, inner, reading, coefficients, design)
         return (present(convention, position, period, unwrap), velocity, acceleration, status)

@@ -55,7 +55,6 @@ def interval(
     variance: float,
     noise: float,
     flickers: bool,
-    excess: float,
 ) -> tuple[int, float, float]:
     """Return what this reading shows: (kind, centre less prediction, half width) [rad].
 
@@ -63,11 +62,11 @@ def interval(
     ----------
     off : cell's centre minus predicted angle [rad].
     ahead : change of the reading minus predicted motion [rad].
+    quantum : size of the cell [rad].
     variance : of the predicted angle [rad^2]. Above quantum^2/12 the cell alone is news.
     noise : variance of the edges [rad^2].
     flickers : noise crosses an edge more often than the angle does: no edge is a time. But the
         whole cell is news as soon as `SIGMAS` of the noise reach out of it.
-    excess : by how much the cell is wider than a quantum [rad].
     """
     half = 0.5 * quantum
     if 12.0 * variance > quantum * quantum:
@@ -91,7 +90,6 @@ def interval(
             if width < quantum:
                 return INTERVAL, off + half - 0.5 * width, 0.5 * width
         return INTERVAL, off, half
-    hold += excess
     if off > half + hold or off < -half - hold:
         return HELD, off, half
     return NOTHING, off, half

@@ -332,14 +332,17 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 sensor = with_noise(sensor, noise)
         # What an edge shows; most readings are plainly no news: no edge, and none was expected
         flickers = noisy and moved * moved < noise < half * half
-        news = NO_NEWS
+        news, deviations = NO_NEWS, (off, ahead, quantum)
         inside = -half <= ahead <= half and -half <= off <= half
         if not inside or flickers or 12.0 * p00 > square:
-            wider = known_input if known_input > 0.0 and change == 0.0 else 0.0
-            news = interval(off, ahead, quantum, p00, noise, flickers, wider)
+            # the cell of an unchanged reading may reach further than a quantum
+            further = known_input if change == 0.0 else 0.0
+            deviations = (off + 0.5 * further, ahead, quantum + abs(further))
+            centre, _, size = deviations
+            news = interval(centre, ahead, size, p00, noise, flickers)
         kind, _, _ = news
         if kind != NOTHING:
-            warm, deviations = since >= RECENT, (off, ahead)
+            warm = since >= RECENT
             believed, (dx, dv, da), p, band, sensor = update(
                 news, deviations, p, band, sensor, flickers, idle, dt, design.slack, warm
             )

@@ -23,11 +23,11 @@ def fastest(sensor: Sensor, excess: float) -> float:
 
     Parameters
     ----------
-    excess : by how much the present cell is larger than a quantum [rad]; below 0: smaller.
+    excess : by how much the present cell reaches further than a quantum, and to which side [rad].
     """
     quantum, noise, _, _, _, _, change, since, _, _, _ = sensor
     way = (change if change > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(noise)
-    return (way + excess if excess > 0.0 else way) / since
+    return (way + abs(excess)) / since
 
 
 def make_stddev(period: float) -> Callable[..., tuple[float, float]]:

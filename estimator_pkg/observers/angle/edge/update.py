@@ -82,7 +82,7 @@ def explained(
 
 def update(
     news: tuple[int, float, float],
-    deviations: tuple[float, float],
+    deviations: tuple[float, float, float],
     p: Covariance,
     band: Band,
     sensor: Sensor,
@@ -97,8 +97,8 @@ def update(
     Parameters
     ----------
     news : (kind, centre [rad], half width [rad]), what the reading shows; see `interval`.
-    deviations : of the reading from the predicted angle, and of its change from the predicted
-        motion [rad]; see `interval`.
+    deviations : of the cell's centre from the predicted angle, and of the change of the reading
+        from the predicted motion; size of the cell [rad]. See `interval`.
     flickers : noise crosses an edge more often than the angle does.
     idle : time since the last informative reading [s].
     slack : of the slow law.
@@ -137,8 +137,8 @@ def update(
         p, listening = explained(p, listening, sensor, d, date, dt, flickers, warm)
     p00, p01, p02, _, _, _ = p
     if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
-        off, ahead = deviations
-        kind, centre, half = interval(off, ahead, quantum, p00, noise, flickers, 0.0)
+        off, ahead, size = deviations
+        kind, centre, half = interval(off, ahead, size, p00, noise, flickers)
         r = noise + 16.0 * BLUR * BLUR * half * half
         d, left = within(centre, half, math.sqrt(p00 + r))
     s = p00 + r
