@@ -118,7 +118,7 @@ def rise_of(memory: Memory, heading: int, sensor: float) -> tuple[float, float]:
     """
     course, pace, _, _, _, _, _, _ = memory
     run, lag = course[RUN], course[LAG]
-    if lag == 0 or heading != course[HEADING] or run < 2 * lag:
+    if lag == 0 or heading != course[HEADING] or run < lag + lag // 2 + 1:
         return 0.0, 0.0
     before, here, after = (
         ripple_before(memory, run - 1, lag),

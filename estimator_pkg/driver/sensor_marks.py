@@ -284,7 +284,7 @@ def follow_ripple(memory: Memory, table: int, size: float, mark: int) -> None:
     cell = times[run % RING] - times[(run - 1) % RING]
     best = BETTER
     for lag in range(5, marks + 1):
-        reach = 2 * lag
+        reach = lag + lag // 2 + 1
         if marks % lag == 0 and reach <= run and reach < RING:
             period = times[(run - 1) % RING] - times[(run - 1 - lag) % RING]
             mean = period / lag
@@ -298,7 +298,7 @@ def follow_ripple(memory: Memory, table: int, size: float, mark: int) -> None:
     if course[LAG] == 0:
         pace[SHARE] = 0.0
     else:
-        pace[SHARE] = min(pace[SHARE] + 0.5 / course[LAG], 1.0)
+        pace[SHARE] = min(pace[SHARE] + 1.0 / course[LAG], 1.0)
 
 
 def ripple_before(memory: Memory, first: int, lag: int) -> float:
