@@ -102,6 +102,7 @@ def _ended(task: Callable[[], int], prog: str) -> int:
         return error.exit_code
     except (KeyboardInterrupt, ImportError) as error:
         if _interrupted(error):
+            interrupts.finish()
             interrupts.say(f'{prog}: interrupted')
             return INTERRUPTED + (interrupts.came() or signal.SIGINT)
         line = missing(error)

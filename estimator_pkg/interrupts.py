@@ -4,8 +4,12 @@
 """The signals INT, TERM and HUP end a command; its results so far are kept.
 
 A dropped ssh session sends HUP, a service manager TERM, a user INT (Ctrl-C). Within `handled` all
-three raise KeyboardInterrupt. Within `gently` they only set a flag, so that no message is written
+three raise Interrupted. Within `gently` they only set a flag, so that no message is written
 incompletely; the loop that writes checks `came` and ends.
+
+An import may drop the exception or turn it into an ImportError, so it is raised after the import.
+It may also be lost in a callback of a weak reference or from C, in `__del__`, and in C itself: it
+is raised again, until somebody who has caught it calls `finish`.
 """
 
 from __future__ import annotations
@@ -15,9 +19,11 @@ import signal
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import Any
 
 from estimator_pkg.printable import printable
 
@@ -26,7 +32,16 @@ NUMBERS = tuple(
 )
 HANGUP = getattr(signal, 'SIGHUP', None)
 LONGEST_END = 5.0  # time from `limit_end` to the end of the process [s]
+AGAIN = 0.05  # time until an interrupt is retried that was impossible or lost [s]
 ONE_PRESS = 1.0  # signals within this time count as one, because launchers forward Ctrl-C [s]
+
+
+class Interrupted(KeyboardInterrupt):
+    """One of the signals came.
+
+    A KeyboardInterrupt that is not of a subclass makes Python end the process by SIGINT once it has
+    passed through `exec`, whoever catches it.
+    """
 
 
 class _State:
@@ -37,6 +52,9 @@ class _State:
     number = 0  # the first received signal; 0: none
     at = 0.0  # its time [s]
     terminals: tuple[int, ...] = ()
+    alarm: Any = None  # handler of SIGALRM before ours; None: ours is not in use
+    report: Any = None  # reports exceptions that nobody can catch
+    raised: Any = None  # weak reference to the interrupt that was raised
 
 
 def came() -> int:
@@ -65,9 +83,15 @@ def handled() -> Iterator[None]:
         for number in NUMBERS
         if signal.getsignal(number) != signal.SIG_IGN
     }
+    _State.report, sys.unraisablehook = sys.unraisablehook, _lost
     try:
         yield
     finally:
+        sys.unraisablehook = _State.report
+        if _State.alarm is not None:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, _State.alarm)
+            _State.alarm = None
         for number, handler in before.items():
             signal.signal(number, handler)
         _State.depth = 0
@@ -99,7 +123,7 @@ def gently(background: bool = False) -> Iterator[None]:
 
 
 def finish() -> None:
-    """Ignore a first signal from now on: the command has its result and writes it."""
+    """Ignore a first signal from now on: the command has its result, or has caught the signal."""
     _State.gentle += 1
 
 
@@ -108,10 +132,47 @@ def _take(number: int, frame: FrameType | None) -> None:
         _leave_terminal()
     if not _State.number:
         _State.number, _State.at = number, time.monotonic()
-        if not _State.gentle:
-            raise KeyboardInterrupt
+        if _State.alarm is None:
+            _State.alarm = signal.signal(signal.SIGALRM, _interrupt)
+        _interrupt(number, frame)
     elif number == signal.SIGINT and time.monotonic() > _State.at + ONE_PRESS:
-        raise KeyboardInterrupt  # a second Ctrl-C ends the command at once
+        raise Interrupted  # a second Ctrl-C ends the command at once
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise Interrupted, now or after an import, unless the command ends by itself."""
+    if _State.gentle:
+        return
+    if is_importing(frame):
+        _retry()
+        return
+    raised = Interrupted()
+    _State.raised = weakref.ref(raised, _retry)  # called when nobody handles it any more
+    try:
+        raise raised
+    finally:
+        del raised  # this frame belongs to its traceback
+
+
+def _retry(_: Any = None) -> None:
+    if _State.alarm is not None:
+        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+
+
+def _lost(unraisable: Any) -> None:
+    """Report an exception that nobody can catch, unless it will be raised again."""
+    if not isinstance(unraisable.exc_value, Interrupted):
+        _State.report(unraisable)
+
+
+def is_importing(frame: FrameType | None, also: str = '<frozen importlib._bootstrap>') -> bool:
+    """Return True within an import, or within a file whose name contains `also`."""
+    while frame is not None:
+        file = frame.f_code.co_filename
+        if file == '<frozen importlib._bootstrap>' or also in file:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _leave_terminal() -> None:

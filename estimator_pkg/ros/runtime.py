@@ -19,7 +19,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from estimator_pkg.errors import UserError
-from estimator_pkg.interrupts import limit_end
+from estimator_pkg.interrupts import AGAIN, is_importing, limit_end
 from estimator_pkg.optional import missing
 from estimator_pkg.printable import printable
 
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 MIXED = 'Sequence should be of same type'  # rcl's error for a list with booleans such as y, n, on
 SPIN = 0.1  # longest time until an interrupt is noticed [s]
-AGAIN = 0.05  # time until an interrupt is retried that was not possible [s]
 
 
 def settle_environment() -> None:
@@ -74,7 +73,8 @@ class Interrupts:
         self.came = True
         if not self.making:
             return
-        if _at_work(frame):
+        # rclpy would leave incomplete objects, which print errors when they are destroyed
+        if is_importing(frame, f'{os.sep}rclpy{os.sep}'):
             signal.setitimer(signal.ITIMER_REAL, AGAIN)
             return
         raise SystemExit(0)
@@ -85,20 +85,6 @@ class Interrupts:
             signal.signal(number, signal.SIG_IGN if last else handler)
         if last:
             limit_end()
-
-
-def _at_work(frame: FrameType | None) -> bool:
-    """Return True within an import, or within ROS.
-
-    An import would drop an exception or turn it into an ImportError; rclpy would leave incomplete
-    objects, which print errors when they are destroyed.
-    """
-    while frame is not None:
-        file = frame.f_code.co_filename
-        if file == '<frozen importlib._bootstrap>' or f'{os.sep}rclpy{os.sep}' in file:
-            return True
-        frame = frame.f_back
-    return False
 
 
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:

@@ -12,6 +12,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import textwrap
 import time
 from pathlib import Path
 
@@ -424,6 +425,54 @@ def test_nothing_is_left_of_what_had_nothing(number, words, long_bag, tmp_path):
         assert process.ends() in (128 + number, -number, 1), process.output
     assert 'Traceback' not in process.output
     assert list(tmp_path.iterdir()) == []
+
+
+LOST = {
+    'a callback of a weak reference': """
+class Thing: pass
+thing = Thing()
+seen = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGHUP))
+del thing
+""",
+    '__del__': """
+class Thing:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGHUP)
+Thing()
+""",
+    'an import that catches everything': """
+sys.path.insert(0, '.')
+import greedy
+""",
+    'an except that catches everything': """
+import contextlib
+with contextlib.suppress(BaseException):
+    os.kill(os.getpid(), signal.SIGHUP)
+""",
+}
+GREEDY = """
+import os, signal
+try:
+    os.kill(os.getpid(), signal.SIGHUP)
+except BaseException:
+    pass
+"""
+
+
+@pytest.mark.parametrize('lost', LOST)
+def test_an_interrupt_that_would_be_lost_comes_again(lost, tmp_path):
+    """What is raised in these places is dropped by Python or by a library."""
+    (tmp_path / 'greedy.py').write_text(GREEDY)
+    body = textwrap.indent(LOST[lost] + 'time.sleep(20.0)', '    ')
+    script = (
+        'import os, signal, sys, time, weakref\n'
+        'from estimator_pkg import cli\n'
+        f"def work():\n{body}\nsys.exit(cli.guarded(work, 'here'))"
+    )
+    ended = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=15, cwd=tmp_path
+    )
+    assert (ended.returncode, ended.stderr) == (128 + signal.SIGHUP, 'here: interrupted\n')
 
 
 def test_nohup_keeps_a_command_running(tmp_path):

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from estimator_pkg import destination, streams
+from estimator_pkg import destination, interrupts, streams
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.cli import Command
@@ -242,6 +242,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             except KeyboardInterrupt:  # before this joint's first trial
                 if not tuned:
                     raise
+                interrupts.finish()
                 break
             if tuned[-1]['interrupted']:
                 break

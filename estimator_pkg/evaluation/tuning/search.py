@@ -111,6 +111,7 @@ def search(
             if interrupts.came():  # an exception may be lost during clean-up
                 raise KeyboardInterrupt
     except KeyboardInterrupt:
+        interrupts.finish()
         found.interrupted = True
     return found
 
