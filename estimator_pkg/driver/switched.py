@@ -4,7 +4,8 @@
 """A joint of the observer `switched`: samples and events, each at its stamp.
 
 An event takes effect at the sample nearest to its stamp, in any order of arrival: the interval
-before a sample belongs to the mode that was active in it.
+before a sample belongs to the mode that was active in it. The first sample after a reset or a new
+start knows nothing of the events before it, which then follow it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
+from estimator_pkg.driver.guard import NEW_STARTS
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.track import replaced
 from estimator_pkg.observers.circle import nearest_turn
@@ -63,9 +65,10 @@ class SwitchedJoint(Joint):
         self.event_counts[said] += 1
         if said not in REFUSED:
             self._last_event_ns = stamp_ns
-            self._waiting.append((stamp_ns, (mode, v)))
-            if said in (APPLIED, LATE):
-                self._apply()
+            if said == WAITING:
+                self._waiting.append((stamp_ns, (mode, v)))
+            else:
+                self._jump([(stamp_ns, (mode, v))])
         return said
 
     def _judged(self, stamp_ns: int) -> str:
@@ -76,18 +79,23 @@ class SwitchedJoint(Joint):
         behind = self.stamp_ns - stamp_ns
         if behind > self.settings.reorder_window * 1e9:
             return PAST
-        if behind >= 0:
+        if behind >= 0 and self.running:
             half = 0.5e9 * self.mean_dt
             return APPLIED if behind <= half else LATE
         return WAITING
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample, and first the events that are due by it; see `Joint`."""
-        while self._waiting and 2 * self._waiting[0][0] <= self.stamp_ns + stamp_ns:
-            self._apply()
+        before, ran = self._taken((self.stamp_ns + stamp_ns) // 2), self.running
+        if ran:
+            self._jump(before)
         used = super().update(stamp_ns, measurement, known_input)
-        while self._waiting and self._waiting[0][0] <= self.stamp_ns:
-            self._apply()
+        if not self.running:
+            self._waiting[:0] = before
+        elif not ran or (used and self.verdict in NEW_STARTS):
+            self._jump(before)
+        if used:
+            self._jump(self._taken(self.stamp_ns))
         return used
 
     def reset(self) -> None:
@@ -102,11 +110,17 @@ class SwitchedJoint(Joint):
             return 'Z has not converged: it is predicted'
         return super().why()
 
-    def _apply(self) -> None:
-        stamp_ns, event = self._waiting.pop(0)
+    def _taken(self, until_ns: int) -> list[tuple[int, tuple]]:
+        """Return the waiting events up to a stamp, which wait no more."""
+        count = sum(stamp_ns <= until_ns for stamp_ns, _ in self._waiting)
+        taken, self._waiting = self._waiting[:count], self._waiting[count:]
+        return taken
+
+    def _jump(self, events: Sequence[tuple[int, tuple]]) -> None:
         jump = self.functions.jump
-        if jump is not None and self.running:
-            self._track = replaced(self._track, state=jump(self.state, event))
+        if jump is not None:
+            for _, event in events:
+                self._track = replaced(self._track, state=jump(self.state, event))
 
     def outputs(self) -> Sequence[tuple[float, float, float]]:
         """(position, velocity, acceleration or nan) of each output; empty before any sample."""

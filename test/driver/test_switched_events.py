@@ -78,6 +78,29 @@ def test_a_reset_forgets_events_but_not_how_many_came():
     assert made.event_counts[WAITING] == 1
 
 
+@pytest.mark.parametrize('at', [4, 9, 9.6, 10, 10.4])
+def test_an_event_after_a_reset_follows_the_first_sample(at):
+    made = system()
+    sampled(made, 0, 10)
+    made.reset()
+    assert made.event(START_NS + round(at * MS), 'close') == WAITING
+    assert not made.update(START_NS + 10 * MS, (math.nan,), (0.1,))
+    sampled(made, 11, 13)
+    assert made.happened == [(11, 'close')]
+    made.reset()
+    assert made.event(START_NS - 1000 * MS, 'close') == PAST
+
+
+def test_an_event_in_an_outage_follows_the_new_start():
+    """The first one was of the state before it, too, which the new start forgets."""
+    made = system()
+    sampled(made, 0, 100)
+    assert made.event(START_NS + 200 * MS, 'close') == WAITING
+    assert made.event(START_NS + 60_000 * MS, 'open') == WAITING
+    sampled(made, 60_001, 60_003)
+    assert made.happened == [(99, 'close'), (60_001, 'close'), (60_001, 'open')]
+
+
 def test_until_z_has_converged_the_reason_says_so():
     made = system()
     assert 'Z has not converged' not in made.why()
