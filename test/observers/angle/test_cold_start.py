@@ -41,7 +41,7 @@ def run(angle, dt=DT, quantum=QUANTUM, **gains):
         angle = np.floor(angle / quantum) * quantum
     joint = Joint(OBSERVER, OBSERVER.gains(quantum=quantum, **gains), JointSettings())
     stamps = 10**18 + np.rint(np.arange(len(angle)) * dt * 1e9).astype(np.int64)
-    return joint.run(stamps, wrapped(angle), fast=False)
+    return joint.run(stamps, wrapped(angle), fast=not gains)
 
 
 def longest(flags):

@@ -11,6 +11,7 @@ import pytest
 from observer_cases import make as joint_of
 from observer_cases import stamps, wrapped
 
+from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.super_twisting import gains as tables
@@ -56,7 +57,8 @@ def predictions(form, order, dt, measured, bound=None):
     v, a = np.empty(len(measured)), np.empty(len(measured))
     # one step before the first sample, at rest on it, so that the prediction is the start itself
     first = (float(measured[0]), 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
-    run(first, super_twisting.prepare(design, dt), dt, np.asarray(measured), v, a)
+    loop = compiled(run) if len(measured) > 10_000 else run  # compiling takes a second
+    loop(first, super_twisting.prepare(design, dt), dt, np.asarray(measured), v, a)
     return v, a
 
 

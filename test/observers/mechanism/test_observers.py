@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -248,13 +249,10 @@ def test_exact_step_is_of_second_order_in_fast_motion():
     assert found[1] < 0.27 * found[0]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('name', NAMES)
-@pytest.mark.parametrize('dt, rate', ((0.01, 5.0), (0.02, 100.0), (0.01, 1000.0)))
-def test_friction_that_stops_a_joint_within_a_sample_makes_none_unstable(name, dt, rate):
-    """D/J of up to ten per sample time: an explicit step of D v grows without bound."""
-    inertia, count = 0.01, 500
-    assignments = (f'inertia={inertia}', f'damping={inertia * rate}')
+@lru_cache
+def with_friction(dt, rate, count=500):
+    """(assignments of its model, torques, positions, velocities) of a joint driven by a sine."""
+    assignments = ('inertia=0.01', f'damping={0.01 * rate}')
     torque = [(math.sin(math.pi * dt * k),) for k in range(count)]
     mechanics = load('single_joint', assignments)
     plant = make_plant(mechanics)
@@ -263,6 +261,16 @@ def test_friction_that_stops_a_joint_within_a_sample_makes_none_unstable(name, d
         readings.append(q)
         speeds.append(v[0])
         q, v = plant(mechanics.values, q, v, u, dt, 200)
+    return assignments, torque, readings, speeds
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('dt, rate', ((0.01, 5.0), (0.02, 100.0), (0.01, 1000.0)))
+def test_friction_that_stops_a_joint_within_a_sample_makes_none_unstable(name, dt, rate):
+    """D/J of up to ten per sample time: an explicit step of D v grows without bound."""
+    assignments, torque, readings, speeds = with_friction(dt, rate)
+    count = len(readings)
     functions = made(name, model='single_joint', model_parameters=list(assignments))
     velocities, _, _ = driven(functions, dt, count, readings, torque)
     error = velocities[:, 0] - np.array(speeds[1:])

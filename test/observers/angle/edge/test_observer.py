@@ -124,7 +124,7 @@ def test_standard_deviation_covers_in_motion():
         [BY_NAME[name] for name in MOVING if name != '10 kHz'],
         draws=4,
         duration=5.0,
-        fast=False,
+        fast=True,
     )['rows']
     for row in rows:
         assert 0.915 <= row['coverage'] <= 0.99, row['signal']  # of four draws
