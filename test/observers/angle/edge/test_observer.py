@@ -43,7 +43,7 @@ def joint(**gains):
 
 def run(angle, at=None, **gains):
     """Velocity, standard deviation and status for what an encoder reads of `angle` at 1 kHz."""
-    return joint(**gains).run(stamps(len(angle)) if at is None else at, read(angle), fast=True)
+    return joint(**gains).run(stamps(len(angle)) if at is None else at, read(angle), fast=False)
 
 
 def rms(values):
