@@ -302,6 +302,14 @@ def test_an_odd_first_sample_time_is_no_rate(first):
         assert joint.events() == {'outage': 1} and joint.dropped() == {}
 
 
+@pytest.mark.parametrize('first, seen', [(7.9, USED), (8.5, AFTER_OUTAGE)])
+def test_the_slowest_stream_has_half_a_hertz_with_three_samples_lost(first, seen):
+    joint = make('finite_difference')
+    joint.update(START, 1.0)
+    joint.update(START + round(first * 1e9), 1.1)
+    assert joint.verdict == seen
+
+
 def test_single_samples_between_outages_are_no_rate():
     joint, feed, now = running(speed=8.0)
     at = now

@@ -10,6 +10,7 @@ import re
 import numpy as np
 import pytest
 
+from estimator_pkg.driver import sensor_marks
 from estimator_pkg.driver.sensor_map import FIELDS, parted, what_is_learnt
 from estimator_pkg.driver.sensor_marks import LEARNT, MARKS
 from estimator_pkg.evaluation.entries import Entry
@@ -120,6 +121,23 @@ def test_a_sensor_without_errors_costs_nothing(observer, readings):
     assert learning.why() == ''
 
 
+def test_a_coarse_map_of_one_direction_serves_the_other_until_it_is_learnt():
+    stamps, angle, velocity = sampled(lambda time: 20.0 * np.clip(6.0 - time, -1.0, 1.0), 7.6, 2e3)
+    readings = read_by(misplaced(32), angle)
+    off, on, _ = both('edge_adaptive', stamps, readings, velocity, 7.15 / 7.6)
+    assert on < 0.7 * off  # in the first turn and a half backwards
+
+
+def test_a_given_quantum_is_not_refined():
+    stamps, angle, _ = sampled(10.0, 3.0)
+    readings = read_by(np.arange(64) * TURN / 64, angle)
+    for quantum, marks in ((0.0, 64), (TURN / 32, 32)):
+        learning = joint(quantum=quantum)
+        learning.run(stamps, readings, fast=False)
+        _, _, (course, *_) = parted(learning._track)
+        assert course[sensor_marks.TURN] == marks
+
+
 def test_a_joint_that_does_not_turn_is_never_corrected():
     stamps, angle, velocity = sampled(lambda time: 12.0 * np.sin(6.0 * time), 8.0)
     assert np.ptp(angle) < 0.7 * TURN
@@ -135,8 +153,10 @@ def test_an_edge_that_comes_late_by_a_time_is_learnt_at_any_speed():
     edge = np.floor(angle / size)
     behind = (edge % 2 == 1) & (angle - edge * size < late * velocity)
     readings = (edge - behind) * size
-    off, on, _ = both('edge_adaptive', stamps, readings, velocity, 0.85, quantum=size)
+    off, on, learning = both('edge_adaptive', stamps, readings, velocity, 0.85, quantum=size)
     assert on < off / 3.0
+    errors = learning.sensor_errors(1)(size * np.arange(counts), np.full(counts, 20.0))
+    assert np.abs(np.diff(errors)) == pytest.approx(np.full(counts - 1, 20.0 * late), rel=0.05)
 
 
 def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
