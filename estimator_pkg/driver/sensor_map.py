@@ -24,6 +24,16 @@ A cogging torque makes the speed itself repeat each turn. At one speed it cannot
 distinguished from an error of the sensor. But it shrinks with the square of the speed. So what was
 learnt from it predicts no faster turn, and is dropped there. Slower turns are not learnt from.
 
+What repeats in slower turns of a coarse sensor beyond these errors is a ripple of the speed. No
+filter can follow it: it is over before its edges have shown it. But the time in each cell is as
+long as that in the cell a period before. With cells as much larger as the shaft takes longer for
+them the motion is steady, and easy to follow:
+
+    time in a cell = (1 + r) x mean time in a cell,   speed = speed of the steady motion / (1 + r)
+
+The period is the divisor of the marks of a turn that predicts best, and it must predict the newest
+cells with less than half of the mean square error that they have without it.
+
 The functions are those of `track` for a joint with a map, whose track has two fields more: `place`
 is what each sample needs, and the memory of `sensor_marks`. Angles are in rad, times in s.
 """
@@ -40,15 +50,16 @@ from estimator_pkg.driver.guard import DUPLICATE, USED
 from estimator_pkg.driver.sensor_marks import (
     CELL,
     COARSE,
+    FORESEEN,
     GIVEN,
     HEADING,
     IN_USE,
     KIND,
     LAG,
-    RUN,
-    SHARE,
     MARKS,
     QUANTUM,
+    RUN,
+    SHARE,
     SPEED,
     TURN,
     UNIT,
@@ -61,8 +72,9 @@ from estimator_pkg.driver.sensor_marks import (
     blank_memory,
     follow,
     interrupt,
-    ripple_before,
+    reach,
     refined,
+    ripple_before,
     turned,
 )
 from estimator_pkg.driver.track import Track, TrackFunctions, newest
@@ -70,15 +82,20 @@ from estimator_pkg.observers.circle import wrap
 
 LARGEST = 1e9  # [rad] no reading is larger
 NEAR = 0.1  # of a turn: so near to its interval's end is a reading that wraps
-MOST_RISE = 0.75  # of the ripple, by which a cell is smaller
-LEAK = 0.1
+SMALLEST = 0.25  # of its usual time: a ripple makes no cell shorter
+FADING = 0.1  # of what a ripple takes out is put back at each mark
 FIELDS = len(Track._fields)  # of a track without a map
 
+# direction in which the cell was entered; what is taken out at that edge [rad]; by how much longer
+# than usual the shaft takes for this cell: all of it, and its motion alone, without its edges
+Ripple = tuple[float, float, float, float]
 # low: lower end of the cell between two marks that contains the reading; size of the cell; error at
 # its lower end, and slope over it; the newest reading, and its correction; interval of readings
-# that wrap; by how much the angles of the reading reach further than a quantum
-Place = tuple[float, ...]
-NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, math.nan, 0.0, -math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
+# that wrap; by how much the angles of the reading reach further than a quantum, above 0: at its
+# upper end; the ripple
+Place = tuple[float, float, float, float, float, float, float, float, float, Ripple]
+STEADY: Ripple = (0.0, 0.0, 0.0, 0.0)
+NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, math.nan, 0.0, -math.inf, math.inf, 0.0, STEADY)
 
 
 def parted(whole: tuple) -> tuple[tuple, Place, Memory]:
@@ -88,7 +105,7 @@ def parted(whole: tuple) -> tuple[tuple, Place, Memory]:
 
 
 def error_of(memory: Memory, cell: int, heading: int, size: float) -> tuple[float, float, float]:
-    """Return the error at the lower end of a cell, its slope, and the excess over a quantum.
+    """Return the error at the lower end of a cell, its slope, and how much it makes it larger.
 
     A coarse sensor's reading has the error of the edge that brought it.
     """
@@ -109,25 +126,32 @@ def error_of(memory: Memory, cell: int, heading: int, size: float) -> tuple[floa
     return lower, slope, slope * quantum if quantum < math.inf else 0.0
 
 
-def rise_of(memory: Memory, heading: int, sensor: float) -> tuple[float, float]:
-    """Return by how much longer the shaft takes for this cell, as it did before; 0: not known.
+def follow_ripple(
+    ripple: Ripple, memory: Memory, crossed: int, heading: int, size: float, larger: float
+) -> Ripple:
+    """Return the ripple in the next cell of a coarse sensor, as that of a period ago shows it.
+
+    Edges that come late by turns make cells long and short by turns. A mean of three cells, with
+    weights 1, 2, 1, has none of that: it is the shaft's motion.
 
     Parameters
     ----------
-    sensor : by how much the cell is larger.
+    crossed : marks crossed. heading : direction of the motion.
+    larger : by how much the errors of the sensor make the cell larger [rad].
     """
     course, pace, _, _, _, _, _, _ = memory
-    run, lag = course[RUN], course[LAG]
-    if lag == 0 or heading != course[HEADING] or run < lag + lag // 2 + 1:
-        return 0.0, 0.0
-    before, here, after = (
-        ripple_before(memory, run - 1, lag),
-        ripple_before(memory, run, lag),
-        ripple_before(memory, run + 1, lag),
-    )
-    share = pace[SHARE]
-    rise = max(share * (here - sensor), -MOST_RISE)
-    return rise, max(share * 0.25 * (before + 2.0 * here + after), -MOST_RISE)
+    way, taken, rise, _ = ripple
+    if heading == way:
+        taken += heading * size * rise - FADING * taken
+    run, lag, share = course[RUN], course[LAG], pace[SHARE]
+    if crossed != heading:
+        taken = 0.0
+    if crossed != heading or heading != course[HEADING] or lag == 0 or run < reach(lag):
+        return float(heading), taken, 0.0, 0.0
+    here = ripple_before(memory, run, lag)
+    beside = ripple_before(memory, run - 1, lag) + ripple_before(memory, run + 1, lag)
+    rise, motion = share * (here - larger / size), share * (0.5 * here + 0.25 * beside)
+    return float(heading), taken, max(rise, SMALLEST - 1.0), max(motion, SMALLEST - 1.0)
 
 
 def interval(reading: float, before: float, period: float) -> tuple[float, float]:
@@ -143,7 +167,8 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
     """Return the driver's functions with the sensor's errors taken out of the readings.
 
     The observer's known input is by how much more a reading changed than the corrected one; for an
-    unchanged one by how much the angles of the reading reach further than a quantum.
+    unchanged one by how much the angles of the reading reach further than a quantum. The speed's
+    ripple is taken out of the readings, too, and put back into the estimates.
 
     Parameters
     ----------
@@ -166,7 +191,7 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
     ) -> tuple[tuple, int]:
         """Return (track, verdict) after one sample, like that of `make_track`."""
         inner, before, memory = parted(track)
-        low, size, error, slope, reading, corrected_by, bottom, top, excess, way, ripple, rise, back = before
+        low, size, error, slope, reading, corrected_by, bottom, top, further, ripple = before
         correction, cell, heading, offset = corrected_by, 0, 0, measurement - low
         inside = 0.0 <= offset < size
         if inside:
@@ -186,19 +211,13 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
             low = measurement - (offset - crossed * size)
             cell = int(course[CELL]) + crossed
             heading = turned(memory, cell) if crossed != 0 else int(course[HEADING])
-            error, slope, excess = error_of(memory, cell, heading, size)
+            error, slope, larger = error_of(memory, cell, heading, size)
             if course[KIND] == COARSE:
-                if heading == way:
-                    ripple += heading * size * rise - LEAK * ripple
-                if crossed != heading:
-                    ripple = 0.0
-                rise = back = 0.0
-                if crossed == heading:
-                    rise, back = rise_of(memory, heading, excess / size)
-                way = float(heading)
-                error += ripple
-                excess += size * rise - heading * LEAK * ripple
-            excess = heading * excess if excess > 0.0 else 0.0
+                ripple = follow_ripple(ripple, memory, crossed, heading, size, larger)
+                _, taken, rise, _ = ripple
+                error += taken
+                larger += size * rise - heading * FADING * taken
+            further = heading * larger if larger > 0.0 else 0.0
             correction = error + slope * (measurement - low)
         corrected = measurement + correction
         if corrected < bottom:
@@ -206,7 +225,7 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
         elif corrected >= top:
             corrected -= period
         last_ns, _, _ = newest(inner)
-        known = excess if measurement == reading else corrected_by - correction
+        known = further if measurement == reading else corrected_by - correction
         inner, verdict = bare_advance(inner, design, limits, stamp_ns, corrected, known)
         if verdict >= DUPLICATE:
             return inner + (before, memory), verdict
@@ -219,11 +238,8 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
             correction,
             bottom,
             top,
-            excess,
-            way,
+            further,
             ripple,
-            rise,
-            back,
         )
         if verdict != USED:
             interrupt(memory, verdict)
@@ -235,23 +251,27 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
             follow(memory, cell, heading, at, change, last_ns, stamp_ns)
             if refined(memory, period):
                 low, size = begin(memory, measurement, stamp_ns, period, memory[1][QUANTUM])
-                place = (low, size, 0.0, 0.0, measurement, 0.0, bottom, top, 0.0, 0.0, 0.0, 0.0, 0.0)
+                place = (low, size, 0.0, 0.0, measurement, 0.0, bottom, top, 0.0, STEADY)
         return inner + (place, memory), verdict
 
     def read(
         track: tuple, design: tuple, limits: tuple, measurement: float, known_input: float
     ) -> tuple:
         """Return the newest estimate, like that of `make_track`."""
-        inner, place, _ = parted(track)
-        _, size, _, _, _, correction, _, _, excess, way, ripple, rise, back = place
+        inner, (_, _, _, _, _, correction, bottom, top, further, ripple), _ = parted(track)
+        _, taken, _, motion = ripple
         position, velocity, acceleration, status = bare_read(
-            inner, design, limits, measurement + correction, excess
+            inner, design, limits, measurement + correction, further
         )
-        if ripple != 0.0 or back != 0.0:
-            position -= ripple
-            velocity /= 1.0 + back
-            acceleration /= 1.0 + back
-        return position, velocity, acceleration, status
+        if taken == 0.0 and motion == 0.0:
+            return position, velocity, acceleration, status
+        shaft = position - taken
+        if shaft < bottom <= position:
+            shaft += period
+        elif shaft >= top > position:
+            shaft -= period
+        faster = 1.0 / (1.0 + motion)
+        return shaft, faster * velocity, faster * acceleration, status
 
     def deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """Return one standard deviation of position and velocity."""
@@ -280,7 +300,7 @@ def errors_of(track: tuple, heading: int) -> Errors:
 
     if len(track) == FIELDS:
         return nothing
-    _, (low, size, _, _, _, _, _, _, _, _, _, _, _), (course, pace, _, _, tables, _, _, _) = parted(track)
+    _, (low, size, _, _, _, _, _, _, _, _), (course, pace, _, _, tables, _, _, _) = parted(track)
     marks, cell, unit = int(course[MARKS]), int(course[CELL]), float(size * pace[UNIT])
     if marks == 0:
         return nothing
@@ -298,18 +318,22 @@ def what_is_learnt(track: tuple) -> str:
     """Return what the status of a joint reports of its sensor; '' if nothing is corrected."""
     if len(track) == FIELDS:
         return ''
-    _, (low, size, _, _, _, _, _, _, _, _, _, _, _), (course, pace, _, _, tables, proofs, _, _) = parted(track)
-    marks = int(course[MARKS])
+    _, (low, size, *_), (course, pace, _, _, tables, proofs, _, _) = parted(track)
+    marks, ripple = int(course[MARKS]), ''
+    if course[FORESEEN] > 0:
+        period = math.degrees(size * course[FORESEEN])
+        ripple = f'a ripple of the speed that repeats each {period:.4g} deg is foreseen'
     used = [table for table in (0, 1) if proofs[table, IN_USE] > 0.0]
     if not used:
-        return ''
+        return ripple
     speed = pace[SPEED] / pace[UNIT] - 1.0 if pace[UNIT] > 0.0 else 0.0
     errors = np.abs(tables[used, A, :marks] + speed * tables[used, B, :marks])
     largest = int(np.argmax(errors.max(axis=0)))
     at = math.degrees((low + (largest - course[CELL]) * size) % (size * marks))
-    period = 'turn' if marks == course[TURN] else f'{math.degrees(size * marks):.4g} deg'
+    turn = 'turn' if marks == course[TURN] else f'{math.degrees(size * marks):.4g} deg'
     # coarsely, because a status that changes is published and logged
-    return (
-        f'sensor errors of up to {math.degrees(errors.max()):.1g} deg that repeat each {period} '
+    taken = (
+        f'sensor errors of up to {math.degrees(errors.max()):.1g} deg that repeat each {turn} '
         f'are taken out (largest near {10.0 * round(0.1 * at):.0f} deg)'
     )
+    return f'{taken}; {ripple}' if ripple else taken

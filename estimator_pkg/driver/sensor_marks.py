@@ -23,7 +23,7 @@ LEAST = 6  # counts of a turn, at least
 SHOWN = 16  # marks whose steps show the quantum
 WHOLE = 0.01  # as close is a number of counts to a whole one
 RESIDUE = 1e-9  # [rad] a smaller step is none
-SPAN = 8.0  # marks over which a ripple is proven
+SPAN, SHORTEST = 8.0, 5  # marks over which a ripple is proven; its shortest period
 RING = 256  # times that are kept
 SLOWER = 0.7  # of the highest speed: a slower turn is not learnt from
 STEADY = 0.1  # of a turn's time: its halves take the same time but for this
@@ -41,20 +41,23 @@ KEPT = 12.0  # turns over which the map is averaged
 RESOLVED, RESOLVED_EDGES = 0.5, 1.0
 
 # Memory: `course`, `pace`, and arrays: times of the marks, shape (RING,), the newest at the number
-# of marks in a row; what cells are larger than they should be in this turn, over their size, shape
-# (MOST,); tables, shape (2, 4, MOST); proofs, shape (2, 8); search, shape (3, RING)
+# of marks in a row; what cells are larger than they should be in this turn, over their size,
+# shape (MOST,); tables, shape (2, 4, MOST); proofs, shape (2, 8); search, shape
+# (3, RING); ripples, shape (2, MOST + 1): mean squared errors of the times in cells as predicted
+# with a ripple of each period, and without
 Memory = tuple[Any, Any, Any, Any, Any, Any, Any, Any]
 
 # course, int64. kind of the sensor; marks of a turn; marks after which the errors repeat, 0: not
 # known; index of the cell: that of the mark at its lower end; the newest mark; direction: 1, -1, 0:
 # none yet; marks in a row with known times; new ones of them since a turn was learnt; marks since
-# the start; what times are relative to [ns]
-KIND, TURN, MARKS, CELL, FRONT, HEADING, RUN, FILLED, STEPS, BASE, LAG = range(11)
+# the start; what times are relative to [ns]; marks after which the speed's ripple repeats, 0: none
+# now, and those of the last one that was foreseen
+KIND, TURN, MARKS, CELL, FRONT, HEADING, RUN, FILLED, STEPS, BASE, LAG, FORESEEN = range(12)
 # kinds: not known yet; marks are edges; marks are edges of some counts; marks are no edges
 NONE, COARSE, FINE, LOOSE = 0, 1, 2, 3
 # pace, float64. smallest step, or difference of steps; newest step at a mark; speed [marks/s], and
 # that in units of which b counts; what a sample leaves open of the angle at a mark; quantum as
-# given, 0: not
+# given, 0: not; share of the ripple that is foreseen
 QUANTUM, STEP, SPEED, UNIT, OPEN, GIVEN, SHARE = range(7)
 # rows of the table of a direction: a and b of each mark as learnt, and as used
 A, B, USED_A, USED_B = range(4)
@@ -69,7 +72,7 @@ CELLS, SQUARES, COUNTS = range(3)
 def blank_memory(quantum: float) -> Memory:
     """Return the memory of a sensor of which its quantum [rad] may be known; 0: not known."""
     memory = (
-        np.zeros(11, np.int64),
+        np.zeros(12, np.int64),
         np.array([0.0, 0.0, 0.0, 0.0, 0.0, quantum, 0.0]),
         np.zeros(RING),
         np.zeros(MOST),
@@ -265,49 +268,55 @@ def take_mark(memory: Memory, size: float, mark: int, time: float, left: float) 
             tables[table, USED_B, far] = age / marks * tables[table, B, far]
         proofs[table, AGE] = age
         if kind == COARSE and run > 0:
-            follow_ripple(memory, table, size, mark)
+            prove_ripple(memory, table, size, mark)
     course[FRONT], course[RUN] = mark, run + 1
     course[STEPS] += 1
 
 
-def follow_ripple(memory: Memory, table: int, size: float, mark: int) -> None:
-    """Follow how well the time in a cell repeats that in the cell `lag` marks before."""
-    course, pace, times, _, tables, proofs, _, ripples = memory
-    marks, run, heading = course[MARKS], course[RUN], course[HEADING]
-    course[LAG] = 0
-    slow = pace[SPEED] < SLOWER * proofs[table, FASTEST]
-    of_b = pace[SPEED] / pace[UNIT] - 1.0 if pace[UNIT] > 0.0 else 0.0
-    low = mark - 1 if heading > 0 else mark
-    here, beyond = low % marks, (low + 1) % marks
-    sensor = tables[table, USED_A, beyond] - tables[table, USED_A, here]
-    sensor = (sensor + of_b * (tables[table, USED_B, beyond] - tables[table, USED_B, here])) / size
-    cell = times[run % RING] - times[(run - 1) % RING]
-    best = BETTER
-    for lag in range(5, marks + 1):
-        reach = lag + lag // 2 + 1
-        if marks % lag == 0 and reach <= run and reach < RING:
-            period = times[(run - 1) % RING] - times[(run - 1 - lag) % RING]
-            mean = period / lag
-            guess = mean * (1.0 + ripple_before(memory, run - 1, lag))
-            usual = mean * (1.0 + sensor)
-            missed, without = (cell - guess) / (cell + guess), (cell - usual) / (cell + usual)
-            ripples[0, lag] += (missed * missed - ripples[0, lag]) / SPAN
-            ripples[1, lag] += (without * without - ripples[1, lag]) / SPAN
-            if slow and ripples[0, lag] < best * ripples[1, lag]:
-                course[LAG], best = lag, ripples[0, lag] / ripples[1, lag]
-    if course[LAG] == 0:
-        pace[SHARE] = 0.0
-    else:
-        pace[SHARE] = min(pace[SHARE] + 1.0 / course[LAG], 1.0)
+def reach(lag: int) -> int:
+    """Return how many marks in a row a ripple of this period takes."""
+    return lag + lag // 2 + 1
 
 
 def ripple_before(memory: Memory, first: int, lag: int) -> float:
-    """Return by how much longer than usual was the cell before that from mark `first` on."""
+    """Return by how much longer than usual was the cell `lag` marks before that from `first` on."""
     _, _, times, _, _, _, _, _ = memory
     here = first - lag
     start = here - (lag - 1) // 2
     whole = times[(start + lag) % RING] - times[start % RING]
-    return lag * (times[(here + 1) % RING] - times[here % RING]) / whole - 1.0
+    if whole <= 0.0:
+        return 0.0
+    return float(lag * (times[(here + 1) % RING] - times[here % RING]) / whole - 1.0)
+
+
+def prove_ripple(memory: Memory, table: int, size: float, mark: int) -> None:
+    """Find the period after which the times in the cells repeat, from the newest cell.
+
+    Its time is predicted by that a period ago, and without it by the sensor's errors alone.
+    """
+    course, pace, times, _, tables, proofs, _, ripples = memory
+    marks, run, heading = course[MARKS], course[RUN], course[HEADING]
+    of_b = pace[SPEED] / pace[UNIT] - 1.0 if pace[UNIT] > 0.0 else 0.0
+    here = (mark - 1 if heading > 0 else mark) % marks
+    beyond = (here + 1) % marks
+    rise = tables[table, USED_A, beyond] - tables[table, USED_A, here]
+    rise += of_b * (tables[table, USED_B, beyond] - tables[table, USED_B, here])
+    cell = times[run % RING] - times[(run - 1) % RING]
+    slow = pace[SPEED] < SLOWER * proofs[table, FASTEST]
+    course[LAG], best = 0, BETTER
+    for lag in range(SHORTEST, marks + 1):
+        if marks % lag == 0 and reach(lag) <= run:
+            mean = (times[(run - 1) % RING] - times[(run - 1 - lag) % RING]) / lag
+            with_it = mean * (1.0 + ripple_before(memory, run - 1, lag))
+            without = mean * (1.0 + rise / size)
+            for k, guess in ((0, with_it), (1, without)):
+                missed = (cell - guess) / (cell + guess) if cell + guess > 0.0 else 1.0
+                ripples[k, lag] += (missed * missed - ripples[k, lag]) / SPAN
+            if slow and ripples[0, lag] < best * ripples[1, lag]:
+                course[LAG], best = lag, ripples[0, lag] / ripples[1, lag]
+    pace[SHARE] = min(pace[SHARE] + 1.0 / course[LAG], 1.0) if course[LAG] > 0 else 0.0
+    if pace[SHARE] == 1.0:
+        course[FORESEEN] = course[LAG]
 
 
 def turned(memory: Memory, cell: int) -> int:
@@ -338,6 +347,7 @@ def interrupt(memory: Memory, verdict: int) -> None:
     course[HEADING] = course[RUN] = course[FILLED] = 0
     if verdict == AFTER_GAP or verdict == AFTER_STRAY_STAMP:
         return
+    course[FORESEEN] = 0
     tables[:, USED_A:] = 0.0
     proofs[:, IN_USE] = 0.0
     proofs[:, AGE] = 0.0

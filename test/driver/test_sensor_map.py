@@ -59,7 +59,7 @@ def marks_of(joint):
 
 
 def proofs_of(joint):
-    _, _, (_, _, _, _, _, proofs, _) = parted(joint._track)
+    _, _, (_, _, _, _, _, proofs, _, _) = parted(joint._track)
     return proofs
 
 
@@ -256,3 +256,33 @@ def test_corrected_positions_keep_the_interval_of_the_readings(lowest):
 def test_without_a_map_the_track_is_the_same_as_before():
     assert len(joint(sensor_map='none')._track) == FIELDS
     assert len(joint(wrap_period=0.0)._track) == FIELDS
+
+
+def rippled(rate=4000.0):
+    """Return (stamps, readings, true velocity): fast turns, and slow ones that stick at 6 counts.
+
+    12 counts a turn, of which each falling edge is right, and each rising one late by 2 ms.
+    """
+    velocity, angle = [], 0.1
+    out = []
+    time = np.arange(round(22.0 * rate)) / rate
+    for now in time:
+        mean = 20.0 if now < 6.0 else 3.0
+        speed = mean * (1.0 + 1.8 / (mean * mean) * 3.0 * math.cos(2.0 * angle))
+        angle += speed / rate
+        velocity.append(speed)
+        out.append(angle)
+    size = TURN / 12
+    edge = np.floor(np.array(out) / size)
+    behind = (edge % 2 == 1) & (np.array(out) - edge * size < 2e-3 * np.array(velocity))
+    stamps = START_NS + np.rint(1e9 * time).astype(np.int64)
+    return stamps, wrapped((edge - behind) * size), np.array(velocity)
+
+
+@pytest.mark.parametrize('observer', ['edge_adaptive', 'kalman'])
+def test_a_ripple_of_a_slow_shaft_is_foreseen(observer):
+    stamps, readings, velocity = rippled()
+    off, on, learning = both(observer, stamps, readings, velocity, 0.6, quantum=TURN / 12)
+    print(observer, off, on, learning.why())
+    assert on < off / 2.0
+    assert 'a ripple of the speed that repeats each 180 deg is foreseen' in learning.why()
