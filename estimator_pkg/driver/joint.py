@@ -25,7 +25,14 @@ from estimator_pkg.driver.guard import (
     GuardSettings,
     limits,
 )
-from estimator_pkg.driver.sensor_map import FIELDS, Errors, errors_of, make_mapped, what_is_learnt
+from estimator_pkg.driver.sensor_map import (
+    FIELDS,
+    Errors,
+    correction_of,
+    errors_of,
+    make_mapped,
+    what_is_learnt,
+)
 from estimator_pkg.driver.track import field_of, make_track, replaced
 from estimator_pkg.observers.circle import Circle, nearest_turn
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
@@ -229,6 +236,10 @@ class Joint:
         if not self.settings.unwrap:
             return position
         return nearest_turn(position, self.estimate()[0], self.settings.wrap_period)
+
+    def correction(self) -> float:
+        """Return what `sensor_map` adds to the newest reading [rad]."""
+        return correction_of(self._track)
 
     def sensor_errors(self, heading: int) -> Errors:
         """Return the errors that `sensor_map` takes out now; see `sensor_map.errors_of`."""

@@ -281,6 +281,14 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
     return TrackFunctions(blank, advance, read, deviation)
 
 
+def correction_of(track: tuple) -> float:
+    """Return what is added to the newest reading [rad]: the sensor's error there, no ripple."""
+    if len(track) == FIELDS:
+        return 0.0
+    _, (_, _, _, _, _, correction, _, _, _, (_, taken, _, _)), _ = parted(track)
+    return correction - taken
+
+
 Errors = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 
 

@@ -90,7 +90,8 @@ class Smoothing:
             used = True
             found = self._of.get(name)
             smoother = found[1] if found and found[0] is joint else self._smoother(name, joint)
-            smoother.add(at_ns, position, written, USED < joint.verdict < DUPLICATE)
+            fresh = USED < joint.verdict < DUPLICATE
+            smoother.add(at_ns, position, written, fresh, joint.correction())
             smoothers.append(smoother)
         if not used:
             return []

@@ -335,9 +335,10 @@ def _make_step(period: float) -> Callable[..., tuple]:
         news, deviations = NO_NEWS, (off, ahead, quantum)
         inside = -half <= ahead <= half and -half <= off <= half
         if not inside or flickers or 12.0 * p00 > square:
-            # the cell of an unchanged reading may reach further than a quantum
+            # the cell of an unchanged reading may reach further than a quantum; by a quarter of
+            # what is known of that either end may be wrong
             further = known_input if change == 0.0 else 0.0
-            deviations = (off + 0.5 * further, ahead, quantum + abs(further))
+            deviations = (off + 0.5 * further, ahead, quantum + 1.5 * abs(further))
             centre, _, size = deviations
             news = interval(centre, ahead, size, p00, noise, flickers)
         kind, _, _ = news
