@@ -13,7 +13,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, chart, field, held_out, intervals, moteus, rivals, streams
+from benchmarks import (
+    accuracy,
+    chart,
+    field,
+    held_out,
+    intervals,
+    moteus,
+    preference,
+    rivals,
+    streams,
+)
 from benchmarks.columns import shared
 from benchmarks.drive import drives
 from benchmarks.live.rows import latencies, live, starts
@@ -56,6 +66,7 @@ ACCURACY_PARTS = (
     'moteus',
     'streams',
     'interval',
+    'prefer',
     'rivals',
     'drive',
 )
@@ -195,6 +206,9 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
     if 'interval' in parts:
         result['interval'] = intervals.run(intervals.columns(Path(parsed.bags)))
         print(intervals.describe(result['interval'], parsed.markdown) + '\n', flush=True)
+    if 'prefer' in parts:
+        result['prefer'] = preference.run(Path(parsed.bags), fast=True)
+        print(preference.describe(result['prefer'], parsed.markdown) + '\n', flush=True)
     if 'rivals' in parsed.part:  # requested by name: it repeats others, and takes long
         laws = rivals.rivals(rivals.run(rivals.columns(Path(parsed.bags))))
         result['rivals'] = [each._asdict() for each in laws]

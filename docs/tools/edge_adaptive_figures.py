@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import preference
 from benchmarks.accuracy import ALL, spread
 from benchmarks.signals import (
     START_ANGLE,
@@ -121,7 +122,7 @@ def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
     for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
         joint.update(stamp, angle)
         position, velocity, _, _ = joint.estimate()
-        _, _, band, sensor, _, _, _, sway, _, _ = Track(*joint._track).state
+        _, _, band, sensor, _, _, _, sway, _, _, _ = Track(*joint._track).state
         density, _, _, up, down, _, _, _ = band
         mean_sway, _, _ = sway
         rows.append(
@@ -398,6 +399,39 @@ def _constants(plt: Any) -> Any:
     return figure
 
 
+def _preference(plt: Any) -> Any:
+    rows = preference.run(Path('bags'), fast=True)
+    figure, axes = plt.subplots(1, 2, figsize=(12.0, 4.4), sharey=True)
+    kinds = {'motion': 'simulated motions', 'recording': 'recordings and captures'}
+    for axis, (kind, title) in zip(axes, kinds.items()):
+        for row in (row for row in rows if row['kind'] == kind):
+            each = [row['results'][prefer] for prefer in preference.PREFER]
+            middle = each[1]
+            late = [one.delay_s / middle.delay_s for one in each]
+            if not min(late) > 0.0:
+                continue  # a delay near zero: no ratio
+            noise = [one.noise / middle.noise for one in each]
+            (line,) = axis.loglog(late, noise, '-', lw=0.9, label=row['stream'])
+            for at, marker in enumerate('so^'):
+                axis.loglog(late[at], noise[at], marker, color=line.get_color(), ms=5)
+        ratio = np.array([0.125, 8.0])
+        axis.loglog(ratio**-0.5, ratio**0.25, 'k:', lw=1.2, label='white jerk, linear')
+        for which, ticks in (
+            (axis.set_xticks, (0.25, 0.5, 1, 2, 4)),
+            (axis.set_yticks, (0.5, 0.7, 1, 1.4, 2)),
+        ):
+            which(ticks, [f'{tick:g}' for tick in ticks])
+            which([], minor=True)
+        axis.set(title=title, xlabel='delay / that of balanced', xlim=(0.2, 5.0))
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel('noise / that of balanced')
+    axes[0].legend(fontsize=7, loc='lower left')
+    axes[1].legend(fontsize=7, loc='center left', bbox_to_anchor=(1.01, 0.5))
+    axes[0].annotate('fast', (0.3, 1.75))
+    axes[0].annotate('smooth', (2.3, 0.52))
+    return figure
+
+
 PICTURES = {
     'edge': _edges,
     'beat': _beats,
@@ -405,6 +439,7 @@ PICTURES = {
     'vibration': _vibration,
     'sigma': _sigma,
     'constants': _constants,
+    'preference': _preference,
 }
 
 

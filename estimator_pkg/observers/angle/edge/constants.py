@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 RATE = 0.3  # of the slow law: log density per unit of its product and of filter memory
-SLACK = {'smooth': 0.6, 'balanced': 0.3, 'fast': 0.0}  # of that product
+SLACK = 0.3  # of that product
 SHARE = 0.2  # memory of the slow law's low-pass, over the filter's
 SIGMAS = 3.0  # slack of the cumulative sums; prediction this far outside its cell is held
 ALARM = 12.0  # of the cumulative sums: four samples of twice the slack
@@ -22,5 +22,7 @@ RESTED = 0.7  # of a cell's variance: a prediction this vague has seen no edge f
 REPEATS = 12.0  # quanta: an unchanged reading of a shaft that moved by more is no reading
 HELD = 16.0  # samples for which no unchanged reading is believed, at most
 FORGOTTEN = 256.0  # samples in which evidence of another clock is forgotten
+
+RATIO = {'smooth': 0.125, 'balanced': 1.0, 'fast': 8.0}  # of densities; see `preference`
 
 PLAIN = 4.0 * BLUR * BLUR  # more noise than this is more than the blur of the edges [quanta^2]

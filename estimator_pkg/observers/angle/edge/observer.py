@@ -36,11 +36,12 @@ from estimator_pkg.observers.angle.edge.constants import (
     FADE,
     MEMORY,
     PLAIN,
+    RATIO,
     REPEATS,
-    SLACK,
 )
 from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
 from estimator_pkg.observers.angle.edge.interval import NO_NEWS, NOTHING, interval
+from estimator_pkg.observers.angle.edge.preference import ALIKE, beside, informed, spread
 from estimator_pkg.observers.angle.edge.quantum import (
     FIRST_STEPS,
     JUMP,
@@ -108,8 +109,9 @@ class Gains:
         unit='',
         choices=('smooth', 'balanced', 'fast'),
         among=('smooth', 'balanced', 'fast'),
-        description='what to give way to where noise and delay are at odds',
-        equation='slack of the bandwidth law: 0.6, 0.3 or 0',
+        description='smooth: half the variance at about twice the delay; fast: half the delay at '
+        'about twice the variance',
+        equation='density of the jerk: an eighth, once or eight times the one that is found',
     )
 
 
@@ -117,7 +119,9 @@ class Design(NamedTuple):
     """What the gains imply whatever the sample time is."""
 
     quantum: float  # as given [rad]; 0: not known
-    slack: float  # of the slow law
+    ratio: float  # of the density of what is published; see `preference`
+    of_angle: float  # variance of what is published, over that of the first filter
+    of_speed: float
 
 
 def prepare(design: Design, dt: float) -> tuple:
@@ -156,17 +160,21 @@ def first_state(
         STEADY,
         doubt,
         clock,
+        ALIKE,
     )
 
 
-def without_reading(state: tuple, coefficients: tuple) -> tuple:
+def without_reading(state: tuple, coefficients: tuple, design: Design) -> tuple:
     """Return the state one sample later, predicted alone: the reading is an old one."""
-    (x, v, a, idle), p, band, sensor, steps, convention, lock, sway, doubt, clock = state
+    (x, v, a, idle), p, band, sensor, steps, convention, lock, sway, doubt, clock, other = state
     dt, half_square, kept, _, _, _ = coefficients
     density, _, _, _, _, _, _, _ = band
     motion = (x + v * dt + a * half_square, v + a * dt, kept * a, idle + dt)
     p = predicted(p, density, coefficients)
-    return (motion, p, band, sensor, steps, convention, lock, sway, doubt, waiting(clock, dt))
+    if design.ratio != 1.0:
+        other = beside(other, p, design.ratio * density, coefficients, 0.0)
+    clock = waiting(clock, dt)
+    return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
 
 
 def coasting(lock: Lock) -> Lock:
@@ -192,7 +200,7 @@ def settling(lock: Lock, p: Covariance, dt: float, floor: float) -> Lock:
 
 def why(state: tuple, design: Any) -> str:
     """Return what a person should know of the given quantum, or ''."""
-    _, _, _, _, steps, _, _, _, _, _ = state
+    _, _, _, _, steps, _, _, _, _, _, _ = state
     return misfit(steps, design.quantum)
 
 
@@ -201,11 +209,12 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
     State: motion: (position [rad], velocity, acceleration, time since an informative reading [s]);
     covariance; band (see `bandwidth`); sensor (see `sensor`); steps (see `quantum`); convention;
-    lock, see `Lock`; sway (see `bandwidth`); doubt (see `start`); clock (see `clock`).
+    lock, see `Lock`; sway (see `bandwidth`); doubt (see `start`); clock (see `clock`); other (see
+    `preference`).
     """
     period = float(circle.period)
     return Functions(
-        lambda: Design(float(gains.quantum), SLACK[gains.prefer]),
+        lambda: Design(float(gains.quantum), *spread(RATIO[gains.prefer])),
         prepare,
         init,
         _make_step(period),
@@ -226,7 +235,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
     def step(
         state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
     ) -> tuple:
-        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock = state
+        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other = state
         last, low, high, _, _ = convention
         dt, half_square, kept, _, _, _ = coefficients
         change = measurement - last
@@ -242,6 +251,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 motion, p, band, sensor, steps, doubt = after_jump(
                     jump, last, dt, design.quantum, period
                 )
+                other = ALIKE
             elif jump != 0.0:  # a glitch
                 change, steps = change + jump, with_jump(steps, 0.0)
             _, to_settle, since, _ = doubt
@@ -251,7 +261,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         _, uneven, held, _, apart = clock
         # Repeated readings
         if change == 0.0 and abs(v) * dt > REPEATS * quantum and repeats(state, dt):
-            return without_reading(state, coefficients)
+            return without_reading(state, coefficients, design)
         passed = held + dt  # since the last reading that was used
         if held > 0.0 or apart > 0.0:
             clock = resumed(clock, change, passed, pace, v)
@@ -265,10 +275,12 @@ def _make_step(period: float) -> Callable[..., tuple]:
         # Search for the quantum: in the readings as they came, without a correction
         first, counted = change != 0.0 and low == high, change + known_input
         if change != 0.0 and shows_quantum(steps, counted, size, rested, quantum):
-            extent = abs(measurement) + abs(last)
+            extent, used = abs(measurement) + abs(last), quantum
             moved, steps, p, band, sensor, quantum = search(
                 steps, counted, extent, design.quantum, p, band, sensor, first
             )
+            if quantum != used:
+                other = ALIKE
             if not moved:  # residue: the reading before is used again
                 measurement, change, first = last, 0.0, False
         # Noise and vibration
@@ -289,7 +301,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 measurement, change, passed, sensor, period, band, doubt
             )
             lock = (status, count + 1.0, astray)
-            return (motion, p, band, sensor, steps, convention, lock, STEADY, doubt, clock)
+            return (motion, p, band, sensor, steps, convention, lock, STEADY, doubt, clock, ALIKE)
         # Prediction: a' = -a/FADE + w, v' = a, x' = v
         density, _, _, _, _, _, _, _ = band
         moved = v * dt + a * half_square
@@ -304,9 +316,14 @@ def _make_step(period: float) -> Callable[..., tuple]:
         idle += dt
         p = predicted(p, density, coefficients)
         square = quantum * quantum
-        mean_sway, _, _ = sway
+        (mean_sway, _, _), swing = sway, 0.0
         if mean_sway > 0.0:
-            p = swayed(p, mean_sway - square / 6.0 - 2.0 * noise, dt)
+            swing = mean_sway - square / 6.0 - 2.0 * noise
+            p = swayed(p, swing, dt)
+        if design.ratio == 1.0:
+            other = ALIKE
+        else:
+            other = beside(other, p, design.ratio * density, coefficients, swing)
         if change != 0.0 and rested > MEMORY * dt:  # a rest ends: the speed is in doubt
             doubt, begins = stirred(doubt, sensor, p, rested, dt, first, period)
             starting = starting and not begins
@@ -316,7 +333,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             if astray > LOST_AFTER:
                 return first_state(measurement, sensor, steps, convention, doubt, clock)
             motion, lock = (measurement - off, v, a, idle), coasting((status, count, astray))
-            return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
+            return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
         # Sway, unless it moved away from a reading that was not believed
         before, sway = sway, follow_sway(sway, ahead, OUTLIER * (scatter + square), count > 0.0)
         # Noise that hides single edges
@@ -344,8 +361,8 @@ def _make_step(period: float) -> Callable[..., tuple]:
         kind, _, _ = news
         if kind != NOTHING:
             warm = since >= RECENT
-            believed, (dx, dv, da), p, band, sensor = update(
-                news, deviations, p, band, sensor, flickers, idle, dt, design.slack, warm
+            believed, shift, p, band, sensor, heard = update(
+                news, deviations, p, band, sensor, flickers, idle, dt, warm
             )
             idle = 0.0
             if not believed:
@@ -354,10 +371,25 @@ def _make_step(period: float) -> Callable[..., tuple]:
                     steps = with_jump(steps, change)
                     doubt = doubted(quantum, dt, period, 0.0, 0.0)
                 motion, lock = (measurement - off, v, a, idle), coasting(lock)
-                return (motion, p, band, sensor, steps, convention, lock, before, doubt, clock)
+                return (
+                    motion,
+                    p,
+                    band,
+                    sensor,
+                    steps,
+                    convention,
+                    lock,
+                    before,
+                    doubt,
+                    clock,
+                    other,
+                )
+            dx, dv, da = shift
             off -= dx
             v += dv
             a += da
+            if design.ratio != 1.0:
+                other = informed(other, heard, shift, design.ratio)
             if (v + v) * dt > period > 0.0 or (v + v) * dt < -period < 0.0:
                 # faster than half a turn per sample: lock was lost
                 return first_state(measurement, sensor, steps, convention, doubt, clock)
@@ -366,7 +398,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         if status != TRACKING:
             lock = settling(lock, p, dt, square + 12.0 * noise)
         motion = (measurement - off, v, a, idle)
-        return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock)
+        return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
 
     return step
 
@@ -375,7 +407,9 @@ def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
     def output(
         state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
     ) -> tuple:
-        (x, v, a, _), _, _, sensor, _, convention, (status, _, _), _, _, _ = state
+        (x, v, a, _), _, _, sensor, _, convention, (status, _, _), _, _, _, other = state
+        dx, dv, da, _ = other
+        x, v, a = x + dx, v + dv, a + da
         _, _, _, _, _, _, _, since, _, _, _ = sensor
         if since > 0.0:
             most = fastest(sensor, known_input)
@@ -387,7 +421,7 @@ def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
 
 def _make_resume(period: float) -> Callable[..., tuple]:
     def resume(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
-        (_, v, _, _), p, band, sensor, steps, convention, lock, _, doubt, clock = state
+        (_, v, _, _), p, band, sensor, steps, convention, lock, _, doubt, clock, _ = state
         _, _, _, p11, _, p22 = p
         density, _, _, _, _, _, _, squares = band
         quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
@@ -406,6 +440,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
             STEADY,
             (v * v, SETTLES, since, 0.0),
             (0.0, uneven, 0.0, longest, apart),
+            ALIKE,
         )
 
     return resume
@@ -413,7 +448,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
 
 def _make_restart(period: float) -> Callable[..., tuple]:
     def restart(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
-        _, _, _, _, steps, convention, _, _, _, _ = state  # steps: what is known of the quantum
+        _, _, _, _, steps, convention, _, _, _, _, _ = state  # steps: what is known of the quantum
         quantum = quantum_of(steps, design.quantum)
         return first_state(
             measurement,

@@ -34,14 +34,14 @@ def make_stddev(period: float) -> Callable[..., tuple[float, float]]:
     """Return `stddev` of the contract's functions, for this wrap period [rad]."""
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
-        (x, v, a, _), p, band, sensor, _, convention, _, _, doubt, _ = state
+        (x, v, a, _), p, band, sensor, _, convention, _, _, doubt, _, _ = state
         p00, _, _, p11, _, _ = p
         _, _, _, up, down, _, _, squares = band
         quantum, noise, _, _, _, _, _, unchanged, _, _, _ = sensor
         reading, low, high, _, _ = convention
         of_doubt, _, _, age = doubt
         dt, _, _, _, _, _ = coefficients
-        given, _ = design
+        given, _, of_angle, of_speed = design
         starting = 0.0 < age < RECENT
         floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
         if given == 0.0 and low == high:  # nothing moved: no quantum is known
@@ -50,7 +50,7 @@ def make_stddev(period: float) -> Callable[..., tuple[float, float]]:
         if p11 <= 0.0:
             variance, _, _, _ = doubted(quantum, dt, period, 0.0, 0.0)
         else:
-            variance += of_doubt
+            variance = variance * of_speed + of_doubt
         if up > 0.0 or down > 0.0:  # the cumulative sums doubt it: a motion may begin
             deviation = reading - x
             if deviation + deviation >= period or deviation + deviation < -period:
@@ -64,6 +64,6 @@ def make_stddev(period: float) -> Callable[..., tuple[float, float]]:
         if unchanged > 0.0:
             most = fastest(sensor, 0.0)
             sigma = most if sigma > most else sigma
-        return math.sqrt(p00 + floor if p00 > 0.0 else floor), sigma
+        return math.sqrt(p00 * of_angle + floor if p00 > 0.0 else floor), sigma
 
     return stddev

@@ -25,6 +25,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     LONGEST,
     PLAIN,
     SIGMAS,
+    SLACK,
     STRAY,
 )
 from estimator_pkg.observers.angle.edge.covariance import (
@@ -34,6 +35,7 @@ from estimator_pkg.observers.angle.edge.covariance import (
     widened,
 )
 from estimator_pkg.observers.angle.edge.interval import HELD, interval, within
+from estimator_pkg.observers.angle.edge.preference import NOWHERE, Taken
 from estimator_pkg.observers.angle.edge.sensor import (
     Sensor,
     follow_noise,
@@ -44,6 +46,7 @@ from estimator_pkg.observers.angle.edge.sensor import (
 SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
 LEAST_PART = 0.05  # of its variance an innovation has at least, were it to count in sigmas
 UNBELIEVED = (0.0, 0.0, 0.0)
+NOT_TAKEN: Taken = (NOWHERE, 0.0, 0.0, 1.0, False, 0.0, False)
 
 
 def explained(
@@ -89,9 +92,8 @@ def update(
     flickers: bool,
     idle: float,
     dt: float,
-    slack: float,
     warm: bool,
-) -> tuple[bool, tuple[float, float, float], Covariance, Band, Sensor]:
+) -> tuple[bool, tuple[float, float, float], Covariance, Band, Sensor, Taken]:
     """Return the measurement update for an informative reading.
 
     Parameters
@@ -101,12 +103,11 @@ def update(
         from the predicted motion; size of the cell [rad]. See `interval`.
     flickers : noise crosses an edge more often than the angle does.
     idle : time since the last informative reading [s].
-    slack : of the slow law.
     warm : the noise is known: the first motion is long ago.
 
     Returns
     -------
-    Whether it is believed, correction of (x, v, a), covariance, band, sensor.
+    Whether it is believed, correction of (x, v, a), covariance, band, sensor; the news as taken.
     """
     kind, centre, half = news
     quantum, noise, scatter, _, _, _, _, _, _, lasting, _ = sensor
@@ -127,10 +128,10 @@ def update(
         shaken = vibration(sensor)
         if shaken > least:
             least = shaken
-    listening, growth, date, product = follow_band(band, z, f * p00 / s, idle, least, slack)
+    listening, growth, date, product = follow_band(band, z, f * p00 / s, idle, least, SLACK)
     if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
         # one sample alone: the sums and their dates alone keep it, for the next to confirm
-        return False, UNBELIEVED, p, sums_alone(band, listening), sensor
+        return False, UNBELIEVED, p, sums_alone(band, listening), sensor, NOT_TAKEN
     if growth > 0.0:
         p = widened(p, growth)
     if date > 0.0:
@@ -151,6 +152,8 @@ def update(
         if likelier != noise:
             sensor = with_noise(sensor, likelier)
     ratio = d / s  # K d = P_.0 d/S
-    if kind != HELD:  # that an edge did not come moves the estimate, but is no reading
+    measured = kind != HELD  # that an edge did not come moves the estimate, but is no reading
+    taken = (p, s, d, left, measured, growth, date > 0.0)
+    if measured:
         p = corrected(p, r, left)
-    return True, (p00 * ratio, p01 * ratio, p02 * ratio), p, listening, sensor
+    return True, (p00 * ratio, p01 * ratio, p02 * ratio), p, listening, sensor, taken

@@ -90,19 +90,6 @@ def test_a_beat_of_speed_and_sampling_is_not_taken_for_motion(counts):
     assert rms(out.velocity[2000:] - speed) < 2e-3  # a limit cycle has 0.05 to 0.09
 
 
-def test_the_preference_trades_noise_for_delay():
-    t = np.arange(6000) * DT
-    w = 4.0 * math.pi
-    angle = 5.0 / w * np.sin(w * t) + np.random.default_rng(4).normal(0.0, 1e-3, len(t))
-    truth = 5.0 * np.cos(w * t)
-    lag = {}
-    for prefer in ('smooth', 'balanced', 'fast'):
-        v = run(angle, prefer=prefer).velocity[1000:]
-        # the part in quadrature with the truth, over the part in phase
-        lag[prefer] = (np.sum(v * np.sin(w * t[1000:])) / np.sum(v * truth[1000:])) * 5.0 / w
-    assert lag['smooth'] > lag['balanced'] > lag['fast']
-
-
 MOVING = (
     'sine',
     'trapezoid',

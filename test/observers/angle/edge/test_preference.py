@@ -1,0 +1,102 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""`prefer` of edge_adaptive: its range, its interval, and the filter that it publishes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks import preference as bench
+from benchmarks.signals import FURTHER, SIGNALS
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.observers.angle.edge import preference as under_test
+from estimator_pkg.observers.angle.edge.covariance import predicted
+from estimator_pkg.observers.angle.edge.observer import Design, prepare
+
+BY_NAME = {signal.name: signal for signal in SIGNALS + FURTHER}
+QUANTUM = 2.0 * math.pi / 4096
+
+
+def preferring(prefer):
+    return Entry(prefer, 'edge_adaptive', (('prefer', prefer),))
+
+
+# with smooth and with fast, over those of balanced: noise and delay, at least or at most
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ('name', 'draws', 'quiet', 'late', 'loud', 'early'),
+    [('sine', 4, 0.75, 1.8, 1.4, 0.55), ('trapezoid', 8, 0.92, 1.4, 1.4, 0.8)],
+)
+def test_the_preference_spans_a_range(name, draws, quiet, late, loud, early):
+    row = bench.simulated(BY_NAME[name], draws, 3.0, fast=True)
+    smooth, balanced, fast = (row['results'][each] for each in bench.PREFER)
+    assert smooth.noise <= quiet * balanced.noise
+    assert smooth.delay_s >= late * balanced.delay_s
+    assert fast.noise >= loud * balanced.noise
+    assert fast.delay_s <= early * balanced.delay_s
+
+
+@pytest.mark.parametrize('prefer', ['smooth', 'fast'])
+def test_the_interval_is_as_honest_as_that_of_balanced(prefer):
+    for name in ('noise', '100 Hz'):
+        samples = BY_NAME[name].drawn(3, 4.0)
+        out = preferring(prefer).joint(quantum=QUANTUM).run(samples.stamps, samples.angle)
+        counted = samples.stamps - samples.stamps[0] >= 1e9
+        error = np.abs(out.velocity - samples.velocity)[counted]
+        covered = float(np.mean(error <= 1.96 * out.velocity_stddev[counted]))
+        assert covered >= 0.92, name
+
+
+def test_a_change_while_it_runs_leaves_the_first_filter_alone():
+    samples = BY_NAME['sine'].drawn(1, 1.5)
+    straight = preferring('balanced').joint(quantum=QUANTUM).run(samples.stamps, samples.angle)
+    joint = preferring('balanced').joint(quantum=QUANTUM)
+    parts = []
+    for prefer, part in (
+        ('balanced', slice(500)),
+        ('fast', slice(500, 900)),
+        ('balanced', slice(900, None)),
+    ):
+        joint.set_gains(preferring(prefer).joint(quantum=QUANTUM).gains)
+        parts.append(joint.run(samples.stamps[part], samples.angle[part]).velocity)
+    found = np.concatenate(parts)
+    other = slice(502, 900)
+    assert np.mean(found[other] != straight.velocity[other]) > 0.9
+    assert np.max(np.abs(found - straight.velocity)) < 0.5
+    for part in (slice(500), slice(901, None)):
+        np.testing.assert_array_equal(found[part], straight.velocity[part])
+
+
+def test_the_second_filter_is_a_kalman_filter_of_its_own_density():
+    # the first one takes a whole cell of variance R as S = P00 + R, f = P00/S ... 1 - f = R/S
+    coefficients = prepare(Design(QUANTUM, *under_test.spread(1.0)), 1e-3)
+    first = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1.0)
+    own = np.array([[2e-6, 1e-5, 1e-4], [1e-5, 4e-3, 1e-2], [1e-4, 1e-2, 3.0]])
+    x = np.array([1e-4, -2e-2, 0.3])
+    noise, d = 5e-7, 3e-4
+    f = 1.0 / (1.0 + 2.0 * noise / (first[0] + noise))
+    s = first[0] + noise
+    gain = np.array(first[:3]) / s
+    packed = (own[0, 0], own[0, 1], own[0, 2], own[1, 1], own[1, 2], own[2, 2])
+    dx, dv, da, after = under_test.informed(
+        (*x, packed), (first, s, d, 1.0 - f, True, 0.0, False), tuple(gain * d), 8.0
+    )
+    # by the book: a measurement of variance S/f - P00, d/f from the first filter
+    r = s / f - first[0]
+    book = own[:, 0] / (own[0, 0] + r)
+    assert (dx, dv, da) == pytest.approx(tuple(x + book * (d / f - x[0]) - gain * d))
+    wanted = own - np.outer(book, own[0])
+    assert after == pytest.approx(tuple(wanted[np.triu_indices(3)]))
+    # and one sample later it has moved as the first one, with its own density
+    moved = under_test.beside((dx, dv, da, after), first, 2.0, coefficients, 0.0)
+    assert moved[3] == pytest.approx(predicted(after, 2.0, coefficients))
+    assert moved[1] == pytest.approx(dv + da * 1e-3)
+
+
+def test_the_variance_follows_from_equal_shares_of_noise_and_jerk():
+    assert under_test.spread(1.0) == pytest.approx((1.0, 1.0, 1.0))
+    _, _, speed = under_test.spread(8.0)
+    assert speed == pytest.approx(0.5 * (math.sqrt(8.0) + 1.0 / math.sqrt(8.0)))
+    assert under_test.spread(0.125)[2] == pytest.approx(speed)
