@@ -142,7 +142,7 @@ class Joint:
         period = self.settings.wrap_period if self.observer.kind == 'angle' else None
         track = make_track(self.functions, period)
         if period and getattr(self.settings, 'sensor_map', NONE) == LEARN:
-            track = make_mapped(track, period, _quantum(gains))
+            track = make_mapped(track, period, _quantum(gains), self.functions.edges)
         self._blank, self._advance, self._read, self._deviation = track
         self._batch = batches.make_batch(track)
         self._design = self.functions.design()

@@ -163,7 +163,9 @@ def interval(reading: float, before: float, period: float) -> tuple[float, float
     return -math.inf, math.inf
 
 
-def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFunctions:
+def make_mapped(
+    bare: TrackFunctions, period: float, quantum: float, foresees: bool
+) -> TrackFunctions:
     """Return the driver's functions with the sensor's errors taken out of the readings.
 
     The observer's known input is by how much more a reading changed than the corrected one; for an
@@ -173,13 +175,14 @@ def make_mapped(bare: TrackFunctions, period: float, quantum: float) -> TrackFun
     Parameters
     ----------
     bare : those without. period : wrap period [rad]. quantum : as given [rad]; 0: not known.
+    foresees : the observer takes edges as times, and gains by a ripple that is foreseen.
     """
     half = 0.5 * period
     bare_blank, bare_advance, bare_read, bare_deviation = bare
 
     def blank(design: tuple) -> tuple:
         """Return a track before its first sample."""
-        return bare_blank(design) + (NOWHERE, blank_memory(quantum))
+        return bare_blank(design) + (NOWHERE, blank_memory(quantum, foresees))
 
     def advance(
         track: tuple,

@@ -57,8 +57,8 @@ KIND, TURN, MARKS, CELL, FRONT, HEADING, RUN, FILLED, STEPS, BASE, LAG, FORESEEN
 NONE, COARSE, FINE, LOOSE = 0, 1, 2, 3
 # pace, float64. smallest step, or difference of steps; newest step at a mark; speed [marks/s], and
 # that in units of which b counts; what a sample leaves open of the angle at a mark; quantum as
-# given, 0: not; share of the ripple that is foreseen
-QUANTUM, STEP, SPEED, UNIT, OPEN, GIVEN, SHARE = range(7)
+# given, 0: not; share of the ripple that is foreseen; 1: a ripple is looked for
+QUANTUM, STEP, SPEED, UNIT, OPEN, GIVEN, SHARE, FORESEES = range(8)
 # rows of the table of a direction: a and b of each mark as learnt, and as used
 A, B, USED_A, USED_B = range(4)
 # columns of its proof: turns learnt; mean squared errors without and with the map; good turns in a
@@ -69,11 +69,16 @@ LEARNT, WITHOUT, WITH, GOOD, REQUIRED, AGE, IN_USE, FASTEST = range(8)
 CELLS, SQUARES, COUNTS = range(3)
 
 
-def blank_memory(quantum: float) -> Memory:
-    """Return the memory of a sensor of which its quantum [rad] may be known; 0: not known."""
+def blank_memory(quantum: float, foresees: bool) -> Memory:
+    """Return the memory of a sensor of which its quantum [rad] may be known; 0: not known.
+
+    Parameters
+    ----------
+    foresees : look for a ripple of the speed.
+    """
     memory = (
         np.zeros(12, np.int64),
-        np.array([0.0, 0.0, 0.0, 0.0, 0.0, quantum, 0.0]),
+        np.array([0.0, 0.0, 0.0, 0.0, 0.0, quantum, 0.0, 1.0 if foresees else 0.0]),
         np.zeros(RING),
         np.zeros(MOST),
         np.zeros((2, 4, MOST)),
@@ -267,7 +272,7 @@ def take_mark(memory: Memory, size: float, mark: int, time: float, left: float) 
             tables[table, USED_A, far] = age / marks * tables[table, A, far]
             tables[table, USED_B, far] = age / marks * tables[table, B, far]
         proofs[table, AGE] = age
-        if kind == COARSE and run > 0:
+        if kind == COARSE and run > 0 and pace[FORESEES] > 0.0:
             prove_ripple(memory, table, size, mark)
     course[FRONT], course[RUN] = mark, run + 1
     course[STEPS] += 1

@@ -57,6 +57,7 @@ class Functions:
         turns counted, the identified parameters). None: `init` is called.
     bound : (state, coefficients, design) -> largest speed [rad/s] that the readings allow, which no
         standard deviation exceeds. None: no such bound.
+    edges : it takes a changed count as the time at which an edge was crossed.
     limits : (dt) -> None, or text that names why these gains cannot work at this dt [s], with the
         limit.
     group_delay : (dt) -> delay of the velocity at low frequency [s].
@@ -83,6 +84,7 @@ class Functions:
     why: Callable[[tuple, tuple], str] | None = None
     restart: Callable[[tuple, tuple, tuple, Any], tuple] | None = None
     bound: Callable[[tuple, tuple, tuple], float] | None = None
+    edges: bool = False
 
     @property
     def new_start(self) -> Callable[[tuple, tuple, tuple, Any], tuple]:

@@ -14,6 +14,7 @@ from estimator_pkg.driver import sensor_marks
 from estimator_pkg.driver.sensor_map import FIELDS, parted, what_is_learnt
 from estimator_pkg.driver.sensor_marks import LEARNT, MARKS
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.observers.angle.smoother import Smoother
 
 TURN = 2.0 * math.pi
 START_NS = 1_700_000_000_000_000_000
@@ -258,31 +259,47 @@ def test_without_a_map_the_track_is_the_same_as_before():
     assert len(joint(wrap_period=0.0)._track) == FIELDS
 
 
-def rippled(rate=4000.0):
-    """Return (stamps, readings, true velocity): fast turns, and slow ones that stick at 6 counts.
+def rippled(rate=2000.0):
+    """Return (stamps, readings, true velocity): fast turns, then slow ones that ripple.
 
-    12 counts a turn, of which each falling edge is right, and each rising one late by 2 ms.
+    12 counts a turn; each rising edge is late by 2 ms.
     """
-    velocity, angle = [], 0.1
-    out = []
-    time = np.arange(round(22.0 * rate)) / rate
-    for now in time:
-        mean = 20.0 if now < 6.0 else 3.0
-        speed = mean * (1.0 + 1.8 / (mean * mean) * 3.0 * math.cos(2.0 * angle))
-        angle += speed / rate
-        velocity.append(speed)
-        out.append(angle)
+    time = np.arange(round(18.0 * rate)) / rate
+    velocity, angle = np.zeros(len(time)), np.zeros(len(time))
+    at = 0.1
+    for k, mean in enumerate(np.where(time < 5.0, 20.0, 3.0).tolist()):
+        velocity[k] = mean * (1.0 + 5.4 / mean**2 * math.cos(2.0 * at))
+        at += velocity[k] / rate
+        angle[k] = at
     size = TURN / 12
-    edge = np.floor(np.array(out) / size)
-    behind = (edge % 2 == 1) & (np.array(out) - edge * size < 2e-3 * np.array(velocity))
+    edge = np.floor(angle / size)
+    behind = (edge % 2 == 1) & (angle - edge * size < 2e-3 * velocity)
     stamps = START_NS + np.rint(1e9 * time).astype(np.int64)
-    return stamps, wrapped((edge - behind) * size), np.array(velocity)
+    return stamps, wrapped((edge - behind) * size), velocity
 
 
-@pytest.mark.parametrize('observer', ['edge_adaptive', 'kalman'])
-def test_a_ripple_of_a_slow_shaft_is_foreseen(observer):
+def test_a_ripple_of_a_slow_shaft_is_foreseen():
     stamps, readings, velocity = rippled()
-    off, on, learning = both(observer, stamps, readings, velocity, 0.6, quantum=TURN / 12)
-    print(observer, off, on, learning.why())
+    off, on, learning = both('edge_adaptive', stamps, readings, velocity, 0.6, quantum=TURN / 12)
     assert on < off / 2.0
     assert 'a ripple of the speed that repeats each 180 deg is foreseen' in learning.why()
+    # one that takes no edge as a time gains nothing
+    follows = joint('pll', quantum=TURN / 12)
+    follows.run(stamps, readings, fast=False)
+    assert 'ripple' not in follows.why()
+
+
+def test_the_smoothed_velocity_has_no_errors_that_are_learnt():
+    stamps, angle, velocity = sampled(12.0, 4.0)
+    readings, quantum, lag = eccentric(angle), TURN / 4096, 50
+    errors = []
+    for sensor_map in ('none', 'learn'):
+        found, smoother = joint('pll', sensor_map, quantum=quantum), Smoother(0.05, TURN, quantum)
+        out = []
+        for k, (stamp_ns, reading) in enumerate(zip(stamps.tolist(), readings.tolist())):
+            found.update(stamp_ns, reading)
+            smoother.add(stamp_ns, reading, reading, k == 0, found.correction())
+            if k >= lag:
+                out.append(smoother.result()[1])
+        errors.append(np.sqrt(np.mean((out[2500:] - velocity[2500:-lag]) ** 2)))
+    assert errors[1] < errors[0] / 20.0

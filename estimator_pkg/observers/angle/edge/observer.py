@@ -225,6 +225,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         lambda dt: math.nan,
         is_angle,
         why=why,
+        edges=True,
         restart=_make_restart(period),
     )
 
