@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -314,21 +315,25 @@ def describe(rows: list[dict[str, Any]], as_markdown: bool = False) -> str:
     )
 
 
+def _is_of_kind(kind: str, held_out: bool, row: dict[str, Any]) -> bool:
+    """Return True for a row of a whole stream of this kind."""
+    whole: bool = row['part'] == 'all' and row['stream'].startswith(kind)
+    return whole and row['held_out'] == held_out
+
+
+def _is_part(part: str, row: dict[str, Any]) -> bool:
+    return bool(row['part'] == part)
+
+
 def describe_summaries(rows: list[dict[str, Any]], draw: Callable[..., str] = table) -> str:
     """Return a line per observer and group of streams, or part of them."""
     groups: list[tuple[str, Callable[[dict[str, Any]], bool]]] = [
-        (
-            f'{title}, {"held out" if held else "chosen on"}',
-            lambda row, kind=kind, held=held: (  # type: ignore[misc]
-                row['part'] == 'all' and row['stream'].startswith(kind) and row['held_out'] == held
-            ),
-        )
+        (f'{title}, {"held out" if held else "chosen on"}', partial(_is_of_kind, kind, held))
         for kind, title in KINDS.items()
         for held in (False, True)
     ]
     groups += [
-        (part, lambda row, part=part: row['part'] == part)  # type: ignore[misc]
-        for part in ('all', 'start', 'hard', 'slow', 'after a gap')
+        (part, partial(_is_part, part)) for part in ('all', 'start', 'hard', 'slow', 'after a gap')
     ]
     lines = []
     for observer in dict.fromkeys(row['observer'] for row in rows):

@@ -121,7 +121,7 @@ def _ranges() -> dict[str, str]:
     except PackageNotFoundError:  # run from a checkout
         every = []
     texts = [text.partition(';')[0].strip() for text in every]
-    named = {re.match(r'[\w.-]+', text).group(): text for text in texts}  # type: ignore[union-attr]
+    named = {found[0]: text for text in texts if (found := re.match(r'[\w.-]+', text))}
     return {**{name: name for name in KNOWN}, **named}
 
 

@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from estimator_pkg.errors import UserError
@@ -95,10 +94,3 @@ def ended_on_any_signal() -> Iterator[Callable[[], None]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def sleep_until(moment: float) -> None:
-    """Sleep until `moment` of `time.monotonic` [s]."""
-    left = moment - time.monotonic()
-    if left > 0.0:
-        time.sleep(left)

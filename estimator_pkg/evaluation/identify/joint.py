@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
-from estimator_pkg.models.single_joint import Parameters
 
 Array = NDArray[np.float64]
 
@@ -201,17 +200,3 @@ def _named(answer: Array, covariance: Array) -> tuple[dict[str, float], dict[str
         'bias': float(spread[5]),
     }
     return values, deviations
-
-
-def parameters_of(
-    found: Identified, width: float, torque_constant: float, gear_ratio: float, period: float
-) -> Parameters:
-    """Return the model's parameters."""
-    numbers = {name: value for name, value in found.values.items() if name != 'input_delay'}
-    return Parameters(
-        **numbers,
-        coulomb_speed=width,
-        torque_constant=torque_constant,
-        gear_ratio=gear_ratio,
-        period=period,
-    )

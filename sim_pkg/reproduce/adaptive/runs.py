@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.observers.adaptive.gains import Gains
-from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive.observer import OBSERVER, Design
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.maths.unroll import algebra
 from sim_pkg.reproduce.adaptive.plant import Array, Example
@@ -61,7 +61,7 @@ def _loop(step: Callable, output: Callable, size: int) -> Callable:
     def loop(
         state: tuple,
         coefficients: tuple,
-        design: tuple,
+        design: Design,
         angles: Array,
         inputs: Array,
         every: int,
@@ -70,7 +70,7 @@ def _loop(step: Callable, output: Callable, size: int) -> Callable:
         dead: float,
     ) -> tuple:
         for k in range(1, len(angles)):
-            before = state[2]
+            _, _, before, _, _, _, _, _, _, _ = state
             state = step(state, coefficients, design, angles[k], inputs[k - 1])
             if dead > 0.0:
                 unmoved = state[:2] + (before,) + state[3:]  # Numba does not unpack with *
@@ -78,16 +78,18 @@ def _loop(step: Callable, output: Callable, size: int) -> Callable:
                 if -dead <= e <= dead:
                     state = unmoved
             elif leak > 0.0:
-                theta = add(scale(1.0 - leak, state[2]), leak, design[5])
+                _, _, theta, _, _, _, _, _, _, _ = state
+                theta = add(scale(1.0 - leak, theta), leak, design.start)
                 state = state[:2] + (theta,) + state[3:]
             if k % every == 0:
                 position, speed, acceleration, status = output(
                     state, coefficients, design, angles[k], inputs[k - 1]
                 )
                 row = kept[k // every - 1]
-                row[0], row[1], row[2] = position, speed, state[8][0]
+                _, _, theta, _, _, _, _, _, (phase, _, _), _ = state
+                row[0], row[1], row[2] = position, speed, phase
                 i = 3
-                for value in state[2]:
+                for value in theta:
                     row[i] = value
                     i += 1
         return state
@@ -124,8 +126,9 @@ def run(
         state = (((0.0, 0.0),) * 4, (0.0, 0.0), *state[2:])
     coefficients = functions.prepare(design, dt)
     count = len(inputs) // every
-    kept = np.full((count, 3 + len(state[2])), math.nan)
-    loop = _loop(functions.step, functions.output, len(state[2]))
+    _, _, theta, *_ = state
+    kept = np.full((count, 3 + len(theta)), math.nan)
+    loop = _loop(functions.step, functions.output, len(theta))
     remedies = (leak * dt, dead_zone)
     with np.errstate(over='ignore', invalid='ignore'):
         if len(inputs) >= COMPILE_FROM and available():

@@ -60,7 +60,7 @@ def _loop(form: str, order: int) -> Callable:
             _, v[k], a[k], _ = step(state[:4], dt)
             state = correct(state, coefficients, measured[k])[0]
             if implicit:
-                v[k], a[k] = state[1], state[2]
+                _, v[k], a[k] = state[:3]
 
     return loop
 
@@ -181,7 +181,8 @@ def _jitter() -> Values:
         for dt, angle in zip(steps.tolist(), position[1:].tolist()):
             coefficients = super_twisting.prepare(design, 1e-3 if name == 'nominal' else dt)
             state = correct(state, coefficients, angle)[0]
-            found.append(state[1])
+            _, velocity_now = state[:2]
+            found.append(velocity_now)
         yield f'B5 jitter {name}', np.abs((np.array(found) - velocity)[t >= FROM]).max()
 
 
