@@ -18,8 +18,6 @@ from estimator_pkg.bags.feeding import APART, answers
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series, at_stamps, of_positions, positions
 from estimator_pkg.bags.wiring import Setup
-from estimator_pkg.driver.guard import DUPLICATE
-from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.block import Block, compact
@@ -168,7 +166,7 @@ class PositionRecording(Recording):
             if ran is None:
                 continue
             joint, out = ran
-            used = out.verdict < DUPLICATE
+            used = out.used
             valid = used & np.isin(out.status, VALID)
             history = History()
             history.add(series.stamps_ns, out.status, out.verdict)
@@ -333,7 +331,7 @@ class _Collected:
                 known, _, _, of_velocity = deviations[name]
                 stddev = at_stamps(keys, known, of_velocity)
             owner = owners.get(name, '')
-            joint: Joint | None = stream.bank.joints.get(owner)
+            joint = stream.bank.joints.get(owner)
             history = (stream.history or {}).get(owner)
             status_stamps, status = (history or History()).noted()
             found[name] = Estimate(

@@ -33,6 +33,11 @@ class Estimates(NamedTuple):
     status: NDArray[np.int8]
     verdict: NDArray[np.int8]
 
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """True for each sample that was used, shape (n,)."""
+        return self.verdict < DUPLICATE
+
 
 def empty(count: int) -> Estimates:
     """Return arrays for `count` samples."""

@@ -17,53 +17,7 @@ from dataclasses import dataclass
 
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError
-from estimator_pkg.messages import multi_array
-from estimator_pkg.messages.cdr import MalformedMessageError
-from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.parameters import parameter, structural
-
-JOINT_STATE, ARRAY = 'JointState', 'Float64MultiArray'
-
-Command = tuple[int, Sequence[str], Sequence[float]]  # (stamp [ns], names, efforts)
-
-
-class EffortCommands:
-    """Decodes a stream of effort commands.
-
-    Parameters
-    ----------
-    kind : JOINT_STATE (efforts by name) or ARRAY (numbers only, without a stamp).
-    orders : possible names for the numbers of an array; its length selects one.
-    by_publisher : the stamp is the time at which a message was sent, as for every array.
-    """
-
-    def __init__(self, kind: str, orders: Sequence[Sequence[str]], by_publisher: bool) -> None:
-        self._names = {len(names): tuple(names) for names in orders} if kind == ARRAY else None
-        self._by_publisher = by_publisher
-        self._layout = Decoder().layout
-
-    def decode(self, raw: bytes, sent_ns: int) -> Command:
-        """Decode the command in `raw`, which was sent at `sent_ns`.
-
-        Raises
-        ------
-        MalformedMessageError : not such a message, or an array of another length.
-        """
-        if self._names is not None:
-            numbers = multi_array.numbers(raw)
-            names = self._names.get(len(numbers))
-            if names is None:
-                raise MalformedMessageError(
-                    f'{len(numbers)} numbers, but there are '
-                    f'{" or ".join(map(str, self._names))} joints'
-                )
-            return sent_ns, names, numbers
-        layout = self._layout(raw)
-        efforts = layout.numbers(raw, 2)
-        if len(efforts) != len(layout.names):
-            raise MalformedMessageError(f'{len(layout.names)} names, but {len(efforts)} efforts')
-        return sent_ns if self._by_publisher else layout.stamp_ns(raw), layout.names, efforts
-
 
 FIELD, COMMAND = 'joint_states', 'effort_command'  # sources of efforts
 COMMANDED, MEASURED = 'commanded', 'measured'  # kinds of efforts

@@ -20,6 +20,7 @@ from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.guard import NEW_STARTS
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.track import replaced
+from estimator_pkg.models.switched import load
 from estimator_pkg.observers.circle import nearest_turn
 from estimator_pkg.observers.contract import Observer
 
@@ -44,11 +45,12 @@ class SwitchedJoint(Joint):
 
     Attributes
     ----------
-    event_counts : number of events by result.
+    model : of the system. event_counts : number of events by result.
     """
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         super().__init__(observer, gains, settings)
+        self.model = load(gains.model)
         self.event_counts: Counter[str] = Counter()
         self._waiting: list[tuple[int, tuple]] = []
         self._last_event_ns = 0

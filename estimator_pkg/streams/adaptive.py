@@ -12,7 +12,7 @@ from typing import Any
 
 from estimator_pkg.driver import identified as adaptive_file
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
-from estimator_pkg.driver.efforts import ARRAY, COMMAND, DrivenSettings
+from estimator_pkg.driver.efforts import COMMAND, DrivenSettings
 from estimator_pkg.driver.identified import values_of
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
@@ -28,7 +28,7 @@ from estimator_pkg.streams.contract import (
     Request,
     Values,
 )
-from estimator_pkg.streams.driven import DrivenStream, EffortSettings
+from estimator_pkg.streams.driven import ARRAY, DrivenStream, EffortSettings
 from estimator_pkg.streams.sources import Sample
 
 IDENTIFIED = Output('identified_parameters', diagnostics.TYPE, on_demand=True)

@@ -10,11 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from estimator_pkg.driver.efforts import ARRAY, COMMAND, FIELD, EffortCommands
-from estimator_pkg.driver.efforts import JOINT_STATE as BY_NAME
+from estimator_pkg.driver.efforts import COMMAND, FIELD
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import multi_array
+from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import Answering
@@ -30,6 +31,48 @@ from estimator_pkg.streams.contract import (
     StreamSettings,
 )
 from estimator_pkg.streams.sources import JointStates, Sample
+
+BY_NAME, ARRAY = 'JointState', 'Float64MultiArray'
+
+Command = tuple[int, Sequence[str], Sequence[float]]  # (stamp [ns], names, efforts)
+
+
+class EffortCommands:
+    """Decodes a stream of effort commands.
+
+    Parameters
+    ----------
+    kind : BY_NAME (efforts by name) or ARRAY (numbers only, without a stamp).
+    orders : possible names for the numbers of an array; its length selects one.
+    by_publisher : the stamp is the time at which a message was sent, as for every array.
+    """
+
+    def __init__(self, kind: str, orders: Sequence[Sequence[str]], by_publisher: bool) -> None:
+        self._names = {len(names): tuple(names) for names in orders} if kind == ARRAY else None
+        self._by_publisher = by_publisher
+        self._layout = Decoder().layout
+
+    def decode(self, raw: bytes, sent_ns: int) -> Command:
+        """Decode the command in `raw`, which was sent at `sent_ns`.
+
+        Raises
+        ------
+        MalformedMessageError : not such a message, or an array of another length.
+        """
+        if self._names is not None:
+            numbers = multi_array.numbers(raw)
+            names = self._names.get(len(numbers))
+            if names is None:
+                raise MalformedMessageError(
+                    f'{len(numbers)} numbers, but there are '
+                    f'{" or ".join(map(str, self._names))} joints'
+                )
+            return sent_ns, names, numbers
+        layout = self._layout(raw)
+        efforts = layout.numbers(raw, 2)
+        if len(efforts) != len(layout.names):
+            raise MalformedMessageError(f'{len(layout.names)} names, but {len(efforts)} efforts')
+        return sent_ns if self._by_publisher else layout.stamp_ns(raw), layout.names, efforts
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from estimator_pkg.driver.switched import REFUSED, SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Decoder, Encoder
-from estimator_pkg.models.switched import SwitchedModel, load
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.switched.observer import OBSERVER
 from estimator_pkg.parameters import structural
@@ -42,13 +41,13 @@ class SwitchedSettings(EffortSettings):
         """Return the observer."""
         return OBSERVER
 
-    def names(self, model: SwitchedModel) -> tuple[str, ...]:
+    def names(self, outputs: tuple[str, ...]) -> tuple[str, ...]:
         """Return the joints; raise UsageError unless there is one per output of the model."""
-        names = tuple(name for name in self.joints or () if name) or model.joints
-        if len(names) != len(model.joints) or len(set(names)) < len(names):
+        names = tuple(name for name in self.joints or () if name) or outputs
+        if len(names) != len(outputs) or len(set(names)) < len(names):
             raise UsageError(
-                f"parameter 'joints' must name the model's {len(model.joints)} "
-                f'output{"" if len(model.joints) == 1 else "s"}, each once, not '
+                f"parameter 'joints' must name the model's {len(outputs)} "
+                f'output{"" if len(outputs) == 1 else "s"}, each once, not '
                 f'{", ".join(names)}'
             )
         return names
@@ -68,10 +67,9 @@ class SwitchedStream(DrivenStream):
 
     def __init__(self, settings: SwitchedSettings, configuration: Configuration) -> None:
         gains, of_joint = configuration.for_joint('')
-        self._model = load(gains.model)
-        bank = SwitchedBank(
-            SwitchedJoint(OBSERVER, gains, of_joint), settings.names(self._model), settings.input
-        )
+        system = SwitchedJoint(OBSERVER, gains, of_joint)
+        self._model = system.model
+        bank = SwitchedBank(system, settings.names(self._model.joints), settings.input)
         accelerates = any(k > 1 for k in self._model.indices)
         super().__init__(
             settings,

@@ -17,15 +17,12 @@ from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import (
-    ARRAY,
     COMMAND,
     COMMANDED,
     FIELD,
-    JOINT_STATE,
     MEASURED,
     Acting,
     DrivenSettings,
-    EffortCommands,
 )
 from estimator_pkg.driver.switched import SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError
@@ -34,6 +31,7 @@ from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.parameters import build
 from estimator_pkg.streams.adaptive import AdaptiveSettings
+from estimator_pkg.streams.driven import ARRAY, BY_NAME, EffortCommands
 from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
 
 MS = 1_000_000
@@ -163,10 +161,10 @@ def test_arrays_stand_for_all_joints_or_the_driven_ones():
 
 def test_joint_states_have_names_and_a_stamp():
     raw = Encoder().encode(START, 'base', ('a', 'b'), (), (), (1.0, 2.0))
-    assert EffortCommands(JOINT_STATE, [], False).decode(raw, 5) == (START, ('a', 'b'), (1.0, 2.0))
-    assert EffortCommands(JOINT_STATE, [], True).decode(raw, 5)[0] == 5
+    assert EffortCommands(BY_NAME, [], False).decode(raw, 5) == (START, ('a', 'b'), (1.0, 2.0))
+    assert EffortCommands(BY_NAME, [], True).decode(raw, 5)[0] == 5
     with pytest.raises(MalformedMessageError, match='2 names, but 1 efforts'):
-        EffortCommands(JOINT_STATE, [], False).decode(
+        EffortCommands(BY_NAME, [], False).decode(
             Encoder().encode(START, '', ('a', 'b'), (), (), (1.0,)), 5
         )
 

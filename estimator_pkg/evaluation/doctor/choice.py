@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.evaluation.compare.delay import delay
 from estimator_pkg.evaluation.doctor.readings import Readings, short
 from estimator_pkg.evaluation.entries import Entry, angle_observers
@@ -105,7 +104,7 @@ def estimates(seen: Readings, reference: Motion, entry: Entry, rows: NDArray) ->
     joint = entry.joint(wrap_period=seen.period, **more)
     stamps = seen.stamps_ns[rows]
     out = joint.run(stamps, seen.position[rows], fast=seen.fast)
-    good = (out.verdict < DUPLICATE) & np.isin(out.status, VALID)
+    good = out.used & np.isin(out.status, VALID)
     return at_reference(reference, stamps[good], out.velocity[good])
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from estimator_pkg import observers
 from estimator_pkg.bags.series import Series
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.compare.comparison import Comparison, Kept, Row, coverage
@@ -106,7 +105,7 @@ def _run(
         out = joint.run(series.stamps_ns, series.position, fast=fast)
     except UserError:
         return None
-    valid = (out.verdict < DUPLICATE) & np.isin(out.status, VALID) & np.isfinite(out.velocity)
+    valid = out.used & np.isin(out.status, VALID) & np.isfinite(out.velocity)
     time = (series.stamps_ns[valid] - start) * 1e-9
     good = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])[: len(time)]
     if np.count_nonzero(good) < 8:
