@@ -16,6 +16,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,9 @@ class Role:
 
     def _read(self) -> None:
         assert self._child.stdout is not None
-        self.said.extend(map(json.loads, self._child.stdout))
+        for line in self._child.stdout:
+            with suppress(ValueError):  # DDS prints there, too
+                self.said.append(json.loads(line))
 
     def go_on(self) -> None:
         assert self._child.stdin is not None
