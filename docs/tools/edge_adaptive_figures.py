@@ -110,7 +110,6 @@ def cells_alone(
     variance: float,
     noise: float,
     flickers: bool,
-    excess: float,
 ) -> tuple[int, float, float]:
     """Return a reading's weight if only its cell counted."""
     return INTERVAL, off, 0.5 * quantum

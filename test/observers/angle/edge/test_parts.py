@@ -44,11 +44,11 @@ def test_far_in_the_tail_the_mean_is_at_the_near_end(e, half):
 
 def test_an_edge_places_the_angle_within_the_way_made_behind_it():
     # creep: 0.1 quanta per sample, one count further; the cell's centre is 0.4 ahead
-    kind, centre, half = interval(0.4, 1.0 - 0.1, Q, 1e-4, 0.0, False, 0.1)
+    kind, centre, half = interval(0.4, 1.0 - 0.1, Q, 1e-4, 0.0, False)
     assert kind == INTERVAL
     assert 2.0 * half == pytest.approx(0.1)
     assert centre - half == pytest.approx(0.4 - 0.5)  # from the lower edge of the cell on
-    kind, centre, half = interval(-0.4, -1.0 + 0.1, Q, 1e-4, 0.0, False, 0.1)
+    kind, centre, half = interval(-0.4, -1.0 + 0.1, Q, 1e-4, 0.0, False)
     assert kind == INTERVAL and centre + half == pytest.approx(-0.4 + 0.5)
 
 
@@ -56,24 +56,25 @@ def test_an_edge_places_the_angle_within_the_way_made_behind_it():
 def test_a_frame_that_moves_along_changes_nothing(whole):
     """130.1 counts a sample are told from 131 as 0.1 from 1."""
     moved = whole + 0.1
-    assert interval(0.4, whole + 1.0 - moved, Q, 1e-4, 0.0, False, 0.1) == pytest.approx(
-        interval(0.4, 0.9, Q, 1e-4, 0.0, False, 0.1)
+    assert interval(0.4, whole + 1.0 - moved, Q, 1e-4, 0.0, False) == pytest.approx(
+        interval(0.4, 0.9, Q, 1e-4, 0.0, False)
     )
-    assert interval(0.2, whole - moved, Q, 1e-4, 0.0, False, 0.1)[0] == NOTHING
+    assert interval(0.2, whole - moved, Q, 1e-4, 0.0, False)[0] == NOTHING
 
 
 def test_without_an_edge_a_prediction_outside_is_held_and_one_inside_is_left_alone():
-    assert interval(0.3, -0.1, Q, 1e-4, 0.0, False, 0.1)[0] == NOTHING
-    assert interval(0.59, -0.1, Q, 1e-4, 0.0, False, 0.1)[0] == NOTHING
-    assert interval(0.61, -0.1, Q, 1e-4, 0.0, False, 0.1)[0] == HELD
-    assert interval(-0.61, -0.1, Q, 1e-4, 0.0, False, 0.1)[0] == HELD
+    noise = (0.1 / 3.0) ** 2  # three standard deviations are a tenth of a quantum
+    assert interval(0.3, -0.1, Q, 1e-4, noise, False)[0] == NOTHING
+    assert interval(0.59, -0.1, Q, 1e-4, noise, False)[0] == NOTHING
+    assert interval(0.61, -0.1, Q, 1e-4, noise, False)[0] == HELD
+    assert interval(-0.61, -0.1, Q, 1e-4, noise, False)[0] == HELD
 
 
 def test_a_cell_is_news_where_less_is_known_and_where_the_speed_was_wrong():
-    assert interval(0.3, -0.1, Q, 0.09, 0.0, False, 0.1) == (INTERVAL, 0.3, 0.5)
-    assert interval(3.0, 2.5, Q, 1e-4, 0.0, False, 0.1) == (INTERVAL, 3.0, 0.5)
+    assert interval(0.3, -0.1, Q, 0.09, 0.0, False) == (INTERVAL, 0.3, 0.5)
+    assert interval(3.0, 2.5, Q, 1e-4, 0.0, False) == (INTERVAL, 3.0, 0.5)
     # a little faster than thought
-    kind, centre, half = interval(0.6, 1.2, Q, 1e-4, 0.0, False, 0.1)
+    kind, centre, half = interval(0.6, 1.2, Q, 1e-4, 0.0, False)
     assert kind == INTERVAL and half == 0.0 and centre == pytest.approx(0.1)
 
 
