@@ -240,8 +240,8 @@ def of_sensor_map(kind):
         yield f'{observer}, position', figures(out.position)
         told_numbers = re.findall(r'\d+(?:\.\d+)?', what_is_learnt(joint._track))
         yield f'{observer}, told', figures([float(number) for number in told_numbers])
-        course, pace, _, _, tables, proofs, _ = joint._track[-1]
-        for name, values in zip(MEMORY, (course[:-1], pace, tables, proofs)):
+        course, pace, _, _, tables, proofs, _, _ = joint._track[-1]
+        for name, values in zip(MEMORY, (course[:9], pace[:6], tables, proofs)):
             yield f'{observer}, {name}', figures(values)
 
 

@@ -24,6 +24,7 @@ SHOWN = 16  # marks whose steps show the quantum
 WHOLE = 0.01  # as close is a number of counts to a whole one
 RESIDUE = 1e-9  # [rad] a smaller step is none
 SPAN, SHORTEST = 8.0, 5  # marks over which a ripple is proven; its shortest period
+PAIR = 3  # marks before a cell between which there are two
 RING = 256  # times that are kept
 SLOWER = 0.7  # of the highest speed: a slower turn is not learnt from
 STEADY = 0.1  # of a turn's time: its halves take the same time but for this
@@ -273,7 +274,7 @@ def take_mark(memory: Memory, size: float, mark: int, time: float, left: float) 
             tables[table, USED_B, far] = age / marks * tables[table, B, far]
         proofs[table, AGE] = age
         if kind == COARSE and run > 0 and pace[FORESEES] > 0.0:
-            prove_ripple(memory, table, size, mark)
+            prove_ripple(memory, table, size, mark, left)
     course[FRONT], course[RUN] = mark, run + 1
     course[STEPS] += 1
 
@@ -294,10 +295,17 @@ def ripple_before(memory: Memory, first: int, lag: int) -> float:
     return float(lag * (times[(here + 1) % RING] - times[here % RING]) / whole - 1.0)
 
 
-def prove_ripple(memory: Memory, table: int, size: float, mark: int) -> None:
+def mispredicted(cell: float, guess: float) -> float:
+    """Return the square of what a time in a cell was mispredicted by, over the sum of both."""
+    both = cell + guess
+    return float((cell - guess) ** 2 / both**2) if both > 0.0 else 1.0
+
+
+def prove_ripple(memory: Memory, table: int, size: float, mark: int, left: float) -> None:
     """Find the period after which the times in the cells repeat, from the newest cell.
 
-    Its time is predicted by that a period ago, and without it by the sensor's errors alone.
+    Its time is predicted by that a period ago; without it by the mean of a period, or that of the
+    two cells before, and the sensor's errors.
     """
     course, pace, times, _, tables, proofs, _, ripples = memory
     marks, run, heading = course[MARKS], course[RUN], course[HEADING]
@@ -307,18 +315,23 @@ def prove_ripple(memory: Memory, table: int, size: float, mark: int) -> None:
     rise = tables[table, USED_A, beyond] - tables[table, USED_A, here]
     rise += of_b * (tables[table, USED_B, beyond] - tables[table, USED_B, here])
     cell = times[run % RING] - times[(run - 1) % RING]
+    unseen = (0.5 * left / size) ** 2  # by a clock of these samples
     slow = pace[SPEED] < SLOWER * proofs[table, FASTEST]
     course[LAG], best = 0, BETTER
+    if run < PAIR:
+        return
+    recent = (times[(run - 1) % RING] - times[(run - PAIR) % RING]) * (1.0 + rise / size)
+    ripples[1, 0] += (mispredicted(cell, recent / (PAIR - 1)) - ripples[1, 0]) / SPAN
     for lag in range(SHORTEST, marks + 1):
         if marks % lag == 0 and reach(lag) <= run:
             mean = (times[(run - 1) % RING] - times[(run - 1 - lag) % RING]) / lag
             with_it = mean * (1.0 + ripple_before(memory, run - 1, lag))
             without = mean * (1.0 + rise / size)
-            for k, guess in ((0, with_it), (1, without)):
-                missed = (cell - guess) / (cell + guess) if cell + guess > 0.0 else 1.0
-                ripples[k, lag] += (missed * missed - ripples[k, lag]) / SPAN
-            if slow and ripples[0, lag] < best * ripples[1, lag]:
-                course[LAG], best = lag, ripples[0, lag] / ripples[1, lag]
+            ripples[0, lag] += (mispredicted(cell, with_it) - ripples[0, lag]) / SPAN
+            ripples[1, lag] += (mispredicted(cell, without) - ripples[1, lag]) / SPAN
+            least = min(ripples[1, lag], ripples[1, 0])
+            if slow and ripples[0, lag] < best * least and least > unseen:
+                course[LAG], best = lag, ripples[0, lag] / least
     pace[SHARE] = min(pace[SHARE] + 1.0 / course[LAG], 1.0) if course[LAG] > 0 else 0.0
     if pace[SHARE] == 1.0:
         course[FORESEEN] = course[LAG]
