@@ -72,8 +72,8 @@ def test_errors_of_the_edges_are_most_of_what_is_left_at_speed():
     """Lower and upper bounds around the figures on the page."""
     for name, least, most in (
         ('20260618-spindle-sweep', 0.1, 0.3),
-        ('20250616-hboard-cycle', 0.4, 0.62),
-        ('20250616-speed-cycle', 0.5, 0.8),
+        ('20250616-hboard-cycle', 0.3, 0.5),
+        ('20250616-speed-cycle', 0.4, 0.6),
     ):
         (found,) = (each for each in moteus.captures(HALL) if each.name == name)
         shaft, edges = moteus.mapped(found, fast=True)
