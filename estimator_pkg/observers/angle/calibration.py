@@ -10,8 +10,10 @@ known: the noise of the readings. What the published speed differs by beyond tha
 The mean square of this error, in published standard deviations, scales the next ones.
 
 The spacing is a compromise. Doubled, it quarters the noise's variance; too long, it does not
-resolve the motion, and the fourth difference of the readings exceeds their noise. It is doubled
-while the noise hides the error, and halved where the motion shows. docs/coverage.md derives it.
+resolve the motion. It is doubled while the noise hides the error, and halved where the fourth
+difference of the readings exceeds their noise. A vibration looks like noise at a long spacing, so
+the shortest one gets a look now and then, and is kept while it shows larger errors than the
+noise explains. docs/coverage.md derives it.
 
 Most samples pass without any work: a sample is an instant when it is `due`.
 """
@@ -27,14 +29,17 @@ from estimator_pkg.observers.contract import TRACKING
 
 SHORTEST, LONGEST = 4_000_000, 256_000_000  # spacing of the instants [ns]
 MEMORY = 24.0  # errors over which their mean square is taken
-SLACK = 0.8  # of the mean square: below 1/SLACK chance explains it, and the scale stays 1
+CHANCE = 0.25  # of the published variance, which chance adds to the mean square
 BOUND = 9.0  # of its mean, for the square of one error
 FEWEST, MOST = 0.5, 1e6  # bounds of the mean square
 HIDES = 0.3  # the noise hides an error: its variance exceeds this part of the published one
-PATIENCE = 8  # instants that the spacing lasts before it is doubled
+PATIENCE = 8  # instants that the spacing lasts before it is doubled, ...
+LOOKS = 32  # ... and until the shortest one gets a look
+FOUND = 1.5  # of the expected mean square at this spacing: a larger one is worth staying for
+LEAP = 4.0  # quanta; a larger change after a rest is no creep
 MOVING = 3  # of the four intervals, in which the reading has changed
 READINGS = 32.0  # pairs of steps over which the noise is averaged
-UNEVEN = 2.5  # a step of time longer than the other by this factor is a hole
+UNEVEN = 2.5  # a step of time, or between instants, longer by this factor is a hole
 RESIDUE = 1e-9  # [rad] smaller differences are rounding, as are
 ROUNDING = 2.0**-22  # those below this part of the reading
 OF_DERIVATIVE = 130.0 / 144.0  # (1 + 64 + 64 + 1)/12^2: variance of the derivative, of the noise's
@@ -57,14 +62,14 @@ Chain = tuple[
     tuple[int, int, int],
     tuple[float, float, float, float],
 ]
-# (mean square of the errors; spacing [ns]; instants since it changed; instants at rest; variance of
-# the noise [rad^2]; smallest step [rad])
-Learnt = tuple[float, int, int, int, float, float]
+# (mean square of the errors; spacing [ns]; instants since it changed, and their mean square, noise
+# included; instants at rest; variance of the noise [rad^2]; smallest step [rad])
+Learnt = tuple[float, int, int, float, int, float, float]
 Calibration = tuple[float, Learnt, Chain]  # scale of the standard deviation, ...
 Interval = tuple[int, Calibration]  # stamp from which the next sample is due [ns], ...
 
 NO_CHAIN: Chain = (0, (0, 0, 0, 0), 0.0, (0.0, 0.0, 0.0), 0.0, (0, 0, 0), (0.0, 0.0, 0.0, 0.0))
-FIRST_INTERVAL: Interval = (BROKEN, (1.0, (1.0, SHORTEST, 0, 0, 0.0, math.inf), NO_CHAIN))
+FIRST_INTERVAL: Interval = (BROKEN, (1.0, (1.0, SHORTEST, 0, 0.0, 0, 0.0, math.inf), NO_CHAIN))
 
 
 class Sample(NamedTuple):
@@ -100,7 +105,7 @@ def make_calibrate(
     ) -> Interval:
         """Return the interval after a sample that was due; `sample` has the fields of `Sample`."""
         due_ns, (scale, learnt, chain) = interval
-        stamp_ns, measurement, _, _, _, _ = sample
+        stamp_ns, measurement, _, _, passed_ns, _ = sample
         _, speed, _, status = output(state, coefficients, design, measurement, known_input)
         _, sigma = stddev(state, coefficients, design)
         known = status == TRACKING and LEAST < sigma < math.inf
@@ -108,8 +113,9 @@ def make_calibrate(
             chain = NO_CHAIN
         if known:
             scale, learnt, chain = follow(scale, learnt, chain, sample, speed, sigma)
-        _, spacing_ns, _, _, _, _ = learnt
-        return stamp_ns + spacing_ns, (scale, learnt, chain)
+        _, spacing_ns, _, _, _, _, _ = learnt
+        # the sample next to it
+        return stamp_ns + spacing_ns - passed_ns // 2, (scale, learnt, chain)
 
     return calibrate
 
@@ -173,7 +179,7 @@ def _make_follow(period: float) -> Callable[..., Calibration]:
         sample : the fields of `Sample`.
         speed, sigma : as published, without the scale [rad/s].
         """
-        mean, spacing_ns, waited, still, variance, quantum = learnt
+        mean, spacing_ns, waited, level, still, variance, quantum = learnt
         count, (t1, t2, t3, t4), last, (rate, second, third), fourth, (c1, c2, c3), told = chain
         stamp_ns, measurement, reading, earlier, passed_ns, before_ns = sample
         v1, s1, v2, s2 = told
@@ -191,10 +197,16 @@ def _make_follow(period: float) -> Callable[..., Calibration]:
                 )
             if measurement != last:
                 c0 = 1
+                leap = LEAP * quantum if quantum < math.inf else 0.0
+                rested = c1 + c2 + c3 == 0 and spacing_ns > SHORTEST
+                if rested and not -leap <= measurement - last <= leap:  # a motion begins
+                    spacing_ns, waited, level, still, count = SHORTEST, 0, 0.0, 0, 0
             # divided differences, Newton's form
-            h = (stamp_ns - t1) * 1e-9
+            h, before = (stamp_ns - t1) * 1e-9, (t1 - t2) * 1e-9
             r1, r2, r3 = rate, second, third
             rate = change(measurement, last, 0.5 * (speed + v1) * h) / h
+            if count > 1 and not (h < UNEVEN * before and before < UNEVEN * h):
+                count = 0  # no derivative is known to be so much worse
             if count > 1:
                 second = (rate - r1) / ((stamp_ns - t2) * 1e-9)
             if count > 2:
@@ -215,21 +227,26 @@ def _make_follow(period: float) -> Callable[..., Calibration]:
                         noise = variance
                     noise /= width * width
                     most = RESOLVED * noise
-                    if spacing_ns > SHORTEST and (fourth * fourth > most or bend * bend > most):
-                        spacing_ns, waited, count = spacing_ns // 2, 0, 0
+                    shorter = spacing_ns > SHORTEST and spacing_ns > passed_ns
+                    if shorter and (fourth * fourth > most or bend * bend > most):
+                        spacing_ns, waited, level, count = spacing_ns // 2, 0, 0.0, 0
                     else:
                         # the derivative at t2 of the polynomial through the five readings
                         to_0, to_1, to_3 = t2 - stamp_ns, t2 - t1, t2 - t3
                         of_third = 1e-18 * to_0 * to_1
                         later = rate + 1e-9 * (to_0 + to_1) * second
                         later += of_third * (third + 1e-9 * to_3 * slope)
-                        of_sigma = s2 * s2
-                        noise *= OF_DERIVATIVE / of_sigma
-                        mean = averaged(mean, (v2 - later) / s2, noise)
-                        scale = math.sqrt(SLACK * mean) if SLACK * mean > 1.0 else 1.0
+                        noise *= OF_DERIVATIVE / (s2 * s2)
+                        error = (v2 - later) / s2
+                        mean = averaged(mean, error, noise)
+                        scale = math.sqrt(mean - CHANCE) if mean > 1.0 + CHANCE else 1.0
                         waited += 1
-                        if waited >= PATIENCE and noise > HIDES * mean and spacing_ns < LONGEST:
-                            spacing_ns, waited = 2 * spacing_ns, 0
+                        level += (error * error - level) / waited
+                        hidden = noise > HIDES * mean and level < FOUND * (noise + mean)
+                        if waited >= PATIENCE and hidden and spacing_ns < LONGEST:
+                            spacing_ns, waited, level = 2 * spacing_ns, 0, 0.0
+                        elif waited >= LOOKS and shorter:
+                            spacing_ns, waited, level, count = SHORTEST, 0, 0.0, 0
         chain = (
             count + 1,
             (stamp_ns, t1, t2, t3),
@@ -239,7 +256,7 @@ def _make_follow(period: float) -> Callable[..., Calibration]:
             (c0, c1, c2),
             (speed, sigma, v1, s1),
         )
-        return scale, (mean, spacing_ns, waited, still, variance, quantum), chain
+        return scale, (mean, spacing_ns, waited, level, still, variance, quantum), chain
 
     return follow
 

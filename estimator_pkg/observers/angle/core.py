@@ -49,6 +49,7 @@ LAG_3 = 0.2
 LAG_2 = 0.36  # ... and order 2, which lags throughout the ramp
 ENOUGH = 8.0  # changed readings after which a start has shown its noise
 SHORT = 32.0  # samples over which they are averaged until the start is over
+SURGE = 2.0  # times its mean, by chance the recent power of the innovation is no larger
 UNBOUNDED = 1e200  # a noise gain beyond it: no gap, but a sample time too long for the core
 GAP = 0.2  # [s] a gap is at least so long
 RESIDUE = 1e-9  # [rad] a smaller step is rounding and not the quantum
@@ -490,6 +491,10 @@ def _make_stddev(
                 least = least_variance(reading, last, dt, noisy_start)
                 if variance < least:
                     variance = least
+        if clock <= 0.0:
+            surge = recent / of_innovation - SURGE * variance
+            if surge > 0.0:  # the innovation shows a lag now
+                variance += surge
         of_position *= variance
         of_velocity *= variance
         if clock > 0.0:

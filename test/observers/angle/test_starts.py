@@ -46,12 +46,12 @@ def test_a_start_of_a_joint_that_does_not_wrap_is_covered(variant):
 @pytest.mark.parametrize('variant', [*tunable_variants(), ('edge_adaptive', {})], ids=label)
 def test_sigma_is_below_twice_its_steady_value_soon_after_a_start(variant, known):
     """At 40 rad/s^2 and 4096 counts, 1 kHz: within 20 changed readings, or where the observer's own
-    error takes longer to be there, within 1.4 times as many readings as the error. `edge_adaptive`,
+    error takes longer to be there, within 1.5 times as many readings as the error. `edge_adaptive`,
     whose sigma falls to 2e-4 rad/s at constant speed, takes all the 150 readings that are counted.
     """
     name, gains = variant
     calm = measure(name, gains, Case('steps 40 rad/s^2', known=known)).calm
-    assert calm <= 20 or calm <= 1.4 * readings_of_error(name, gains, known)
+    assert calm <= 20 or calm <= 1.5 * readings_of_error(name, gains, known)
 
 
 AT_ONCE = ('steps at once', 'trapezoid at once', 'constant', 'sine', 'chirp', 'figure_4')
