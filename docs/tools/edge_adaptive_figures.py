@@ -50,14 +50,14 @@ CONSTANTS = (
     'SLACK',
     'SHARE',
     'SIGMAS',
-    'ALARM',
     'BLUR',
     'LONGEST',
     'FADE',
     'MEMORY',
+    'EXPECTED',
     'STRAY',
     'CONFIRMED',
-    'CALM',
+    'RESTED',
 )
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 COLUMNS = ('slow', 'sine', 'trapezoid', 'reversal', 'noise', 'beat', 'fast beat', '100 Hz')

@@ -9,7 +9,6 @@ RATE = 0.3  # of the slow law: log density per unit of its product and of filter
 SLACK = 0.3  # of that product
 SHARE = 0.2  # memory of the slow law's low-pass, over the filter's
 SIGMAS = 3.0  # slack of the cumulative sums; prediction this far outside its cell is held
-ALARM = 12.0  # of the cumulative sums: four samples of twice the slack
 BLUR = 0.03  # quanta: no edge is known better; and either end of an interval, of its width
 LONGEST = 2.0  # [s] longest memory; the start's too
 FADE = 0.3  # [s] memory of the acceleration
@@ -17,12 +16,13 @@ MEMORY = 32.0  # samples: memory of the noise, and of the innovations' size
 EXPECTED = 0.01  # of the density that explains a manoeuvre: the least after it, without noise
 STRAY = 2.0  # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0  # samples after which a start, a gap or a doubt has settled
-CALM = 0.5  # of its variance the speed keeps at least, however small the innovations are
 RESTED = 0.7  # of a cell's variance: a prediction this vague has seen no edge for long
-REPEATS = 12.0  # quanta: an unchanged reading of a shaft that moved by more is no reading
-HELD = 16.0  # samples for which no unchanged reading is believed, at most
-FORGOTTEN = 256.0  # samples in which evidence of another clock is forgotten
 
 RATIO = {'smooth': 0.125, 'balanced': 1.0, 'fast': 8.0}  # of densities; see `preference`
 
+# what follows from these
+ALARM = CONFIRMED * SIGMAS  # of the cumulative sums: four samples of twice the slack
+REPEATS = ALARM  # quanta: an unchanged reading of a shaft that moved by more is no reading
+HELD = MEMORY / 2.0  # samples for which no unchanged reading is believed, at most
+FORGOTTEN = 8.0 * MEMORY  # samples in which evidence of another clock is forgotten
 PLAIN = 4.0 * BLUR * BLUR  # more noise than this is more than the blur of the edges [quanta^2]

@@ -72,6 +72,7 @@ from estimator_pkg.observers.angle.edge.start import (
     doubted,
     doubted_in_noise,
     later,
+    rescaled,
     settled,
     stirred,
     straight_line,
@@ -276,12 +277,11 @@ def _make_step(period: float) -> Callable[..., tuple]:
         # Search for the quantum: in the readings as they came, without a correction
         first, counted = change != 0.0 and low == high, change + known_input
         if change != 0.0 and shows_quantum(steps, counted, size, rested, quantum):
-            extent, used = abs(measurement) + abs(last), quantum
-            moved, steps, p, band, sensor, quantum = search(
-                steps, counted, extent, design.quantum, p, band, sensor, first
-            )
-            if quantum != used:
-                other = ALIKE
+            extent = abs(measurement) + abs(last)
+            moved, steps, found = search(steps, counted, extent, design.quantum, sensor, first)
+            if found != quantum:
+                p, band, sensor = rescaled(motion, p, band, sensor, doubt, found, period, first)
+                quantum, other = found, ALIKE
             if not moved:  # residue: the reading before is used again
                 measurement, change, first = last, 0.0, False
         # Noise and vibration

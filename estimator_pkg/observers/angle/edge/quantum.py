@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.bandwidth import Band
-from estimator_pkg.observers.angle.edge.covariance import Covariance
 from estimator_pkg.observers.angle.edge.sensor import Sensor
 
 UNIT = 1.0  # [rad] quantum while none is known
@@ -28,6 +26,8 @@ FINER = 0.75  # the quantum is too large if steps below this part of it are seen
 
 UNLIKE = 5.0  # steps in a row that are no multiples of each other, without a scatter: no counter
 SMOOTH = 0.02  # of the squared smallest step: a counter scatters more, unless its speed is constant
+
+FLOATS = 0.0  # in place of the smallest step: they are no counts, unless the search shows some
 
 CLOSE = 0.9  # a step above this part of the quantum is one, but for its last digits,
 DIGITS = 0.01  # which are below this part
@@ -91,9 +91,11 @@ def follow_steps(
     rest = moved % candidate
     if found < CLOSE * candidate or DIGITS * candidate < rest < (1.0 - DIGITS) * candidate:
         shown = (shown if shown < 0.0 else 0.0) - (1.0 if shows else 0.5)
-        candidate, least, left = found, math.inf, left - 1.0
-        if shown <= -UNLIKE and scatter < SMOOTH * smallest * smallest:
-            smallest, shown, left = DIGITS * smallest, 0.0, 0.0
+        candidate, left = found, left - 1.0
+        if least != FLOATS:
+            least = math.inf
+            if shown <= -UNLIKE and scatter < SMOOTH * smallest * smallest:
+                smallest, shown, least, left = DIGITS * smallest, 0.0, FLOATS, SEARCH
     elif shows and shown < SHOWN:
         shown, left = (1.0 if shown <= -1.0 else 0.0 if shown < 0.0 else shown) + 1.0, left - 1.0
         if shown > RETURNS and found < least:
@@ -101,7 +103,7 @@ def follow_steps(
         if shown == SHOWN and CLOSE * least > candidate:  # a stray reading alone showed it
             candidate, shown, least, left = least, 1.0, math.inf, SEARCH
         elif shown == SHOWN:
-            smallest, left = candidate, 0.0
+            smallest, least, left = candidate, math.inf, 0.0
             if candidate >= FINER * quantum:
                 finer = 0.0
     return (smallest, candidate, shown, least, left if left > 0.0 else 0.0, finer, 0.0)
@@ -144,62 +146,22 @@ def agreement(steps: Steps, given: float) -> int:
     return AGREES
 
 
-def rescaled(
-    p: Covariance, band: Band, sensor: Sensor, quantum: float, first: bool
-) -> tuple[Covariance, Band, Sensor]:
-    """Return covariance, band and sensor where the quantum in use becomes `quantum` [rad].
-
-    They stay as they were in quanta; but a finer quantum makes the estimate no surer.
-
-    Parameters
-    ----------
-    first : this is the first step of all, and everything was relative to `UNIT`.
-    """
-    used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
-    density, low, variance, up, down, up_time, down_time, squares = band
-    scale = quantum * quantum / (used * used)
-    band = (density * scale, low, variance, up, down, up_time, down_time, squares)
-    if first:
-        noise *= scale
-        lasting *= scale
-        sensor = (used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
-    if scale > 1.0 or first:
-        p00, p01, p02, p11, p12, p22 = p
-        p = (scale * p00, scale * p01, scale * p02, scale * p11, scale * p12, scale * p22)
-    return p, band, sensor
-
-
 def search(
-    steps: Steps,
-    step: float,
-    size: float,
-    given: float,
-    p: Covariance,
-    band: Band,
-    sensor: Sensor,
-    first: bool,
-) -> tuple[bool, Steps, Covariance, Band, Sensor, float]:
+    steps: Steps, step: float, size: float, given: float, sensor: Sensor, first: bool
+) -> tuple[bool, Steps, float]:
     """Return whether a step is no residue, and what it shows: steps, and the quantum [rad].
 
     Parameters
     ----------
     step, size, given : as `step`, `size` and `quantum` of `follow_steps`.
     first : this is the first step of all.
-
-    Returns
-    -------
-    False where the step is residue: it is no motion, and shows nothing. Then steps, covariance,
-    band and sensor, which are relative to the quantum, and the quantum.
     """
     used, _, scatter, _, _, _, last, since, _, _, _ = sensor
     least = ROUNDING * size if first and given == 0.0 else RESIDUE * used
     if -least <= step <= least or -FINEST < step < FINEST:
-        return False, steps, p, band, sensor, used
+        return False, steps, used
     steps = follow_steps(steps, step, last, since, size, given, scatter)
-    quantum = quantum_of(steps, given)
-    if quantum != used:
-        p, band, sensor = rescaled(p, band, sensor, quantum, first)
-    return True, steps, p, band, sensor, quantum
+    return True, steps, quantum_of(steps, given)
 
 
 def with_jump(steps: Steps, jump: float) -> Steps:

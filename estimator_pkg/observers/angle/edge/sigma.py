@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from estimator_pkg.observers.angle.edge.constants import CALM, SIGMAS
+from estimator_pkg.observers.angle.edge.constants import SIGMAS
 from estimator_pkg.observers.angle.edge.sensor import Sensor
 from estimator_pkg.observers.angle.edge.start import RECENT, doubted, unseen
 from estimator_pkg.observers.circle import wrap
@@ -46,7 +46,7 @@ def make_stddev(period: float) -> Callable[..., tuple[float, float]]:
         floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
         if given == 0.0 and low == high:  # nothing moved: no quantum is known
             return math.inf, math.inf
-        variance = p11 * (squares if squares > CALM else CALM)
+        variance = p11 * (squares if squares > 0.5 else 0.5)  # half of what it says, at least
         if p11 <= 0.0:
             variance, _, _, _ = doubted(quantum, dt, period, 0.0, 0.0)
         else:

@@ -260,11 +260,53 @@ def straight_line(
     quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
     was, _, _, _, _, _, _, _ = band
     _, to_settle, since, age = doubt
+    if to_settle == UNSURE:
+        sensor = paced(first_step(quantum, change, dt), pace)
+        _, noise, _, _, _, _, _, _, _, _, _ = sensor
     motion, p, band = started(measurement, change, dt, quantum, noise, period)
     if to_settle == UNSURE:
         density, low, variance, up, down, up_time, down_time, squares = band
         density = was if was > density else density
         band = (density, low, variance, up, down, up_time, down_time, squares)
         doubt = (0.0, SETTLES, since, age)
-        sensor = paced(first_step(quantum, change, dt), pace)
     return motion, p, band, sensor, doubt
+
+
+def rescaled(
+    motion: Motion,
+    p: Covariance,
+    band: Band,
+    sensor: Sensor,
+    doubt: Doubt,
+    quantum: float,
+    period: float,
+    first: bool,
+) -> tuple[Covariance, Band, Sensor]:
+    """Return covariance, band and sensor where the quantum in use becomes `quantum` [rad].
+
+    They stay as they were in quanta. A finer quantum makes the estimate surer only where it is
+    the straight line of a start from a rest: the two readings of that were as fine as this one.
+
+    Parameters
+    ----------
+    first : this is the first step of all, and everything was relative to `UNIT`.
+    """
+    used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
+    density, low, variance, up, down, up_time, down_time, squares = band
+    scale = quantum * quantum / (used * used)
+    if scale > 1.0 and noise > PLAIN * used * used:  # what is known stays as it was in noise
+        scale = max(1.0, quantum * quantum / (used * used + 12.0 * noise))
+    band = (density * scale, low, variance, up, down, up_time, down_time, squares)
+    if first:
+        noise *= scale
+        lasting *= scale
+        sensor = (used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
+    _, to_settle, _, _ = doubt
+    _, _, p02, _, p12, _ = p
+    if scale < 1.0 and to_settle == SETTLES and p02 == 0.0 < p12:  # a line, one sample ago
+        x, v, _, _ = motion
+        _, p, _ = started(x, v * dt, dt, quantum, scale * noise, period)
+    elif scale > 1.0 or first:
+        p00, p01, p02, p11, p12, p22 = p
+        p = (scale * p00, scale * p01, scale * p02, scale * p11, scale * p12, scale * p22)
+    return p, band, sensor

@@ -844,6 +844,33 @@ def test_a_found_quantum_is_no_worse_where_a_joint_starts_with_a_jump(rate, coun
     assert compared >= 8
 
 
+@pytest.mark.parametrize('counts, rate, speed', [(4096, 1000.0, 10.0), (65536, 200.0, 10.0)])
+def test_once_found_a_quantum_is_worth_what_a_given_one_is(counts, rate, speed):
+    """A joint starts at once, and skips counts: from the third reading that moves on."""
+    ratios = []
+    for phase in (0.07, 0.37, 0.67, 0.97):
+        reading, velocity, quantum = jump(speed, None, rate, counts, phase, 7.0 * phase % 1.0)
+        first = int(np.argmax(reading != reading[0]))
+        errors = [
+            make('edge_adaptive', gains)
+            .run(stamps(len(reading), 1.0 / rate), reading, fast=False)
+            .velocity[first + 2 :]
+            - velocity[first + 2 :]
+            for gains in ({'quantum': quantum}, {})
+        ]
+        ratios.append(rms(errors[0]) / rms(errors[1]))
+    assert min(ratios) > 0.95 and max(ratios) < 1.05  # it was 0.68 to 1.5
+
+
+def test_a_motor_that_skips_counts_is_no_stream_of_floats():
+    """Its first steps are no multiples of each other, and smooth; later ones show the counter."""
+    reading, _, quantum = jump(30.0, 0.02, 1000.0, 65536, 0.3, 0.4)
+    one = make('edge_adaptive', {})
+    for stamp, value in zip(stamps(len(reading), 1e-3).tolist(), wrapped(reading).tolist()):
+        one.update(stamp, value)
+    assert one._track[6][3][0] == pytest.approx(quantum, rel=1e-6)  # it was 0.03 of it
+
+
 @pytest.mark.parametrize('known', [True, False])
 @pytest.mark.parametrize('speed, rate, counts', [(10.0, 1000.0, 4096), (30.0, 4000.0, 65536)])
 def test_a_jump_is_neither_noise_nor_vibration(speed, rate, counts, known):
