@@ -40,7 +40,10 @@ NEAR = 1.15  # of a baseline's error, at most on each series
 
 
 class Result(NamedTuple):
-    """An observer on a series: rms [rad/s], delay [s], covered share of the 95 % interval."""
+    """An observer on a series: rms [rad/s], delay [s], covered share of the 95 % interval.
+
+    The reference's own error is part of the interval.
+    """
 
     rms: float
     delay_s: float
@@ -146,7 +149,8 @@ def result(column: Column, observer: str) -> Result:
     found = metrics.velocity(
         column.time[rows], velocity[rows], samples.velocity[rows], column.noise
     )
-    covered = float(np.mean(np.abs(error) <= SIGMAS * out.velocity_stddev[rows]))
+    sigma = np.hypot(out.velocity_stddev[rows], column.noise)
+    covered = float(np.mean(np.abs(error) <= SIGMAS * sigma))
     return Result(rms, found['delay_s'], covered, share)
 
 
