@@ -50,7 +50,8 @@ CASES = [  # recording and model, observer, its parameters, largest rms error of
 @pytest.mark.long
 @pytest.mark.parametrize(
     'recording, observer, values, bounds',
-    CASES,
+    # on two links the first; the others take long, and run with the slow ones
+    [pytest.param(*case, marks=[pytest.mark.slow] * (n > 4)) for n, case in enumerate(CASES)],
     ids=[f'{case[0][0].partition("/")[2]}-{case[1]}' for case in CASES],
 )
 def test_errors_stay_within_two_sided_bounds(recording, observer, values, bounds, tmp_path):
