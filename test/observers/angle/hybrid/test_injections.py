@@ -115,7 +115,7 @@ def test_a_good_one_serves(own, name):
     assert abs(out.velocity[-1] - 40.0) < 1e-3
 
 
-@pytest.mark.long
+@pytest.mark.slow  # test_joint.py holds the same of any loop that Numba refuses
 def test_one_that_cannot_be_compiled_runs_all_the_same(own):
     gains = OBSERVER.gains(injection=own('in_plain_python_only'), bandwidth_hz=5.0)
     stamps, angle = 10**18 + np.arange(300) * 10**6, 0.01 * np.arange(300)
