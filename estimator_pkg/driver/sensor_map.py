@@ -83,7 +83,7 @@ from estimator_pkg.observers.circle import wrap
 LARGEST = 1e9  # [rad] no reading is larger
 NEAR = 0.1  # of a turn: so near to its interval's end is a reading that wraps
 SMALLEST = 0.25  # of its usual time: a ripple makes no cell shorter
-FADING = 0.1  # of what a ripple takes out is put back at each mark
+FADING = 0.1  # part of the ripple's correction that is put back at each mark
 FIELDS = len(Track._fields)  # of a track without a map
 
 # direction in which the cell was entered; what is taken out at that edge [rad]; by how much longer

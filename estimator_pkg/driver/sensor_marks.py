@@ -296,7 +296,7 @@ def ripple_before(memory: Memory, first: int, lag: int) -> float:
 
 
 def mispredicted(cell: float, guess: float) -> float:
-    """Return the square of what a time in a cell was mispredicted by, over the sum of both."""
+    """Return the squared ratio of the error of a predicted time in a cell to the sum of both."""
     both = cell + guess
     return float((cell - guess) ** 2 / both**2) if both > 0.0 else 1.0
 

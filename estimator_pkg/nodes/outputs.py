@@ -14,7 +14,7 @@ from rclpy.publisher import Publisher
 from estimator_pkg.nodes.qos import KEPT
 
 WAIT_FOR_SUBSCRIBER = (
-    5.0  # [s] after the inputs are connected; Fast DDS tells of a process every 3 s
+    5.0  # [s] after the inputs are connected; Fast DDS announces a process every 3 s
 )
 TOGETHER = 0.1  # [s] between the first and the last subscription of one process, at most
 

@@ -120,9 +120,9 @@ class Design(NamedTuple):
     """What the gains imply whatever the sample time is."""
 
     quantum: float  # as given [rad]; 0: not known
-    ratio: float  # of the density of what is published; see `preference`
-    of_angle: float  # variance of what is published, over that of the first filter
-    of_speed: float
+    ratio: float  # density of the published filter, over that of the first; see `preference`
+    of_angle: float  # variance of the published angle, over that of the first filter
+    of_speed: float  # the same of the speed
 
 
 def prepare(design: Design, dt: float) -> tuple:

@@ -46,7 +46,7 @@ def make_stddev(period: float) -> Callable[..., tuple[float, float]]:
         floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
         if given == 0.0 and low == high:  # nothing moved: no quantum is known
             return math.inf, math.inf
-        variance = p11 * (squares if squares > 0.5 else 0.5)  # half of what it says, at least
+        variance = p11 * (squares if squares > 0.5 else 0.5)  # at least half of P_11
         if p11 <= 0.0:
             variance, _, _, _ = doubted(quantum, dt, period, 0.0, 0.0)
         else:
