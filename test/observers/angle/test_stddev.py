@@ -129,7 +129,7 @@ def test_position_stddev_covers(variant):
 
 
 STARTS = r"""
-Without the calibration, the last two columns were 30 % and 87 % for `hybrid_angle`, and 18 % and 80 % for
+Without the calibration, the last two columns were 30 % and 87 % for `hybrid_angle`, and 18 % and 81 % for
 `kalman`. On recordings, coverage, width and interval score stand in [the benchmarks](benchmarks.md#the-interval).
 
 ## Calibration
