@@ -35,7 +35,7 @@ from estimator_pkg.driver.sensor_map import (
 )
 from estimator_pkg.driver.track import field_of, make_track, replaced
 from estimator_pkg.observers.circle import Circle, nearest_turn
-from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, Functions, Observer
+from estimator_pkg.observers.contract import STATUS_NAMES, Functions, Observer
 from estimator_pkg.parameters import structural
 
 _is_running, _mean_dt, _state, _coefficients, _repeats, _last_ns = map(
@@ -221,8 +221,6 @@ class Joint:
 
     def estimate(self) -> tuple[float, float, float, int]:
         """Return (position, velocity, acceleration or nan, status) at the last used sample."""
-        if not _is_running(self._track):
-            return math.nan, math.nan, math.nan, INITIALISING
         return self._read(
             self._track, self._design, self._limits, self._measurement, self._known_input
         )

@@ -16,7 +16,6 @@ from operator import itemgetter
 from typing import Any, NamedTuple
 
 from estimator_pkg.driver.guard import (
-    AFTER_CLOCK_JUMP,
     AFTER_GAP,
     AFTER_OUTAGE,
     AFTER_STRAY_STAMP,
@@ -40,8 +39,8 @@ from estimator_pkg.observers.angle.calibration import (
     no_calibration,
 )
 from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.contract import INITIALISING, Functions
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
-from estimator_pkg.observers.contract import Functions
 
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
 
@@ -252,27 +251,10 @@ def make_track(
             return track, NON_FINITE
         if stamp_ns <= 0:
             return track, ZERO_STAMP
-        if not running:
-            return (
-                (
-                    stamp_ns,
-                    0,
-                    0,
-                    0,
-                    0.0,
-                    coefficients,
-                    init(measurement, design),
-                    True,
-                    kept,
-                    measurement,
-                    measurement,
-                    BLANK,
-                    interval,
-                ),
-                FIRST,
-            )
         ahead = stamp_ns - last_ns
-        if 0 < ahead <= gap_ns:  # nearly every sample: saves the call
+        if not running:
+            verdict = FIRST
+        elif 0 < ahead <= gap_ns:  # nearly every sample: saves the call
             verdict = USED
         else:
             verdict = judge(
@@ -280,38 +262,38 @@ def make_track(
             )
         dropping, _, _ = repeats
         if verdict == USED and (measurement == reading or dropping > 0):
-            recognised = dropping > 0
             repeats, drop = sieve(repeats, stamp_ns, ahead, measurement, reading, earlier, mean_dt)
             if drop:
-                if not recognised:  # the state learnt from such a sensor is wrong
+                verdict, late = REPEATED, 0
+                if dropping == 0:  # the state learnt from such a sensor is wrong
                     state = restart(state, coefficients, design, measurement)
                     interval = (BROKEN, calibration)
-                return (
-                    (
-                        last_ns,
-                        before_ns,
-                        0,
-                        dt_ns,
-                        mean_dt,
-                        coefficients,
-                        state,
-                        True,
-                        kept,
-                        reading,
-                        earlier,
-                        repeats,
-                        interval,
-                    ),
-                    REPEATED,
-                )
+        if verdict >= DUPLICATE:
+            if verdict == LATE:
+                late += 1
+            return (
+                last_ns,
+                before_ns,
+                late,
+                dt_ns,
+                mean_dt,
+                coefficients,
+                state,
+                running,
+                kept,
+                reading,
+                earlier,
+                repeats,
+                interval,
+            ), verdict
         if verdict == USED or verdict == AFTER_STRAY_STAMP:
-            passed_ns = ahead
+            old_dt_ns, dt_ns = dt_ns, ahead
             since_ns = 0  # set to the previous stamp if the next one may reveal this one as a stray
             if verdict == AFTER_STRAY_STAMP:
-                passed_ns, state = stamp_ns - before_ns, kept
-            passed = passed_ns * 1e-9
-            if passed_ns != dt_ns:
-                coefficients = prepare(design, passed_ns * 1e-9)
+                dt_ns, state = stamp_ns - before_ns, kept
+            passed = dt_ns * 1e-9
+            if dt_ns != old_dt_ns:
+                coefficients = prepare(design, passed)
             if verdict == AFTER_STRAY_STAMP:
                 if (last_ns - before_ns) * 1e-9 <= mean_dt:
                     mean_dt = 0.0  # it came from that stamp only
@@ -321,159 +303,68 @@ def make_track(
                     since_ns, kept = last_ns, state
             elif before_ns != 0 and SLOW_STREAM * passed < mean_dt:
                 mean_dt = passed  # the mean came from gaps, which are no sample times
-                if dt_ns == last_ns - before_ns:
+                if old_dt_ns == last_ns - before_ns:
                     verdict = AFTER_OUTAGE
             else:
                 mean_dt += RATE_WEIGHT * (passed - mean_dt)
-            if mean_dt > longest_dt:
-                return (
-                    (
-                        stamp_ns,
-                        since_ns,
-                        0,
-                        passed_ns,
-                        mean_dt,
-                        coefficients,
-                        restart(state, coefficients, design, measurement),
-                        True,
-                        kept,
-                        measurement,
-                        reading,
-                        repeats,
-                        (BROKEN, calibration),
-                    ),
-                    MISCONFIGURED,
-                )
-            if verdict == USED and passed <= longest_dt:
+            if verdict == USED and passed <= longest_dt and mean_dt <= longest_dt:
                 state = step(state, coefficients, design, measurement, known_input)
                 if stamp_ns >= due_ns:
                     interval = calibrate(
                         interval,
-                        (stamp_ns, measurement, reading, earlier, passed_ns, dt_ns),
+                        (stamp_ns, measurement, reading, earlier, dt_ns, old_dt_ns),
                         state,
                         coefficients,
                         design,
                         known_input,
                     )
                 return (
-                    (
-                        stamp_ns,
-                        since_ns,
-                        0,
-                        passed_ns,
-                        mean_dt,
-                        coefficients,
-                        state,
-                        True,
-                        kept,
-                        measurement,
-                        reading,
-                        repeats,
-                        interval,
-                    ),
-                    USED,
-                )
-            if verdict == AFTER_OUTAGE:
-                state = restart(state, coefficients, design, measurement)
-                return (
-                    (
-                        stamp_ns,
-                        0,
-                        0,
-                        passed_ns,
-                        mean_dt,
-                        coefficients,
-                        state,
-                        True,
-                        kept,
-                        measurement,
-                        measurement,
-                        repeats,
-                        (BROKEN, calibration),
-                    ),
-                    AFTER_OUTAGE,
-                )
-            # a sample time that would be unstable if it were constant is handled like a gap
-            state = resume(state, coefficients, design, measurement)
-            return (
-                (
                     stamp_ns,
                     since_ns,
                     0,
-                    passed_ns,
-                    mean_dt,
-                    coefficients,
-                    state,
-                    True,
-                    kept,
-                    measurement,
-                    measurement,
-                    repeats,
-                    (BROKEN, calibration),
-                ),
-                AFTER_GAP if verdict == USED else verdict,
-            )
-        if verdict == DUPLICATE:
-            return track, DUPLICATE
-        if verdict == LATE:
-            return (
-                (
-                    last_ns,
-                    before_ns,
-                    late + 1,
                     dt_ns,
                     mean_dt,
                     coefficients,
                     state,
                     True,
                     kept,
+                    measurement,
                     reading,
-                    earlier,
                     repeats,
                     interval,
-                ),
-                LATE,
-            )
-        if verdict == AFTER_CLOCK_JUMP:
-            return (
-                (
-                    stamp_ns,
-                    0,
-                    0,
-                    dt_ns,
-                    mean_dt,
-                    coefficients,
-                    restart(state, coefficients, design, measurement),
-                    True,
-                    kept,
-                    measurement,
-                    measurement,
-                    repeats,
-                    (BROKEN, calibration),
-                ),
-                AFTER_CLOCK_JUMP,
-            )
-        if before_ns != 0:
-            # One hole, or one stamp from the far future, does not show the rate; two in a row mean
-            # that it fell.
-            shorter = min(ahead, last_ns - before_ns) * 1e-9
-            if shorter > mean_dt:
-                mean_dt = shorter
-        after = (
-            resume(state, coefficients, design, measurement)
-            if verdict == AFTER_GAP
-            else restart(state, coefficients, design, measurement)
-        )
+                ), USED
+            before_ns = since_ns
+            if mean_dt > longest_dt:
+                verdict = MISCONFIGURED
+            elif verdict == USED:  # unstable if it were constant: handled like a gap
+                verdict = AFTER_GAP
+        elif verdict == AFTER_GAP or verdict == AFTER_OUTAGE:
+            if before_ns != 0:
+                # One hole, or one stamp from the far future, does not show the rate; two in a row
+                # mean that it fell.
+                shorter = min(ahead, last_ns - before_ns) * 1e-9
+                if shorter > mean_dt:
+                    mean_dt = shorter
+            before_ns, kept = last_ns, state
+        else:
+            before_ns = 0
+        # no prediction reaches this sample
+        if verdict == FIRST:
+            state = init(measurement, design)
+        elif verdict == AFTER_GAP or verdict == AFTER_STRAY_STAMP:
+            state = resume(state, coefficients, design, measurement)
+        else:
+            state = restart(state, coefficients, design, measurement)
         return (
             stamp_ns,
-            last_ns,
+            before_ns,
             0,
             dt_ns,
             mean_dt,
             coefficients,
-            after,
-            True,
             state,
+            True,
+            kept,
             measurement,
             measurement,
             repeats,
@@ -484,8 +375,10 @@ def make_track(
         track: tuple, design: tuple, limits: tuple, measurement: Any, known_input: Any
     ) -> tuple:
         """Return (position, velocity, acceleration or nan, status) of the newest estimate."""
-        _, _, _, _, mean_dt, coefficients, state, _, _, _, _, _, _ = track
+        _, _, _, _, mean_dt, coefficients, state, running, _, _, _, _, _ = track
         _, _, _, longest_dt = limits
+        if not running:
+            return math.nan, math.nan, math.nan, INITIALISING
         if mean_dt > longest_dt:
             return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
         return output(state, coefficients, design, measurement, known_input)
