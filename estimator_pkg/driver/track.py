@@ -170,11 +170,6 @@ def take_all(
     return repeats, False
 
 
-def unbounded(state: tuple, coefficients: tuple, design: tuple) -> float:
-    """Return inf: replaces the bound of an observer that has none."""
-    return math.inf
-
-
 def make_track(
     functions: Functions, period: float | None = None, calibrated: bool = True
 ) -> TrackFunctions:
@@ -200,7 +195,7 @@ def make_track(
         functions.finite,
     )
     nothing, restart = functions.blank, functions.new_start
-    bound = functions.bound or unbounded
+    scaled_stddev = functions.scaled_stddev
 
     def blank(design: tuple) -> tuple:
         """Return a track before its first sample."""
@@ -388,15 +383,11 @@ def make_track(
         _, coefficients, state = newest(track)
         return stddev(state, coefficients, design)
 
-    def scaled(track: tuple, design: tuple) -> tuple[float, float]:
+    def calibrated_deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """Return one standard deviation of position and velocity, the latter calibrated."""
         _, _, _, _, _, coefficients, state, _, _, _, _, _, (_, (scale, _, _)) = track
-        position, velocity = stddev(state, coefficients, design)
-        if scale > 1.0:
-            most = bound(state, coefficients, design)
-            if velocity < most:
-                velocity *= scale
-                velocity = velocity if velocity < most else most
-        return position, velocity
+        return scaled_stddev(state, coefficients, design, scale)
 
-    return TrackFunctions(blank, advance, read, deviation if period is None else scaled)
+    return TrackFunctions(
+        blank, advance, read, deviation if period is None else calibrated_deviation
+    )

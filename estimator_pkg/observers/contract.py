@@ -55,8 +55,8 @@ class Functions:
     restart : (state, coefficients, design, measurement) -> state. Starts again after an outage or
         a jump of the clock. It forgets the motion, but keeps what does not depend on it (the
         turns counted, the identified parameters). None: `init` is called.
-    bound : (state, coefficients, design) -> largest speed [rad/s] that the readings allow, which no
-        standard deviation exceeds. None: no such bound.
+    scaled : (state, coefficients, design, scale) -> as `stddev`, where that of the velocity is
+        scaled before it is limited to a speed that the readings allow. None: it has no such limit.
     edges : it takes a changed count as the time at which an edge was crossed.
     limits : (dt) -> None, or text that names why these gains cannot work at this dt [s], with the
         limit.
@@ -83,7 +83,7 @@ class Functions:
     jump: Callable[[tuple, tuple], tuple] | None = None
     why: Callable[[tuple, tuple], str] | None = None
     restart: Callable[[tuple, tuple, tuple, Any], tuple] | None = None
-    bound: Callable[[tuple, tuple, tuple], float] | None = None
+    scaled: Callable[[tuple, tuple, tuple, float], tuple[float, float]] | None = None
     edges: bool = False
 
     @property
@@ -95,6 +95,19 @@ class Functions:
             return init(measurement, design)
 
         return self.restart or afresh
+
+    @property
+    def scaled_stddev(self) -> Callable[[tuple, tuple, tuple, float], tuple[float, float]]:
+        """Return `scaled`, or `stddev` times the scale if there is no `scaled`."""
+        stddev = self.stddev
+
+        def times(
+            state: tuple, coefficients: tuple, design: tuple, scale: float
+        ) -> tuple[float, float]:
+            position, velocity = stddev(state, coefficients, design)
+            return position, scale * velocity
+
+        return self.scaled or times
 
 
 @dataclass(frozen=True)

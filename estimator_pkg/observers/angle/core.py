@@ -229,19 +229,24 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
     )
     init = _make_init(core)
     clamped = _make_clamped(noise_gains)
+    scaled = _make_scaled(core, start, prepare, clamped)
+
+    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
+        return scaled(state, coefficients, design, 1.0)
+
     return Functions(
         _make_design(core, gains),
         prepare,
         init,
         _make_step(core, start, prepare, period),
         _make_output(core.estimate, clamped, period, float(circle.unwrap)),
-        _make_stddev(core, start, prepare, clamped),
+        stddev,
         _make_resume(core, period),
         core.limits,
         core.group_delay,
         is_angle,
         restart=_make_restart(init, period),
-        bound=_make_bound(clamped),
+        scaled=scaled,
     )
 
 
@@ -464,15 +469,17 @@ def _make_output(
     return output
 
 
-def _make_stddev(
+def _make_scaled(
     core: AngleCore,
     starts: StartFunctions,
     prepare: Callable[[Design, float], tuple],
     clamped: Callable[..., float],
-) -> Callable[..., tuple[float, float]]:
+) -> Callable[[tuple, tuple, Any, float], tuple[float, float]]:
     noise_gains, estimate, of_start = core.noise_gains, core.estimate, starts.deviation
 
-    def stddev(state: tuple, coefficients: tuple, design: Design) -> tuple[float, float]:
+    def scaled(
+        state: tuple, coefficients: tuple, design: Design, scale: float
+    ) -> tuple[float, float]:
         inner, convention, reading, (power, count), _, start, (_, taken_dt, _, _) = state
         _, since, _, recent = reading
         clock, _, decay, _, _ = start
@@ -501,23 +508,12 @@ def _make_stddev(
             of_position += recent
             _, speed, _ = estimate(inner)
             of_velocity += of_start(start, speed, dt) ** 2
-        sigma = math.sqrt(of_velocity)
+        sigma = scale * math.sqrt(of_velocity)
         if since > 0.0 and design.low_speed_bound > 0.0:
             sigma = clamped(sigma, inner, reading, coefficients, design)
         return math.sqrt(of_position), sigma
 
-    return stddev
-
-
-def _make_bound(clamped: Callable[..., float]) -> Callable[..., float]:
-    def bound(state: tuple, coefficients: tuple, design: Design) -> float:
-        inner, _, reading, _, _, _, _ = state
-        _, since, _, _ = reading
-        if since > 0.0 and design.low_speed_bound > 0.0:
-            return clamped(math.inf, inner, reading, coefficients, design)
-        return math.inf
-
-    return bound
+    return scaled
 
 
 def _make_resume(core: AngleCore, period: float) -> Callable[..., tuple]:
