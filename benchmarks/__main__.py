@@ -174,8 +174,8 @@ def _accuracy(parsed: argparse.Namespace, parts: list[str], result: dict[str, An
         result[ACCURACY] = accuracy.run()
         print(accuracy.describe(result[ACCURACY]) + '\n', flush=True)
     if parsed.draws:
-        result['drawn'] = accuracy.spread(draws=parsed.draws, fast=True)
-        print(accuracy.describe_spread(result['drawn']) + '\n', flush=True)
+        result['drawn'] = accuracy.drawn(draws=parsed.draws, fast=True)
+        print(accuracy.describe_drawn(result['drawn']) + '\n', flush=True)
     if 'field' in parts:
         result['field'] = field.run(shared(), label=SHARED)
         _print(parsed, result['field'], SHARED, parsed.plot)

@@ -3,7 +3,7 @@
 
 """``bench accuracy``: every observer on the shared signals, errors and delay.
 
-`run` measures each column once. `spread` draws each column many times, with random phases and
+`run` measures each column once. `drawn` draws each column many times, with random phases and
 speeds; it reports the pooled error, the largest, and the largest ratio to a baseline on the same
 samples.
 """
@@ -97,7 +97,7 @@ def describe(found: dict[str, Any]) -> str:
     )
 
 
-def spread(
+def drawn(
     entries: Iterable[Entry] = DRAWN,
     signals: tuple[Signal, ...] = ALL,
     draws: int = DRAWS,
@@ -117,12 +117,12 @@ def spread(
     rows = []
     with progress('drawn', len(chosen) * len(signals)) as advance:
         for signal in signals:
-            drawn = [signal.drawn(number, duration) for number in range(draws)]
+            repeats = [signal.drawn(number, duration) for number in range(draws)]
             yard = None
             for entry in sorted(chosen, key=lambda entry: entry != YARDSTICK):
                 joint = entry.joint(**_quantum(entry, signal))
                 errors, covered, widths, scores = zip(
-                    *(_draw(joint, samples, fast) for samples in drawn)
+                    *(_draw(joint, samples, fast) for samples in repeats)
                 )
                 rms = np.array(errors)
                 if entry == YARDSTICK:
@@ -186,8 +186,8 @@ def _draw(joint: Joint, samples: Samples, fast: bool | None) -> tuple[float, flo
     )
 
 
-def describe_spread(found: dict[str, Any]) -> str:
-    """Return the table of `spread` as text."""
+def describe_drawn(found: dict[str, Any]) -> str:
+    """Return the table of `drawn` as text."""
     rows = [
         (
             row['observer'],

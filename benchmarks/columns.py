@@ -89,7 +89,7 @@ class Column:
         rows = np.flatnonzero((stamps > newest) & np.isfinite(angle))
         return Cleaned(rows, self.time[rows], np.unwrap(angle[rows]).astype(np.float64))
 
-    def spread(self, rows: NDArray[np.int64], velocity: Array) -> Array:
+    def at_rows(self, rows: NDArray[np.int64], velocity: Array) -> Array:
         """Return the velocities of `rows` as an array over all samples; nan elsewhere."""
         every = np.full(len(self.samples.stamps), np.nan)
         every[rows] = velocity

@@ -24,7 +24,7 @@ import numpy as np
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.series import at_stamps
-from estimator_pkg.bags.wiring import settled
+from estimator_pkg.bags.wiring import wired
 from estimator_pkg.cli import main as velocity_estimator
 from estimator_pkg.evaluation.doctor import drive
 from estimator_pkg.evaluation.doctor.readings import WARN
@@ -102,7 +102,7 @@ def judge(name: str, path: Path, motor: Mapping[str, float]) -> Outcome:
     """Return the agreement of the verdict without truth with the truth in the bag."""
     with open_bag(path) as bag:
         values = {'observer': drive.OBSERVER, **motor}
-        setup = settled(DriveStream, bag, values, Request(None, None))
+        setup = wired(DriveStream, bag, values, Request(None, None))
         found = drive.examine(bag, setup)
         batches = [drive_samples.decode(bytes(each.raw)) for each in bag.messages([TRUE])]
         whole = recording(bag, setup, {}).per_sample()

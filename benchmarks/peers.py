@@ -68,13 +68,13 @@ def _filterpy() -> list[Estimator]:
             kalman.predict()
             kalman.update(angle[i])
             velocity[i] = kalman.x[1, 0]
-        return column.spread(rows, velocity)
+        return column.at_rows(rows, velocity)
 
     def driven(column: Column, variance: float) -> Array:
         pushed = driven_by(column)
         rows, time, angle = column.cleaned()
         if pushed is None:
-            return column.spread(rows, np.full(len(rows), np.nan))
+            return column.at_rows(rows, np.full(len(rows), np.nan))
         pushed = pushed[rows]
         kalman = KalmanFilter(2, 1, 1)
         kalman.x = np.array([[angle[0]], [0.0]])
@@ -88,7 +88,7 @@ def _filterpy() -> list[Estimator]:
             kalman.predict(np.array([[pushed[i]]]))
             kalman.update(angle[i])
             velocity[i] = kalman.x[1, 0]
-        return column.spread(rows, velocity)
+        return column.at_rows(rows, velocity)
 
     return [
         Estimator(
@@ -136,7 +136,7 @@ def _control() -> list[Estimator]:
             velocity[i] = v - h * a  # it predicts one step ahead
             for _ in range(missing[i] if i < len(missing) else 0):
                 state = made.dynamics(i, state, nothing, without)
-        return column.spread(rows, velocity)
+        return column.at_rows(rows, velocity)
 
     return [Estimator('python-control estimator', estimator, grid(1e1, 1e11, COUNT), JERK, PEERS)]
 
@@ -146,10 +146,10 @@ def even(column: Column, method: Callable[[Array, float], Array]) -> Array:
     rows, time, angle = column.cleaned()
     h = float(np.median(np.diff(time)))
     if np.max(np.abs(np.diff(time) - h)) < 1e-3 * h:
-        return column.spread(rows, method(angle, h))
+        return column.at_rows(rows, method(angle, h))
     ticks = np.arange(time[0], time[-1], h)
     found = method(np.interp(ticks, time, angle), h)
-    return column.spread(rows, np.interp(time, ticks, found))
+    return column.at_rows(rows, np.interp(time, ticks, found))
 
 
 def _pynumdiff() -> list[Estimator]:
@@ -170,7 +170,7 @@ def _pynumdiff() -> list[Estimator]:
             rows, time, angle = column.cleaned()
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore')
-                return column.spread(rows, call(angle, time - time[0], value)[1])
+                return column.at_rows(rows, call(angle, time - time[0], value)[1])
 
         return run
 
@@ -196,7 +196,7 @@ def _pynumdiff() -> list[Estimator]:
             if (both_ways)
             else forward[1]
         )
-        return column.spread(rows, states[:, 1])
+        return column.at_rows(rows, states[:, 1])
 
     def odd(low: float, high: float) -> tuple[int, ...]:
         return tuple(sorted({2 * round(each / 2.0) + 1 for each in grid(low, high, COUNT)}))

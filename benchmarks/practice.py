@@ -62,7 +62,7 @@ def practice() -> tuple[list[Estimator], list[str]]:
 def _made(name: str, law: Law, values: tuple[float, ...], gain: str) -> Estimator:
     def run(column: Column, value: float) -> Array:
         rows, time, angle = column.cleaned()
-        return column.spread(rows, law(time, angle, max(column.quantum, 1e-6), value))
+        return column.at_rows(rows, law(time, angle, max(column.quantum, 1e-6), value))
 
     return Estimator(name, run, values, gain, PRACTICE)
 

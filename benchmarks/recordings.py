@@ -22,7 +22,7 @@ from benchmarks.signals import Samples
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.recording import measured
 from estimator_pkg.bags.series import Series, joint_series
-from estimator_pkg.bags.wiring import settled
+from estimator_pkg.bags.wiring import wired
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.truth import truth
@@ -132,7 +132,7 @@ def _torque(series: Series, delay: float) -> Array:
 def _captured(path: Path) -> Column:
     """Return the yaw measured by motion capture."""
     with open_bag(path) as bag:
-        setup = settled(AngleStream, bag, {}, Request(angle=f'{POSE}:{YAW}'))
+        setup = wired(AngleStream, bag, {}, Request(angle=f'{POSE}:{YAW}'))
         ((stamp, angle, *_),) = measured(bag, setup).values()
     smoothed = smooth(stamp, angle, TURN)
     firm = smoothed.firm

@@ -173,7 +173,7 @@ def run(command: Command, words: Sequence[str], prog: str) -> int:
     parser = parser_of(command, prog)
     parsed = parser.parse_args(words)
     to_stdout = parsed.json == STDOUT
-    destination.check_apart(parsed)
+    destination.check_distinct(parsed)
     if parsed.json is not None and not to_stdout:
         destination.check(parsed.json)
     with contextlib.redirect_stdout(sys.stderr) if to_stdout else contextlib.nullcontext():

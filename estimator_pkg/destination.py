@@ -37,7 +37,7 @@ def check(path: str | Path) -> None:
         raise UserError(f'{path} is not writable: name another file, or change its permissions')
 
 
-def check_apart(parsed: argparse.Namespace) -> None:
+def check_distinct(parsed: argparse.Namespace) -> None:
     """Raise UsageError if two outputs of a command are the same file, or one is an input."""
     outputs = [
         (f'--{name}', Path(value))

@@ -24,7 +24,7 @@ import dds
 from stream_roles import MESSAGES, PERIOD_NS, stamp_of
 
 TOPIC = '/stream'
-APART = 0.5  # [s] between the processes of a start
+PAUSE = 0.5  # [s] between the processes of a start
 SLOWEST = 5  # reports in which a node on a busy machine has taken all
 ORDERS = (
     'publisher first',  # it waits when the node and the relay begin
@@ -87,7 +87,7 @@ def start(probe: Any, order: str, node: str = 'joint_observer') -> dict[str, int
         publisher = None if order == 'node first' else Role('publish')
         if order == 'publisher first':
             publisher.go_on()
-            time.sleep(2 * APART)
+            time.sleep(2 * PAUSE)
         with (
             dds.NodeProcess(f'estimator_pkg.nodes.executables {node}', *words) as process,
             Role('relay') as relay,
@@ -95,7 +95,7 @@ def start(probe: Any, order: str, node: str = 'joint_observer') -> dict[str, int
             if order != 'publisher first':
                 process.prints(' estimates ')
                 probe.until(lambda: relay.said and listener._subscriptions[0].get_publisher_count())
-                probe.spin(APART)
+                probe.spin(PAUSE)
                 publisher = publisher or Role('publish')
                 publisher.go_on()
             with publisher:

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 import psutil
 
-from estimator_pkg.ros.runtime import settle_environment
+from estimator_pkg.ros.runtime import prepare_environment
 
 JOINTS = 7  # in each message
 MODULE = 'estimator_pkg.nodes.executables {}'
@@ -38,7 +38,7 @@ def process(
     module: str = MODULE.format('joint_observer'),
 ) -> Iterator[subprocess.Popen]:
     """Run a role of `roles`, or 'node' for `module`, as a process that ends with the block."""
-    settle_environment()
+    prepare_environment()
     environment = {
         **os.environ,
         'ROS_DOMAIN_ID': str(domain),

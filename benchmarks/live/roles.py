@@ -152,17 +152,17 @@ def time_answers(topic: str) -> None:
         return node
 
     run_node(make, [])
-    settled = sorted(late[len(late) // 4 :])  # without the time after the connection
+    steady = sorted(late[len(late) // 4 :])  # without the time after the connection
     print(
         json.dumps(
             {
                 'answered': len(late),
                 **(
                     {
-                        'median_ms': 1e-6 * statistics.median(settled),
-                        'late_ms': 1e-6 * settled[int(0.99 * (len(settled) - 1))],
+                        'median_ms': 1e-6 * statistics.median(steady),
+                        'late_ms': 1e-6 * steady[int(0.99 * (len(steady) - 1))],
                     }
-                    if settled
+                    if steady
                     else {}
                 ),
             }

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import preference
-from benchmarks.accuracy import ALL, spread
+from benchmarks.accuracy import ALL, drawn
 from benchmarks.signals import (
     START_ANGLE,
     Motion,
@@ -365,7 +365,7 @@ def _constants(plt: Any) -> Any:
     figure, axes = plt.subplots(4, 3, figsize=(8, 9.5), sharex=True, sharey=True)
 
     def pooled() -> dict[str, float]:
-        rows = spread([ENTRY], chosen, DRAWS, 4.0, fast=False)['rows']
+        rows = drawn([ENTRY], chosen, DRAWS, 4.0, fast=False)['rows']
         return {row['signal']: row['pooled'] for row in rows}
 
     usual = pooled()

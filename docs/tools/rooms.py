@@ -32,7 +32,7 @@ CAPTIONS = {  # what is above may import what is below
     'models': 'mechanisms and motors',
 }
 WIDTH, HEIGHT, ROW, MARGIN = 300, 44, 58, 12  # of a box, from box to box, at the border [px]
-REACH = 46  # how far an arrow bows out for each row that it passes [px]
+BOW = 46  # how far an arrow bows out for each row that it passes [px]
 
 
 def imported(path: Path) -> Iterator[str]:
@@ -69,7 +69,7 @@ def _arrow(start: str, end: str, leaving: list[str], arriving: list[str]) -> str
     first, last = order.index(start), order.index(end)
     y0 = MARGIN + first * ROW + HEIGHT * (0.55 + 0.4 * leaving.index(end) / len(leaving))
     y1 = MARGIN + last * ROW + HEIGHT * (0.08 + 0.4 * arriving.index(start) / len(arriving))
-    x, bow = MARGIN + WIDTH, MARGIN + WIDTH + 24 + REACH * (last - first)
+    x, bow = MARGIN + WIDTH, MARGIN + WIDTH + 24 + BOW * (last - first)
     return (
         f'<path class="arrow" d="M{x} {y0:.0f} C{bow} {y0:.0f} {bow} {y1:.0f} {x} {y1:.0f}">'
         f'<title>{start} imports {end}</title></path>'
@@ -92,7 +92,7 @@ def picture() -> str:
         raise ValueError(f'CAPTIONS does not order the rooms {rooms()} for {found}')
     below = {a: sorted((b for b in order if (a, b) in found), key=order.index)[::-1] for a in order}
     above = {b: sorted((a for a in order if (a, b) in found), key=order.index)[::-1] for b in order}
-    width = 2 * MARGIN + WIDTH + REACH * (len(order) - 1) * 0.8
+    width = 2 * MARGIN + WIDTH + BOW * (len(order) - 1) * 0.8
     return '\n'.join(
         [
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" '

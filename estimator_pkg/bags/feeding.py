@@ -14,7 +14,7 @@ from estimator_pkg.errors import plainly
 from estimator_pkg.messages.block import Block
 from estimator_pkg.streams.contract import Answers, Stream
 
-APART = 8  # ranks between two answers; larger than the number of outputs
+STRIDE = 8  # ranks between two answers; larger than the number of outputs
 
 
 def answers(stream: Stream, names: Sequence[str], block: Block) -> list[Answers]:
@@ -45,7 +45,7 @@ def _one_by_one(stream: Stream, ports: Sequence[int], block: Block) -> list[Answ
             for output, message in answer.items():
                 rows, ranks, raws = made.setdefault((output, len(message)), ([], [], []))
                 rows.append(row)
-                ranks.append(APART * number + output + 1)
+                ranks.append(STRIDE * number + output + 1)
                 raws.append(message)
     return [
         Answers(

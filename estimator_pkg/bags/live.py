@@ -18,7 +18,7 @@ from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.optional import missing
 
 try:
-    from estimator_pkg.ros.runtime import make_executor  # isort: skip  settles the environment
+    from estimator_pkg.ros.runtime import make_executor  # isort: skip  prepares the environment
     import rclpy
     from rclpy.duration import Duration
     from rclpy.qos import (

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import streams
-from estimator_pkg.bags.feeding import APART, answers
+from estimator_pkg.bags.feeding import STRIDE, answers
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series, at_stamps, of_positions, positions
 from estimator_pkg.bags.wiring import Setup
@@ -297,7 +297,7 @@ class _Collected:
                 continue
             count, size = each.raw.shape
             keys = (each.rows + self._first) * 2**16 + np.broadcast_to(
-                np.asarray(each.rank) // APART, count
+                np.asarray(each.rank) // STRIDE, count
             )
             ends, none = np.arange(1, count + 1) * size, np.zeros(count, np.int64)
             groups, _ = decode_block(Block(none, none, none, each.raw.ravel(), ends - size, ends))

@@ -19,7 +19,7 @@ from estimator_pkg import interrupts
 from estimator_pkg.bags import qos, unpacking
 from estimator_pkg.bags.feeding import Encoded, answers
 from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.wiring import Setup, parameters, requested, settled
+from estimator_pkg.bags.wiring import Setup, parameters, requested, wired
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError
@@ -235,7 +235,7 @@ def _setup(bag: Bag, parsed: argparse.Namespace) -> Setup:
     assignments = parse_assignments(parsed.set)
     stream = requested(bag, parsed.observer, parsed.params, assignments, parsed.name)
     values = parameters(stream, parsed.params, assignments, parsed.observer, parsed.name)
-    return settled(
+    return wired(
         stream, bag, values, Request(parsed.measurement, parsed.angle, tuple(parsed.joint))
     )
 

@@ -59,8 +59,8 @@ class Setup:
         return stream
 
 
-def settled(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Request) -> Setup:
-    """Complete parameters and topics from the bag.
+def wired(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Request) -> Setup:
+    """Return the setup: parameters and topics, completed from the bag.
 
     Raises
     ------

@@ -199,7 +199,7 @@ class Mechanism(Joint):
         )
         if missing:
             return f'waiting for {", ".join(missing)}'
-        apart_ns = min(
+        nearest_ns = min(
             (
                 abs(one.stamp_ns - other.stamp_ns)
                 for one, other in combinations(self._pending, 2)
@@ -208,7 +208,7 @@ class Mechanism(Joint):
             default=0,
         )
         return (
-            f'the stamps of its joints differ by at least {apart_ns * 1e-9:g} s: increase '
+            f'the stamps of its joints differ by at least {nearest_ns * 1e-9:g} s: increase '
             'pair_tolerance'
         )
 

@@ -36,7 +36,7 @@ class Pairs:
     Attributes
     ----------
     unpaired : number of messages without a partner.
-    apart_ns : smallest difference of unpaired stamps since the last pair; None if there was
+    nearest_ns : smallest difference of unpaired stamps since the last pair; None if there was
         nothing to compare.
     """
 
@@ -45,7 +45,7 @@ class Pairs:
         self._waiting: tuple[deque, deque] = (deque(), deque())
         self.paired = 0
         self.unpaired = 0
-        self.apart_ns: int | None = None
+        self.nearest_ns: int | None = None
 
     def put(self, kind: int, stamp_ns: int, vector: Vector) -> list[Pair]:
         """Take a message of `kind`; return the completed pairs, usually one at most."""
@@ -64,17 +64,17 @@ class Pairs:
         currents, voltages = self._waiting
         found = []
         while currents and voltages:
-            apart = currents[0][0] - voltages[0][0]
-            if abs(apart) <= self._tolerance:
+            difference = currents[0][0] - voltages[0][0]
+            if abs(difference) <= self._tolerance:
                 stamp_ns, current = currents.popleft()
                 voltage = voltages.popleft()[1]
                 found.append(Pair(stamp_ns, (*current, *voltage)))
                 self.paired += 1
-                self.apart_ns = None
+                self.nearest_ns = None
                 continue
-            if self.apart_ns is None or abs(apart) < self.apart_ns:
-                self.apart_ns = abs(apart)
-            (voltages if apart > 0 else currents).popleft()
+            if self.nearest_ns is None or abs(difference) < self.nearest_ns:
+                self.nearest_ns = abs(difference)
+            (voltages if difference > 0 else currents).popleft()
             self.unpaired += 1
         return found
 

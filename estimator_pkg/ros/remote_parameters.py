@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
-from estimator_pkg.ros import runtime  # noqa: F401  settles what rclpy reads  # isort: skip
+from estimator_pkg.ros import runtime  # noqa: F401  sets what rclpy reads  # isort: skip
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python

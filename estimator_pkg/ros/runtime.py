@@ -32,7 +32,7 @@ MIXED = 'Sequence should be of same type'  # rcl's error for a list with boolean
 SPIN = 0.1  # longest time until an interrupt is noticed [s]
 
 
-def settle_environment() -> None:
+def prepare_environment() -> None:
     """Let ROS from PyPI find its packages, and keep BLAS on one thread (small matrices only)."""
     index = os.path.join(sys.prefix, 'share', 'ament_index')
     if not os.environ.get('AMENT_PREFIX_PATH') and os.path.isdir(index):
@@ -41,7 +41,7 @@ def settle_environment() -> None:
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
 
 
-settle_environment()
+prepare_environment()
 
 
 def make_executor() -> SteadyExecutor:

@@ -297,10 +297,10 @@ class DriveStream(Stream):
         unbalanced = self._why_unbalanced()
         if unbalanced:
             return unbalanced
-        if pairs.apart_ns is not None:
+        if pairs.nearest_ns is not None:
             return (
                 f'currents and voltages do not pair: their stamps differ by at least '
-                f'{pairs.apart_ns * 1e-9:g} s: increase pair_tolerance'
+                f'{pairs.nearest_ns * 1e-9:g} s: increase pair_tolerance'
             )
         if received and not pairs.paired and not self.joint.received and not malformed:
             return 'only one of current and voltage arrives: check both topics'

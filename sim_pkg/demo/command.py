@@ -22,7 +22,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import show
 from estimator_pkg.ros.domain import free_domain
-from estimator_pkg.ros.runtime import settle_environment
+from estimator_pkg.ros.runtime import prepare_environment
 from estimator_pkg.watch import wrapped
 
 COUNTS = 4096
@@ -80,7 +80,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f'--duration {parsed.duration:g} is not between 0.5 and 3600 s')
     from sim_pkg.demo.processes import ended_on_any_signal
 
-    settle_environment()
+    prepare_environment()
     environment = os.environ | {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         # an own domain, so that two demos on one machine do not receive each other's messages

@@ -100,7 +100,7 @@ class Motor:
             torque -= math.copysign(friction, torque)
         return torque / self._p.inertia
 
-    def settle(self, t: float, q: float, before: float, w: float, u: float) -> float:
+    def stick(self, t: float, q: float, before: float, w: float, u: float) -> float:
         """Return w, or 0 where Coulomb friction stops a slow or reversing joint [rad/s]."""
         friction = self._p.coulomb
         slow = abs(w) <= SUBSTEP * friction / self._p.inertia

@@ -75,7 +75,7 @@ class Plant(Protocol):
     def acceleration(self, t: float, q: float, w: float, u: float) -> float:
         """Return q'' [rad/s^2]."""
 
-    def settle(self, t: float, q: float, before: float, w: float, u: float) -> float:
+    def stick(self, t: float, q: float, before: float, w: float, u: float) -> float:
         """Return the velocity [rad/s] after a step w, corrected for Coulomb friction."""
 
     def event(self, first: float, last: float) -> tuple[float, str] | None:
@@ -106,7 +106,7 @@ def advance(
         w4 = w + h * k3
         k4 = plant.acceleration(at + h, q + h * w3, w4, u)
         before, q = w, q + h / 6.0 * (w + 2.0 * (w2 + w3) + w4)
-        w = plant.settle(at + h, q, before, w + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), u)
+        w = plant.stick(at + h, q, before, w + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), u)
     return _Motion(q, w)
 
 

@@ -78,7 +78,7 @@ class Gripper:
         """Return q'' [rad/s^2]."""
         return gripper.dynamics((q, w), self._now, (u,))[1]
 
-    def settle(self, t: float, q: float, before: float, w: float, u: float) -> float:
+    def stick(self, t: float, q: float, before: float, w: float, u: float) -> float:
         """Return w: this plant has no Coulomb friction."""
         return w
 

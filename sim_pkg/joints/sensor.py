@@ -312,8 +312,8 @@ class Line:
             taken = taken + _whole(p.sampling_jitter * SECOND * self._sampling.random(count))
         stamp = taken
         if p.stamp_jitter > 0.0:
-            spread = 2.0 * self._stamps.random(count) - 1.0
-            stamp = taken + _whole(p.stamp_jitter * SECOND * spread)
+            uniform = 2.0 * self._stamps.random(count) - 1.0
+            stamp = taken + _whole(p.stamp_jitter * SECOND * uniform)
         arrives: Mask = self._gaps.ends(first, count) == 0
         if p.dropped > 0.0:
             arrives = arrives & (self._dropped.random(count) >= p.dropped)

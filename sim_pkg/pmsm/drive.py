@@ -255,10 +255,10 @@ class Drive:
             theta,
             0.0,
         )
-        bits, reach = parameters.adc_bits, parameters.adc_range
+        bits, full_scale = parameters.adc_bits, parameters.adc_range
         self._drive = (
-            2.0 * reach / 2**bits if bits else 0.0,
-            reach,
+            2.0 * full_scale / 2**bits if bits else 0.0,
+            full_scale,
             parameters.dead_time * parameters.sample_rate,
             parameters.sampling_offset,
             parameters.voltage_delay,

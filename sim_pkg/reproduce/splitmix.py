@@ -23,7 +23,7 @@ def integers(seed: int, count: int) -> NDArray[np.uint64]:
     return mixed ^ (mixed >> np.uint64(31))
 
 
-def uniforms(seed: int, count: int, reach: float = 1.0) -> NDArray[np.float64]:
-    """Uniform numbers in [-reach, reach), shape (count,), from the upper 53 bits of each output."""
+def uniforms(seed: int, count: int, bound: float = 1.0) -> NDArray[np.float64]:
+    """Uniform numbers in [-bound, bound), shape (count,), from the upper 53 bits of each output."""
     fractions = (integers(seed, count) >> np.uint64(11)).astype(np.float64) * 2.0**-53
-    return reach * (2.0 * fractions - 1.0)
+    return bound * (2.0 * fractions - 1.0)

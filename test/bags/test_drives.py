@@ -160,11 +160,11 @@ def test_single_samples_and_phases_give_the_same_estimates_as_batches(tmp_path):
     simulate(tmp_path / 'single', *common, *settings(publish='single'))
     simulate(tmp_path / 'phases', *common, *settings(publish='single', phase_values='true'))
     found = {}
-    apart = settings(input='current_voltage')
+    vectors = settings(input='current_voltage')
     for name, words in (
         ('batches', []),
-        ('single', apart),
-        ('phases', [*apart, *settings(frame='abc')]),
+        ('single', vectors),
+        ('phases', [*vectors, *settings(frame='abc')]),
     ):
         with replay(
             tmp_path / name, tmp_path / f'{name}_out', *words, *settings(compile='false')

@@ -148,7 +148,7 @@ def test_peers_get_clean_samples_and_their_estimates_stand_at_their_stamps():
     rows, time, unwrapped = column.cleaned()
     assert rows.tolist() == [0, 3] and time.tolist() == [0.0, 3.0]
     assert unwrapped == pytest.approx([3.0, 2.0 * math.pi - 3.0])
-    assert np.isnan(column.spread(rows, np.ones(2))).tolist() == [False, True, True, False, True]
+    assert np.isnan(column.at_rows(rows, np.ones(2))).tolist() == [False, True, True, False, True]
 
 
 def test_forward_alone_sees_no_future():

@@ -206,7 +206,7 @@ def test_stamps_within_the_tolerance_pair_whatever_comes_first():
     assert pairs.put(VOLTAGE, 1010, (3.0, 4.0)) == [(1000, (1.0, 2.0, 3.0, 4.0))]
     assert pairs.put(VOLTAGE, 1990, (5.0, 6.0)) == []
     assert pairs.put(CURRENT, 2000, (7.0, 8.0)) == [(2000, (7.0, 8.0, 5.0, 6.0))]
-    assert pairs.apart_ns is None and pairs.unpaired == 0
+    assert pairs.nearest_ns is None and pairs.unpaired == 0
 
 
 @given(
@@ -233,10 +233,10 @@ def test_how_far_stamps_are_apart_is_told_until_they_pair():
     for k in range(5):
         pairs.put(CURRENT, 1000 * k, (0.0, 0.0))
         pairs.put(VOLTAGE, 1000 * k + 300, (0.0, 0.0))
-    assert pairs.apart_ns == 300 and pairs.paired == 0 and pairs.unpaired >= 8
+    assert pairs.nearest_ns == 300 and pairs.paired == 0 and pairs.unpaired >= 8
     pairs.put(CURRENT, 10_000, (0.0, 0.0))
     pairs.put(VOLTAGE, 10_000, (0.0, 0.0))
-    assert pairs.apart_ns is None and pairs.paired == 1
+    assert pairs.nearest_ns is None and pairs.paired == 1
 
 
 def test_a_clock_that_jumps_back_does_not_block():
@@ -322,8 +322,8 @@ def test_no_name_is_declared_twice():
 def test_without_tolerance_a_nanosecond_apart_is_no_pair():
     pairs = Pairs(0)
     assert pairs.put(VOLTAGE, BEGIN, (1.0, 2.0)) == []
-    assert pairs.put(CURRENT, BEGIN + 1, (3.0, 4.0)) == [] and pairs.apart_ns == 1
+    assert pairs.put(CURRENT, BEGIN + 1, (3.0, 4.0)) == [] and pairs.nearest_ns == 1
     assert [pair.sample for pair in pairs.put(VOLTAGE, BEGIN + 1, (5.0, 6.0))] == [
         (3.0, 4.0, 5.0, 6.0)
     ]
-    assert (pairs.paired, pairs.unpaired, pairs.apart_ns) == (1, 1, None)
+    assert (pairs.paired, pairs.unpaired, pairs.nearest_ns) == (1, 1, None)

@@ -64,12 +64,12 @@ def noise_power(values: Array) -> float:
     return float(np.mean(np.diff(values, 3) ** 2)) / 20.0
 
 
-def _coarse(time: Array, estimate: Array, truth: Array, step: float, reach: int) -> Array:
-    """Return the mean square error at shifts of -reach to reach steps; inf for too few samples."""
+def _coarse(time: Array, estimate: Array, truth: Array, step: float, most: int) -> Array:
+    """Return the mean square error at shifts of -most to most steps; inf for too few samples."""
     grid = np.arange(0.0, time[-1] + 0.5 * step, step)
     e = np.interp(grid, time, estimate)
     r = np.interp(grid, time, truth)
-    size = 1 << (len(grid) + reach).bit_length()
+    size = 1 << (len(grid) + most).bit_length()
 
     def spectrum(values: Array) -> NDArray[np.complex128]:
         return np.fft.rfft(values, size)
@@ -81,20 +81,20 @@ def _coarse(time: Array, estimate: Array, truth: Array, step: float, reach: int)
         + ones * spectrum(r * r).conj(),
         size,
     )
-    shifts = np.arange(-reach, reach + 1)
+    shifts = np.arange(-most, most + 1)
     count = len(grid) - np.abs(shifts)
     return np.where(count > 0.5 * len(grid), squares[shifts] / np.maximum(count, 1), np.inf)
 
 
 def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, int]:
     """Return (shift in steps, steps to the sides where the error has risen; 0: no result)."""
-    reach = len(errors) // 2
+    most = len(errors) // 2
     usable = np.isfinite(errors)
     low, high = float(np.min(errors[usable])), float(np.max(errors[usable]))
     if high - low <= clear * max(low, 0.0) + 1e-12 * scale:
         return 0, 0
     good = np.flatnonzero(errors <= low + NEAR * (high - low))
-    centre = int(good[np.argmin(np.abs(good - reach))])
+    centre = int(good[np.argmin(np.abs(good - most))])
     first = last = centre
     while first - 1 in good:
         first -= 1
@@ -110,7 +110,7 @@ def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, in
         and min(errors[best - rise], errors[best + rise]) < low + RISE * (high - low)
     ):
         rise += 1
-    return best - reach, rise
+    return best - most, rise
 
 
 def _middle(

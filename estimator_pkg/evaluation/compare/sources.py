@@ -17,7 +17,7 @@ from estimator_pkg.bags.reader import Bag, UnreadableError
 from estimator_pkg.bags.recording import Estimate, Recording
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions, with_velocity
-from estimator_pkg.bags.wiring import Setup, settled
+from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.entries import Entry
@@ -104,7 +104,7 @@ def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
     values: dict[str, Any] = {'observer': entry.observer}
     if stream.WRAPS:
         values['wrap_period'] = options.wrap_period
-    return settled(
+    return wired(
         stream, bag, {**values, **dict(entry.values)}, Request(options.measurement, options.angle)
     )
 

@@ -218,11 +218,11 @@ def jumps(seen: Readings) -> Finding:
     )
 
 
-def _two_sources(apart: float, part: float) -> Finding:
+def _two_sources(distance: float, part: float) -> Finding:
     return Finding(
         'jumps',
         FAIL,
-        f'the readings alternate between two positions {apart:.3g} rad apart '
+        f'the readings alternate between two positions {distance:.3g} rad apart '
         f'({part:.0%} of the samples)',
         'two publishers send this joint: stop one, or remap its topic',
         {'alternating': part},

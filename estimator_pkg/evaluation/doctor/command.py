@@ -20,7 +20,7 @@ from estimator_pkg import destination
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.selection import MADE, TRUTH
-from estimator_pkg.bags.wiring import settled
+from estimator_pkg.bags.wiring import wired
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare import requested
@@ -108,7 +108,7 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     (entry,) = requested.entries([drive.OBSERVER], parsed.params, parsed.set)
     settings = dict(entry.values)
     values = {'observer': drive.OBSERVER, **drive.ANY, **settings}
-    chosen = settled(DriveStream, bag, values, Request(None, None))
+    chosen = wired(DriveStream, bag, values, Request(None, None))
     found = drive.examine(bag, chosen, drive.needed(settings), parsed.motion_hz)
     nothing = np.zeros(0)
     none = Readings(found.name, np.zeros(0, np.int64), np.zeros(0, np.int64), nothing, nothing, 0.0)

@@ -16,7 +16,7 @@ from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.bags.series import Series, joint_series
-from estimator_pkg.bags.wiring import Setup, settled
+from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.doctor import angles, stamps, velocities
 from estimator_pkg.evaluation.doctor.choice import Answer, answer
@@ -65,7 +65,7 @@ def setup(
     """Return the wiring of the measurement in the bag, as `joint_observer` would have it."""
     stream = streams.named(streams.USUAL)
     values = {'wrap_period': period, **(settings or {})}
-    return settled(stream, bag, values, Request(measurement, angle))
+    return wired(stream, bag, values, Request(measurement, angle))
 
 
 def is_drive(bag: Bag, measurement: str | None, angle: str | None) -> bool:

@@ -48,10 +48,10 @@ def stamp_error(series: Series, run: NDArray[np.int64], period: float, count: fl
     usable = before + after <= 4.0 * float(np.median(before))
     part = before / (before + after)
     missed = angle[1:-1] - (1.0 - part) * angle[:-2] - part * angle[2:]
-    spread = np.sqrt(1.0 + (1.0 - part) ** 2 + part**2)
+    gain = np.sqrt(1.0 + (1.0 - part) ** 2 + part**2)
     # the neighbours after next know the speed without the stamps in question
     speed = np.abs(slopes(time, angle))[1:-1]
-    missed, speed = (missed / spread)[usable], speed[usable]
+    missed, speed = (missed / gain)[usable], speed[usable]
     bends = np.diff(missed)  # the effect of acceleration changes slowly
     speed = speed[1:]
     slow, fast = speed <= np.percentile(speed, 25), speed >= np.percentile(speed, 75)

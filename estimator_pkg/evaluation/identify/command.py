@@ -154,7 +154,7 @@ def _print(
 def _write(
     path: Path, model: str, names: tuple[str, ...], texts: tuple[str, ...], found: Found, bag: str
 ) -> None:
-    spreads = dict(zip(found.names, found.deviations))
+    deviations = dict(zip(found.names, found.deviations))
     values = dict(zip(found.names, found.values))
     delay = float(f'{max(0.0, float(values.get(DELAY, 0.0))):.6g}')
     lines = [
@@ -171,9 +171,10 @@ def _write(
         '    model_parameters:',
     ]
     for text in texts:
-        spread = spreads.get(text.partition('=')[0], np.nan)
+        deviation = deviations.get(text.partition('=')[0], np.nan)
         lines.append(
-            f'      - {scalar(text)}' + (f'  # +- {spread:.2g}' if np.isfinite(spread) else '')
+            f'      - {scalar(text)}'
+            + (f'  # +- {deviation:.2g}' if np.isfinite(deviation) else '')
         )
     destination.write_text(path, '\n'.join(lines) + '\n')
 

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 
 FINEST = 5e-4  # longest integration step if the model compiles [s]
 ROUNDS = 60  # largest number of iterations
-SETTLED = 0.01  # a smaller change, in standard deviations, ends the fit
+CONVERGED = 0.01  # a smaller change, in standard deviations, ends the fit
 DELAY = 'input_delay'
 LATEST = 0.1  # largest delay of the inputs [s]
 
@@ -105,7 +105,7 @@ def fit(
         weights = 1.0 / np.maximum(_rms(recording, predict, first, starts, numbers), 1e-12)
     deviations = _deviations(recording, predict, first, starts, numbers, weights, names)
     for piece in second:
-        _settle_start(recording, predict, piece, starts, numbers, weights)
+        _fit_start(recording, predict, piece, starts, numbers, weights)
     return Found(
         names,
         numbers,
@@ -294,7 +294,7 @@ def _minimise(
             noise = cost / sum(len(line[1]) for line in lines)
             damping = max(0.1 * damping, 1e-12)
             # in units of the change that noise alone would cause
-            if np.all(np.abs(change) * np.sqrt(size) <= SETTLED * np.sqrt(noise)):
+            if np.all(np.abs(change) * np.sqrt(size) <= CONVERGED * np.sqrt(noise)):
                 return numbers
         else:
             damping = max(damping, 1e-9) * 10.0
@@ -303,7 +303,7 @@ def _minimise(
     return numbers
 
 
-def _settle_start(
+def _fit_start(
     recording: Recording,
     predict: Predict,
     piece: Piece,

@@ -164,8 +164,8 @@ def _solve(rows: Array, wanted: Array) -> tuple[Array, Array]:
             rest = wanted - rows @ answer
             covariance = np.zeros((len(COLUMNS), len(COLUMNS)))
             # neighbouring windows share their samples
-            spread = OVERLAP * float(rest @ rest) / max(1, len(wanted) - int(use.sum()))
-            covariance[np.ix_(use, use)] = inverse * spread
+            variance = OVERLAP * float(rest @ rest) / max(1, len(wanted) - int(use.sum()))
+            covariance[np.ix_(use, use)] = inverse * variance
             return answer, covariance
         use[min(wrong, key=lambda k: answer[k] * np.linalg.norm(rows[:, k]))] = False
 
@@ -179,7 +179,7 @@ def _named(answer: Array, covariance: Array) -> tuple[dict[str, float], dict[str
         )
     sine, cosine = float(answer[3]), float(answer[4])
     size = math.hypot(sine, cosine)
-    spread = np.sqrt(np.diag(covariance))
+    stddev = np.sqrt(np.diag(covariance))
     block = covariance[3:5, 3:5]
     along = np.array([sine, cosine]) / size if size > 0.0 else np.array([1.0, 0.0])
     across = np.array([-along[1], along[0]])
@@ -192,11 +192,11 @@ def _named(answer: Array, covariance: Array) -> tuple[dict[str, float], dict[str
         'bias': float(answer[5]),
     }
     deviations = {
-        'inertia': float(spread[0]),
-        'damping': float(spread[1]),
-        'coulomb': float(spread[2]),
+        'inertia': float(stddev[0]),
+        'damping': float(stddev[1]),
+        'coulomb': float(stddev[2]),
         'gravity': math.sqrt(float(along @ block @ along)),
         'hanging': math.sqrt(float(across @ block @ across)) / size if size else math.pi,
-        'bias': float(spread[5]),
+        'bias': float(stddev[5]),
     }
     return values, deviations

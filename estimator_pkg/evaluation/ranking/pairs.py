@@ -71,8 +71,8 @@ def of_sums(sums: Sequence[NDArray], counts: Sequence[NDArray]) -> Difference:
     for each, count, full in zip(sums, counts, filled):
         rest = each[full] - mean * count[full]
         variance += float(rest @ rest) + 2.0 * max(0.0, float(rest[1:] @ rest[:-1]))
-    spread = math.sqrt(variance * number / (number - 1)) / total
-    return Difference(mean, student(number - 1) * spread)
+    error = math.sqrt(variance * number / (number - 1)) / total
+    return Difference(mean, student(number - 1) * error)
 
 
 def student(degrees: int, confidence: float = CONFIDENCE) -> float:

@@ -163,10 +163,10 @@ def _solve(
             deviations = np.sqrt(variance * np.diag(inverse @ (weights.T @ weights) @ inverse.T))
             vague = [name for name, deviation in zip(use, deviations) if deviation > limits[name]]
             if not vague:
-                answer, spreads = [np.nan] * 3, [np.nan] * 3
+                answer, stddevs = [np.nan] * 3, [np.nan] * 3
                 for name, value, deviation in zip(use, values, deviations):
-                    answer[name], spreads[name] = float(value), float(deviation)
-                return tuple(answer), tuple(spreads)
+                    answer[name], stddevs[name] = float(value), float(deviation)
+                return tuple(answer), tuple(stddevs)
             use.remove(max(vague))  # the slope first, then the lag, then the bias
         else:
             use.pop()

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 BANDS = 2000  # points of a band, which changes slowly
 TALL, LOW = 220, 110  # height of a panel [pixels]
-APART = 0.5  # lines of several statuses are drawn within this distance
+SPACING = 0.5  # lines of several statuses are drawn within this distance
 
 
 def group(comparison: Comparison, joint: str, rows: Sequence[Row], points: int) -> dict[str, Any]:
@@ -81,7 +81,7 @@ def _status(rows: Sequence[Row], points: int, first: float, last: float) -> dict
             if not len(status):
                 continue
             chosen = changes(status, points)
-            offset = APART * (i / (len(rows) - 1) - 0.5) if len(rows) > 1 else 0.0
+            offset = SPACING * (i / (len(rows) - 1) - 0.5) if len(rows) > 1 else 0.0
             highest = max(highest, int(status.max()))
             curves.append(
                 curve(

@@ -232,17 +232,17 @@ def picture(found: Sequence[Sweep], styles: Mapping[str, Style], joint: str) -> 
     if not known.any():
         return ''
     late = own[known, 0] * 1e3
-    reach = BEYOND * max(float(late.max()), 1.0)
+    widest = BEYOND * max(float(late.max()), 1.0)
     noise = [own[known, 1]]
     curves = []
     for each in found:
-        seen = np.isfinite(each.delay) & (each.delay * 1e3 <= reach)
+        seen = np.isfinite(each.delay) & (each.delay * 1e3 <= widest)
         noise.append(each.noise[seen])
         curves.append((each.source, each.delay[seen] * 1e3, each.noise[seen]))
     top = BEYOND * max(float(np.max(own[known, 1])), 1e-12)
     noise = [each[each <= top] for each in noise]
     x = Axis.around(
-        'delay [ms]', [np.append(late, 0.0), *(np.minimum(each, reach) for _, each, _ in curves)]
+        'delay [ms]', [np.append(late, 0.0), *(np.minimum(each, widest) for _, each, _ in curves)]
     )
     y = Axis.around('noise [rad/s]', noise, log=True)
     plot = Plot(f'noise against delay: {joint}', x, y, styles, 470, 330)

@@ -208,7 +208,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             return [record for part in parts for record in part]
 
         seen, judged = of(parsed.bags, held_out), of(parsed.judge, 0.0)
-        _check_apart(seen, judged)
+        _check_disjoint(seen, judged)
         groups = _groups(seen, tuning, parsed.per_joint)
         usable = [record for record in seen if not record.why]
         fast = sum(each.seen.recording.size() for each in usable) * parsed.trials >= COMPILE_FROM
@@ -303,7 +303,7 @@ def _recorded(parsed: argparse.Namespace, tuning: TuneSettings) -> Any:
     return live.recorded((named,) if named else usual, parsed.truth or TRUTH, parsed.live)
 
 
-def _check_apart(seen: Sequence[Record], judged: Sequence[Record]) -> None:
+def _check_disjoint(seen: Sequence[Record], judged: Sequence[Record]) -> None:
     """Raise UsageError if a recording is used both for tuning and for validation."""
     both = {Path(record.bag).resolve() for record in seen} & {
         Path(record.bag).resolve() for record in judged

@@ -73,17 +73,17 @@ def records(
         measurement = measured(bag, options)
         whole = recording(entry, bag, measurement, options)
         true = truth(bag, path, measurement, options)
-    apart = whole.by_joint()
-    if '' not in apart:
-        check_common(path, entry.observer, apart, true)
-    if joints and set(apart) == {''}:
+    by_label = whole.by_joint()
+    if '' not in by_label:
+        check_common(path, entry.observer, by_label, true)
+    if joints and set(by_label) == {''}:
         raise UsageError(f"--joint: '{entry.observer}' estimates its joints together: omit --joint")
     for name in joints:
-        if name not in apart:
-            raise UserError(f"{path}: no joint '{name}'; it has {', '.join(sorted(apart))}")
+        if name not in by_label:
+            raise UserError(f"{path}: no joint '{name}'; it has {', '.join(sorted(by_label))}")
     quanta = {joint: quantum(series.position) for joint, series in measurement.items()}
     found = []
-    for label, each in apart.items():
+    for label, each in by_label.items():
         if joints and label not in joints:
             continue
         if label and label not in true.series and label not in true.motions:

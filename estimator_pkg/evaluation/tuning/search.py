@@ -22,7 +22,7 @@ import numpy as np
 from estimator_pkg import interrupts
 from estimator_pkg.evaluation.tuning.study import BATCH, Dimension, Study, Trial, Value
 
-SPREAD = 2  # batches of evenly spread points, before the parabola
+EVEN = 2  # batches of evenly distributed points, before the parabola
 NEAREST = 10  # smallest number of trials for the parabola
 GOLDEN = 0.6180339887498949
 
@@ -91,7 +91,7 @@ def search(
             points: list[dict[str, Value]] = []
             if number == 0:
                 points = _first(dimensions, start)[:size]
-            if number < SPREAD:  # a study that continues has these already
+            if number < EVEN:  # a study that continues has these already
                 while len(points) < size:
                     points.append(_even(dimensions, offsets, number * BATCH + len(points)))
             else:
@@ -164,7 +164,7 @@ def _parabola(
             )
             - best
         )
-        reach = float(np.max(np.abs(places))) or 1.0
+        farthest = float(np.max(np.abs(places))) or 1.0
         costs = np.log([max(trial.cost, 1e-300) for trial in kept])
         weights = np.exp(-0.5 * np.arange(len(kept)) / len(kept) * 3.0)
         pairs = [(i, j) for i in range(size) for j in range(i, size)]
@@ -183,10 +183,12 @@ def _parabola(
             bend[j, i] += value
         values, vectors = np.linalg.eigh(bend)
         slope = vectors.T @ fitted[1 : 1 + size]
-        step = np.where(values > 1e-6, -slope / np.maximum(values, 1e-6), -np.sign(slope) * reach)
-        centre = np.clip(best + np.clip(vectors @ step, -reach, reach), 0.0, 1.0)
+        step = np.where(
+            values > 1e-6, -slope / np.maximum(values, 1e-6), -np.sign(slope) * farthest
+        )
+        centre = np.clip(best + np.clip(vectors @ step, -farthest, farthest), 0.0, 1.0)
     random = np.random.default_rng((seed, number))
-    radius = 0.1 * GOLDEN ** (2 * (number - SPREAD))
+    radius = 0.1 * GOLDEN ** (2 * (number - EVEN))
     points = [centre]
     while len(points) < count:
         around = best if len(points) % 2 else centre

@@ -42,7 +42,7 @@ STEP = 1e-4  # integration step [s]
 DURATION = 8.0  # duration of Figures 4 and 5 [s]
 STEPS = round(DURATION / STEP)
 NOISE_HOLD = 10  # steps for which a noise value is constant: 1 ms
-NOISE_REACH = math.radians(15.0)  # largest noise [rad]
+NOISE_BOUND = math.radians(15.0)  # largest noise [rad]
 MARGIN = math.radians(5.0)  # delta_pi
 K1, K2 = 6.0, 5.0  # the paper's k_v and k_p
 FOUR = ('sin', 'tan', 'saw', 'sat')
@@ -179,7 +179,7 @@ def figure_5(injection: str, seed: int) -> Trace:
     ----------
     seed : seed of the splitmix64 stream. The paper states neither distribution nor bandwidth.
     """
-    held = splitmix.uniforms(seed, STEPS // NOISE_HOLD, NOISE_REACH)
+    held = splitmix.uniforms(seed, STEPS // NOISE_HOLD, NOISE_BOUND)
     return _run(
         injection, (*observer_gains(K1, K2, 0.1), 0.03), MARGIN, np.repeat(held, NOISE_HOLD)
     )

@@ -22,7 +22,7 @@ RATE = 20000.0
 DURATION = 0.6  # s
 SEEDS = 10
 NOISE = 0.1  # A
-STEP, REACH = 120.0 / 4096.0, 60.0  # A, of the 12-bit ADC
+STEP, FULL_SCALE = 120.0 / 4096.0, 60.0  # A, of the 12-bit ADC
 RPM = math.pi / 30.0
 
 FORMS: dict[str, dict[str, Any]] = {
@@ -47,7 +47,7 @@ def noisy(rpm: float, seed: int) -> tuple[Signals, NDArray[np.float64]]:
     mean = truth.voltage * np.exp(-1j * half) * math.sin(half) / half
     noise = NOISE * random_stream(seed, 'aliasing').standard_normal((len(times), 2))
     read = np.column_stack((truth.current.real, truth.current.imag)) + noise
-    read = STEP * np.round(np.clip(read, -REACH, REACH) / STEP)
+    read = STEP * np.round(np.clip(read, -FULL_SCALE, FULL_SCALE) / STEP)
     return truth, np.column_stack((read, mean.real, mean.imag))
 
 

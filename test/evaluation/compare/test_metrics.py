@@ -274,10 +274,10 @@ def test_reference_noise_does_not_draw_its_lag_to_zero():
         found.append(
             reference.fit(time, 0.5 * np.cos(5.0 * (time - 0.002)) + noise, position, TURN)
         )
-    spread = np.mean([one.lag_stddev for one in found])
-    assert np.mean([one.lag_s for one in found]) == pytest.approx(0.002, abs=spread)
-    assert np.std([one.lag_s for one in found]) < 2.0 * spread
-    assert spread < 0.5e-3
+    stddev = np.mean([one.lag_stddev for one in found])
+    assert np.mean([one.lag_s for one in found]) == pytest.approx(0.002, abs=stddev)
+    assert np.std([one.lag_s for one in found]) < 2.0 * stddev
+    assert stddev < 0.5e-3
 
 
 def test_reference_at_rest_has_a_bias_and_no_lag():

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.drive_ranking import CONDITIONS, MOTOR, run
 from estimator_pkg import params_file, streams
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.wiring import settled
+from estimator_pkg.bags.wiring import wired
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation.doctor import drive
@@ -135,7 +135,7 @@ def test_what_is_missing_is_named_with_its_unit(bare, tmp_path, capsys):
 def test_wrong_motor_data_are_named(name, factor, check):
     with open_bag(REVERSAL) as bag:
         values = {'observer': 'pmsm', **MOTOR, name: factor * MOTOR[name]}
-        setup = settled(streams.named('drive'), bag, values, Request(None, None))
+        setup = wired(streams.named('drive'), bag, values, Request(None, None))
         found = drive._of_back_emf(back_emf(signals(bag, setup), values), values)
     (finding,) = (each for each in found if each.check == check)
     assert finding.level == 'WARN' and finding.remedy

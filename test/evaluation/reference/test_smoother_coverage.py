@@ -63,10 +63,10 @@ def held(speed, noise, seeds):
         stamps = np.arange(COUNT) * round(STEP * 1e9) + 10**9
         found = smooth(stamps, readings, 0.0)
         inner = found.firm & (np.arange(COUNT) >= ENDS) & (np.arange(COUNT) < COUNT - ENDS)
-        error, spread = (found.velocity - velocity)[inner], found.velocity_stddev[inner]
+        error, stddev = (found.velocity - velocity)[inner], found.velocity_stddev[inner]
         squares.append(np.mean(error**2))
         told.append(found.uncertainty**2)
-        within.append(np.mean(np.abs(error) <= 1.96 * spread))
+        within.append(np.mean(np.abs(error) <= 1.96 * stddev))
     return math.sqrt(np.mean(squares)), math.sqrt(np.mean(told)), float(np.mean(within))
 
 
@@ -196,11 +196,11 @@ def test_a_site_gives_the_moments_of_a_gaussian_in_a_cell(mean, variance, noise)
     weight = np.exp(logs - top)
     total = np.sum(weight)
     centre = np.sum(weight * at) / total
-    spread = np.sum(weight * (at - centre) ** 2) / total
+    scatter = np.sum(weight * (at - centre) ** 2) / total
     precision, pull, log_z = site(mean, variance, half, noise)
     left = 1.0 / (1.0 / variance + precision)
-    assert left == pytest.approx(spread, rel=2e-2)
-    assert left * (mean / variance + pull) == pytest.approx(centre, abs=0.02 * math.sqrt(spread))
+    assert left == pytest.approx(scatter, rel=2e-2)
+    assert left * (mean / variance + pull) == pytest.approx(centre, abs=0.02 * math.sqrt(scatter))
     assert log_z == pytest.approx(top + math.log(total * (at[1] - at[0])), abs=0.02)
 
 

@@ -16,7 +16,7 @@ from estimator_pkg.observers.angle.smoother import Smoother
 
 DENSITY, NOISE, COUNT, READINGS, STRAY = 3e4, 1e-6, 7, 12, 4
 FIRST = np.array([0.2, 1.0, -3.0])  # x, v, a at the last result
-SPREAD = np.array([[2e-6, 1e-5, 2e-4], [1e-5, 3e-2, 0.1], [2e-4, 0.1, 20.0]])
+COVARIANCE = np.array([[2e-6, 1e-5, 2e-4], [1e-5, 3e-2, 0.1], [2e-4, 0.1, 20.0]])
 UPPER = np.triu_indices(3)
 
 
@@ -35,7 +35,7 @@ def conditional(steps, readings, used):
     """(mean (n + 1, 3), covariance (n + 1, 3, 3)) of the states, the first before all steps."""
     n = len(steps) + 1
     mean, covariance = np.zeros(3 * n), np.zeros((3 * n, 3 * n))
-    mean[:3], covariance[:3, :3] = FIRST, SPREAD
+    mean[:3], covariance[:3, :3] = FIRST, COVARIANCE
     for k, h in enumerate(steps, 1):
         f, q = transition(h)
         here, before = slice(3 * k, 3 * k + 3), slice(3 * k - 3, 3 * k)
@@ -67,7 +67,7 @@ def test_the_smoother_is_the_conditional_mean_with_its_variance():
     steps, readings, used = window()
     smoother = Smoother(0.1, 0.0)
     smoother.noise = NOISE
-    state = (*FIRST.tolist(), *SPREAD[UPPER].tolist())
+    state = (*FIRST.tolist(), *COVARIANCE[UPPER].tolist())
     states, news, size, number = smoother._forward(
         state, DENSITY, steps, readings, np.diff(readings, prepend=0.2).tolist()
     )
@@ -103,10 +103,10 @@ def test_the_smoother_is_the_conditional_mean_with_its_variance():
     # the score: square of the adjoint and its variance, and the same of the innovations
     pairs = [(0.0, 0.0)]
     for k in range(COUNT):
-        (before, spread), after = (each[k] for each in filtered[k]), mean[k]
-        inverse = np.linalg.inv(spread)
+        (before, p), after = (each[k] for each in filtered[k]), mean[k]
+        inverse = np.linalg.inv(p)
         adjoint = inverse @ (before - after)
-        variance = inverse @ (spread - covariance[k]) @ inverse
+        variance = inverse @ (p - covariance[k]) @ inverse
         pairs.append((steps[k] * adjoint[2] ** 2, steps[k] * variance[2, 2]))
     squared, varied = np.sum(pairs, axis=0)
     inner = [each for each, k in zip(zip(squares, foreseen), used) if k < COUNT]

@@ -40,10 +40,10 @@ def test_natural_frequency_puts_3_db_at_the_bandwidth(damping):
 
 @given(st.floats(0.1, 1e3), st.floats(-1e6, 1.0), st.floats(1e-4, 1.0))
 def test_matched_poles_are_the_continuous_ones(decay, part, dt):
-    spread = part * decay * decay * 0.99 if part > 0.0 else part
-    alpha, beta = matched(decay, spread, dt)
+    square = part * decay * decay * 0.99 if part > 0.0 else part
+    alpha, beta = matched(decay, square, dt)
     expected = np.exp(
-        np.array([-decay + np.sqrt(complex(spread)), -decay - np.sqrt(complex(spread))]) * dt
+        np.array([-decay + np.sqrt(complex(square)), -decay - np.sqrt(complex(square))]) * dt
     )
     assert alpha == pytest.approx(1.0 - np.prod(expected).real, rel=1e-9, abs=1e-12)
     assert beta == pytest.approx(np.prod(1.0 - expected).real, rel=1e-6, abs=1e-12)

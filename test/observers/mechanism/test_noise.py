@@ -60,8 +60,8 @@ def test_stddev_is_the_scatter_of_the_estimate(name, form):
     velocities, _, state = driven(functions, dt, count, readings)
     design = functions.design()
     told = functions.stddev(state, functions.prepare(design, dt), design)[1]
-    spread = np.std(velocities[5000:], axis=0)
-    np.testing.assert_allclose(told, spread, rtol=0.12)
+    scatter = np.std(velocities[5000:], axis=0)
+    np.testing.assert_allclose(told, scatter, rtol=0.12)
 
 
 @pytest.mark.long

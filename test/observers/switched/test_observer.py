@@ -392,8 +392,8 @@ def test_the_noise_of_the_velocity_is_as_computed():
         state = functions.step(state, coefficients, (), (noise,), (0.0,))
         found.append(state.observed[0])
     position, velocity, _ = state.noises[0]
-    spread = np.std(np.array(found)[500:], axis=0) / 1e-6
-    assert spread[:2] == pytest.approx([math.sqrt(position), math.sqrt(velocity)], rel=0.1)
+    stddev = np.std(np.array(found)[500:], axis=0) / 1e-6
+    assert stddev[:2] == pytest.approx([math.sqrt(position), math.sqrt(velocity)], rel=0.1)
     assert math.sqrt(state.powers[0]) == pytest.approx(1e-6, rel=0.4)
 
 

@@ -69,12 +69,12 @@ def check(rows):
 
 @pytest.mark.long
 def test_one_setting_serves_every_column():
-    check(bench_accuracy.spread(draws=3, duration=5.0, fast=True)['rows'])
+    check(bench_accuracy.drawn(draws=3, duration=5.0, fast=True)['rows'])
 
 
 @pytest.mark.slow
 def test_one_setting_serves_every_column_at_a_hundred_phases_and_speeds():
-    check(bench_accuracy.spread(draws=100, fast=True)['rows'])
+    check(bench_accuracy.drawn(draws=100, fast=True)['rows'])
 
 
 def test_delay_on_the_sine_is_at_most_half_a_millisecond():
@@ -106,7 +106,7 @@ MOVING = (
 
 @pytest.mark.long
 def test_standard_deviation_covers_in_motion():
-    rows = bench_accuracy.spread(
+    rows = bench_accuracy.drawn(
         [ENTRY],
         [BY_NAME[name] for name in MOVING if name != '10 kHz'],
         draws=4,
@@ -517,7 +517,7 @@ def test_drawn_columns_differ_in_phase_and_speed_and_are_repeatable():
 
 
 def test_the_table_of_draws_says_how_often_the_yardstick_is_better():
-    found = bench_accuracy.spread(
+    found = bench_accuracy.drawn(
         [bench_accuracy.YARDSTICK, Entry('slow', 'pll')],
         (BY_NAME['sine'],),
         draws=2,
@@ -527,7 +527,7 @@ def test_the_table_of_draws_says_how_often_the_yardstick_is_better():
     rows = {row['observer']: row for row in found['rows']}
     assert rows['kalman acceleration']['worst_ratio'] == 1.0
     assert rows['slow']['worse'] == 2 and rows['slow']['worst_ratio'] > 1.05
-    assert '2 random phases' in bench_accuracy.describe_spread(found)
+    assert '2 random phases' in bench_accuracy.describe_drawn(found)
     assert rows['slow']['score'] >= rows['slow']['width'] > 0.0
 
 

@@ -277,8 +277,8 @@ def test_streams_of_the_spec(name):
 
 @pytest.mark.parametrize('period', [TURN / 7.0, 1.0, 360.0])
 def test_other_periods(period):
-    reach = make(period=period).functions.design().core.reset_from
-    assert reach == pytest.approx((math.pi - MARGIN) * period / TURN)
+    limit = make(period=period).functions.design().core.reset_from
+    assert limit == pytest.approx((math.pi - MARGIN) * period / TURN)
     t = 1e-3 * np.arange(2000)
     speed = 20.0 * period / TURN
     for gains in ({}, {'injection': 'tan', 'order': 2}, {'form': 'paper', 'bandwidth_hz': 10.0}):
