@@ -56,7 +56,7 @@ BETTER, WORSE = 0.8, 1.0  # ratio of their squares to use the fit, and to leave 
 SLIPPED = 30.0  # a revision counts as this many mean squares
 SLOWLY = 50.0  # messages: over these the residuals of a regular device average to nothing;
 WANDERS = 0.5  # this part of their mean square must not remain
-SETTLED = 0.5  # [s] of the fit before that, unless the stamps hardly jitter
+FITTED = 0.5  # [s] of the fit before that, unless the stamps hardly jitter
 AGAIN = 500.0  # messages in motion before it is used again, twice as many each time
 ENOUGH = 30.0  # messages in motion that allow to use it
 FASTER, SLOWER = 0.7, 1.6  # mean number of periods per message that shows another period
@@ -113,7 +113,7 @@ class StampRepair:
         self._base_ns = 0
         self._wander = 0.0, 0.0, 0.0  # slow mean of the residuals, its mean square, and theirs
         self._slips = 0.0  # fraction of messages that revised the number of lost ones
-        self._settled = 0  # messages since one was missed
+        self._unbroken = 0  # messages since one was missed
         self._count = self._phases = 0.0  # messages of the fit, and of the stretch
         self._late: deque[float] = deque(maxlen=MOST)
         self._per_message = 1.0
@@ -185,8 +185,8 @@ class StampRepair:
         base = stamps[0]
         steps = [b - a for a, b in pairwise(stamps)]
         middle = median(steps)
-        spread = median(abs(step - middle) for step in steps)
-        quiet = middle > 0.0 and spread < QUIET * middle
+        scatter = median(abs(step - middle) for step in steps)
+        quiet = middle > 0.0 and scatter < QUIET * middle
         numbers = [max(1, round(step / middle)) if quiet else 1 for step in steps]
         counts = list(accumulate(numbers, initial=0))
         n = len(stamps)
@@ -230,7 +230,7 @@ class StampRepair:
         if since > LATE * period or off < AT_ONCE * period:
             shift = self._shift(off, period)
         self._slips += ((shift != 0) - self._slips) / EVIDENCE
-        self._settled = self._settled + 1 if number + shift == 1 else 0
+        self._unbroken = self._unbroken + 1 if number + shift == 1 else 0
         self._per_message += (number + shift - self._per_message) / EVIDENCE
         if not FASTER < self._per_message < SLOWER:
             self._restart()
@@ -279,9 +279,9 @@ class StampRepair:
         shift = round(typical) if abs(typical) > SHIFTED else 0
         if shift:
             window.clear()
-        if shift < 0 and PLENTY < self._settled < YOUNG and self._count < YOUNG:
-            self.period *= 1.0 + shift / self._settled
-            self._count = min(self._count, float(self._settled))
+        if shift < 0 and PLENTY < self._unbroken < YOUNG and self._count < YOUNG:
+            self.period *= 1.0 + shift / self._unbroken
+            self._count = min(self._count, float(self._unbroken))
         return shift
 
     def _number(
@@ -382,7 +382,7 @@ class StampRepair:
         self._weight += moves
         if self._weight < ENOUGH:
             return
-        sure = self.jitter < QUIET * self.period or self._count * self.period >= SETTLED
+        sure = self.jitter < QUIET * self.period or self._count * self.period >= FITTED
         if self.state == LEFT_ALONE and sure and fit < BETTER * stamps:
             self.state = REPAIRED
         elif self.state == REPAIRED and fit > WORSE * stamps:

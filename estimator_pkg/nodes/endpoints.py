@@ -42,8 +42,8 @@ def get_message(name: str) -> Any:
 
 
 CONNECT = 0.02  # [s] between looks for publishers, while a topic is not subscribed to
-SETTLED = 0.1  # [s] without a change among publishers and subscribers: they know us, too
-SETTLED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
+UNCHANGED = 0.1  # [s] without a change among publishers and subscribers: they know us, too
+UNCHANGED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
 UNMATCHED = 1.0  # [s] that are waited for subscribers of our outputs that are not connected yet;
 # one whose QoS does not fit never is
 LEFT = 20  # nodes that are remembered after they ended
@@ -68,7 +68,7 @@ class Endpoints:
         self._publishers: list[Publisher] = []
         self._written: dict[str, str] = {}  # topic -> the same before remapping
         self._around: list[int] = []  # publishers of our inputs, subscriptions to our outputs
-        self._settled = monotonic() + SETTLED_AT_START  # when all of them know us
+        self._discovered = monotonic() + UNCHANGED_AT_START  # when all of them know us
         self._often: Timer | None = None  # calls `connect`
 
     @property
@@ -106,22 +106,22 @@ class Endpoints:
                 for each, count in zip(self._publishers, listeners)
             )
         if around != self._around:
-            self._around, self._settled = around, max(self._settled, now + SETTLED)
-        settled = now >= self._settled + (0.0 if matched else UNMATCHED)
+            self._around, self._discovered = around, max(self._discovered, now + UNCHANGED)
+        discovered = now >= self._discovered + (0.0 if matched else UNMATCHED)
         for each, publishers in zip(self._inputs, known):
-            each.connect(publishers, settled, node)
+            each.connect(publishers, discovered, node)
         connected = all(each.subscription for each in self._inputs)
         waits = self.outputs.look(connected)
         if self._often is None:
             return
-        if settled and connected and not waits:
+        if discovered and connected and not waits:
             self._often.cancel()  # `look` calls it, five times less often
         elif self._often.is_canceled():
             self._often.reset()
 
     def _look_often(self) -> None:
         """Call `connect` often for a while: a publisher left, and another one may come."""
-        self._settled = max(self._settled, monotonic() + SETTLED)
+        self._discovered = max(self._discovered, monotonic() + UNCHANGED)
         if self._often is not None:
             self._often.reset()
 

@@ -74,19 +74,19 @@ class Input:
         """The number of publishers that are connected."""
         return 0 if self.subscription is None else self.subscription.get_publisher_count()
 
-    def connect(self, known: int, settled: bool, node: Node) -> None:
+    def connect(self, known: int, discovered: bool, node: Node) -> None:
         """Make the subscription, or destroy it after its last publisher.
 
         Parameters
         ----------
         known : number of publishers on the topic.
-        settled : they have had time to discover this node.
+        discovered : they have had time to discover this node.
         """
         now = monotonic()
         if known:
             self.unpublished_since = now
         if self.subscription is None:
-            if settled if known else now - self.unpublished_since >= WAIT_FOR_PUBLISHER:
+            if discovered if known else now - self.unpublished_since >= WAIT_FOR_PUBLISHER:
                 self.loss.begins(time_ns())
                 self._served = False
                 self.subscription = self._make()
