@@ -28,7 +28,7 @@ LIE = 0.25  # of an innovation: a mean sample time that leaves less shows a wron
 EVEN = 0.5  # mean deviation: with a larger one no sample time is known to be the usual one
 STOPS = 4.0  # samples: a shaft that is about to stop within them may have stopped
 SEEN = 0.25  # what one repeat adds to the evidence of another clock, from 0 to 1
-APART = 0.3  # evidence above this is believed: two repeats
+BELIEVED = 0.3  # evidence above this is believed: two repeats
 
 # (by how much the last stamp was late [s]; mean deviation of the sample times, over their mean;
 # time since the reading repeats [s], 0: it does not; the longest such time after which the shaft
@@ -60,8 +60,8 @@ def repeats(state: tuple, dt: float) -> bool:
 
 def waiting(clock: Clock, dt: float) -> Clock:
     """Return the clock after a reading that repeated."""
-    late, uneven, held, longest, apart = clock
-    return (late, uneven, held + dt, longest, apart)
+    late, uneven, held, longest, evidence = clock
+    return (late, uneven, held + dt, longest, evidence)
 
 
 def resumed(clock: Clock, change: float, passed: float, pace: float, v: float) -> Clock:
@@ -71,14 +71,15 @@ def resumed(clock: Clock, change: float, passed: float, pace: float, v: float) -
     ----------
     passed : time since the last one that was [s].
     """
-    late, uneven, held, longest, apart = clock
-    apart -= 1.0 / FORGOTTEN
+    late, uneven, held, longest, evidence = clock
+    evidence -= 1.0 / FORGOTTEN
     if held > 0.0:
         short = (v * passed - change) / (v * pace)  # of the way [samples]
         if change != 0.0 and -1.5 < short < 1.5:  # the shaft had moved on
             longest = held if held > longest else longest
-            apart += SEEN if short > 0.5 else 0.0
-    return (late, uneven, 0.0, longest, 0.0 if apart < 0.0 else 1.0 if apart > 1.0 else apart)
+            evidence += SEEN if short > 0.5 else 0.0
+    evidence = 0.0 if evidence < 0.0 else 1.0 if evidence > 1.0 else evidence
+    return (late, uneven, 0.0, longest, evidence)
 
 
 def elapsed(
@@ -92,7 +93,7 @@ def elapsed(
     moved : distance of the reading from the last estimate [rad].
     motion, p : estimate before this reading, and its covariance.
     """
-    late, uneven, held, longest, apart = clock
+    late, uneven, held, longest, evidence = clock
     quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
     _, v, a, _ = motion
     if pace <= 0.0:
@@ -124,4 +125,4 @@ def elapsed(
     uneven += ((off if off < 1.0 else 1.0) - uneven) / MEMORY
     if ODD * uneven < UNEVEN:  # even enough for `elapsed` to be left out, unless it is late
         uneven = 0.0 if late == 0.0 else UNEVEN / ODD
-    return taken, (late, uneven, held, longest, apart)
+    return taken, (late, uneven, held, longest, evidence)

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 from estimator_pkg.observers.angle.core import LOST_AFTER, OUTSIDE, is_angle
 from estimator_pkg.observers.angle.edge.bandwidth import STEADY, begin_band, follow_sway
 from estimator_pkg.observers.angle.edge.clock import (
-    APART,
+    BELIEVED,
     UNEVEN,
     UNKNOWN,
     Clock,
@@ -41,7 +41,7 @@ from estimator_pkg.observers.angle.edge.constants import (
 )
 from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
 from estimator_pkg.observers.angle.edge.interval import NO_NEWS, NOTHING, interval
-from estimator_pkg.observers.angle.edge.preference import ALIKE, beside, informed, spread
+from estimator_pkg.observers.angle.edge.preference import ALIKE, beside, informed, ratios
 from estimator_pkg.observers.angle.edge.quantum import (
     FIRST_STEPS,
     JUMP,
@@ -215,7 +215,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     """
     period = float(circle.period)
     return Functions(
-        lambda: Design(float(gains.quantum), *spread(RATIO[gains.prefer])),
+        lambda: Design(float(gains.quantum), *ratios(RATIO[gains.prefer])),
         prepare,
         init,
         _make_step(period),
@@ -260,12 +260,12 @@ def _make_step(period: float) -> Callable[..., tuple]:
         x, v, a, idle = motion
         quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
         status, count, astray = lock
-        _, uneven, held, _, apart = clock
+        _, uneven, held, _, evidence = clock
         # Repeated readings
         if change == 0.0 and abs(v) * dt > REPEATS * quantum and repeats(state, dt):
             return without_reading(state, coefficients, design)
         passed = held + dt  # since the last reading that was used
-        if held > 0.0 or apart > 0.0:
+        if held > 0.0 or evidence > 0.0:
             clock = resumed(clock, change, passed, pace, v)
         # Wrong stamps
         if uneven > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
@@ -286,7 +286,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 measurement, change, first = last, 0.0, False
         # Noise and vibration
         sensor = follow_sensor(sensor, change, counted, passed, quantum)
-        if apart > APART:
+        if evidence > BELIEVED:
             sensor = aged(sensor, v)
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         convention = follow(convention, measurement, period)
@@ -429,7 +429,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
         smallest, candidate, shown, least, left, finer, _ = steps
         status, _, astray = lock
         _, _, since, _ = doubt
-        _, uneven, _, longest, apart = clock
+        _, uneven, _, longest, evidence = clock
         return (
             (measurement, v, 0.0, 0.0),
             (quantum * quantum / 12.0, 0.0, 0.0, p11, 0.0, p22),
@@ -440,7 +440,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
             (COASTING if status == TRACKING else status, 0.0, astray),
             STEADY,
             (v * v, SETTLES, since, 0.0),
-            (0.0, uneven, 0.0, longest, apart),
+            (0.0, uneven, 0.0, longest, evidence),
             ALIKE,
         )
 

@@ -78,7 +78,7 @@ def informed(other: Other, taken: Taken, shift: tuple[float, float, float], rati
     return (x + own_00 * rate - dx, v + own_01 * rate - dv, a + own_02 * rate - da, own)
 
 
-def spread(ratio: float) -> tuple[float, float, float]:
+def ratios(ratio: float) -> tuple[float, float, float]:
     """Return ratio, and variances of angle and speed over those of the first filter.
 
     Where the first one is right noise and jerk have equal shares of the speed's variance, or

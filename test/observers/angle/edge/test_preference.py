@@ -71,7 +71,7 @@ def test_a_change_while_it_runs_leaves_the_first_filter_alone():
 
 def test_the_second_filter_is_a_kalman_filter_of_its_own_density():
     # the first one takes a whole cell of variance R as S = P00 + R, f = P00/S ... 1 - f = R/S
-    coefficients = prepare(Design(QUANTUM, *under_test.spread(1.0)), 1e-3)
+    coefficients = prepare(Design(QUANTUM, *under_test.ratios(1.0)), 1e-3)
     first = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1.0)
     own = np.array([[2e-6, 1e-5, 1e-4], [1e-5, 4e-3, 1e-2], [1e-4, 1e-2, 3.0]])
     x = np.array([1e-4, -2e-2, 0.3])
@@ -96,7 +96,7 @@ def test_the_second_filter_is_a_kalman_filter_of_its_own_density():
 
 
 def test_the_variance_follows_from_equal_shares_of_noise_and_jerk():
-    assert under_test.spread(1.0) == pytest.approx((1.0, 1.0, 1.0))
-    _, _, speed = under_test.spread(8.0)
+    assert under_test.ratios(1.0) == pytest.approx((1.0, 1.0, 1.0))
+    _, _, speed = under_test.ratios(8.0)
     assert speed == pytest.approx(0.5 * (math.sqrt(8.0) + 1.0 / math.sqrt(8.0)))
-    assert under_test.spread(0.125)[2] == pytest.approx(speed)
+    assert under_test.ratios(0.125)[2] == pytest.approx(speed)
