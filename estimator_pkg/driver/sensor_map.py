@@ -72,7 +72,7 @@ from estimator_pkg.driver.sensor_marks import (
     blank_memory,
     follow,
     interrupt,
-    reach,
+    marks_of,
     refined,
     ripple_before,
     turned,
@@ -146,7 +146,7 @@ def follow_ripple(
     run, lag, share = course[RUN], course[LAG], pace[SHARE]
     if crossed != heading:
         taken = 0.0
-    if crossed != heading or heading != course[HEADING] or lag == 0 or run < reach(lag):
+    if crossed != heading or heading != course[HEADING] or lag == 0 or run < marks_of(lag):
         return float(heading), taken, 0.0, 0.0
     here = ripple_before(memory, run, lag)
     beside = ripple_before(memory, run - 1, lag) + ripple_before(memory, run + 1, lag)

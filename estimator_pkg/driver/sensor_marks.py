@@ -279,7 +279,7 @@ def take_mark(memory: Memory, size: float, mark: int, time: float, left: float) 
     course[STEPS] += 1
 
 
-def reach(lag: int) -> int:
+def marks_of(lag: int) -> int:
     """Return how many marks in a row a ripple of this period takes."""
     return lag + lag // 2 + 1
 
@@ -323,7 +323,7 @@ def prove_ripple(memory: Memory, table: int, size: float, mark: int, left: float
     recent = (times[(run - 1) % RING] - times[(run - PAIR) % RING]) * (1.0 + rise / size)
     ripples[1, 0] += (mispredicted(cell, recent / (PAIR - 1)) - ripples[1, 0]) / SPAN
     for lag in range(SHORTEST, marks + 1):
-        if marks % lag == 0 and reach(lag) <= run:
+        if marks % lag == 0 and marks_of(lag) <= run:
             mean = (times[(run - 1) % RING] - times[(run - 1 - lag) % RING]) / lag
             with_it = mean * (1.0 + ripple_before(memory, run - 1, lag))
             without = mean * (1.0 + rise / size)
