@@ -271,12 +271,12 @@ def averaged(mean: float, error: float, noise: float) -> float:
     error : of the published speed, as later readings show it [published standard deviations].
     noise : variance of this error's own error, in published variances.
     """
-    square, spread = error * error - noise, mean + noise
-    if square > BOUND * spread:
-        square = BOUND * spread
-    elif not square > -BOUND * spread:
-        square = -BOUND * spread
-    weight = mean / spread
+    square, widest = error * error - noise, mean + noise
+    if square > BOUND * widest:
+        square = BOUND * widest
+    elif not square > -BOUND * widest:
+        square = -BOUND * widest
+    weight = mean / widest
     mean += weight * weight * (square - mean) / MEMORY
     if mean > FEWEST:
         return mean if mean < MOST else MOST
