@@ -29,7 +29,7 @@ Array = NDArray[np.floating[Any]]
 CLOSE = 1e-5  # allowed relative residual of a numerical derivative
 RANK = 1e-6  # least singular value, relative to the largest, that counts as full rank
 OWN = {
-    'example': 'estimator_pkg.models.switched_example:MODEL',
+    'example': 'estimator_pkg.models.example:MODEL',
     'gripper': 'estimator_pkg.models.gripper:MODEL',
 }
 

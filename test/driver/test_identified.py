@@ -7,7 +7,7 @@ import math
 
 import pytest
 import yaml
-from adaptive_cases import excited, servo
+from servos import excited, servo
 
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.identified import load, save, values_of

@@ -40,7 +40,7 @@ AROUND = 60  # readings before and after a turn added by the smoother that are l
 WITHIN = 1.1  # readings on a straight line leave it by at most this many quanta, end to end,
 WHITE = 2.0  # or by white noise: a spectrum below this multiple of its median
 STRETCH = 256  # readings in a window of that spectrum
-SPREAD = 1.2  # and their rms is at most this multiple of the noise that the smoother finds
+NOISY = 1.2  # and their rms is at most this multiple of the noise that the smoother finds
 LOW = 5  # windows of the spectrum below this are those of a motion
 TONES = 4  # number of the quantiser's tones that are left out of it
 LINE_FEWEST = 200  # smallest number of readings that show a constant speed
@@ -240,7 +240,7 @@ def _line(part: Piece, period: float, smoothed: Smoothed) -> tuple[float, float]
     spread = float(np.std(rest))
     inside = step > 0.0 and float(np.ptp(rest)) <= WITHIN * step
     tone = abs(slope) / step * float(np.median(part.steps[1:])) if step > 0.0 else 0.0
-    noise = spread <= SPREAD * smoothed.noise.reading and _is_white(rest, tone)
+    noise = spread <= NOISY * smoothed.noise.reading and _is_white(rest, tone)
     if not inside and not noise:
         return None
     return slope, spread / math.sqrt(inertia)

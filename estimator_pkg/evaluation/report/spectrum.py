@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 WINDOW = 2048  # samples of a window of the spectrum, or a quarter of the record
 BINS = 24  # of speed
-SPREAD = 5.0  # range of the histogram [standard deviations]
+RANGE = 5.0  # range of the histogram [standard deviations]
 CELLS = 60
 FEW = 5  # bins of speed with fewer samples are skipped
 
@@ -70,7 +70,7 @@ def normalised(error: Array, stddev: Array) -> tuple[Array, Array]:
     good = np.isfinite(error) & np.isfinite(stddev) & (stddev > 0.0)
     if not good.any():
         return np.zeros(0), np.zeros(0)
-    ratio = np.clip(error[good] / stddev[good], -SPREAD, SPREAD)
-    heights, edges = np.histogram(ratio, bins=CELLS, range=(-SPREAD, SPREAD))
+    ratio = np.clip(error[good] / stddev[good], -RANGE, RANGE)
+    heights, edges = np.histogram(ratio, bins=CELLS, range=(-RANGE, RANGE))
     width = edges[1] - edges[0]
     return 0.5 * (edges[1:] + edges[:-1]), heights / (len(ratio) * width)

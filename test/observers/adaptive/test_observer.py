@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from adaptive_cases import excited, feed, joint, lcg, named, run, servo
 from scipy.linalg import expm
+from servos import excited, feed, joint, lcg, named, run, servo
 
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.errors import UsageError

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from adaptive_cases import excited, feed, joint, named, servo
+from servos import excited, feed, joint, named, servo
 
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.identified import load as load_file

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 import pytest
-from pmsm_cases import (
+from motors import (
     DT,
     MOTOR,
     RATE,

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hybrid_cases import MARGIN, PHI, TURN, coefficients_of, core_of, make, stamps, wrapped
+from angle_runs import MARGIN, PHI, TURN, coefficients_of, core_of, make, stamps, wrapped
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import injections

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from hybrid_cases import MARGIN, PHI, TURN, coefficients_of, core_of, make, stamps, wrapped
+from angle_runs import MARGIN, PHI, TURN, coefficients_of, core_of, make, stamps, wrapped
 from observer_cases import beside
 
 from estimator_pkg.driver.compiled import available
