@@ -19,6 +19,7 @@ from pathlib import Path
 
 import pytest
 
+AGAIN = 0.01  # s of CPU after which a test is cut off that could not be before
 COVER, CHOSEN = os.environ.get('MUTANTS_COVER'), os.environ.get('MUTANTS_CHOSEN')
 PACKAGE = Path(os.environ['PYTHONPATH'].split(os.pathsep)[0])
 found: dict = {}
@@ -36,7 +37,14 @@ if COVER:
                 importlib.import_module('.'.join(path.relative_to(PACKAGE).with_suffix('').parts))
     longest = float(os.environ['MUTANTS_LONGEST'])
 
-    def cut_off(*_):
+    def cut_off(_, frame):
+        inner = frame
+        while inner is not None:
+            if inner.f_globals.get('__name__', '').startswith('coverage.'):
+                # it may hold its lock, which nothing would give back
+                signal.setitimer(signal.ITIMER_VIRTUAL, AGAIN)
+                return
+            inner = inner.f_back
         raise TimeoutError('takes too long to judge mutants')
 
     signal.signal(signal.SIGVTALRM, cut_off)
