@@ -46,7 +46,7 @@ class Listed(NamedTuple):
 
 
 def listed(which: str = 'series', path: Path = LIST) -> list[Listed]:
-    """Return the series of a list, 'series' or 'unseen'; their keys replace those of the source."""
+    """Return the series of a list (a key of `held_out.LISTS`); their keys replace the source's."""
     found = yaml.safe_load(path.read_text(encoding='utf-8'))
     return [
         Listed(name, {**found['sources'][keys['source']], **keys}, found['judged'])

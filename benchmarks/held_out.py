@@ -32,7 +32,11 @@ from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
-LISTS = {'series': 'held-out recordings', 'unseen': 'held-out recordings, second list'}
+LISTS = {
+    'series': 'held-out recordings',
+    'unseen': 'held-out recordings, second list',
+    'third': 'held-out recordings, third list',
+}
 OBSERVERS = ('edge_adaptive', 'hybrid_angle')
 BASELINES = ('finite_difference', 'pll', 'kalman velocity', 'kalman acceleration')
 SIGMAS = 1.959964  # standard deviations of a 95 % interval
