@@ -71,8 +71,8 @@ def sines(highest: float, speed: float, number: int = 12) -> Move:
     return move
 
 
-def strokes(length: float, duration: float, pause: float) -> Move:
-    """Return minimum-jerk strokes [rad] there and back with pauses."""
+def reaching(length: float, duration: float, pause: float) -> Move:
+    """Return minimum-jerk reaches [rad] there and back with pauses."""
 
     def move(time: Array, random: Random) -> tuple[Array, Array]:
         cycle = duration + pause
@@ -179,10 +179,10 @@ MOTIONS: dict[str, tuple[Move, Sensor]] = {
     'sines to 4 Hz, wrong stamps': (sines(4.0, 3.0), Sensor(500.0, 4096, wrong=2e-4)),
     'sines to 4 Hz, 10 % lost': (sines(4.0, 3.0), Sensor(500.0, 4096, drops=0.1)),
     'sines to 2 Hz, readings held 3 times': (sines(2.0, 3.0), Sensor(600.0, 8192, held=3)),
-    'strokes, 4096 counts': (strokes(1.5, 1.0, 0.5), Sensor(500.0, 4096)),
-    'strokes, 65536 counts': (strokes(1.0, 0.5, 0.5), Sensor(1000.0, 65536)),
-    'strokes, noise of 0.5 mrad': (strokes(1.0, 0.8, 0.3), Sensor(250.0, 1 << 20, 5e-4)),
-    'strokes at 100 Hz': (strokes(1.2, 0.7, 0.4), Sensor(100.0, 4096)),
+    'reaches, 4096 counts': (reaching(1.5, 1.0, 0.5), Sensor(500.0, 4096)),
+    'reaches, 65536 counts': (reaching(1.0, 0.5, 0.5), Sensor(1000.0, 65536)),
+    'reaches, noise of 0.5 mrad': (reaching(1.0, 0.8, 0.3), Sensor(250.0, 1 << 20, 5e-4)),
+    'reaches at 100 Hz': (reaching(1.2, 0.7, 0.4), Sensor(100.0, 4096)),
     'chirp to 8 Hz, 4096 counts': (chirp(4.0, 8.0), Sensor(1000.0, 4096)),
     'chirp to 20 Hz, 16384 counts': (chirp(3.0, 20.0), Sensor(1000.0, 16384)),
     'chirp to 4 Hz, noise of 2 mrad': (chirp(4.0, 4.0), Sensor(200.0, 1 << 20, 2e-3)),

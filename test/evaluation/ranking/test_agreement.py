@@ -16,7 +16,7 @@ from estimator_pkg.evaluation.reference import motion as reference_motion
 from estimator_pkg.evaluation.reference.motion import motion
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
-SAMPLE = ('bursts of 28 Hz, 2157 counts', 'strokes at 100 Hz', 'sines to 5 Hz, noise of 3 mrad')
+SAMPLE = ('bursts of 28 Hz, 2157 counts', 'reaches at 100 Hz', 'sines to 5 Hz, noise of 3 mrad')
 FEW = [
     Entry(f'{name} {hz:g}', name, (('bandwidth_hz', hz),))
     for name in ('pll', 'kalman')
