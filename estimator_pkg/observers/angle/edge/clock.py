@@ -114,7 +114,9 @@ def elapsed(
                 taken, late = pace, odd
         elif abs(late + odd) < limit and after < doubtful:  # the stamps have caught up
             taken, late = right, 0.0
-        elif lies or (evenly < doubtful and abs(odd) > 0.5 * limit and abs(late + odd) < abs(late)):
+        elif abs(late + odd) < abs(late) and (
+            lies or (evenly < doubtful and abs(odd) > 0.5 * limit)
+        ):
             taken, late = pace, late + odd  # late still, but less
         else:  # they have caught up, and samples were lost; or the motion did change
             taken, late = right if after < least and right > 0.0 else dt, 0.0
