@@ -38,6 +38,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     PLAIN,
     RATIO,
     REPEATS,
+    SIGMAS,
 )
 from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
 from estimator_pkg.observers.angle.edge.interval import NO_NEWS, NOTHING, interval
@@ -331,7 +332,8 @@ def _make_step(period: float) -> Callable[..., tuple]:
         # An eighth of a turn off: no reading of this shaft, or not of this speed
         if off > outside or off < -outside:
             astray += dt
-            if astray > LOST_AFTER:
+            p00, _, _, _, _, _ = p
+            if astray > LOST_AFTER or SIGMAS * SIGMAS * p00 > outside * outside:
                 return first_state(measurement, sensor, steps, convention, doubt, clock)
             motion, lock = (measurement - off, v, a, idle), coasting((status, count, astray))
             return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
