@@ -12,7 +12,9 @@ import os
 import re
 import sys
 import tempfile
+import zlib
 from collections import Counter
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
@@ -70,12 +72,32 @@ def lacking(text):
     return ''
 
 
+@contextmanager
+def alone(what, name):
+    """One worker at a time does `what` with `name`."""
+    file = f'{what}_{os.getuid()}_{zlib.crc32(name.encode())}'
+    with open(Path(tempfile.gettempdir()) / file, 'w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
 class Module(pytest.Module):
-    """A module that is skipped if it imports a library without a rosdep key that is missing."""
+    """A module that is skipped if it imports a library without a rosdep key that is missing.
+
+    One worker rewrites its assertions: the others wait, and load what it has kept.
+    """
+
+    def _import(self):
+        if 'PYTEST_XDIST_WORKER' in os.environ and not sys.dont_write_bytecode:
+            kept = self.path.parent / '__pycache__'
+            with alone('rewrites', str(self.path)):
+                if not any(kept.glob(f'{self.path.stem}.*-pytest-*')):
+                    return super()._getobj()
+        return super()._getobj()
 
     def _getobj(self):
         try:
-            return super()._getobj()
+            return self._import()
         except self.CollectError as error:
             why = lacking(str(error))
             if why:
@@ -156,11 +178,10 @@ def pytest_sessionstart(session):
 
     def keep_and_wait(twin, copy, function):
         keep(twin, copy, function)
-        compile_it, name = twin.compile, f'{os.getuid()}_{compiled.fingerprint(function)}'
+        compile_it, name = twin.compile, compiled.fingerprint(function)
 
         def one_at_a_time(signature):
-            with open(Path(tempfile.gettempdir()) / f'compiles_{name}', 'w') as file:
-                fcntl.flock(file, fcntl.LOCK_EX)
+            with alone('compiles', name):
                 return compile_it(signature)
 
         twin.compile = one_at_a_time

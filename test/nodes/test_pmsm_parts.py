@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -38,12 +39,18 @@ def joint(**values):
     return DriveJoint(observer, gains, settings)
 
 
+@lru_cache
 def batches(count, rows=50, **values):
     source = Source(
         PmsmSimulatorParameters(**{'publish_rate': 5000.0, 'profile': 'constant', **values}), 1
     )
     found = [source.take(rows) for _ in range(count)]
     return [(batch.stamps_ns + BEGIN, batch.values) for batch in found]
+
+
+@pytest.fixture(scope='module')
+def twenty():
+    return batches(20)
 
 
 # ---- order of batches --------------------------------------------------------------------------
@@ -162,17 +169,14 @@ def test_a_lost_batch_is_a_gap_whatever_the_rate():
 
 
 @given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 50), st.integers(0, 50)), max_size=30))
-def test_whatever_order_batches_come_in_every_row_is_counted(pieces):
+def test_whatever_order_batches_come_in_every_row_is_counted(twenty, pieces):
     motor = joint()
     total = 0
     for index, low, high in pieces:
-        stamps, values = MADE[index]
+        stamps, values = twenty[index]
         out = motor.take(stamps[low:high], values[low:high])
         total += len(out.verdict)
     assert motor.received == total == motor.used + sum(motor.dropped().values())
-
-
-MADE = batches(20)
 
 
 def test_plain_and_compiled_agree():
