@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from estimator_pkg.observers.angle.edge import bandwidth as edge_bandwidth
+from estimator_pkg.observers.angle.edge import constants as edge_constants
 from estimator_pkg.observers.angle.edge import covariance as edge_covariance
 from estimator_pkg.observers.angle.edge import quantum as edge_quantum
 from estimator_pkg.observers.angle.edge import sensor as edge_sensor
+from estimator_pkg.observers.angle.edge import sigma as edge_sigma
 from estimator_pkg.observers.angle.edge import start as edge_start
 from estimator_pkg.observers.angle.edge.interval import HELD, INTERVAL, NOTHING, interval, within
 
@@ -68,6 +70,8 @@ def test_without_an_edge_a_prediction_outside_is_held_and_one_inside_is_left_alo
     assert interval(0.59, -0.1, Q, 1e-4, noise, False)[0] == NOTHING
     assert interval(0.61, -0.1, Q, 1e-4, noise, False)[0] == HELD
     assert interval(-0.61, -0.1, Q, 1e-4, noise, False)[0] == HELD
+    for end in (-0.5, 0.5):  # known without noise: the end of a cell is in it
+        assert interval(end, 0.0, Q, 1e-4, 0.0, False)[0] == NOTHING
 
 
 def test_a_cell_is_news_where_less_is_known_and_where_the_speed_was_wrong():
@@ -330,6 +334,8 @@ def test_the_doubt_of_a_new_speed_is_what_the_way_since_the_last_edge_leaves_ope
     # a cell, where it is less than a sample's way
     fine = edge_start.settled(before, speed, 0.1, 0.04, dt, 1e-9, noise)[0]
     assert after - fine == pytest.approx((way if way < square else square) / 0.05**2, rel=1e-3)
+    coarse = edge_start.settled(before, speed, 0.1, 0.04, dt, 1.0, noise)[0]
+    assert coarse - fine == pytest.approx(way / 0.05**2, rel=1e-3)
     doubt = (9.0, edge_start.SETTLES - 0.5, 1.0, 2.0)
     mean = edge_start.settled(doubt, speed, 0.1, 0.04, dt, square, noise)[0]
     assert mean == pytest.approx(0.5 * (own + 9.0))  # from the second on, with the one before
@@ -341,3 +347,53 @@ def test_the_doubt_of_a_new_speed_is_what_the_way_since_the_last_edge_leaves_ope
         almost = (4.0, edge_start.LAST, since - 0.01, age - 0.01)
         assert edge_start.later(almost, 0.01) == pytest.approx((4.0, left, since, age))
     assert edge_start.later((4.0, 2.0, 0.2, 0.1), 0.2) == pytest.approx((4.0, 2.0, 0.4, 0.3))
+
+
+def test_a_shaft_that_stood_is_a_straight_line_from_its_cell_to_the_edge():
+    p, _ = edge_start.stood(Q)
+    blur, floor, long = edge_constants.BLUR, Q * Q / 12.0, edge_constants.LONGEST
+    assert p == pytest.approx((blur * blur, 0.0, 0.0, floor / long**2, 0.0, floor / long**4))
+    finer, _ = edge_start.stood(0.1 * Q)
+    assert finer == pytest.approx([0.01 * each for each in p])
+
+
+@pytest.mark.parametrize('jump', [0.6, -0.6, 3e-8])
+def test_a_jump_that_lasts_is_the_quantum_whatever_was_read_before(jump):
+    motion, p, _, sensor, steps, _ = edge_start.after_jump(jump, 7.0, 1e-3, 0.0, 0.0)
+    assert edge_quantum.quantum_of(steps, 0.0) == sensor[0] == abs(jump)
+    assert motion[0] == 7.0 - 0.5 * jump  # at the edge
+    assert p == edge_start.stood(abs(jump))[0]
+
+
+@pytest.mark.parametrize('part, starts', [(0.68, False), (0.72, True)])
+def test_a_shaft_of_which_less_than_a_cell_is_known_may_start(part, starts):
+    p = (part * Q * Q / 12.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+    doubt, sensor = edge_start.START, edge_sensor.begin_sensor(Q)
+    assert edge_start.stirred(doubt, sensor, p, 1.0, 1e-3, False, 0.0)[1] is starts
+    assert edge_start.stirred(doubt, sensor, p, 1.0, 1e-3, True, 0.0)[1]  # the first of all
+    noisy = edge_sensor.with_noise(sensor, 1.01 * edge_constants.PLAIN * Q * Q)
+    assert not edge_start.stirred(doubt, noisy, p, 1.0, 1e-3, True, 0.0)[1]
+
+
+def test_an_unchanged_reading_allows_the_larger_of_quantum_and_last_change_since_then():
+    noise = 1e-4
+    for change, way in ((0.3, 1.0), (2.5, 2.5)):
+        sensor = (Q, noise, 0.0, 0.0, 0.0, 1e-3, change, 0.2, math.inf, 0.0, 1e-3)
+        allowed = way + 2.0 * edge_constants.SIGMAS * math.sqrt(noise)
+        assert edge_sigma.fastest(sensor, 0.0) == pytest.approx(allowed / 0.2)
+        assert edge_sigma.fastest(sensor, -0.5) == pytest.approx((allowed + 0.5) / 0.2)
+
+
+def test_a_start_is_the_line_through_two_readings():
+    dt, noise, floor = 2e-3, 0.05, Q * Q / 12.0 + 0.05
+    motion, p, _ = edge_start.started(7.0, 3.0, dt, Q, noise, 0.0)
+    assert motion == (7.0, 3.0 / dt, 0.0, 0.0)
+    assert p[:3] == pytest.approx((floor, floor / dt, 0.0))
+    assert p[3] == pytest.approx((2.0 * floor + 0.25 * edge_start.swerve(Q, 0.0)) / dt**2)
+
+
+def test_what_a_start_hides_is_a_parabola_in_a_quantum_and_two_samples_of_acceleration():
+    assert edge_start.unseen(0.0, Q, 0.0, 1e-3, 0.1) == pytest.approx(0.5 * (4.0 * Q / 0.1) ** 2)
+    assert edge_start.unseen(-5.0, 0.0, 0.0, 1e-3, 0.1) == pytest.approx(
+        (2.0 * edge_start.LAG * 5.0 * 1e-3) ** 2
+    )
