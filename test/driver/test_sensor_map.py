@@ -303,3 +303,15 @@ def test_the_smoothed_velocity_has_no_errors_that_are_learnt():
                 out.append(smoother.result()[1])
         errors.append(np.sqrt(np.mean((out[2500:] - velocity[2500:-lag]) ** 2)))
     assert errors[1] < errors[0] / 20.0
+
+
+@pytest.mark.parametrize('kind, slack', [(sensor_marks.COARSE, 0), (sensor_marks.LOOSE, 1)])
+def test_only_marks_that_are_edges_show_a_turn_back_at_once(kind, slack):
+    """Noise may cross any other mark: there the direction turns a mark later."""
+    memory = sensor_marks.blank_memory(0.1, False)
+    course, *_ = memory
+    course[sensor_marks.KIND], course[sensor_marks.FRONT] = kind, 7
+    for heading, back in ((1, 6 - slack), (-1, 7 + slack)):
+        course[sensor_marks.HEADING] = heading
+        assert sensor_marks.turned(memory, back + heading) == heading
+        assert sensor_marks.turned(memory, back) == -heading
