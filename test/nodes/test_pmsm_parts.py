@@ -67,6 +67,14 @@ def test_a_repeated_batch_does_nothing_however_long_it_is():
     assert other.estimate() == one.estimate()
 
 
+def test_another_batch_that_ends_with_the_newest_sample_is_late():
+    motor = joint()
+    ((stamps, values),) = batches(1)
+    motor.take(stamps, values)
+    motor.take(stamps[10:], values[10:])
+    assert motor.dropped() == {'late': 40}
+
+
 def test_stamps_that_contradict_the_sample_period_are_misconfigured_until_they_fit():
     made = batches(4)
     motor = joint()

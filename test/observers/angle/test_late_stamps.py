@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from observer_cases import angle_observers, make, stamps
 
+from estimator_pkg.observers.angle.late_stamps import make_retake
+
 QUANTUM, RATE, WAY, FREQUENCY = 3.8e-4, 667.0, 4.0, 2.0 * math.pi * 0.8
 EVERY = 500
 FORMS = {
@@ -120,6 +122,23 @@ def test_compiled_code_finds_the_same(case):
     plain, fast = (run(case, t, late, fast=fast) for fast in (False, True))
     np.testing.assert_array_equal(plain.velocity, fast.velocity)
     np.testing.assert_allclose(plain.velocity_stddev, fast.velocity_stddev, rtol=1e-12)
+
+
+@pytest.mark.parametrize('paces, left, taken', [(2.0, 9.0, 2.0), (2.0, 8.0, 1.0), (1.6, 9.0, 1.0)])
+def test_a_reading_after_a_whole_number_of_paces_is_rather_lost_samples_than_late(
+    paces, left, taken
+):
+    """The mean sample time has to leave less than a twelfth of the innovation, not a fourth."""
+    pace, innovation = 1e-3, 100.0
+    retake = make_retake(
+        lambda design, dt: (None, dt), lambda state, of_core, measurement: ('evenly', left)
+    )
+    clock = (pace, 0.0, 0.0, None)
+    after, _, (_, dt), _ = retake(
+        clock, 1.0, None, None, 0.0, 'as stamped', innovation, (None, paces * pace)
+    )
+    assert dt == pytest.approx(taken * pace)
+    assert after == ('evenly' if taken == 1.0 else 'as stamped')
 
 
 if __name__ == '__main__':

@@ -188,6 +188,13 @@ def test_a_given_quantum_that_is_wrong_is_noticed():
     assert rms(small) < 0.02
 
 
+@pytest.mark.parametrize('period', [0.5, TURN])
+def test_no_result_is_faster_than_half_a_turn_per_sample(period):
+    readings = period * np.random.default_rng(1).uniform(-0.5, 0.5, 300)
+    found = smoothed(np.arange(300) * 1_000_000, readings, period=period)[:, 1]
+    assert np.isnan(found).any() and not np.nanmax(np.abs(found)) > 0.5 * period / 1e-3
+
+
 def test_prismatic_joints_do_not_wrap():
     time = np.arange(4000) * 1e-3
     position, velocity = sine(2.0, 1.0)(time)

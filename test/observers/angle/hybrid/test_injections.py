@@ -54,6 +54,10 @@ def steps_down(e):
     w = (e + math.pi) % (2.0 * math.pi) - math.pi
     return w if abs(w) < 1.0 else 0.3 * w
 
+def steps_down_at_the_margin(e):
+    w = (e + math.pi) % (2.0 * math.pi) - math.pi
+    return w if w < math.pi - math.radians(5.0) - 1e-4 else 0.3 * w
+
 def infinite(e):
     return math.sin(e) if abs(e) < 2.0 else math.inf
 
@@ -135,6 +139,7 @@ def test_one_that_cannot_be_compiled_runs_all_the_same(own):
         ('wrong_sign_near_half_a_turn', 'item 2: error times injection is not positive at 3.09'),
         ('not_periodic', 'item 3: not 2 pi periodic'),
         ('steps_down', 'item 1: jumps near -0.999'),
+        ('steps_down_at_the_margin', 'item 1: jumps near 3.054'),
         ('infinite', 'item 1: not finite'),
         ('fails', 'fails at -3.05.* rad: math domain error'),
         ('no_function', 'is no function'),
