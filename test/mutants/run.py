@@ -271,8 +271,8 @@ def tests(modules, jobs: int) -> dict:
 def judges(known: dict, path: str, lines: range) -> list[str]:
     """The tests that run one of these lines, the quickest first, within the budget.
 
-    A line that runs at import alone (a constant) is judged by all that run anything of its file,
-    and by those that read what all files declare.
+    A line that runs at import alone (a constant) is judged by all that run anything of its file (of
+    its folder, if there are constants alone), and by those that read what all files declare.
     """
     by_line = [
         name
@@ -280,10 +280,12 @@ def judges(known: dict, path: str, lines: range) -> list[str]:
         if not set(lines).isdisjoint(test['lines'].get(path, ()))
     ]
     if not by_line:
+        runs = any(path in test['lines'] for test in known.values())
+        near = path if runs else path.rpartition('/')[0]
         by_line = [
             name
             for name, test in known.items()
-            if test['lines'].get(path) or name.startswith(DECLARED)
+            if name.startswith(DECLARED) or any(file.startswith(near) for file in test['lines'])
         ]
     chosen, total = [], 0.0
     for name in sorted(by_line, key=lambda name: (known[name]['time'], name)):
