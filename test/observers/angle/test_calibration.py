@@ -23,6 +23,7 @@ from estimator_pkg.observers.angle.calibration import (
     SHORTEST,
     averaged,
     follow_noise,
+    make_calibrate,
 )
 from estimator_pkg.observers.contract import TRACKING
 
@@ -91,6 +92,19 @@ def test_readings_without_noise_that_turn_half_a_turn_between_instants():
     out = joint.run(samples.stamps, read, fast=False)
     alone = uncalibrated(joint, samples, fast=False)
     assert np.max(out.velocity_stddev[500:] / alone.velocity_stddev[500:]) < 1.2
+
+
+@pytest.mark.parametrize('changes, moves', [((1, 1, 1, 0), True), ((1, 1, 0, 0), False)])
+def test_instants_are_further_apart_where_less_than_three_of_four_changed(changes, moves):
+    calibrate = make_calibrate(lambda *_: (0.0, 0.0, 0.0, TRACKING), lambda *_: (0.0, 1.0), 0.0)
+    interval, readings = FIRST_INTERVAL, [0.0, 0.0]
+    for k in range(1, 16):
+        readings.append(readings[-1] + 1e-3 * changes[k % 4])
+        sample = (k * SHORTEST, *readings[:-4:-1], SHORTEST, SHORTEST)
+        interval = calibrate(interval, sample, None, None, None, 0.0)
+    due_ns, _ = interval
+    spacing_ns = due_ns - 15 * SHORTEST + SHORTEST // 2
+    assert spacing_ns == (SHORTEST if moves else 2 * SHORTEST)
 
 
 def test_it_is_learnt_whether_or_not_anyone_reads_it():
