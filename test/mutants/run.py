@@ -370,20 +370,24 @@ def attempt(here, folder: Path, chosen: list[str], takes: float) -> tuple[str, s
     return result.test_outcome.value, next(by, (output[-1] if output else '')[:160])
 
 
-def still_true(row: dict, text: str, everything: str, known: dict) -> bool:
-    """Return True if the outcome still holds: nothing changed since, or the mutant died.
+def still_true(row: dict, text: str, everything: str, known: dict, looked_at: dict) -> bool:
+    """Return True if the outcome still holds: nothing changed since, or it follows from its file.
 
-    A mutant that died in a file with this text stays dead while the test that failed exists.
+    A mutant that died in a file with this text stays dead while the test that failed exists, and
+    one that is equivalent stays so.
 
     Parameters
     ----------
     text, everything : fingerprints of its file, and of all sources and tests.
+    looked_at : see `verdicts`.
     """
     if row['of'] != text:
         return False
-    return row['everything'] == everything or (
-        row['outcome'] == 'killed' and ('::' not in row['by'] or row['by'] in known)
-    )
+    if row['outcome'] == 'killed':
+        lasts = '::' not in row['by'] or row['by'] in known
+    else:
+        lasts, _ = looked_at.get((row['file'], row['removed'], row['added']), (False, ''))
+    return lasts or row['everything'] == everything
 
 
 # ---- the table
@@ -472,10 +476,10 @@ def main() -> int:
     everything = fingerprint(*modules)
     texts = {str(path): number((ROOT / path).read_text())[:16] for path in sources()}
     kept = WORK / 'judged.jsonl'
-    judged = {}
+    judged, looked_at = {}, verdicts()
     for line in kept.read_text().splitlines() if kept.exists() else ():
         row = json.loads(line)
-        if still_true(row, texts.get(row['file'], ''), everything, known):
+        if still_true(row, texts.get(row['file'], ''), everything, known, looked_at):
             judged[row['key'], row['of']] = row
     folders: Queue = Queue()
     for k in range(parsed.jobs):
