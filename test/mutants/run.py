@@ -272,7 +272,8 @@ def judges(known: dict, path: str, lines: range) -> list[str]:
     """The tests that run one of these lines, the quickest first, within the budget.
 
     A line that runs at import alone (a constant) is judged by all that run anything of its file (of
-    its folder, if there are constants alone), and by those that read what all files declare.
+    its folder, if there are constants alone), by the tests named after it, and by those that read
+    what all files declare.
     """
     by_line = [
         name
@@ -280,12 +281,14 @@ def judges(known: dict, path: str, lines: range) -> list[str]:
         if not set(lines).isdisjoint(test['lines'].get(path, ()))
     ]
     if not by_line:
-        runs = any(path in test['lines'] for test in known.values())
-        near = path if runs else path.rpartition('/')[0]
+        folder, _, file = path.rpartition('/')
+        own = f'test{folder.removeprefix("estimator_pkg")}/test_{file}::'
+        near = path if any(path in test['lines'] for test in known.values()) else folder
         by_line = [
             name
             for name, test in known.items()
-            if name.startswith(DECLARED) or any(file.startswith(near) for file in test['lines'])
+            if name.startswith((DECLARED, own))
+            or any(ran.startswith(near) for ran in test['lines'])
         ]
     chosen, total = [], 0.0
     for name in sorted(by_line, key=lambda name: (known[name]['time'], name)):
