@@ -6,6 +6,8 @@
 An event takes effect at the sample nearest to its stamp, in any order of arrival: the interval
 before a sample belongs to the mode that was active in it. The first sample after a reset or a new
 start knows nothing of the events before it, which then follow it.
+
+Only the next sample shows whether the clock jumped. If it did, the newest events are judged again.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import Any
 
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
-from estimator_pkg.driver.guard import NEW_STARTS
+from estimator_pkg.driver.guard import AFTER_CLOCK_JUMP, NEW_STARTS
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.track import replaced
 from estimator_pkg.models.switched import load
@@ -25,15 +27,16 @@ from estimator_pkg.observers.circle import nearest_turn
 from estimator_pkg.observers.contract import Observer
 
 # Results of an event
-WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY = (
+WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY, JUMPED = (
     'waiting',
     'applied',
     'late',
     'past',
     'out_of_order',
     'no_sample_yet',
+    'clock_jumped',  # while it waited
 )
-REFUSED = (PAST, OUT_OF_ORDER, EARLY)
+REFUSED = (PAST, OUT_OF_ORDER, EARLY, JUMPED)
 
 
 class SwitchedJoint(Joint):
@@ -46,13 +49,16 @@ class SwitchedJoint(Joint):
     Attributes
     ----------
     model : of the system. event_counts : number of events by result.
+    refused : the newest event that is not used, and why, as text; '': none.
     """
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         super().__init__(observer, gains, settings)
         self.model = load(gains.model)
         self.event_counts: Counter[str] = Counter()
+        self.refused = ''
         self._waiting: list[tuple[int, tuple]] = []
+        self._newest: list[tuple[int, tuple, str]] = []  # and results, since the last used sample
         self._last_event_ns = 0
 
     def event(self, stamp_ns: int, mode: str, v: tuple[float, ...] = ()) -> str:
@@ -63,14 +69,17 @@ class SwitchedJoint(Joint):
         stamp_ns : the switching instant, int nanoseconds.
         mode, v : as the model defines them.
         """
-        said = self._judged(stamp_ns)
+        said, event = self._judged(stamp_ns), (mode, v)
         self.event_counts[said] += 1
-        if said not in REFUSED:
-            self._last_event_ns = stamp_ns
-            if said == WAITING:
-                self._waiting.append((stamp_ns, (mode, v)))
-            else:
-                self._jump([(stamp_ns, (mode, v))])
+        self._newest.append((stamp_ns, event, said))
+        if said in REFUSED:
+            self._refuse(event, said)
+            return said
+        self._last_event_ns = stamp_ns
+        if said == WAITING:
+            self._waiting.append((stamp_ns, event))
+        else:
+            self._jump([(stamp_ns, event)])
         return said
 
     def _judged(self, stamp_ns: int) -> str:
@@ -88,7 +97,8 @@ class SwitchedJoint(Joint):
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample, and first the events that are due by it; see `Joint`."""
-        before, ran = self._taken((self.stamp_ns + stamp_ns) // 2), self.running
+        last_ns, ran = self.stamp_ns, self.running
+        before = self._taken((last_ns + stamp_ns) // 2)
         if ran:
             self._jump(before)
         used = super().update(stamp_ns, measurement, known_input)
@@ -97,8 +107,33 @@ class SwitchedJoint(Joint):
         elif not ran or (used and self.verdict in NEW_STARTS):
             self._jump(before)
         if used:
-            self._jump(self._taken(self.stamp_ns))
+            newest, self._newest = self._newest, []
+            back = (last_ns - stamp_ns) * 1e-9 > self.settings.reorder_window
+            if self.verdict == AFTER_CLOCK_JUMP or (back and not ran):
+                # those that the first sample after a reset takes anyway are not taken twice
+                self._judge_again([e for e in newest if ran or e[2] in REFUSED], last_ns)
+            self._jump(self._taken(stamp_ns))
         return used
+
+    def _judge_again(self, newest: Sequence[tuple[int, tuple, str]], last_ns: int) -> None:
+        """Take the newest events by the clock that jumped from `last_ns`, if they follow it.
+
+        Events that wait for an instant of the clock before are removed.
+        """
+        waiting, self._waiting, self._last_event_ns = self._waiting, [], 0
+        for stamp_ns, event, said in newest:
+            if abs(stamp_ns - self.stamp_ns) < abs(stamp_ns - last_ns):
+                self.event_counts[said] -= 1
+                self.refused = ''
+                self.event(stamp_ns, *event)
+        for _, event in waiting:
+            self.event_counts[WAITING] -= 1
+            self.event_counts[JUMPED] += 1
+            self._refuse(event, JUMPED)
+        self.event_counts = +self.event_counts  # without zeros
+
+    def _refuse(self, event: tuple, why: str) -> None:
+        self.refused = f"the event '{event[0]}' is not used: {why.replace('_', ' ')}"
 
     def reset(self) -> None:
         """Reset the observer; waiting events are removed."""

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -80,7 +81,6 @@ class SwitchedStream(DrivenStream):
             outputs=[DISCRETE, *([ACCELERATION] if accelerates else [])],
         )
         self._decode_event, self._encode_discrete = Decoder().decode, Encoder().encode
-        self.refused_event = ''  # the newest unused event, and why
 
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""
@@ -97,9 +97,7 @@ class SwitchedStream(DrivenStream):
         """See `DrivenStream`."""
         event = self._decode_event(raw)
         mode = event.names[0] if event.names else ''
-        fate = self.bank.system.event(event.stamp_ns, mode, event.positions)
-        if fate in REFUSED:
-            self.refused_event = f"the event '{mode}' is not used: {fate.replace('_', ' ')}"
+        self.bank.system.event(event.stamp_ns, mode, event.positions)
 
     # Texts
 
@@ -118,8 +116,17 @@ class SwitchedStream(DrivenStream):
 
     def notices(self) -> list[str]:
         """See `Stream`."""
-        refused, self.refused_event = self.refused_event, ''
+        system = self.bank.system
+        refused, system.refused = system.refused, ''
         return [refused] if refused else []
+
+    def about(self, name: str) -> Mapping[str, Any]:
+        """See `Stream`: also the number of events by result."""
+        counts = self.bank.system.event_counts
+        return {
+            **super().about(name),
+            **{f'switch_events.{kind}': count for kind, count in counts.items()},
+        }
 
     def names_of(self, name: str) -> tuple[str, ...]:
         """See `Stream`."""
