@@ -163,6 +163,7 @@ class Acting:
         ) == MEASURED
         self._inputs = Inputs(count)
         self._last_ns = [0] * count  # stamp of the previous effort
+        self._unknown_ns = 0  # stamp of the newest sample, if its input was not known
 
     def command(self, place: int, stamp_ns: int, effort: float) -> None:
         """Take an effort from its own topic; one that is not finite is ignored."""
@@ -176,26 +177,29 @@ class Acting:
 
         Parameters
         ----------
-        before_ns : stamp of the previous sample; 0: none.
+        before_ns : stamp of the previous used sample; 0: none. A later one without a known input
+            takes its place, so that what was not known is not waited for.
         efforts : those of the sample, one per input; nan: none. Unused if they have a topic of
             their own.
         """
         scales, delays = settings.input_scale, settings.input_delay
         field = self._source == FIELD
         behind_ns = before_ns - stamp_ns
-        in_order = not 0 <= behind_ns <= settings.reorder_window * 1e9  # else it is dropped
         if field and self._measured and not any(delays):
             values: Sequence[float] = efforts
+        elif field and 0 <= behind_ns <= settings.reorder_window * 1e9:
+            # The guard drops it, or finds that the clock jumped, and uses no input for either.
+            values = efforts
         else:
-            if not 0 < stamp_ns - before_ns < LONGEST:
-                before_ns = stamp_ns
+            before_ns = _related(before_ns and max(before_ns, self._unknown_ns), stamp_ns)
             delays_ns = [round(delay * 1e9) for delay in delays]
             oldest_ns = round(settings.input_timeout * 1e9) + (max(delays_ns) if field else 0)
-            if field and self._measured and in_order:
+            if field and self._measured:
                 self._came(before_ns, efforts)
             values = self._inputs.mean(before_ns, stamp_ns, oldest_ns, delays_ns)
-            if field and not self._measured and in_order:
+            if field and not self._measured:
                 self._came(stamp_ns, efforts)
+            self._unknown_ns = 0 if all(map(math.isfinite, values)) else stamp_ns
         if len(scales) == 1:
             scales = scales * len(values)
         return tuple(
@@ -212,12 +216,16 @@ class Acting:
 
     def _put(self, place: int, stamp_ns: int, effort: float) -> None:
         before_ns, self._last_ns[place] = self._last_ns[place], stamp_ns
-        since_ns = stamp_ns
-        if self._measured and 0 < stamp_ns - before_ns < LONGEST:
-            since_ns = before_ns
+        since_ns = _related(before_ns, stamp_ns) if self._measured else stamp_ns
         self._inputs.add(place, since_ns, effort)
 
     def clear(self) -> None:
         """Remove all inputs."""
         self._inputs.clear()
+        self._unknown_ns = 0
         self._last_ns = [0] * len(self._inputs)
+
+
+def _related(before_ns: int, stamp_ns: int) -> int:
+    """Return the previous stamp; `stamp_ns` if there is none (0) or it is not shortly before."""
+    return before_ns if before_ns and 0 < stamp_ns - before_ns < LONGEST else stamp_ns

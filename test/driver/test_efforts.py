@@ -122,6 +122,35 @@ def test_a_late_sample_takes_no_effort_away():
     assert acting.known_input(START + 2 * MS, START + 4 * MS, (3.0,), settings) == (2.0,)
 
 
+@pytest.mark.parametrize('back', [50, 500, 10_000])
+@pytest.mark.parametrize('delay', [0.0, 0.002])
+@pytest.mark.parametrize('effort_is', [MEASURED, COMMANDED])
+def test_a_clock_that_jumps_back_is_found_and_the_efforts_go_on(effort_is, delay, back):
+    observer = observers.find('adaptive')
+    common = {'effort_is': effort_is, 'input_delay': (delay,)}
+    bank = AdaptiveBank(AdaptiveConfiguration(observer, common))
+    for k in range(100):
+        bank.take(START + k * MS, ('j',), (0.01 * k,), (1.0,))
+    joint, used = bank.joints['j'], bank.joints['j'].used
+    for k in range(100 - back, 120 - back):
+        bank.take(START + k * MS, ('j',), (0.01 * k,), (1.0,))
+    assert joint.events() == {'clock_jump': 1} and joint.used - used >= 13
+    assert joint.received == 120 and bank.why_silent('j') == ''
+
+
+@pytest.mark.parametrize('delay', [0.0, 0.002])
+@pytest.mark.parametrize('source', [FIELD, COMMAND])
+def test_simulated_time_begins_near_zero(source, delay):
+    """Before 10 s, too, there is no sample before the first one."""
+    settings = DrivenSettings(effort_is=COMMANDED, input_delay=(delay,))
+    acting = Acting(1, source, settings)
+    found = []
+    for k in range(1, 6):
+        acting.command(0, k * MS, 3.0)
+        found += acting.known_input(0, k * MS, (3.0,), settings)
+    assert found[3:] == [3.0, 3.0]
+
+
 def test_one_number_for_all_inputs_or_each():
     settings = DrivenSettings(input_scale=(1.0, -1.0), input_delay=(0.0, 0.0))
     assert Acting(2, FIELD, settings).known_input(0, START, (3.0, 4.0), settings) == (3.0, -4.0)
