@@ -11,7 +11,6 @@ from typing import NamedTuple
 from estimator_pkg.models.motor import clarke
 
 WAITING = 100  # largest number of messages of each kind that wait for their partner
-JUMP = 100_000_000  # a stamp older than the last by more restarts the pairing [ns]
 CURRENT, VOLTAGE = 0, 1
 FORGETS = 0.999  # decay of the recent largest current, per sample
 LEAST = 1e-9  # smallest value of the recent largest current [A]
@@ -50,10 +49,9 @@ class Pairs:
     def put(self, kind: int, stamp_ns: int, vector: Vector) -> list[Pair]:
         """Take a message of `kind`; return the completed pairs, usually one at most."""
         queue = self._waiting[kind]
-        if queue and stamp_ns < queue[-1][0] - JUMP:
-            for each in self._waiting:
-                self.unpaired += len(each)
-                each.clear()
+        while queue and queue[-1][0] > stamp_ns:  # of a clock that jumped
+            queue.pop()
+            self.unpaired += 1
         queue.append((stamp_ns, vector))
         if len(queue) > WAITING:
             queue.popleft()
