@@ -261,7 +261,8 @@ class Detector:
         found = {}
         simulated = node.get_parameter('use_sim_time').value
         clock = node.get_clock().now().nanoseconds * 1e-9
-        ran, self._clock_ran = self._clock_ran, simulated and clock > NEW_CLOCK
+        before, self._clock_ran = self._clock_ran, simulated and clock > NEW_CLOCK
+        ran = before and self._clock_ran  # it may have started again
         if new['dropped.zero_stamp'] and (ran or not simulated):
             count = new['dropped.zero_stamp']
             found['zero_stamp'] = say(
