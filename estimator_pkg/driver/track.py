@@ -42,6 +42,9 @@ from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import INITIALISING, Functions
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 
+QUEUED = 0.1  # mean sample times: a sample that comes sooner may have waited in a queue
+SURELY = 16.0  # it did, even if its stamp explains its reading so many times better ...
+VOTES = 16.0  # ... where the last ones did: over these samples the evidence is averaged
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
 
 
@@ -59,6 +62,7 @@ class Track(NamedTuple):
     kept: tuple  # the state before the last gap, in case that stamp is a stray one
     reading: Any  # the newest reading
     earlier: Any  # the reading before it
+    queue: float  # evidence that samples which come at once waited in a queue, from 0 to 1
     repeats: Repeats  # state of the detection of repeated readings
     interval: Interval  # scale of the standard deviation, and how it is learnt
 
@@ -76,7 +80,7 @@ def replaced(track: tuple, **fields: Any) -> tuple:
 
 def newest(track: tuple) -> tuple[int, tuple, tuple]:
     """Return (stamp [ns], coefficients, state) of the last sample."""
-    last_ns, _, _, _, _, coefficients, state, _, _, _, _, _, _ = track
+    last_ns, _, _, _, _, coefficients, state, _, _, _, _, _, _, _ = track
     return last_ns, coefficients, state
 
 
@@ -94,6 +98,7 @@ def with_state(track: tuple, state: tuple) -> tuple:
         kept,
         reading,
         earlier,
+        queue,
         repeats,
         interval,
     ) = track
@@ -109,9 +114,71 @@ def with_state(track: tuple, state: tuple) -> tuple:
         kept,
         reading,
         earlier,
+        queue,
         repeats,
         interval,
     )
+
+
+def never_late(state: tuple) -> float:
+    """Return 0.0: replaces `late` of an observer that has none."""
+    return 0.0
+
+
+def make_waited(functions: Functions, period: float) -> Callable[..., tuple[bool, float]]:
+    """Return the function that finds a sample that waited in a queue with the one before.
+
+    A receiver that pauses stamps the samples of the pause together. Each of them moved as in a
+    sample time, which no speed explains in so short a step.
+
+    Parameters
+    ----------
+    functions : of the observer; one that knows that a stamp was late is left to it.
+    period : wrap period [rad]; 0: none.
+    """
+    output, late = functions.output, functions.late or never_late
+
+    def waited(
+        queue: float,
+        state: tuple,
+        coefficients: tuple,
+        design: tuple,
+        measurement: float,
+        reading: float,
+        passed: float,
+        mean_dt: float,
+    ) -> tuple[bool, float]:
+        """Return whether the reading moved as in a mean sample time, and the evidence.
+
+        Parameters
+        ----------
+        queue : evidence that such samples waited, from 0 to 1.
+        measurement, reading : the newest reading, and the one before [rad].
+        passed : between their stamps [s].
+        """
+        if measurement == reading or late(state) != 0.0:
+            return False, queue
+        _, speed, _, _ = output(state, coefficients, design, reading, 0.0)
+        moved = wrap(measurement - reading, period)
+        at_stamps, evenly = abs(moved - speed * passed), abs(moved - speed * mean_dt)
+        vote = 1.0 if evenly < at_stamps else 0.0
+        return evenly <= SURELY * queue * queue * at_stamps, queue + (vote - queue) / VOTES
+
+    return waited
+
+
+def never_waited(
+    queue: float,
+    state: tuple,
+    coefficients: tuple,
+    design: tuple,
+    measurement: Any,
+    reading: Any,
+    passed: float,
+    mean_dt: float,
+) -> tuple[bool, float]:
+    """Believe every stamp: replaces `make_waited` for measurements that are not a single angle."""
+    return False, queue
 
 
 class TrackFunctions(NamedTuple):
@@ -187,6 +254,7 @@ def make_track(
         if period is None or not calibrated
         else make_calibrate(functions.output, functions.stddev, float(period))
     )
+    waited = never_waited if period is None else make_waited(functions, float(period))
     prepare, init, step = functions.prepare, functions.init, functions.step
     resume, output, stddev, finite = (
         functions.resume,
@@ -212,6 +280,7 @@ def make_track(
             empty,
             nothing,
             nothing,
+            0.5,
             BLANK,
             FIRST_INTERVAL,
         )
@@ -237,6 +306,7 @@ def make_track(
             kept,
             reading,
             earlier,
+            queue,
             repeats,
             interval,
         ) = track
@@ -278,6 +348,7 @@ def make_track(
                 kept,
                 reading,
                 earlier,
+                queue,
                 repeats,
                 interval,
             ), verdict
@@ -286,9 +357,11 @@ def make_track(
             since_ns = 0  # set to the previous stamp if the next one may reveal this one as a stray
             if verdict == AFTER_STRAY_STAMP:
                 dt_ns, state = stamp_ns - before_ns, kept
-            passed = dt_ns * 1e-9
-            if dt_ns != old_dt_ns:
-                coefficients = prepare(design, passed)
+            passed, waits = dt_ns * 1e-9, False
+            if passed < QUEUED * mean_dt and old_dt_ns != last_ns - before_ns:
+                waits, queue = waited(
+                    queue, state, coefficients, design, measurement, reading, passed, mean_dt
+                )
             if verdict == AFTER_STRAY_STAMP:
                 if (last_ns - before_ns) * 1e-9 <= mean_dt:
                     mean_dt = 0.0  # it came from that stamp only
@@ -296,12 +369,18 @@ def make_track(
                 mean_dt = passed
                 if ahead > gap_ns:
                     since_ns, kept = last_ns, state
-            elif before_ns != 0 and SLOW_STREAM * passed < mean_dt:
+            elif waits:  # it is taken as a sample after the mean time
+                dt_ns = round(1e9 * mean_dt)
+                mean_dt += RATE_WEIGHT * (passed - mean_dt)
+                passed = mean_dt
+            elif before_ns != 0 and SLOW_STREAM * passed < mean_dt > SLOW_STREAM * 1e-9 * old_dt_ns:
                 mean_dt = passed  # the mean came from gaps, which are no sample times
                 if old_dt_ns == last_ns - before_ns:
                     verdict = AFTER_OUTAGE
             else:
                 mean_dt += RATE_WEIGHT * (passed - mean_dt)
+            if dt_ns != old_dt_ns:
+                coefficients = prepare(design, dt_ns * 1e-9)
             if verdict == USED and passed <= longest_dt and mean_dt <= longest_dt:
                 state = step(state, coefficients, design, measurement, known_input)
                 if stamp_ns >= due_ns:
@@ -325,6 +404,7 @@ def make_track(
                     kept,
                     measurement,
                     reading,
+                    queue,
                     repeats,
                     interval,
                 ), USED
@@ -362,6 +442,7 @@ def make_track(
             kept,
             measurement,
             measurement,
+            queue,
             repeats,
             (BROKEN, calibration),
         ), verdict
@@ -370,7 +451,7 @@ def make_track(
         track: tuple, design: tuple, limits: tuple, measurement: Any, known_input: Any
     ) -> tuple:
         """Return (position, velocity, acceleration or nan, status) of the newest estimate."""
-        _, _, _, _, mean_dt, coefficients, state, running, _, _, _, _, _ = track
+        _, _, _, _, mean_dt, coefficients, state, running, _, _, _, _, _, _ = track
         _, _, _, longest_dt = limits
         if not running:
             return math.nan, math.nan, math.nan, INITIALISING
@@ -385,7 +466,7 @@ def make_track(
 
     def calibrated_deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """Return one standard deviation of position and velocity, the latter calibrated."""
-        _, _, _, _, _, coefficients, state, _, _, _, _, _, (_, (scale, _, _)) = track
+        _, _, _, _, _, coefficients, state, _, _, _, _, _, _, (_, (scale, _, _)) = track
         return scaled_stddev(state, coefficients, design, scale)
 
     return TrackFunctions(

@@ -247,7 +247,14 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         is_angle,
         restart=_make_restart(init, period),
         scaled=scaled,
+        late=late,
     )
+
+
+def late(state: tuple) -> float:
+    """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
+    _, _, _, _, _, _, (_, _, lateness, _) = state
+    return lateness
 
 
 def _make_design(core: AngleCore, gains: AngleGains) -> Callable[[], Design]:
@@ -381,7 +388,7 @@ def _make_step(
             if inside:
                 power += (square - power) / FRESH
             count = FRESH
-        inner, lock = relock(lock, before, inner, abs(innovation), dt, design, measurement)
+        inner, lock = relock(lock, before, inner, abs(innovation), dt, mean_dt, design, measurement)
         return (inner, convention, reading, (power, count), lock, start, stamps)
 
     return step
@@ -397,6 +404,7 @@ def _make_relock(core: AngleCore, period: float) -> Callable[..., tuple[tuple, L
         inner: tuple,
         size: float,
         dt: float,
+        mean_dt: float,
         design: Design,
         measurement: float,
     ) -> tuple[tuple, Lock]:
@@ -414,10 +422,10 @@ def _make_relock(core: AngleCore, period: float) -> Callable[..., tuple[tuple, L
         lock = follow_lock(lock, size, outside, dt, design)
         if restarts:
             status, _, astray, trusted = lock
-            lost = astray > design.lost_after
+            _, speed, _ = estimate(inner)
+            lost = astray > design.lost_after or abs(speed) * mean_dt > 2.0 * half
             if status == TRACKING:
-                _, speed, _ = estimate(inner)
-                lost = abs(speed - trusted) * dt > half
+                lost = lost or abs(speed - trusted) * dt > half
             if lost:
                 return init_core(measurement, design.core), (INITIALISING, 0.0, 0.0, 0.0)
         return inner, lock

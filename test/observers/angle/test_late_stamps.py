@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from observer_cases import angle_observers, make, stamps
 
+from estimator_pkg.driver import track
 from estimator_pkg.observers.angle.late_stamps import make_retake
 
 QUANTUM, RATE, WAY, FREQUENCY = 3.8e-4, 667.0, 4.0, 2.0 * math.pi * 0.8
@@ -151,3 +152,43 @@ if __name__ == '__main__':
                     late = delayed(time, delay, burst)
                     row.append(max(errors(run(case, time, late, quantum), time, late)))
             print(f'{label(case):40}', quantum, *(f'{value:7.2f}' for value in row), flush=True)
+
+
+def queued(t, random):
+    """Times at which a receiver stamps samples of `t` [s] if it pauses now and then."""
+    stamped, free = t.copy(), 0.0
+    for k, at in enumerate(t):
+        if random.random() < 0.08:
+            free = max(free, at + random.uniform(0.02, 0.05))
+        stamped[k] = max(at, free)
+        if stamped[k] > at:
+            free = stamped[k] + random.uniform(3e-5, 1.3e-4)
+    return stamped
+
+
+@pytest.mark.parametrize('name', angle_observers())
+def test_samples_that_waited_in_a_queue_are_no_fast_motion(name):
+    random = np.random.default_rng(7)
+    t = np.arange(1, 4000) / 200.0
+    angle = np.sin(2.0 * t) + random.normal(0.0, 3e-4, len(t))
+    velocity = 2.0 * np.cos(2.0 * t)
+    at = stamps(1)[0] + np.rint(queued(t, random) * 1e9).astype(np.int64)
+    found = make(name, {}).run(at, angle, fast=False)
+    error = (found.velocity - velocity)[400:]
+    assert np.isfinite(error).all()
+    assert np.sqrt(np.mean(error**2)) < 0.45  # of a speed of 1.4
+    assert np.abs(error).max() < 10.0
+
+
+@pytest.mark.parametrize('name', angle_observers())
+def test_samples_at_random_times_did_not_wait(name, monkeypatch):
+    random = np.random.default_rng(8)
+    t = np.cumsum(np.maximum(random.exponential(0.005, 3000), 2e-5))
+    angle = np.sin(6.0 * t) + random.normal(0.0, 1e-3, len(t))
+    at = stamps(1)[0] + np.rint(t * 1e9).astype(np.int64)
+    errors_of = []
+    for queued_below in (track.QUEUED, 0.0):
+        monkeypatch.setattr(track, 'QUEUED', queued_below)
+        found = make(name, {}).run(at, angle, fast=False)
+        errors_of.append(np.sqrt(np.mean((found.velocity - 6.0 * np.cos(6.0 * t))[400:] ** 2)))
+    assert errors_of[0] < 1.03 * errors_of[1]

@@ -229,7 +229,14 @@ def build(gains: Gains, circle: Circle) -> Functions:
         why=why,
         edges=True,
         restart=_make_restart(period),
+        late=late,
     )
+
+
+def late(state: tuple) -> float:
+    """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
+    _, _, _, _, _, _, _, _, _, (lateness, _, _, _, _), _ = state
+    return lateness
 
 
 def _make_step(period: float) -> Callable[..., tuple]:
