@@ -10,21 +10,21 @@ import textwrap
 from typing import Any
 
 from benchmarks.field import WHOLE, milliseconds
-from benchmarks.ours import AHEAD, OURS, PEERS, PRACTICE, TOLD
+from benchmarks.ours import AHEAD, INFORMED, OURS, PEERS, PRACTICE
 from estimator_pkg.evaluation.report.plot import check
 
 COLOURS = {
     OURS: '#1b6ca8',
     PRACTICE: '#b8860b',
     PEERS: '#c8553d',
-    TOLD: '#3f8f5b',
+    INFORMED: '#3f8f5b',
     AHEAD: '#8a8a8a',
 }
 MEANING = {
     OURS: 'ours',
     PRACTICE: 'what practitioners use',
     PEERS: 'installed libraries, causal',
-    TOLD: 'the torque is known too',
+    INFORMED: 'the torque is known too',
     AHEAD: 'non-causal: uses future samples',
 }
 ACROSS = 4  # largest number of panels in a row

@@ -39,11 +39,11 @@ RATE = 20000.0  # Hz
 FASTER = 10.0  # required ratio of motulator's cost per sample to our compiled one
 FLUX_ERROR = 1.2  # nominal flux that ours gets, over the true one
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
-TOLD = FLUX_ERROR * MOTOR['flux']
+FLUX = FLUX_ERROR * MOTOR['flux']
 # The angle loop raises the gain at 100 Hz a little: with this low-pass the total is -3 dB there.
 QUIET = {
     'relative_bandwidth': 0.3,
-    'k_eta': 0.8 / TOLD,
+    'k_eta': 0.8 / FLUX,
     'epsilon': 150e-6,
     'pwm_frequency': RATE,
     'speed_filter_hz': 0.99 * BANDWIDTH_HZ,
@@ -104,7 +104,7 @@ def simulate(values: dict[str, Any], duration: float = 1.0, seed: int = 1) -> Si
 def make_joint(fast: bool = True) -> DriveJoint:
     """Return our observer with a wrong flux."""
     observer = registry.find(registry.OBSERVERS, 'pmsm')
-    values = {**MOTOR, 'flux': TOLD, **QUIET}
+    values = {**MOTOR, 'flux': FLUX, **QUIET}
     return DriveJoint(observer, *Configuration(observer, values).for_joint(''), fast=fast)
 
 

@@ -59,7 +59,7 @@ HEADER = (
     'condition',
     "Kendall's tau",
     'regret',
-    'error told / true',
+    'error estimated / true',
     'pairs declared',
     'wrong',
     'warns of',

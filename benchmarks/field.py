@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from benchmarks.columns import Column
 from benchmarks.ours import (
     AHEAD,
+    INFORMED,
     NOT_HERE,
     OURS,
     PEERS,
     PRACTICE,
-    TOLD,
     Estimator,
     ours,
     with_input,
@@ -45,7 +45,7 @@ GROUPS = {
     OURS: 'use the readings only',
     PRACTICE: 'what practitioners use, from its papers; causal',
     PEERS: 'installed libraries, causal',
-    TOLD: 'know the torque as well',
+    INFORMED: 'know the torque as well',
     AHEAD: 'non-causal: use future samples too',
 }
 
@@ -111,7 +111,7 @@ def _row(estimator: Estimator, columns: Sequence[Column], advance: Any) -> dict[
     return {
         'name': estimator.name,
         'group': estimator.group,
-        'told': estimator.told,
+        'knows': estimator.knows,
         'gain': estimator.gain,
         'setting': estimator.values[one],
         'one': {column.name: cell(j, one) for j, column in enumerate(columns)},
@@ -228,7 +228,7 @@ def _legend(found: dict[str, Any]) -> str:
     if any(cell['cannot_tell'] for row in found['rows'] for cell in row['one'].values()):
         lines.append("*: below the reference's own error")
     lines.append('(n %): published and evaluated fraction of the column; -: less than a quarter')
-    lines += [f'{row["name"]} knows: {row["told"]}' for row in found['rows'] if row['told']]
+    lines += [f'{row["name"]} knows: {row["knows"]}' for row in found['rows'] if row['knows']]
     lines += [f'no row: {name}: {why}' for name, why in found['not_here'].items()]
     lines += [f'not evaluated: {name}: {why}' for name, why in found.get('refused', {}).items()]
     if found['not_installed']:

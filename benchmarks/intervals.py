@@ -248,12 +248,12 @@ def run(
                 stamps, angle, truth = column.samples
                 out = joint.run(stamps, angle, fast=fast)
                 alone = uncalibrated(joint, column.samples, fast).velocity_stddev
-                told = (out.status == TRACKING) | (out.status == COASTING)
+                valid = (out.status == TRACKING) | (out.status == COASTING)
                 time = column.time
-                told &= (time >= column.skip) & np.isfinite(truth) & np.isfinite(out.velocity)
-                told &= np.isfinite(out.velocity_stddev)
+                valid &= (time >= column.skip) & np.isfinite(truth) & np.isfinite(out.velocity)
+                valid &= np.isfinite(out.velocity_stddev)
                 for part, mask in parts(column).items():
-                    rows_of = told & mask
+                    rows_of = valid & mask
                     if np.count_nonzero(rows_of) < FEWEST:
                         continue
                     error = (out.velocity - truth)[rows_of]

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Run = Callable[[Column, Any], Array]
 
 OURS, PRACTICE, PEERS = 'ours', 'practice', 'peers'
-TOLD, AHEAD = 'told more', 'looks ahead'
+INFORMED, AHEAD = 'knows more', 'looks ahead'
 GRID = 13  # settings of an observer of an angle
 TOLD_GRID = 7  # settings of an observer with an input, which runs in plain Python
 PUBLISHED = (TRACKING, COASTING)
@@ -50,8 +50,8 @@ class Estimator:
         is published, and everywhere if the column lacks an input.
     values : the grid; (None,) without a gain.
     gain : name of the swept gain.
-    group : OURS, PRACTICE, PEERS, TOLD or AHEAD.
-    told : what it knows in addition to readings and stamps.
+    group : OURS, PRACTICE, PEERS, INFORMED or AHEAD.
+    knows : what it knows in addition to readings and stamps.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Estimator:
     values: tuple[Any, ...] = (None,)
     gain: str = ''
     group: str = OURS
-    told: str = ''
+    knows: str = ''
 
 
 def grid(low: float, high: float, count: int) -> tuple[float, ...]:
@@ -110,7 +110,7 @@ def with_input() -> list[Estimator]:
                 _mechanical(name, gain),
                 values,
                 gain,
-                TOLD,
+                INFORMED,
                 'torque and the parameters of the joint',
             )
         )
@@ -121,7 +121,7 @@ def with_input() -> list[Estimator]:
             _adaptive,
             grid(1.0, 30.0, TOLD_GRID),
             'bandwidth_hz',
-            TOLD,
+            INFORMED,
             'torque, and that it acts on an inertia with viscous friction',
         ),
         Estimator(
@@ -129,7 +129,7 @@ def with_input() -> list[Estimator]:
             _switched,
             grid(0.5, 50.0, TOLD_GRID),
             'bandwidth_hz',
-            TOLD,
+            INFORMED,
             'torque, and the form of the equation of motion',
         ),
     ]

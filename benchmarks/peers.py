@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.columns import Column, driven_by
-from benchmarks.ours import AHEAD, PEERS, TOLD, Estimator, Run, grid
+from benchmarks.ours import AHEAD, INFORMED, PEERS, Estimator, Run, grid
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def _filterpy() -> list[Estimator]:
             driven,
             grid(1e-4, 1e4, COUNT),
             ACCELERATION,
-            TOLD,
+            INFORMED,
             'torque and the parameters of the joint',
         ),
     ]

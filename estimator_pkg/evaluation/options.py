@@ -53,7 +53,7 @@ class Options:
 
 
 def joint_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what a command that ranks estimates may be told about the joints."""
+    """Add options that describe the joints to a command that ranks estimates."""
     parser.add_argument(
         '--wrap-period',
         type=float,

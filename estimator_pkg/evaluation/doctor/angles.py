@@ -126,7 +126,7 @@ def wrap(seen: Readings) -> Finding:
             'wrap',
             FAIL,
             f'{text}; the joint moves {np.percentile(moves, 99.0):.3g} rad from one reading to '
-            'the next: half a turn cannot be told from its opposite',
+            'the next: half a turn reads as its opposite',
             'raise the rate, or check the unit (radians)',
             numbers,
         )
@@ -260,7 +260,7 @@ def repeated_readings(seen: Readings) -> Finding:
 def sticking(seen: Readings) -> Finding:
     """Return where the sensor holds a reading while the joint moves."""
     if seen.stale:
-        return Finding('sticking sensor', PASS, 'not told from repeated readings')
+        return Finding('sticking sensor', PASS, 'hidden by repeated readings')
     released = np.flatnonzero(seen.released)
     if not len(released):
         return Finding('sticking sensor', PASS, 'none seen')

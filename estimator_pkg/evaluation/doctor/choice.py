@@ -191,7 +191,7 @@ def choose(answers: Mapping[str, Answer]) -> Choice:
             for joint, each in kept.items()
         )
 
-    # the least tuned of those that cannot be told from the best
+    # the least tuned of those that cannot be distinguished from the best
     observer = min(filter(as_good, scores), key=lambda name: (len(gains[name]), scores[name]))
     return Choice(observer, gains[observer], True)
 

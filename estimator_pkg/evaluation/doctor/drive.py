@@ -216,8 +216,8 @@ def candidates() -> list[Entry]:
 
 
 def _entry(**values: Any) -> Entry:
-    told = [f'{each:g} Hz' if isinstance(each, float) else str(each) for each in values.values()]
-    return Entry(' '.join([OBSERVER, *told]), OBSERVER, tuple(values.items()))
+    parts = [f'{each:g} Hz' if isinstance(each, float) else str(each) for each in values.values()]
+    return Entry(' '.join([OBSERVER, *parts]), OBSERVER, tuple(values.items()))
 
 
 def _judged(

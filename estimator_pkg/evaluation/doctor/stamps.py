@@ -183,7 +183,7 @@ def missing_stamps(seen: Readings) -> Finding:
 def lying(seen: Readings) -> Finding:
     """Return by how much the stamps are wrong, from errors that grow with the speed."""
     if seen.stale or np.any(seen.leaps):
-        return Finding('lying stamps', PASS, 'not told from repeats and jumps of the readings')
+        return Finding('lying stamps', PASS, 'hidden by repeats and jumps of the readings')
     good = np.sort(seen.rows)
     wrong = max(
         stamp_error(seen.series, seen.parts[0], seen.period, seen.quantum),

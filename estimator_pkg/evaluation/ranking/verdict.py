@@ -22,7 +22,7 @@ class Pair:
     """Two estimates compared.
 
     first, second : names; the first has the smaller error.
-    sign : 1: the first is better; 0: they cannot be told apart.
+    sign : 1: the first is better; 0: they cannot be distinguished.
     difference : by how much the second error is larger [%].
     resolution : the smallest difference that would be declared [%].
     """
@@ -42,9 +42,8 @@ class Pair:
         """Return the result of the pair."""
         if self.sign:
             return f'{self.first} is better than {self.second} (95 %)'
-        return (
-            f'{self.first} and {self.second} cannot be told apart: within {percent(self.within)} %'
-        )
+        within = percent(self.within)
+        return f'{self.first} and {self.second} cannot be distinguished: within {within} %'
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ class Verdict:
             keep = f': keep {self.default}' if self.default else ''
             if within > EQUAL:
                 most = f' (within {percent(within)} %)' if within < VAGUE else ''
-                return [f'None can be told apart here{most}{keep}.']
+                return [f'None can be distinguished here{most}{keep}.']
             return [f'All are equal within {percent(within)} % here{keep}.']
         text = f'{self.best} is best: {own}'
         if self.default in self.rms and self.default != self.best:
@@ -127,7 +126,9 @@ class Verdict:
         ties = [pair for pair in self._of_best() if not pair.sign]
         vague = [pair.second for pair in ties if pair.within > EQUAL]
         found += [f'{pair.sentence()}.' for pair in ties if pair.within <= EQUAL]
-        return found + ([f'{self.best} and {listed(vague)} cannot be told apart.'] if vague else [])
+        return found + (
+            [f'{self.best} and {listed(vague)} cannot be distinguished.'] if vague else []
+        )
 
     def _of_best(self) -> list[Pair]:
         return [pair for pair in self.pairs if pair.first == self.best]

@@ -186,7 +186,7 @@ class Report:
 
     def _nothing(self, comparison: Comparison, verdicts: Mapping[str, Verdict]) -> list[str]:
         """Add a bag without any comparison: the default observer."""
-        said = grouped(
+        sentences = grouped(
             [f'{joint}: {text}' for joint, each in verdicts.items() for text in each.sentences()],
             verdicts,
         )
@@ -194,7 +194,7 @@ class Report:
         self._sections.append(
             f'<h2 id="{self._overview.add(comparison)}">{escaped(bag.name)}</h2>'
             + f'<div class="verdict"><p>Use {AngleSettings.observer} as it is.</p></div>'
-            + ''.join(f'<p>{escaped(each)}</p>' for each in said)
+            + ''.join(f'<p>{escaped(each)}</p>' for each in sentences)
         )
         return list(comparison.refused.values())
 
@@ -234,8 +234,8 @@ class Report:
         """Return heading, verdict, parameter file and picture."""
         bag = Path(comparison.bag)
         anchor = self._overview.add(comparison)
-        said = opening.words(chosen, raw, self._entries, verdicts)
-        spoken = sum(text.startswith('Use ') for text in said)
+        sentences = opening.words(chosen, raw, self._entries, verdicts)
+        recommended = sum(text.startswith('Use ') for text in sentences)
         if parameters is None:
             parameters = opening.parameter_file(
                 comparison, chosen, self._entries, seen, self._period, verdicts
@@ -267,9 +267,9 @@ class Report:
             f'<h2 id="{anchor}">{escaped(bag.name)}</h2>',
             f'<p class="note">{escaped(str(bag))}</p>',
             '<div class="verdict">'
-            + ''.join(f'<p>{escaped(each)}</p>' for each in said[:spoken])
+            + ''.join(f'<p>{escaped(each)}</p>' for each in sentences[:recommended])
             + '</div>',
-            _told(said[spoken:], joints),
+            _folded(sentences[recommended:], joints),
             f'<div class="first">{file}<div>{picture}</div></div>',
         ]
 
@@ -361,11 +361,11 @@ def _speed(row: Row) -> float:
     return math.sqrt(power) if math.isfinite(power) else 0.0
 
 
-def _told(said: Sequence[str], joints: int) -> str:
+def _folded(sentences: Sequence[str], joints: int) -> str:
     """Return sentences; those on some of several joints only when they are opened."""
     every = f'all {joints} joints: '
-    shown = [text for text in said if joints == 1 or text.startswith(every)]
-    rest = ''.join(f'<p>{escaped(each)}</p>' for each in said if each not in shown)
+    shown = [text for text in sentences if joints == 1 or text.startswith(every)]
+    rest = ''.join(f'<p>{escaped(each)}</p>' for each in sentences if each not in shown)
     return ''.join(f'<p>{escaped(each.removeprefix(every))}</p>' for each in shown) + (
         f'<details><summary>Each joint</summary>{rest}</details>' if rest else ''
     )

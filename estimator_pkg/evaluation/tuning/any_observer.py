@@ -113,4 +113,4 @@ def _sentence(observer: str, tuned: bool, pair: Compared | None) -> str:
     if pair.sign < 0:
         return f'{usual_}, is better than {name} (95 %)'
     within = number(abs(pair.difference) + pair.resolution, 2)
-    return f'{name} and {usual_}, cannot be told apart: within {within} %'
+    return f'{name} and {usual_}, cannot be distinguished: within {within} %'

@@ -210,7 +210,9 @@ def _why(
         return ''
     if pair.sign == 0 and pair.difference > -pair.resolution:
         within = number(max(abs(pair.difference), 0.0) + pair.resolution, 2)
-        return f'the tuned gains and the defaults cannot be told apart {where}: within {within} %'
+        return (
+            f'the tuned gains and the defaults cannot be distinguished {where}: within {within} %'
+        )
     return f'the tuned gains do not beat the defaults {where}'
 
 

@@ -140,7 +140,7 @@ def noise_values() -> Values:
         'noise sigma_v/sigma_y',
         math.sqrt(np.square(algorithm_1('saw', impulse).velocity / 1e-3).sum()),
     )
-    yield 'noise sigma_v/sigma_y told', reported_noise({'form': 'paper', **FIGURE_6})
+    yield 'noise sigma_v/sigma_y reported', reported_noise({'form': 'paper', **FIGURE_6})
     yield 'noise sigma_v/sigma_y matched', reported_noise({'order': 2, 'epsilon': EPSILON})
     time, _, angles = samples(profiles.constant(150.0), 30.0, quantum=QUANTUM)
     settled = rows(4, 30)

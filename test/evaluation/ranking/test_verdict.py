@@ -95,7 +95,7 @@ def test_the_sentences_of_a_verdict():
     assert found.sentences() == [
         'edge_adaptive is best: 0.21 rad/s rms; hybrid_angle makes 0.34 (95 % sure).',
         'edge_adaptive is better than hybrid_angle and pll (95 %).',
-        'edge_adaptive and kalman cannot be told apart: within 6 %.',
+        'edge_adaptive and kalman cannot be distinguished: within 6 %.',
         'This rests on motion up to 37 Hz. If the joint is slower, set --motion-hz.',
         STANDING[0].upper() + STANDING[1:] + '.',
     ]
