@@ -3,6 +3,7 @@
 
 """The system's Chromium without a network, for tests of pages."""
 
+import shlex
 import shutil
 
 import pytest
@@ -24,11 +25,10 @@ def start():
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
     for flag in (
-        '--headless=new',
-        '--no-sandbox',
-        '--disable-gpu',
-        '--disable-dev-shm-usage',
-        '--window-size=1200,1600',
+        *shlex.split(
+            '--headless=new --no-sandbox --disable-gpu --disable-dev-shm-usage '
+            '--window-size=1200,1600'
+        ),
         '--host-resolver-rules=MAP * ~NOTFOUND',
     ):
         options.add_argument(flag)

@@ -230,11 +230,7 @@ def site(tmp_path_factory):
     done = subprocess.run(
         [
             sys.executable,
-            '-m',
-            'mkdocs',
-            'build',
-            '--strict',
-            '--quiet',
+            *shlex.split('-m mkdocs build --strict --quiet'),
             '--config-file',
             str(ROOT / 'mkdocs.yml'),
             '--site-dir',

@@ -5,6 +5,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -95,10 +96,7 @@ def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path)
         foreign,
         'replay',
         BAG,
-        '--observer',
-        'mine',
-        '--set',
-        'alpha=0.2',
+        *shlex.split('--observer mine --set alpha=0.2'),
         '--out',
         tmp_path / 'out',
     )
@@ -117,12 +115,7 @@ def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign,
         foreign,
         'replay',
         BAG,
-        '--observer',
-        'geso',
-        '--set',
-        'model=slide',
-        '--set',
-        'joints=[pendulum]',
+        *shlex.split('--observer geso --set model=slide --set joints=[pendulum]'),
         '--out',
         tmp_path / 'out',
     )

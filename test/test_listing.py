@@ -8,6 +8,7 @@ import importlib
 import json
 import pkgutil
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -170,17 +171,9 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
     told = tmp_path / 'told.json'
     out = listed(
         capsys,
-        'geso',
-        '--rate',
-        '112',
-        '--set',
-        'model=single_joint',
-        '--set',
-        'L=[50]',
-        '--set',
-        'K=[600]',
-        '--set',
-        'form=paper',
+        *shlex.split(
+            'geso --rate 112 --set model=single_joint --set L=[50] --set K=[600] --set form=paper'
+        ),
         '--set',
         "model_parameters=['inertia=0.1']",
         '--json',

@@ -4,6 +4,7 @@
 """The package as pip and as colcon install it: index entry, share/, executables."""
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -73,14 +74,9 @@ def assert_share_is_found(prefix):
 def test_pip_install_finds_share(source, tmp_path):
     run(
         sys.executable,
-        '-m',
-        'pip',
-        'install',
-        '--quiet',
-        '--no-compile',
-        '--no-build-isolation',
-        '--no-deps',
-        '--ignore-installed',
+        *shlex.split(
+            '-m pip install --quiet --no-compile --no-build-isolation --no-deps --ignore-installed'
+        ),
         '--prefix',
         str(tmp_path),
         '.',

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 import signal
 import sqlite3
@@ -330,11 +331,7 @@ def test_what_cannot_be_moved_is_kept(name, tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_simulate_ends_with_what_it_has(number, tmp_path):
     with dds.NodeProcess(
-        'estimator_pkg.cli',
-        'simulate',
-        'encoder',
-        '--duration',
-        '100000',
+        *shlex.split('estimator_pkg.cli simulate encoder --duration 100000'),
         '--out',
         str(tmp_path / 'bag'),
         '--json',
@@ -494,12 +491,7 @@ def test_a_terminal_that_goes_away_takes_nothing_along(tmp_path):
     process = subprocess.Popen(
         [
             sys.executable,
-            '-m',
-            'estimator_pkg.cli',
-            'simulate',
-            'encoder',
-            '--duration',
-            '100000',
+            *shlex.split('-m estimator_pkg.cli simulate encoder --duration 100000'),
             '--out',
             str(tmp_path / 'bag'),
         ],

@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import shlex
 from pathlib import Path
 
 import bag_making as make
@@ -402,16 +403,10 @@ def test_raw_counts_at_their_publish_times(tmp_path):
     path = angle_bag(tmp_path / 'bag', 'Int32', counts)
     replay(
         path,
-        '--observer',
-        'finite_difference',
-        '--angle',
-        '/angle:data',
-        '--set',
-        'counts_per_revolution=4096',
-        '--set',
-        'angle_sign=-1',
-        '--joint',
-        'wheel',
+        *shlex.split(
+            '--observer finite_difference --angle /angle:data --set '
+            'counts_per_revolution=4096 --set angle_sign=-1 --joint wheel'
+        ),
         '--out',
         tmp_path / 'out',
     )
@@ -449,10 +444,7 @@ def test_stamps_of_the_publisher(tmp_path):
             bag.write(STATES, START + 5 * i, raw, START + i * 1_000_000)
     replay(
         tmp_path / 'bag',
-        '--observer',
-        'finite_difference',
-        '--set',
-        'stamp_source=publisher',
+        *shlex.split('--observer finite_difference --set stamp_source=publisher'),
         '--out',
         tmp_path / 'out',
     )
@@ -643,12 +635,7 @@ def test_gains_that_are_unstable_at_this_rate_are_told(recording, capsys, tmp_pa
     path = make.ours(tmp_path / 'slow', content)
     replay(
         path,
-        '--observer',
-        'hybrid_angle',
-        '--set',
-        'form=paper',
-        '--set',
-        'bandwidth_hz=200',
+        *shlex.split('--observer hybrid_angle --set form=paper --set bandwidth_hz=200'),
         '--json',
         tmp_path / 'json',
     )

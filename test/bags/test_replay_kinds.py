@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import shlex
 from pathlib import Path
 
 import dds
@@ -90,11 +91,7 @@ def test_adaptive_replay_equals_the_live_node(motor, probe, tmp_path):
     with (
         dds.NodeProcess(
             'estimator_pkg.nodes.executables adaptive_observer',
-            '--ros-args',
-            '-r',
-            'joint_states:=/motor',
-            '-p',
-            'bandwidth_hz:=6.0',
+            *shlex.split('--ros-args -r joint_states:=/motor -p bandwidth_hz:=6.0'),
         ),
         dds.Observer(probe, '/adaptive_observer', '/motor') as node,
     ):
@@ -161,11 +158,7 @@ def test_switched_replay_equals_the_live_node(gripper, probe, tmp_path):
     with (
         dds.NodeProcess(
             'estimator_pkg.nodes.executables switched_observer',
-            '--ros-args',
-            '-r',
-            'joint_states:=/gripper',
-            '-p',
-            'quantum:=9.6e-5',
+            *shlex.split('--ros-args -r joint_states:=/gripper -p quantum:=9.6e-5'),
         ),
         dds.Observer(probe, '/switched_observer', '/gripper') as node,
     ):
@@ -254,10 +247,7 @@ def test_mechanical_stands_beside_angle_observers(tmp_path, capsys):
     rows = evaluated(
         tmp_path,
         tmp_path / 'bag',
-        '--observer',
-        'geso',
-        '--observer',
-        'pll',
+        *shlex.split('--observer geso --observer pll'),
         '--html',
         tmp_path / 'page.html',
         *words,
@@ -292,10 +282,7 @@ def test_parameters_go_to_the_observers_that_know_them(motor, tmp_path):
     rows = evaluated(
         tmp_path,
         motor,
-        '--observer',
-        'pll',
-        '--observer',
-        'adaptive',
+        *shlex.split('--observer pll --observer adaptive'),
         *settings('damping=0.9', 'order=2'),
     )
     alone = evaluated(tmp_path, motor, '--observer', 'pll')

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sqlite3
 
 import bag_making as make
@@ -171,13 +172,7 @@ def test_every_message_malformed_is_exit_1(tmp_path, capsys):
         (
             '/effort_command',
             [
-                'replay',
-                '--observer',
-                'geso',
-                '--set',
-                'joints=[a]',
-                '--set',
-                'input=effort_command',
+                *shlex.split('replay --observer geso --set joints=[a] --set input=effort_command'),
             ],
         ),
         (

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 
 import dds
 import numpy as np
@@ -67,10 +68,7 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
         DiagnosticArray, '/adaptive_observer/identified_parameters', told.append, 10
     )
     common = (
-        '--ros-args',
-        '-r',
-        'joint_states:=/motor',
-        '-p',
+        *shlex.split('--ros-args -r joint_states:=/motor -p'),
         f'parameters_file:={path}',
         '-p',
         'torque_constant:=0.6',

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from pathlib import Path
 
@@ -398,15 +399,10 @@ def test_a_change_while_20_khz_stream_through_the_compiled_observer_loses_nothin
         observer.prints("estimates 'motor'")
         with dds.NodeProcess(
             SIMULATION,
-            '--ros-args',
-            '-p',
-            'duration:=2.0',
-            '-p',
-            'wait_for_subscribers:=1',
-            '-p',
-            'profile:=constant',
-            '-r',
-            'drive_samples:=/pmsm_changed/samples',
+            *shlex.split(
+                '--ros-args -p duration:=2.0 -p wait_for_subscribers:=1 -p '
+                'profile:=constant -r drive_samples:=/pmsm_changed/samples'
+            ),
         ) as simulator:
             for count, (name, value) in enumerate(
                 (('speed_filter_hz', 200.0), ('epsilon', 1e-4), ('pwm_frequency', 2e4))
@@ -457,15 +453,9 @@ def test_the_simulator_live_is_the_simulated_one(probe):
     )
     with dds.NodeProcess(
         SIMULATION,
-        '--ros-args',
-        '-r',
-        '__ns:=/live_sim',
-        '-p',
-        'duration:=0.3',
-        '-p',
-        'wait_for_subscribers:=1',
-        '-p',
-        'seed:=7',
+        *shlex.split(
+            '--ros-args -r __ns:=/live_sim -p duration:=0.3 -p wait_for_subscribers:=1 -p seed:=7'
+        ),
     ) as process:
         probe.until(lambda: len(raws) >= 30)
         assert process.ends() == 0, process.output

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections import Counter
 
 import dds
@@ -53,10 +54,7 @@ def recording(tmp_path_factory):
                 'encoder',
                 '--out',
                 str(path / 'made'),
-                '--duration',
-                '2',
-                '--seed',
-                '5',
+                *shlex.split('--duration 2 --seed 5'),
                 '--set',
                 'joints=[a, b]',
                 *faults,

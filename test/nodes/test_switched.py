@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 
 import dds
 import numpy as np
@@ -47,25 +48,16 @@ def test_a_gripper_live(probe):
     ]
     with dds.NodeProcess(
         MODULE,
-        '--ros-args',
-        '-r',
-        '__ns:=/gripper',
-        '-r',
-        '__node:=switched',
-        '-p',
+        *shlex.split('--ros-args -r __ns:=/gripper -r __node:=switched -p'),
         f'quantum:={QUANTUM}',
         *reliable('subscription'),
     ) as node:
         probe.until(lambda: all(each.get_publisher_count() for each in subscriptions))
         with dds.NodeProcess(
             'sim_pkg.nodes.executables gripper_sim',
-            '--ros-args',
-            '-r',
-            '__ns:=/gripper',
-            '-p',
-            'duration:=3.2',
-            '-p',
-            'wait_for_subscribers:=1',
+            *shlex.split(
+                '--ros-args -r __ns:=/gripper -p duration:=3.2 -p wait_for_subscribers:=1'
+            ),
             *reliable('publisher'),
         ) as sim:
             probe.until(lambda: not sim.alive)

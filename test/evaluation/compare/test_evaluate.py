@@ -5,6 +5,7 @@
 
 import json
 import math
+import shlex
 import struct
 import sys
 from pathlib import Path
@@ -447,12 +448,9 @@ def test_a_number_of_any_type_is_judged(tmp_path):
     found = evaluate(
         tmp_path,
         path,
-        '--angle',
-        '/encoder:data',
-        '--observer',
-        'hybrid_angle',
-        '--set',
-        'counts_per_revolution=4096',
+        *shlex.split(
+            '--angle /encoder:data --observer hybrid_angle --set counts_per_revolution=4096'
+        ),
     )['bags'][path]
     assert found['truth'] == 'the off-line smoother'
     speeds = np.array([motion(stamp)[1] for stamp in stamps])

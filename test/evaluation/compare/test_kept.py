@@ -6,6 +6,7 @@
 import json
 import math
 import pickle
+import shlex
 import tempfile
 
 import numpy as np
@@ -65,12 +66,7 @@ def test_a_report_does_not_depend_on_where_arrays_wait(tmp_path, all_in_files, m
                 [
                     'evaluate',
                     str(tmp_path / 'bag'),
-                    '--observer',
-                    'pll',
-                    '--observer',
-                    'kalman',
-                    '--skip',
-                    '0.2',
+                    *shlex.split('--observer pll --observer kalman --skip 0.2'),
                     '--html',
                     str(page),
                     '--json',

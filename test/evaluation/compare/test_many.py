@@ -6,6 +6,7 @@
 import html
 import json
 import math
+import shlex
 import shutil
 
 import pytest
@@ -81,10 +82,7 @@ def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys,
             [
                 'tune',
                 str(mixed),
-                '--observer',
-                'pll',
-                '--trials',
-                '8',
+                *shlex.split('--observer pll --trials 8'),
                 '--jobs',
                 jobs,
                 '--out',

@@ -4,6 +4,7 @@
 """Drives with the truth of every sample in the bag are judged and tuned sample by sample."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -34,14 +35,7 @@ def drive(tmp_path_factory):
     assert (
         main(
             [
-                'simulate',
-                'pmsm',
-                '--duration',
-                '0.15',
-                '--seed',
-                '1',
-                '--set',
-                'current_noise=0.05',
+                *shlex.split('simulate pmsm --duration 0.15 --seed 1 --set current_noise=0.05'),
                 '--out',
                 str(folder / 'bag'),
             ]

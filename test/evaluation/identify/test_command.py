@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -211,12 +212,7 @@ def test_torque_constant_and_gear_are_taken_as_given(recording, tmp_path):
                 str(recording),
                 '--json',
                 str(told),
-                '--set',
-                'torque_constant=0.5',
-                '--set',
-                'gear_ratio=4',
-                '--set',
-                'bias=0',
+                *shlex.split('--set torque_constant=0.5 --set gear_ratio=4 --set bias=0'),
             ]
         )
         == 0
@@ -243,14 +239,7 @@ def test_a_users_model_is_identified_from_a_bag_and_replayed(crane, tmp_path):
                 str(bag),
                 '--model',
                 crane,
-                '--joint',
-                'cable',
-                '--joint',
-                'trolley',
-                '--start',
-                'load=1.5',
-                '--set',
-                'cable=1.5',
+                *shlex.split('--joint cable --joint trolley --start load=1.5 --set cable=1.5'),
                 '--out',
                 str(out),
                 '--json',

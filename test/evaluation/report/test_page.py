@@ -8,6 +8,7 @@ import html
 import json
 import math
 import re
+import shlex
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -45,12 +46,7 @@ def page(tmp_path_factory):
                 'evaluate',
                 str(PENDULUM),
                 str(FAULTS),
-                '--observer',
-                'hybrid_angle',
-                '--observer',
-                'finite_difference',
-                '--skip',
-                '0.5',
+                *shlex.split('--observer hybrid_angle --observer finite_difference --skip 0.5'),
                 '--html',
                 str(path),
                 '--data',
@@ -269,12 +265,7 @@ def test_without_truth_the_page_has_the_verdict(tmp_path):
     page, found = report(
         tmp_path,
         str(PENDULUM),
-        '--reference',
-        'smoother',
-        '--observer',
-        'hybrid_angle',
-        '--observer',
-        'pll',
+        *shlex.split('--reference smoother --observer hybrid_angle --observer pll'),
     )
     verdict = found[str(PENDULUM)]['verdict']['pendulum']
     assert verdict['best'] == 'hybrid_angle' and verdict['pairs'][0]['sign'] == 1

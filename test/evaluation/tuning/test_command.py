@@ -8,6 +8,7 @@ import itertools
 import json
 import math
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -261,17 +262,10 @@ def test_the_yaml_is_what_the_node_takes(tmp_path, capsys):
     found, out = tuned(
         tmp_path,
         bag,
-        '--observer',
-        'hybrid_angle',
-        '--per-joint',
-        '--trials',
-        '16',
-        '--set',
-        'order=2',
-        '--set',
-        'noise=0',
-        '--set',
-        'joints.b.timeout=2',
+        *shlex.split(
+            '--observer hybrid_angle --per-joint --trials 16 --set order=2 --set noise=0 '
+            '--set joints.b.timeout=2'
+        ),
     )
     (line,) = (line for line in capsys.readouterr().err.splitlines() if 'warning' in line)
     assert "write 'per_joint.b.timeout: 2' instead of 'joints.b.timeout'" in line
@@ -338,12 +332,7 @@ def test_the_picture_shows_the_front_and_the_choice(tmp_path, monkeypatch):
     found, _ = tuned(
         tmp_path,
         bag,
-        '--observer',
-        'pll',
-        '--trials',
-        '12',
-        '--held-out',
-        '0',
+        *shlex.split('--observer pll --trials 12 --held-out 0'),
         '--plot',
         str(tmp_path / 'front.png'),
     )
@@ -446,10 +435,7 @@ def test_a_dask_scheduler(tmp_path):
         _, out = tuned(
             tmp_path,
             bag,
-            '--observer',
-            'pll',
-            '--trials',
-            '8',
+            *shlex.split('--observer pll --trials 8'),
             '--scheduler',
             cluster.scheduler_address,
         )
@@ -561,14 +547,7 @@ def test_gains_are_written_where_they_beat_the_defaults_on_held_out_data(tmp_pat
     slower, _ = tuned(
         tmp_path,
         bag,
-        '--observer',
-        'pll',
-        '--trials',
-        '16',
-        '--motion-hz',
-        '1',
-        '--held-out',
-        '0.4',
+        *shlex.split('--observer pll --trials 16 --motion-hz 1 --held-out 0.4'),
     )
     assert slower['tuned'][0]['tried']['bandwidth_hz'] < each['tried']['bandwidth_hz']
 
@@ -658,14 +637,9 @@ def test_raw_counts(tmp_path, capsys):
     words = [
         'tune',
         str(COUNTS),
-        '--observer',
-        'pll',
-        '--angle',
-        '/angle:data',
-        '--trials',
-        '8',
-        '--set',
-        'counts_per_revolution=4096',
+        *shlex.split(
+            '--observer pll --angle /angle:data --trials 8 --set counts_per_revolution=4096'
+        ),
         '--out',
         str(tmp_path / 'g.yaml'),
     ]

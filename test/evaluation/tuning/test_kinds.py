@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -307,12 +308,7 @@ def test_ctrl_c_with_workers_keeps_the_best(tmp_path):
             'estimator_pkg.cli',
             'tune',
             bag,
-            '--observer',
-            'pll',
-            '--jobs',
-            '2',
-            '--trials',
-            '4000',
+            *shlex.split('--observer pll --jobs 2 --trials 4000'),
             '--out',
             str(out),
             '--storage',

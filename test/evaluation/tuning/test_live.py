@@ -4,6 +4,7 @@
 """tune --live beside a running simulator and observer, over real DDS."""
 
 import json
+import shlex
 
 import dds
 import pytest
@@ -32,11 +33,7 @@ def parameter(process_name, name):
 def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
     out, result = tmp_path / 'gains.yaml', tmp_path / 'result.json'
     words = [
-        'tune',
-        '--live',
-        '4',
-        '--observer',
-        'pll',
+        *shlex.split('tune --live 4 --observer pll'),
         '--out',
         str(out),
         '--trials',
@@ -49,19 +46,11 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
     with (
         dds.NodeProcess(
             'sim_pkg.nodes.executables encoder_sim',
-            '--ros-args',
-            '-p',
-            'profile:=sine',
-            '-p',
-            'rate:=500.0',
+            *shlex.split('--ros-args -p profile:=sine -p rate:=500.0'),
         ),
         dds.NodeProcess(
             'estimator_pkg.nodes.executables joint_observer',
-            '--ros-args',
-            '-p',
-            'observer:=pll',
-            '-p',
-            'bandwidth_hz:=7.0',
+            *shlex.split('--ros-args -p observer:=pll -p bandwidth_hz:=7.0'),
         ),
     ):
         with dds.NodeProcess('estimator_pkg.cli', *words) as tuning:

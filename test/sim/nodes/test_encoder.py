@@ -5,6 +5,7 @@
 
 import contextlib
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -120,10 +121,7 @@ def encoder_sim(*arguments, **parameters):
     process = subprocess.Popen(
         [
             sys.executable,
-            '-m',
-            'sim_pkg.nodes.executables',
-            'encoder_sim',
-            '--ros-args',
+            *shlex.split('-m sim_pkg.nodes.executables encoder_sim --ros-args'),
             *arguments,
             *words,
         ],
