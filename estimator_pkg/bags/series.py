@@ -78,7 +78,7 @@ def positions(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Ser
 
 
 def of_positions(stamps_ns: NDArray[np.int64], position: NDArray[np.float64]) -> Series:
-    """Return a series of positions only; positions outside the observers' range become nan."""
+    """Return a series of positions, shape (n,); those outside the observers' range become nan."""
     nothing = np.broadcast_to(np.nan, len(stamps_ns))
     return Series(
         stamps_ns, np.where(np.abs(position) < LARGEST, position, np.nan), nothing, nothing

@@ -36,7 +36,7 @@ class Block:
         return len(self.topic)
 
     def take(self, rows: NDArray[Any] | slice) -> Block:
-        """Return some of the messages, in the same buffer."""
+        """Return the messages of these rows, shape (k,), in the same buffer."""
         return Block(
             self.topic[rows],
             self.log_ns[rows],

@@ -26,15 +26,15 @@ class Messages(Protocol):
 
     @property
     def data(self) -> NDArray[np.uint8]:
-        """As `Block.data`."""
+        """Bytes of all messages, shape (n,), as `Block.data`."""
 
     @property
     def start(self) -> NDArray[np.int64]:
-        """As `Block.start`."""
+        """First byte of each message, shape (n,), as `Block.start`."""
 
     @property
     def end(self) -> NDArray[np.int64]:
-        """As `Block.end`."""
+        """Byte behind each message, shape (n,), as `Block.end`."""
 
 
 class LayoutLike(Protocol):
@@ -45,7 +45,7 @@ class LayoutLike(Protocol):
         """Minimum length of a message [bytes]."""
 
     def deciding(self) -> Sequence[bool] | NDArray[np.bool_]:
-        """Return True for each byte that decides the layout."""
+        """Return True for each byte that decides the layout, shape (size,)."""
 
 
 L = TypeVar('L', bound=LayoutLike)
@@ -135,7 +135,7 @@ def put(out: NDArray[np.uint8], at: int, values: NDArray[Any]) -> None:
 
 
 def put_stamps(out: NDArray[np.uint8], at: int, stamps_ns: NDArray[np.int64]) -> None:
-    """Write stamps [ns] as seconds and nanoseconds, little-endian, starting at byte `at`."""
+    """Write stamps [ns], shape (n,), as little-endian seconds and nanoseconds from byte `at` on."""
     seconds = stamps_ns // 1_000_000_000
     put(out, at, seconds.astype('<i4'))
     put(out, at + 4, (stamps_ns - seconds * 1_000_000_000).astype('<u4'))

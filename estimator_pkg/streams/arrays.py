@@ -59,7 +59,7 @@ class Estimated(NamedTuple):
     velocity_stddev: NDArray[np.float64]
 
     def of(self, rows: NDArray[np.bool_]) -> Estimated:
-        """Return the estimates of these messages alone."""
+        """Return the estimates of these messages alone; rows: shape (k,), indices or a mask."""
         samples, *arrays = self
         samples = samples._replace(
             rows=samples.rows[rows],

@@ -43,7 +43,7 @@ class Clocks:
         return device(stamp_ns, names, positions)
 
     def block(self, groups: Sequence[Samples]) -> list[NDArray[np.int64]]:
-        """As a call for each message of these groups, in order."""
+        """Return times [ns], shape (n,), of each group: as a call for each message, in order."""
         times = [np.array(group.stamps_ns, np.int64) for group in groups]
         calls = sorted(
             (row, index, at)

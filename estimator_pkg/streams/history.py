@@ -68,7 +68,7 @@ class History:
     def add(
         self, stamps_ns: NDArray[np.int64], status: NDArray[np.int8], verdict: NDArray[np.int8]
     ) -> None:
-        """Count samples: their stamps, the status after each, and the guard's verdicts."""
+        """Count samples: stamps [ns], statuses after them and verdicts, each of shape (n,)."""
         used = verdict < DUPLICATE
         if not used.any():
             return

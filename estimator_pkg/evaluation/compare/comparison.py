@@ -70,7 +70,7 @@ class Kept:
             self._file, self._values = file, None
 
     def get(self) -> NDArray:
-        """Return the array; it must not be modified."""
+        """Return the array, shape (n,), in its unit; it must not be modified."""
         if self._file is None:
             assert self._values is not None
             return self._values
@@ -386,7 +386,7 @@ def _sharing(row: Row, others: list[Row]) -> Row:
 
 
 def coverage(errors: Array, stddev: Array) -> float:
-    """Return the fraction of the errors within 1.96 standard deviations; nan if none is known."""
+    """Return the fraction of the errors, shape (n,), within 1.96 stddev; nan if none is known."""
     known = np.isfinite(errors) & np.isfinite(stddev)
     if not known.any():
         return np.nan

@@ -60,7 +60,7 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
 
 
 def noise_power(values: Array) -> float:
-    """Return the power of white noise with the same third differences as `values`."""
+    """Return the power [values^2] of white noise with the third differences of `values`, (n,)."""
     return float(np.mean(np.diff(values, 3) ** 2)) / 20.0
 
 

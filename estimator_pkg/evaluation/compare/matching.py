@@ -57,7 +57,7 @@ def pieces(stamps: Stamps) -> list[NDArray[np.int64]]:
 
 
 def strays(stamps: Stamps) -> NDArray[np.bool_]:
-    """Return True for single stamps far ahead of both their neighbours."""
+    """Return True, shape (n,), for single stamps far ahead of both their neighbours."""
     found = np.zeros(len(stamps), bool)
     steps = np.diff(stamps)
     if len(steps) > 1:

@@ -28,14 +28,17 @@ STEADY = 1e-4  # largest change of a constant truth within a block, over its lar
 
 
 def wrapped(difference: Array, period: float) -> Array:
-    """Return `difference` in [-period/2, period/2); unchanged if `period` is 0."""
+    """Return `difference`, shape (n,), in [-period/2, period/2); unchanged if `period` is 0."""
     if period <= 0.0:
         return difference
     return difference - period * np.floor(difference / period + 0.5)
 
 
 def summary(errors: Array) -> dict[str, float]:
-    """Return rms, mean_abs, max_abs and bias of the finite `errors`; nan without any."""
+    """Return rms, mean_abs, max_abs and bias of the finite `errors`, shape (n,), in their unit.
+
+    They are nan without any.
+    """
     errors = errors[np.isfinite(errors)]
     if not len(errors):
         return {'rms': np.nan, 'mean_abs': np.nan, 'max_abs': np.nan, 'bias': np.nan}

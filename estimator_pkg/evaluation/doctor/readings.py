@@ -124,12 +124,12 @@ class Readings:
 
     @cached_property
     def raw(self) -> Array:
-        """Shape (m,): the readings of the rows."""
+        """Readings of the rows [rad or m], shape (m,)."""
         return self.position[self.rows]
 
     @cached_property
     def moves(self) -> Array:
-        """Shape (m - 1,): change of the reading from a row to the next, the shorter way around."""
+        """Change of the reading to the next row [rad or m], the shorter way, shape (m - 1,)."""
         return np.where(self.joined, wrapped(np.diff(self.raw), self.period), 0.0)
 
     @cached_property
@@ -279,7 +279,7 @@ class Readings:
 
     @cached_property
     def path(self) -> Array:
-        """Shape (m,): the unwrapped motion from 0 on, without jumps."""
+        """Unwrapped motion [rad or m] from 0 on, without jumps, shape (m,)."""
         return np.concatenate([[0.0], np.cumsum(np.where(self.leaps, 0.0, self.moves))])
 
     @cached_property
@@ -315,7 +315,7 @@ class Readings:
 
 
 def beside(size: Array, at: Rows) -> Array:
-    """Return the larger of the median moves before and after these."""
+    """Return the larger of the median moves before and after these [rad or m], shape (n,)."""
     padded = np.pad(size, BESIDE, mode='reflect')
     medians = np.median(sliding_window_view(padded, BESIDE), axis=1)
     return np.asarray(np.maximum(medians[at], medians[at + BESIDE + 1]))

@@ -53,7 +53,7 @@ def thinned(recording: Recording) -> Recording:
 
 
 def accumulated(time: Array, inputs: Array) -> Array:
-    """Return the integral of the inputs up to each sample."""
+    """Return the integral of the inputs, shape (n, k), up to each sample [input s]."""
     steps = np.diff(time, prepend=time[0])[:, None]
     return np.cumsum(np.where(steps > 0.0, inputs * steps, 0.0), axis=0)
 
@@ -88,7 +88,7 @@ def cut(recording: Recording) -> tuple[list[Piece], list[Piece]]:
 
 
 def first_guess(recording: Recording, piece: Piece) -> Array:
-    """Return positions and velocities at the start of a piece, by a parabola through samples."""
+    """Return positions and velocities [SI] at the start, shape (2 n,): those of a parabola."""
     count = min(piece.end - piece.begin, max(8, (piece.end - piece.begin) // 4))
     rows = slice(piece.begin, piece.begin + count)
     time = recording.time[rows] - recording.time[piece.begin]

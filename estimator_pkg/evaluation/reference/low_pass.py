@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def gain(frequency: Array, corner: float) -> Array:
-    """Return the gain of the low-pass with this corner [Hz]."""
+    """Return the gain of the low-pass with this corner [Hz] at each frequency [Hz], shape (n,)."""
     return 1.0 / (1.0 + (frequency / corner) ** 8)
 
 

@@ -49,7 +49,7 @@ def density(time: Array, error: Array) -> tuple[Array, Array]:
 
 
 def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
-    """Return (speed, rms error, mean error) over bins of signed true speed with equal counts."""
+    """Return (speed, rms error, mean error) [rad/s] over bins of true speed, each shape (k,)."""
     good = np.isfinite(truth) & np.isfinite(error)
     truth, error = truth[good], error[good]
     if len(truth) < FEW:

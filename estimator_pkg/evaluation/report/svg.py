@@ -54,7 +54,7 @@ class Axis(NamedTuple):
 
     @staticmethod
     def around(label: str, values: Iterable[Array], log: bool = False, zero: bool = False) -> Axis:
-        """Return an axis that shows all finite values, with some room."""
+        """Return an axis that shows all finite values, arrays of any shape, with some room."""
         known = np.concatenate([np.zeros(0), *(np.ravel(each) for each in values)])
         known = known[np.isfinite(known) & ((known > 0.0) | (not log))]
         if not len(known):

@@ -18,7 +18,7 @@ MOST, ROOM = 99.5, 2.5  # an outlier beyond ROOM times this percentile is marked
 
 
 def extremes(values: Array, points: int) -> NDArray[np.int64]:
-    """Return the samples to draw: lowest and highest of each of `points` / 2 equal stretches.
+    """Return the indices to draw: lowest and highest of each of `points` / 2 equal stretches.
 
     Spikes stay visible, unlike with every n-th sample. Indices in ascending order; all of them if
     there are at most `points`.
@@ -40,7 +40,7 @@ def extremes(values: Array, points: int) -> NDArray[np.int64]:
 
 
 def changes(values: NDArray, points: int) -> NDArray[np.int64]:
-    """Return the samples that draw a staircase: at its steps, and both ends; at most `points`."""
+    """Return the indices that draw a staircase, shape (k,): steps and ends, at most `points`."""
     if not len(values):
         return np.zeros(0, np.int64)
     steps = np.flatnonzero(np.diff(values)) + 1
@@ -51,7 +51,7 @@ def changes(values: NDArray, points: int) -> NDArray[np.int64]:
 
 
 def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Array, NDArray]:
-    """Return (time, values) of the chosen samples, with nan where the record has a gap."""
+    """Return (time [s], values), shape (k,), of chosen samples; nan where the record has a gap."""
     steps = np.diff(time)
     known = steps[np.isfinite(steps)]
     if not len(known):

@@ -92,7 +92,7 @@ def raw_difference(comparison: Comparison, joint: str, row: Row, period: float) 
 
 
 def at_times(wanted: Array, time: Array, values: Array) -> Array:
-    """Return the values at these times, interpolated linearly; nan outside."""
+    """Return the values at these times [s], shape (n,), interpolated linearly; nan outside."""
     return np.interp(wanted, time, values, left=np.nan, right=np.nan)
 
 

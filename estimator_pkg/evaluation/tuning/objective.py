@@ -127,7 +127,7 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
 
 
 def settled(elapsed: Array) -> NDArray[np.bool_]:
-    """Return True for the samples after the settling at the beginning of a part."""
+    """Return True for each sample, shape (n,), after the settling of a part; elapsed [s]."""
     return elapsed >= min(SETTLING, 0.25 * float(elapsed[-1]))
 
 

@@ -31,7 +31,7 @@ class Tuning(NamedTuple):
 
 
 def require_hurwitz(L: Array) -> None:
-    """Raise UsageError unless -L is Hurwitz."""
+    """Raise UsageError unless -L [1/s], shape (n, n), is Hurwitz."""
     slowest = float(np.min(np.linalg.eigvals(L).real))
     if not slowest > 0.0:
         raise UsageError(
@@ -41,7 +41,12 @@ def require_hurwitz(L: Array) -> None:
 
 
 def require_positive(name: str, gain: Array) -> Array:
-    """Return the gain made exactly symmetric; raises UsageError unless it is positive definite."""
+    """Return the gain, shape (n, n), made exactly symmetric, in its unit.
+
+    Raises
+    ------
+    UsageError : it is not positive definite.
+    """
     if float(np.max(np.abs(gain - gain.T))) > 1e-9 * float(np.max(np.abs(gain))):
         raise UsageError(
             f"parameter '{name}' is not symmetric: give a symmetric matrix row by row, or one "
@@ -91,7 +96,7 @@ def error_matrix(mechanics: Mechanics, tuning: Tuning, q: Array, disturbed: bool
 
 
 def slowest_pole(matrix: Array) -> float:
-    """Return the slowest pole, -(largest real part of the eigenvalues) [1/s]."""
+    """Return the slowest pole of x' = matrix x, shape (n, n): -(largest real part) [1/s]."""
     return -float(np.max(np.linalg.eigvals(matrix).real))
 
 

@@ -23,7 +23,7 @@ KEPT = 4096  # largest number of cached variances
 
 
 def exponential(matrix: Array) -> Array:
-    """Return exp(matrix) by scaling, Taylor series and squaring (for small matrices)."""
+    """Return exp(matrix) without unit, by scaling, Taylor series and squaring (small matrices)."""
     size = float(np.max(np.sum(np.abs(matrix), axis=1)))
     times = max(0, int(np.ceil(np.log2(max(size, 1e-300)))) + 2)
     part = matrix / 2.0**times

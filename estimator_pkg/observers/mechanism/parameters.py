@@ -213,5 +213,5 @@ def operating_point(gains: BandwidthGains, mechanics: Mechanics) -> Array:
 
 
 def tuple_of(matrix: Array) -> tuple:
-    """Return a numpy matrix or vector as tuples of floats."""
+    """Return a matrix or vector, shape (n, m) or (n,), as tuples of floats in the same unit."""
     return tuple(tuple(row) if isinstance(row, list) else row for row in matrix.tolist())

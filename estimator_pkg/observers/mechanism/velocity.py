@@ -111,7 +111,7 @@ def make_place(n: int, gains: MechanicalGains) -> Callable[..., tuple]:
 
 
 def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at: Array) -> Array:
-    """Return A of (e, x, d)' = A (e, x, d) at the positions `at`, without Coriolis forces.
+    """Return A [1/s] of (e, x, d)' = A (e, x, d) at the positions `at`, without Coriolis forces.
 
     Its shape is (2 n, 2 n) if E is None, else (3 n, 3 n).
     """

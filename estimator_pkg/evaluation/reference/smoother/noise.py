@@ -75,7 +75,7 @@ class Noise(NamedTuple):
 def white(
     parts: list[Piece], readings: Array, period: float, reading: float | None = None
 ) -> Noise | None:
-    """Return reading noise and jerk intensity by maximum innovation likelihood, or None.
+    """Return noise and jerk intensity of readings, shape (n,), by maximum likelihood, or None.
 
     With all variances in units of the readings' one, the latter follows in closed form, so one
     search over the ratio of both is enough. If it is below that of the quantisation, it is fixed

@@ -39,7 +39,7 @@ class Piece(NamedTuple):
 
 
 def cut(stamps: Stamps, position: Array) -> list[Piece]:
-    """Return the pieces between gaps and clock jumps."""
+    """Return the pieces between gaps and clock jumps of positions [rad or m], shape (n,)."""
     found = []
     for run in pieces(stamps):
         steps = np.diff(stamps[run]) * 1e-9

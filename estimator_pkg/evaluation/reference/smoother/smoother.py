@@ -68,7 +68,7 @@ class Smoothed(NamedTuple):
 
     @property
     def firm(self) -> NDArray[np.bool_]:
-        """True where the standard deviation is about that of the middle: not at a piece's ends."""
+        """True, shape (n,), where the stddev is about that of the middle: not at a piece's ends."""
         return self.velocity_stddev <= LOOSER * float(np.median(self.velocity_stddev))
 
     @property
