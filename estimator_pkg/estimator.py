@@ -82,7 +82,7 @@ class EstimateArrays(NamedTuple):
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Where the velocity can be used: the status is tracking or coasting."""
+        """True where the velocity can be used, shape (n,): the status is tracking or coasting."""
         return np.isin(self.status, VALID)
 
 

@@ -98,7 +98,7 @@ def at_stamps(
 
     Parameters
     ----------
-    stamps : shape (n,), requested stamps. known, values : shape (k,), in any order.
+    stamps : shape (n,), requested stamps [ns]. known, values : shape (k,), in any order.
     """
     found = np.full(len(stamps), np.nan)
     if len(known):

@@ -66,7 +66,10 @@ class AdaptiveJoint(Joint):
         *,
         fast: bool | None = None,
     ) -> Estimates:
-        """Take many samples, piece by piece: blocks of evidence end where a piece does."""
+        """As `Joint.run`, piece by piece: blocks of evidence end where a piece does.
+
+        Arrays of shape (n,): stamps [ns], measurements [rad or m], known_input [its unit].
+        """
         pieces: list[Estimates] = []
         begin = 0
         fast = len(stamps) >= COMPILE_FROM if fast is None else fast

@@ -65,7 +65,7 @@ def decode(raw: bytes) -> Batch:
 
 
 def encode(stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> bytes:
-    """Encode a batch of samples or of estimates as CDR; `values` has shape (n, 4)."""
+    """Encode stamps [ns], shape (n,), and samples or estimates, shape (n, 4), as CDR."""
     table = np.empty((len(stamps_ns), len(CHANNELS)))
     sec = np.asarray(stamps_ns) // SECOND
     table[:, 0] = sec

@@ -129,7 +129,7 @@ def stamps(data: NDArray[np.uint8], at: int, order: str) -> NDArray[np.int64]:
 
 
 def put(out: NDArray[np.uint8], at: int, values: NDArray[Any]) -> None:
-    """Write the numbers of each row of `values` into the bytes of that row, starting at `at`."""
+    """Write each row of `values`, shape (n, k), into the same row's bytes of `out` from `at` on."""
     raw = values.view(np.uint8).reshape(len(out), -1)
     out[:, at : at + raw.shape[1]] = raw
 

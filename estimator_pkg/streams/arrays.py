@@ -103,7 +103,7 @@ class Estimation:
         ----------
         history : receives the time by status of each joint.
         expected : number of all messages to come; decides whether compiling pays.
-        times : when the readings of each group were taken [ns]; None: at their stamps.
+        times : when the readings of each group were taken [ns], shape (n,); None: at their stamps.
         """
         width_of_first = len(groups[0].names) if groups else 0
         if self._fast is None:  # once for the whole bag: speed must not depend on blocks

@@ -58,7 +58,7 @@ class History:
             self.add(*columns, np.array(verdict, np.int8))
 
     def noted(self) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        """Return stamps and statuses of the samples noted one by one, each of shape (n,)."""
+        """Return stamps [ns] and statuses of the samples noted one by one, each of shape (n,)."""
         self._flush()
         if not self._noted:
             return np.zeros(0, np.int64), np.zeros(0, np.int8)

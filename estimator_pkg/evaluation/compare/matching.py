@@ -41,7 +41,7 @@ class Matched(NamedTuple):
 
 
 def pieces(stamps: Stamps) -> list[NDArray[np.int64]]:
-    """Return the indices of each piece between clock jumps, sorted by stamp, without duplicates.
+    """Return the indices, shape (k,), of each piece between clock jumps, sorted by stamp.
 
     Single wrong stamps are in no piece.
     """

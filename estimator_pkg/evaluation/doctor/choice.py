@@ -94,7 +94,7 @@ def _entry(observer: str, **values: Any) -> Entry:
 
 
 def estimates(seen: Readings, reference: Motion, entry: Entry, rows: NDArray) -> Array:
-    """Return the velocities of a candidate at the reference's stamps; nan where it has none.
+    """Return the velocities [rad/s] of a candidate at the reference's stamps, shape (n,), or nan.
 
     Parameters
     ----------

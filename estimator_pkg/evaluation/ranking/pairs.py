@@ -50,13 +50,15 @@ def difference(squares: Array, others: Array, block: NDArray[np.int64]) -> Diffe
 
     Parameters
     ----------
-    squares, others : shape (n,), squared errors. block : shape (n,), see `blocks`.
+    squares, others : shape (n,), squared errors [(rad/s)^2]. block : shape (n,), see `blocks`.
     """
     return of_sums([np.bincount(block, squares - others)], [np.bincount(block).astype(float)])
 
 
 def of_sums(sums: Sequence[NDArray], counts: Sequence[NDArray]) -> Difference:
     """Return the same for block sums of several records; blocks without samples are ignored.
+
+    One array of shape (number of blocks,) for each record: sums [(rad/s)^2], counts.
 
     The sum over blocks has the variance of the blocks, and the covariance of neighbours if it is
     positive. Its quantile is Student's.

@@ -34,7 +34,10 @@ def low_passed(values: Array, rate: float, corner: float) -> Array:
 
 
 def odd(values: Array, rate: float) -> tuple[Array, NDArray[np.complex128], Array]:
-    """Return (line through the ends, spectrum without it, extended as an odd function, [Hz])."""
+    """Return (line through the ends, spectrum without it, extended as an odd function, [Hz]).
+
+    `values` and the line have shape (n,); `rate` [Hz].
+    """
     count = len(values)
     line = np.linspace(values[0], values[-1], count)
     rest = values - line

@@ -81,7 +81,10 @@ def from_smoother(uncertainty: float) -> Reference:
 def noise_only(
     time: Array, velocity: Array, own: Array | None = None, period: float = 0.0
 ) -> Reference:
-    """Return the quality of a reference without a measured position: its noise."""
+    """Return the quality of a reference without a measured position: its noise.
+
+    Arrays of shape (n,): time [s], velocity [rad/s or m/s], own position [rad or m].
+    """
     return Reference(
         np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, noise(time, velocity, own, period), np.nan
     )

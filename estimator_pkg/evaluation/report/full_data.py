@@ -61,7 +61,7 @@ class FullData:
                     self.write(f'{here}/velocity_stddev', row.stddev)
 
     def write(self, name: str, values: NDArray) -> None:
-        """Add an array, which ``numpy.load(path)[name]`` returns."""
+        """Add an array of any shape, which ``numpy.load(path)[name]`` returns."""
         with self._zip.open(f'{name}.npy', 'w', force_zip64=True) as stream:
             np.lib.format.write_array(stream, np.ascontiguousarray(values), allow_pickle=False)
 

@@ -18,7 +18,7 @@ FEW = 5  # bins of speed with fewer samples are skipped
 
 
 def density(time: Array, error: Array) -> tuple[Array, Array]:
-    """Return (frequency [Hz], root of the power spectral density [(rad/s)/sqrt Hz]) of an error.
+    """Return (frequency [Hz], root of the power density [(rad/s)/sqrt Hz]) of an error, (n,).
 
     The samples are put on an even grid (the error is constant across gaps); Hann windows overlap by
     half. Empty for too few samples.

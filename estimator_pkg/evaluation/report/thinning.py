@@ -66,7 +66,7 @@ def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Arr
 
 
 def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
-    """Return the range to draw if outliers would compress all the rest; else None."""
+    """Return the range to draw, in the lines' unit, if outliers would compress them; or None."""
     some, least, most = [], np.inf, -np.inf
     for line in lines:  # one at a time: they may be long
         if np.isfinite(line).any():

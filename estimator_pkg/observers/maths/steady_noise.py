@@ -14,8 +14,8 @@ def steady_covariance(
 ) -> NDArray[np.float64]:
     """Return the P that solves P = step P step^T + entering, the covariance in steady state.
 
-    All matrices have shape (n, n). The sum is computed by doubling. P is infinite if `step` is not
-    stable.
+    All matrices have shape (n, n), P in the unit of `entering`. The sum is computed by doubling. P
+    is infinite if `step` is not stable.
     """
     if max(abs(np.linalg.eigvals(step))) >= 1.0:
         return np.full_like(entering, np.inf)

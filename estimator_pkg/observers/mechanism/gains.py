@@ -101,7 +101,7 @@ def slowest_pole(matrix: Array) -> float:
 
 
 def longest_euler(matrices: list[Array]) -> float:
-    """Return the longest sample time [s] at which forward Euler is stable for all matrices."""
+    """Return the longest sample time [s] at which forward Euler is stable for all x' = matrix x."""
     longest = math.inf
     for matrix in matrices:
         for pole in np.linalg.eigvals(matrix):
@@ -112,7 +112,7 @@ def longest_euler(matrices: list[Array]) -> float:
 
 
 def euler_limit(matrices: list[Array]) -> Limits:
-    """Return `limits` of a forward Euler observer whose error system is one of these matrices."""
+    """Return `limits` of a forward Euler observer with one of these error systems [1/s], (m, m)."""
     longest = longest_euler(matrices)
 
     def limits(dt: float) -> str | None:
@@ -127,7 +127,7 @@ def euler_limit(matrices: list[Array]) -> Limits:
 
 
 def exact_limit(matrices: list[Array], n: int) -> Limits:
-    """Return `limits` of the exact step of `flow`, whose error system is one of these matrices.
+    """Return `limits` of the exact step of `flow` with one of these error systems [1/s], (m, m).
 
     It refuses gains that are so fast for the sample rate that a step would take more than
     `MOST_PARTS` parts.

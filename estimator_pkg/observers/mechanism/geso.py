@@ -75,7 +75,7 @@ class Gains(MechanicalGains, LoopGains):
 
 
 def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
-    """Return the gain matrices that these parameters request.
+    """Return the gain matrices, shape (n, n), that these parameters request at `point`, (n,).
 
     Raises
     ------

@@ -62,7 +62,7 @@ class Gains(MechanicalGains, LoopGains):
 
 
 def tune(gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
-    """Return the gain matrices (L, K, E); E is None without a disturbance state.
+    """Return the gain matrices (L [1/s], K [1/s^2], E [1/s^3]), shape (n, n); E may be None.
 
     Raises
     ------

@@ -43,7 +43,8 @@ def discrete(
 
     Parameters
     ----------
-    matrix : A of (e, x, d)' = A (e, x, d), with e' containing -rate of the measurement.
+    matrix : A [1/s] of (e, x, d)' = A (e, x, d), with e' containing -rate of the measurement.
+    n : number of positions. dt : sample time [s].
     """
     size = len(matrix)
     arrival = np.zeros((size, n))
@@ -85,8 +86,8 @@ def noise_gains(
 
     Parameters
     ----------
-    matrix : A of (e, x, d)' = A (e, x, d).
-    shown : V of velocities = V x.
+    matrix : A [1/s] of (e, x, d)' = A (e, x, d), shape (m, m).
+    shown : V of velocities = V x, shape (n, n).
     n : number of positions.
     dt : sample time [s].
     euler : the step is forward Euler.

@@ -141,7 +141,7 @@ def linear_observer(
     point: Array,
     complaint: str,
 ) -> MechanicalFunctions:
-    """Return the functions of HGO (if E is None) or EHGO with these gain matrices.
+    """Return the functions of HGO (if E is None) or EHGO with these gains, see `linear_core`.
 
     Raises
     ------
@@ -171,6 +171,11 @@ def linear_core(
     """Return the core of HGO (if E is None) or EHGO.
 
     qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)
+
+    Parameters
+    ----------
+    L, K, E : gains [1/s, 1/s^2, 1/s^3], shape (n, n).
+    matrices : error systems [1/s], from `matrices_over_range`.
     """
     n = mechanics.degrees
     extended = E is not None
@@ -266,7 +271,7 @@ def linear_core(
 def matrices_over_range(
     mechanics: Mechanics, L: Array, K: Array, E: Array | None, point: Array
 ) -> list[Array]:
-    """Return the error systems at the operating point and, with damping, over the model's range."""
+    """Return the error systems [1/s], shape (m, m), at `point`; with damping, over the range."""
     places = [point]
     if mechanics.damping is not None:
         places += [q for q, _ in check.random_states(mechanics)]
