@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-from estimator_pkg.models.motor import clarke
+from estimator_pkg.observers.maths.clarke import clarke
 
 WAITING = 100  # largest number of messages of each kind that wait for their partner
 CURRENT, VOLTAGE = 0, 1

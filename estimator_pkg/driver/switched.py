@@ -22,7 +22,6 @@ from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
 from estimator_pkg.driver.guard import AFTER_CLOCK_JUMP, NEW_STARTS
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.track import replaced
-from estimator_pkg.models.switched import load
 from estimator_pkg.observers.circle import nearest_turn
 from estimator_pkg.observers.contract import Observer
 
@@ -54,7 +53,8 @@ class SwitchedJoint(Joint):
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         super().__init__(observer, gains, settings)
-        self.model = load(gains.model)
+        functions: Any = self.functions
+        self.model = functions.model
         self.event_counts: Counter[str] = Counter()
         self.refused = ''
         self._waiting: list[tuple[int, tuple]] = []

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The electrical data of a permanent-magnet motor, and the transformations of its signals.
+"""The electrical data of a permanent-magnet motor.
 
 A two-vector (alpha, beta) is the complex number alpha + j beta. Currents, voltages and flux are
 amplitude-invariant inside: the length of the vector is the amplitude of the phase quantity.
@@ -78,14 +78,3 @@ def check_motor(data: MotorData, owner: str) -> tuple[float, float, float, float
         raise UsageError(f'{owner}: {values} must be positive')
     assert data.resistance and data.inductance and data.flux and data.pole_pairs
     return data.resistance, data.inductance, data.flux, float(data.pole_pairs)
-
-
-def clarke(a: float, b: float, c: float) -> tuple[float, float]:
-    """Return (alpha, beta) of three phase quantities, amplitude-invariant, no zero sequence."""
-    return (2.0 * a - b - c) / 3.0, (b - c) / math.sqrt(3.0)
-
-
-def phases(alpha: float, beta: float) -> tuple[float, float, float]:
-    """Return (a, b, c) of an amplitude-invariant vector, without a zero-sequence component."""
-    half = 0.5 * math.sqrt(3.0) * beta
-    return alpha, -0.5 * alpha + half, -0.5 * alpha - half

@@ -18,7 +18,8 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
-from estimator_pkg.models.motor import POWER_INVARIANT, phases
+from estimator_pkg.models.motor import POWER_INVARIANT
+from estimator_pkg.observers.maths.clarke import phases
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.drive import ELECTRICAL
 from sim_pkg.chunks import in_order, sizes

@@ -293,7 +293,7 @@ def test_the_status_says_what_is_wrong_with_the_input(probe):
 
 def vectors(found, shift=0, frame='alpha_beta'):
     """Messages for `current` and `voltage`, voltages `shift` ns later."""
-    from estimator_pkg.models.motor import phases
+    from estimator_pkg.observers.maths.clarke import phases
 
     for batch in found:
         for stamp, value in zip(batch.stamps_ns.tolist(), batch.values.tolist()):

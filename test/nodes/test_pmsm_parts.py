@@ -20,8 +20,8 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
-from estimator_pkg.models.motor import phases
 from estimator_pkg.observers.contract import INITIALISING, MISCONFIGURED, TRACKING
+from estimator_pkg.observers.maths.clarke import phases
 from estimator_pkg.observers.pmsm.gains import Gains
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.streams.drive import DriveSettings

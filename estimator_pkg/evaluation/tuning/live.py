@@ -67,7 +67,7 @@ def apply(
     from estimator_pkg.bags.live import live
 
     with live('gain_setter') as here:
-        from estimator_pkg.ros.remote_parameters import RemoteParameters
+        from estimator_pkg.bags.remote_parameters import RemoteParameters
 
         remote = RemoteParameters(here, node)
         runs = remote.get(['observer'])['observer']

@@ -255,6 +255,7 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         discrete=lambda state: discrete(system, state),
         chains=system.chains,
         deviations=deviations,
+        model=system.model,
         restart=restart,
     )
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from estimator_pkg.models.switched import SwitchedModel
 from estimator_pkg.observers.contract import Functions
 
 LARGEST = 1e15  # largest derivative or parameter, in its own unit
@@ -68,6 +69,7 @@ class SwitchedFunctions(Functions):
     chains : (state) -> (zeta, last derivative of each chain).
     jump : (state, (mode, v)) -> state after a switching instant.
     deviations : (state) -> one standard deviation of (position, velocity) of each output.
+    model : of the system.
     """
 
     init: Callable[[Any, tuple], Any]
@@ -82,3 +84,4 @@ class SwitchedFunctions(Functions):
     chains: Callable[[Any], tuple[tuple[float, ...], tuple[float, ...]]] = lambda state: ((), ())
     jump: Callable[[Any, tuple], Any] = lambda state, event: state
     deviations: Callable[[Any], list[tuple[float, float]]] = lambda state: []
+    model: SwitchedModel | None = None

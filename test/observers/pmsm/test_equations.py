@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_discrete_lyapunov
 
-from estimator_pkg.models.motor import clarke, phases
+from estimator_pkg.observers.maths.clarke import clarke, phases
 from estimator_pkg.observers.pmsm.equations import (
     emf,
     flow,

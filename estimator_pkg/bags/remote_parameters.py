@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
-from estimator_pkg.ros import runtime  # noqa: F401  sets what rclpy reads  # isort: skip
+from estimator_pkg.bags.live import Live  # isort: skip  before rclpy: it prepares the environment
 
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
@@ -19,19 +18,6 @@ from estimator_pkg.errors import UserError
 
 PATIENCE = 5.0  # longest wait for a node to be found, and to answer [s]
 TURN = 0.05  # time between checks [s]
-
-
-class Spinning(Protocol):
-    """A node with its executor, as `estimator_pkg.bags.live.live` returns it."""
-
-    node: Node
-
-    @property
-    def stopping(self) -> bool:
-        """True when the process must end."""
-
-    def spin(self, seconds: float) -> None:
-        """Run callbacks for at most `seconds`."""
 
 
 class RemoteParameters:
@@ -47,7 +33,7 @@ class RemoteParameters:
     UserError : there is no such node; later also if it does not answer.
     """
 
-    def __init__(self, here: Spinning, name: str) -> None:
+    def __init__(self, here: Live, name: str) -> None:
         self.name = name if name.startswith('/') else f'/{name}'
         self._here = here
         self._client = AsyncParameterClient(here.node, self.name)
