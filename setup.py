@@ -99,15 +99,9 @@ setup(
             'pmsm_observer = estimator_pkg.nodes.executables:pmsm_observer',
             'pmsm_sim = sim_pkg.nodes.executables:pmsm_sim',
         ],
-        'ament_copyright.license': [
-            'apache2_spdx = estimator_pkg.ros.ament_license:APACHE_2_SPDX',
-        ],
-        'ros2doctor.checks': [
-            'VelocityEstimatorCheck = estimator_pkg.ros.doctor:EstimateCheck',
-        ],
-        'ros2doctor.report': [
-            'VelocityEstimatorReport = estimator_pkg.ros.doctor:EstimateReport',
-        ],
+        'ament_copyright.license': ['apache2_spdx = estimator_pkg.ros.ament_license:APACHE_2_SPDX'],
+        'ros2doctor.checks': ['VelocityEstimatorCheck = estimator_pkg.ros.doctor:EstimateCheck'],
+        'ros2doctor.report': ['VelocityEstimatorReport = estimator_pkg.ros.doctor:EstimateReport'],
         'velocity_estimator.observers': [
             'hybrid_angle = estimator_pkg.observers.angle.hybrid.observer:OBSERVER',
             'pmsm = estimator_pkg.observers.pmsm.observer:OBSERVER',

@@ -169,11 +169,7 @@ def interval_score(error: Array, sigma: Array) -> tuple[float, float, float]:
     half = SIGMAS * sigma
     outside = np.maximum(np.abs(error) - half, 0.0)
     width = 2.0 * float(np.mean(half))
-    return (
-        float(np.mean(outside == 0.0)),
-        width,
-        width + 2.0 / MISSED * float(np.mean(outside)),
-    )
+    return (float(np.mean(outside == 0.0)), width, width + 2.0 / MISSED * float(np.mean(outside)))
 
 
 def _draw(joint: Joint, samples: Samples, fast: bool | None) -> tuple[float, float, float, float]:

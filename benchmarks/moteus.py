@@ -132,11 +132,7 @@ def columns(folder: Path) -> list[Column]:
         Column(
             each.name,
             'a motor with Hall sensors, 90 counts a turn, 30 kHz',
-            Samples(
-                each.stamps,
-                each.counts.astype(np.float64) * QUANTUM,
-                each.velocity * QUANTUM,
-            ),
+            Samples(each.stamps, each.counts.astype(np.float64) * QUANTUM, each.velocity * QUANTUM),
             QUANTUM,
             skip=0.0,
         )

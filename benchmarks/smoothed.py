@@ -16,13 +16,7 @@ import numpy as np
 
 from benchmarks.signals import SIGNALS, SKIPPED, Samples
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.evaluation.compare.timing import (
-    Side,
-    best_and_median,
-    interleave,
-    ratio,
-    row,
-)
+from estimator_pkg.evaluation.compare.timing import Side, best_and_median, interleave, ratio, row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth
 from estimator_pkg.observers.angle.smoother import Smoother

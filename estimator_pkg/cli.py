@@ -159,11 +159,7 @@ def parser_of(command: Command, prog: str) -> argparse.ArgumentParser:
 def _broken(line: str) -> list[str]:
     """Return a command line for a shell in lines of 80 columns."""
     found = textwrap.wrap(
-        line,
-        WIDTH - 4,
-        subsequent_indent='    ',
-        break_long_words=False,
-        break_on_hyphens=False,
+        line, WIDTH - 4, subsequent_indent='    ', break_long_words=False, break_on_hyphens=False
     )
     return [f'  {each} \\' for each in found[:-1]] + [f'  {each}' for each in found[-1:]]
 

@@ -200,10 +200,7 @@ def _declared(name: str, cls: type, live: bool = True) -> Item:
     """Return the parameters of a class of settings, summarised by its docstring's first line."""
     summary = (cls.__doc__ or '').strip().partition('\n')[0].rstrip('.')
     return Item(
-        name,
-        summary[:1].lower() + summary[1:],
-        parameters=tuple(declared(cls).values()),
-        live=live,
+        name, summary[:1].lower() + summary[1:], parameters=tuple(declared(cls).values()), live=live
     )
 
 

@@ -17,14 +17,7 @@ from contextlib import ExitStack
 
 import psutil
 
-from benchmarks.live.processes import (
-    JOINTS,
-    NODES,
-    cpu,
-    observer,
-    process,
-    result,
-)
+from benchmarks.live.processes import JOINTS, NODES, cpu, observer, process, result
 from estimator_pkg.ros.domain import free_domain
 
 ALLOWED = 1.5  # largest ratio to the null node

@@ -18,14 +18,7 @@ import sys
 import time
 from contextlib import ExitStack
 
-from benchmarks.live.processes import (
-    JOINTS,
-    NODES,
-    NULL,
-    observer,
-    process,
-    result,
-)
+from benchmarks.live.processes import JOINTS, NODES, NULL, observer, process, result
 from estimator_pkg.ros.domain import free_domain
 
 RATE = 1000.0  # [Hz]

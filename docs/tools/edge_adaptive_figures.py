@@ -23,16 +23,7 @@ from numpy.typing import NDArray
 
 from benchmarks import preference
 from benchmarks.accuracy import ALL, drawn
-from benchmarks.signals import (
-    START_ANGLE,
-    Motion,
-    Samples,
-    Signal,
-    beat,
-    constant,
-    sine,
-    trapezoid,
-)
+from benchmarks.signals import START_ANGLE, Motion, Samples, Signal, beat, constant, sine, trapezoid
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.track import Track
 from estimator_pkg.evaluation.entries import Entry
@@ -104,12 +95,7 @@ def scaled(name: str, factor: float) -> dict[str, Any]:
 
 
 def cells_alone(
-    off: float,
-    ahead: float,
-    quantum: float,
-    variance: float,
-    noise: float,
-    flickers: bool,
+    off: float, ahead: float, quantum: float, variance: float, noise: float, flickers: bool
 ) -> tuple[int, float, float]:
     """Return a reading's weight if only its cell counted."""
     return INTERVAL, off, 0.5 * quantum
@@ -125,16 +111,7 @@ def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
         density, _, _, up, down, _, _, _ = band
         mean_sway, _, _ = sway
         rows.append(
-            (
-                position,
-                velocity,
-                *joint.stddev(),
-                density,
-                up,
-                down,
-                vibration(sensor),
-                mean_sway,
-            )
+            (position, velocity, *joint.stddev(), density, up, down, vibration(sensor), mean_sway)
         )
     columns: Array = np.array(rows, np.float64).T
     return dict(

@@ -21,12 +21,7 @@ try:
     from estimator_pkg.ros.runtime import make_executor  # isort: skip  prepares the environment
     import rclpy
     from rclpy.duration import Duration
-    from rclpy.qos import (
-        DurabilityPolicy,
-        HistoryPolicy,
-        QoSProfile,
-        ReliabilityPolicy,
-    )
+    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
     from rclpy.signals import SignalHandlerOptions
 except ImportError as problem:
     raise UserError(missing(problem) or f'ROS cannot be used: {problem}') from problem

@@ -232,18 +232,7 @@ def make_mapped(
         inner, verdict = bare_advance(inner, design, limits, stamp_ns, corrected, known)
         if verdict >= DUPLICATE:
             return inner + (before, memory), verdict
-        place = (
-            low,
-            size,
-            error,
-            slope,
-            measurement,
-            correction,
-            bottom,
-            top,
-            further,
-            ripple,
-        )
+        place = (low, size, error, slope, measurement, correction, bottom, top, further, ripple)
         if verdict != USED:
             interrupt(memory, verdict)
             if not inside:

@@ -15,14 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.messages.joint_state import Encoder, Layout
-from estimator_pkg.messages.layouts import (
-    Messages,
-    groups,
-    numbers,
-    put,
-    put_stamps,
-    stamps,
-)
+from estimator_pkg.messages.layouts import Messages, groups, numbers, put, put_stamps, stamps
 
 
 class Decoded(NamedTuple):

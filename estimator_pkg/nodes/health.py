@@ -15,15 +15,7 @@ from rclpy.node import Node
 
 from estimator_pkg.driver.guard import VERDICTS
 from estimator_pkg.nodes.detection import INPUT_PATIENCE, JOINT_PATIENCE, Detector
-from estimator_pkg.nodes.diagnostics import (
-    ERROR,
-    OK,
-    WARN,
-    array,
-    counters,
-    entry,
-    joint_status,
-)
+from estimator_pkg.nodes.diagnostics import ERROR, OK, WARN, array, counters, entry, joint_status
 from estimator_pkg.nodes.endpoints import Endpoints
 from estimator_pkg.nodes.faults import Faults, listed, rounded
 from estimator_pkg.nodes.inputs import Input

@@ -47,7 +47,4 @@ def estimate_topics(node: Any, name: str) -> tuple[str, str]:
     states = sorted(topic for topic, types in published if STATES in types)
     estimates = [topic for topic in states if not topic.endswith(STDDEV)]
     ours = [topic for topic in estimates if topic.endswith('/estimate')] or estimates
-    return (
-        next(iter(ours), ''),
-        next((topic for topic in states if topic.endswith(STDDEV)), ''),
-    )
+    return (next(iter(ours), ''), next((topic for topic in states if topic.endswith(STDDEV)), ''))

@@ -61,10 +61,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='folder for the bag and the plot (default: demo_output)',
     )
     parser.add_argument(
-        '--observer',
-        default=DEFAULT,
-        metavar='NAME',
-        help=f'observer to run (default: {DEFAULT})',
+        '--observer', default=DEFAULT, metavar='NAME', help=f'observer to run (default: {DEFAULT})'
     )
 
 

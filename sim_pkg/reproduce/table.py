@@ -37,9 +37,7 @@ def show(rows: Sequence[Row], console: Console | None = None, wide: bool = False
     """
     console = console or Console(file=terminal(sys.stdout))
     console = Console(
-        file=console.file,
-        width=WIDE if wide else NARROW,
-        force_terminal=console.is_terminal,
+        file=console.file, width=WIDE if wide else NARROW, force_terminal=console.is_terminal
     )
     table = Table(box=None, pad_edge=False, header_style='bold')
     table.add_column('check', no_wrap=wide, overflow='fold')

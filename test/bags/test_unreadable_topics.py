@@ -171,9 +171,7 @@ def test_every_message_malformed_is_exit_1(tmp_path, capsys):
         (TRUTH, ['tune', '--observer', 'pll', '--out', 'OUT']),
         (
             '/effort_command',
-            [
-                *shlex.split('replay --observer geso --set joints=[a] --set input=effort_command'),
-            ],
+            [*shlex.split('replay --observer geso --set joints=[a] --set input=effort_command')],
         ),
         (
             '/effort_command',

@@ -9,13 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from motors import (
-    DT,
-    MOTOR,
-    angle_error,
-    made,
-    noisy,
-)
+from motors import DT, MOTOR, angle_error, made, noisy
 
 from estimator_pkg.driver import drive, guard
 from estimator_pkg.driver.compiled import available, compiled

@@ -16,14 +16,7 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import (
-    COMMAND,
-    COMMANDED,
-    FIELD,
-    MEASURED,
-    Acting,
-    DrivenSettings,
-)
+from estimator_pkg.driver.efforts import COMMAND, COMMANDED, FIELD, MEASURED, Acting, DrivenSettings
 from estimator_pkg.driver.switched import SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import joint_state, multi_array

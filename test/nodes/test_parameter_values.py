@@ -347,11 +347,7 @@ def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path, capf
             )
         ]
         result = asked(
-            probe,
-            SetParametersAtomically,
-            name,
-            'set_parameters_atomically',
-            parameters=request,
+            probe, SetParametersAtomically, name, 'set_parameters_atomically', parameters=request
         ).result
         assert result.successful, result.reason
         over_dds = values_over_dds(probe, name)

@@ -17,12 +17,7 @@ from decimal import Decimal
 
 import dds
 import pytest
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    ListParameters,
-    SetParameters,
-)
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 from test_parameter_values import EVERY, MOTOR, declaring, parameters_of
@@ -124,12 +119,10 @@ REFUSED = {  # by the range, by the observer at this rate, because it is fixed, 
 
 def test_a_refused_value_is_logged(probe):
     """rqt_reconfigure shows the new value and drops the node's answer."""
-    with (
-        dds.NodeProcess(
-            'estimator_pkg.nodes.executables joint_observer',
-            *dds.ros_args('observer:=hybrid_angle', 'bandwidth_hz:=20.0', remap=['__node:=edited']),
-        ) as process,
-    ):
+    with dds.NodeProcess(
+        'estimator_pkg.nodes.executables joint_observer',
+        *dds.ros_args('observer:=hybrid_angle', 'bandwidth_hz:=20.0', remap=['__node:=edited']),
+    ) as process:
         process.prints(' estimates ')
         names = probe.call(ListParameters, '/edited/list_parameters', ListParameters.Request())
         names = list(names.result.names)

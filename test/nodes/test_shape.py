@@ -20,10 +20,7 @@ BEGIN, MS = 10**18, 1_000_000
 def driver(count, first=0, lacking=()):
     """(positions, efforts) of the messages of a driver; at `lacking` the hinge gives NaN."""
     return [
-        (
-            [0.1 + 1e-3 * k, math.nan if k in lacking else 0.2 - 2e-3 * k, -0.3],
-            [1.0 + k, -2.0, 0.5],
-        )
+        ([0.1 + 1e-3 * k, math.nan if k in lacking else 0.2 - 2e-3 * k, -0.3], [1.0 + k, -2.0, 0.5])
         for k in range(first, first + count)
     ]
 

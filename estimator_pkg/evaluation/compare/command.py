@@ -91,11 +91,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='set a parameter of every --observer that has it; repeatable',
     )
     parser.add_argument(
-        '--skip',
-        type=float,
-        default=0.0,
-        metavar='S',
-        help='ignore the first S seconds',
+        '--skip', type=float, default=0.0, metavar='S', help='ignore the first S seconds'
     )
     parser.add_argument(
         '--correct-reference',

@@ -290,12 +290,7 @@ def compared(
         starts,
         true.smoothed,
         {
-            joint: rank(
-                candidates[joint],
-                moved,
-                AngleSettings.observer,
-                skip=options.skip or None,
-            )
+            joint: rank(candidates[joint], moved, AngleSettings.observer, skip=options.skip or None)
             for joint, moved in true.motions.items()
         },
     )

@@ -120,10 +120,7 @@ def sources(
     """
     if options.observers:
         for entry in options.observers:
-            yield (
-                entry.label,
-                recording(entry, bag, measurement, options).run(entry.observer, {}),
-            )
+            yield (entry.label, recording(entry, bag, measurement, options).run(entry.observer, {}))
         if not options.estimates:
             return
     topics = list(options.estimates) or sorted(

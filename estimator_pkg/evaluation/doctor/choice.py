@@ -109,10 +109,7 @@ def estimates(seen: Readings, reference: Motion, entry: Entry, rows: NDArray) ->
 
 
 def answer(
-    seen: Readings,
-    reference: Motion,
-    rows: NDArray,
-    motion_hz: float | None = None,
+    seen: Readings, reference: Motion, rows: NDArray, motion_hz: float | None = None
 ) -> Answer:
     """Return the verdict on all candidates of one joint.
 

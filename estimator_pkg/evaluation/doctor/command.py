@@ -65,9 +65,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='the measurement is a number in messages of any type, as in replay',
     )
     parser.add_argument(
-        '--params',
-        metavar='YAML',
-        help='motor data of a drive: parameter file of pmsm_observer',
+        '--params', metavar='YAML', help='motor data of a drive: parameter file of pmsm_observer'
     )
     parser.add_argument(
         '--set',

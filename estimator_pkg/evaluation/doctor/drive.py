@@ -122,10 +122,7 @@ def _of_samples(drive: Drive) -> list[Finding]:
             'send each sample' if lost > LOST else '',
         ),
     ]
-    for what, values, unit in (
-        ('current', drive.current, 'A'),
-        ('voltage', drive.voltage, 'V'),
-    ):
+    for what, values, unit in (('current', drive.current, 'A'), ('voltage', drive.voltage, 'V')):
         most = float(np.max(np.abs(values)))
         rms = float(np.sqrt(np.mean(np.abs(values) ** 2)))
         level = PASS if most > 0.0 else FAIL
@@ -221,12 +218,7 @@ def _entry(**values: Any) -> Entry:
 
 
 def _judged(
-    name: str,
-    found: list[Finding],
-    bag: Bag,
-    setup: Setup,
-    moved: Motion,
-    motion_hz: float | None,
+    name: str, found: list[Finding], bag: Bag, setup: Setup, moved: Motion, motion_hz: float | None
 ) -> Examined:
     """Return the result with the ranking of the candidates."""
     whole = recording(bag, setup, {}).per_sample()

@@ -159,8 +159,7 @@ def as_yaml(
         line
         for sentence in lines
         for line in map(
-            yaml_text.comment,
-            textwrap.wrap(printable(sentence), WIDTH - 2, subsequent_indent='  '),
+            yaml_text.comment, textwrap.wrap(printable(sentence), WIDTH - 2, subsequent_indent='  ')
         )
     ]
     written += ['/**:', '  ros__parameters:', f'    observer: {yaml_text.scalar(choice.observer)}']

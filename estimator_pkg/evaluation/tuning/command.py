@@ -50,9 +50,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='instead of bags: record the measurement from the live graph for SECONDS',
     )
     parser.add_argument(
-        '--apply',
-        metavar='NODE',
-        help='set the gains on this running node (default: set nothing)',
+        '--apply', metavar='NODE', help='set the gains on this running node (default: set nothing)'
     )
     parser.add_argument(
         '--observer',

@@ -25,25 +25,11 @@ def widened(state: State, scale: float) -> State:
     x, v, a, p00, p01, p02, p11, p12, p22 = state
     w2 = scale * scale
     w3 = w2 * scale
-    return (
-        x,
-        v,
-        a,
-        p00 * scale,
-        p01 * w2,
-        p02 * w3,
-        p11 * w3,
-        p12 * w2 * w2,
-        p22 * w2 * w3,
-    )
+    return (x, v, a, p00 * scale, p01 * w2, p02 * w3, p11 * w3, p12 * w2 * w2, p22 * w2 * w3)
 
 
 def backward(
-    steps: list[float],
-    states: list[State],
-    news: list[News],
-    density: float,
-    count: int,
+    steps: list[float], states: list[State], news: list[News], density: float, count: int
 ) -> tuple[list[Result], tuple[float, float], tuple[float, float, int]]:
     """Smooth backward.
 

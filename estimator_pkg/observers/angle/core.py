@@ -14,12 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from estimator_pkg.observers.angle.late_stamps import (
-    BEYOND,
-    begin_clock,
-    follow_clock,
-    make_retake,
-)
+from estimator_pkg.observers.angle.late_stamps import BEYOND, begin_clock, follow_clock, make_retake
 from estimator_pkg.observers.angle.starts import (
     BAND,
     LEARNT,
@@ -302,10 +297,7 @@ def _outside(period: float) -> float:
 
 
 def _make_step(
-    core: AngleCore,
-    starts: StartFunctions,
-    prepare: Callable[[Any, float], tuple],
-    period: float,
+    core: AngleCore, starts: StartFunctions, prepare: Callable[[Any, float], tuple], period: float
 ) -> Callable[..., tuple]:
     correct, retake, relock = (
         core.correct,

@@ -15,12 +15,7 @@ from typing import Any
 
 from estimator_pkg.models.motor import POWER_INVARIANT, check_motor
 from estimator_pkg.observers.circle import Circle, wrap
-from estimator_pkg.observers.contract import (
-    INITIALISING,
-    NOT_OBSERVABLE,
-    TRACKING,
-    Observer,
-)
+from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING, Observer
 from estimator_pkg.observers.maths.tracking import natural_frequency
 from estimator_pkg.observers.pmsm.drive import DriveFunctions, Sample, finite
 from estimator_pkg.observers.pmsm.equations import (

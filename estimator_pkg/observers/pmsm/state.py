@@ -14,13 +14,7 @@ from typing import NamedTuple
 from estimator_pkg.models.motor import check_motor
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.maths.tracking import natural_frequency
-from estimator_pkg.observers.pmsm.gains import (
-    EMF_SPEED,
-    NOISE_GUESS,
-    Gains,
-    flux_range,
-    tuning,
-)
+from estimator_pkg.observers.pmsm.gains import EMF_SPEED, NOISE_GUESS, Gains, flux_range, tuning
 from estimator_pkg.observers.pmsm.noise import low_pass_weight, prepare_noise
 from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
 from estimator_pkg.observers.pmsm.watch import emf_of_noise, prepare_watch

@@ -6,16 +6,7 @@
 from __future__ import annotations
 
 from sim_pkg.reproduce.contract import Reproduction, parts
-from sim_pkg.reproduce.mechanical import (
-    benefit,
-    cart,
-    gain_rows,
-    lab,
-    leg,
-    loop,
-    smoother,
-    tables,
-)
+from sim_pkg.reproduce.mechanical import benefit, cart, gain_rows, lab, leg, loop, smoother, tables
 
 REPRODUCTION = Reproduction(
     name='mechanical',
@@ -57,10 +48,7 @@ REPRODUCTION = Reproduction(
             'of two zeros compared',
         ),
         (r'C3', 'Table 2 is one run with noise larger than the motion: ours is a median of 20'),
-        (
-            r'D2',
-            'the chirp of 2.5 A gives 65 rad/s^2 and not 39: 1.25 A gives 38 (row D2.3)',
-        ),
+        (r'D2', 'the chirp of 2.5 A gives 65 rad/s^2 and not 39: 1.25 A gives 38 (row D2.3)'),
         (
             r'D3.*GESO80|D4|H3|H4',
             'variants of ours, which look for the cause of a printed number: other gains, models '

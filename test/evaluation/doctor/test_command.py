@@ -145,11 +145,7 @@ def test_the_default_stays_where_nothing_is_declared_better():
 
 
 def test_an_observer_as_it_is_goes_before_gains_that_are_not_better():
-    pairs = {
-        ('kalman 16 Hz', 'kalman'),
-        ('kalman 16 Hz', DEFAULT),
-        ('super_twisting', DEFAULT),
-    }
+    pairs = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT), ('super_twisting', DEFAULT)}
     choice = choose({'elbow': answered({'super_twisting': 0.5}, pairs)})
     assert (choice.observer, choice.gains) == ('super_twisting', {})
 

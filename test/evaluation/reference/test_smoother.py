@@ -335,10 +335,7 @@ def test_the_quick_search_finds_what_an_exhaustive_one_finds(bag):
     uncertainty, reading, jerk, blur = EXHAUSTIVE[bag]
     quantum_ = found.noise.quantum
     before = smooth(
-        series.stamps_ns,
-        series.position,
-        TURN,
-        noise=Noise(reading, jerk, quantum_, False, blur),
+        series.stamps_ns, series.position, TURN, noise=Noise(reading, jerk, quantum_, False, blur)
     )
     assert before.uncertainty == pytest.approx(uncertainty, rel=1e-3)
     assert found.uncertainty == pytest.approx(uncertainty, rel=0.1)

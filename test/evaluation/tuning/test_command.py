@@ -545,9 +545,7 @@ def test_gains_are_written_where_they_beat_the_defaults_on_held_out_data(tmp_pat
     text = out.read_text()
     assert 'better than the defaults (95 %)' in text and 'Judged without ground truth' in text
     slower, _ = tuned(
-        tmp_path,
-        bag,
-        *shlex.split('--observer pll --trials 16 --motion-hz 1 --held-out 0.4'),
+        tmp_path, bag, *shlex.split('--observer pll --trials 16 --motion-hz 1 --held-out 0.4')
     )
     assert slower['tuned'][0]['tried']['bandwidth_hz'] < each['tried']['bandwidth_hz']
 
@@ -586,9 +584,7 @@ def test_without_a_name_only_a_better_observer_replaces_the_default(monkeypatch)
     def replaces(*joints, point=(0.0, 0.0)):
         order = iter(joints)
         monkeypatch.setattr(
-            any_observer,
-            'compared',
-            lambda *_: Compared(signs[next(order)], 10.0, 1.0, 5.0),
+            any_observer, 'compared', lambda *_: Compared(signs[next(order)], 10.0, 1.0, 5.0)
         )
         each = [{'joint': joint, 'gains': {}, 'default_point': point} for joint in joints]
         groups = {joint: [record] for joint in joints}

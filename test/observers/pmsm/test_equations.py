@@ -24,12 +24,7 @@ from estimator_pkg.observers.pmsm.equations import (
 )
 from estimator_pkg.observers.pmsm.identifier import credible, empty_registers, shift, solve
 from estimator_pkg.observers.pmsm.noise import prepare_noise
-from estimator_pkg.observers.pmsm.scheme import (
-    advance,
-    exponential,
-    prepare_scheme,
-    turned_emf,
-)
+from estimator_pkg.observers.pmsm.scheme import advance, exponential, prepare_scheme, turned_emf
 
 R, L, FLUX = 0.06, 33.75e-6, 1.9e-3
 K_P, K_I, K_ETA, GAMMA = 2.18e4, 9.34e3, 95.7, 4582.0

@@ -195,17 +195,7 @@ def along(
     for turn in range(passes):
         x = start(centres[0] if way > 0 else centres[-1], variance)
         log_z = sweep(
-            x,
-            way,
-            gaps,
-            centres,
-            half,
-            noise,
-            jerk,
-            sites,
-            messages,
-            turn > 0,
-            turn == passes - 1,
+            x, way, gaps, centres, half, noise, jerk, sites, messages, turn > 0, turn == passes - 1
         )
         way = -way
     return log_z

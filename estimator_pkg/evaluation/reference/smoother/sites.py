@@ -55,13 +55,7 @@ class Stretch:
             self._drift = drift
             part = self._part
             count = compiled(used)(
-                part.readings,
-                part.steps,
-                self._quantum,
-                drift,
-                OF_A_RUN,
-                self._rows,
-                self._gaps,
+                part.readings, part.steps, self._quantum, drift, OF_A_RUN, self._rows, self._gaps
             )
             if not np.array_equal(self._rows[:count], self._chosen[0]):
                 rows = self._rows[:count].copy()

@@ -49,12 +49,7 @@ def within(e: float, half: float, sigma: float) -> tuple[float, float]:
 
 
 def interval(
-    off: float,
-    ahead: float,
-    quantum: float,
-    variance: float,
-    noise: float,
-    flickers: bool,
+    off: float, ahead: float, quantum: float, variance: float, noise: float, flickers: bool
 ) -> tuple[int, float, float]:
     """Return what this reading shows: (kind, centre less prediction, half width) [rad].
 

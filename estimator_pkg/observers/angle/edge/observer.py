@@ -80,13 +80,7 @@ from estimator_pkg.observers.angle.edge.start import (
 )
 from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.circle import Circle, wrap
-from estimator_pkg.observers.contract import (
-    COASTING,
-    INITIALISING,
-    TRACKING,
-    Functions,
-    Observer,
-)
+from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions, Observer
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 

@@ -40,12 +40,7 @@ START: Doubt = (0.0, LAST, 0.0, 0.0)
 
 
 def started(
-    measurement: float,
-    change: float,
-    dt: float,
-    quantum: float,
-    noise: float,
-    period: float,
+    measurement: float, change: float, dt: float, quantum: float, noise: float, period: float
 ) -> tuple[Motion, Covariance, Band]:
     """Return the line through two readings, `change` [rad] and `dt` [s] after each other.
 

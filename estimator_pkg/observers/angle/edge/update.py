@@ -28,20 +28,10 @@ from estimator_pkg.observers.angle.edge.constants import (
     SLACK,
     STRAY,
 )
-from estimator_pkg.observers.angle.edge.covariance import (
-    Covariance,
-    corrected,
-    manoeuvred,
-    widened,
-)
+from estimator_pkg.observers.angle.edge.covariance import Covariance, corrected, manoeuvred, widened
 from estimator_pkg.observers.angle.edge.interval import HELD, interval, within
 from estimator_pkg.observers.angle.edge.preference import NOWHERE, Taken
-from estimator_pkg.observers.angle.edge.sensor import (
-    Sensor,
-    follow_noise,
-    vibration,
-    with_noise,
-)
+from estimator_pkg.observers.angle.edge.sensor import Sensor, follow_noise, vibration, with_noise
 
 SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
 LEAST_PART = 0.05  # of its variance an innovation has at least, were it to count in sigmas
