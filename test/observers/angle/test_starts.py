@@ -78,6 +78,26 @@ def test_edge_adaptive_covers_a_start_out_of_noise(motion):
         assert np.all(error < 5.0 * out.velocity_stddev[part]), case
 
 
+@pytest.mark.long
+@pytest.mark.parametrize('noise, most', [(0.1, 1), (0.5, 0), (3.0, 9)])
+def test_edge_adaptive_covers_a_slow_start_out_of_noise(noise, most):
+    """2 rad/s^2: no reading is far outside the noise, but their sum is. Before 5, 3, 16 of 40."""
+    ratios = [
+        measure('edge_adaptive', {}, Case('steps 2 rad/s^2', rate, bits, noise, seed=seed)).worst
+        for rate, bits, seed in itertools.product((1000.0, 200.0), (12, 14), range(1, 11))
+    ]
+    assert np.count_nonzero(np.array(ratios) > 5.0) <= most
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('noise', [0.5, 1.0, 3.0])
+def test_edge_adaptive_is_seldom_wide_at_rest_in_noise(noise):
+    random = np.random.default_rng(5)
+    read = np.rint(0.3 + noise * random.standard_normal(8000)) * QUANTUM
+    sigma = make('edge_adaptive').run(stamps(8000), read, fast=False).velocity_stddev[1000:]
+    assert np.mean(sigma > 3.0 * np.median(sigma)) < 0.13
+
+
 @pytest.mark.parametrize('resting', [0.0, 1.7, -3.0])
 @pytest.mark.parametrize('variant', tunable_variants(), ids=label)
 def test_sigma_of_a_joint_that_never_moved_is_the_resolution_of_a_float32(variant, resting):

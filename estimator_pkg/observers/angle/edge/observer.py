@@ -65,6 +65,7 @@ from estimator_pkg.observers.angle.edge.sensor import (
 from estimator_pkg.observers.angle.edge.sigma import fastest, make_stddev
 from estimator_pkg.observers.angle.edge.start import (
     RECENT,
+    RESTS,
     SETTLES,
     START,
     UNSURE,
@@ -73,6 +74,7 @@ from estimator_pkg.observers.angle.edge.start import (
     doubted,
     doubted_in_noise,
     later,
+    motion_began,
     rescaled,
     settled,
     stirred,
@@ -246,7 +248,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         if change + change >= period or change + change < -period:
             change = wrap(change, period)
         # Residue: was the last step a glitch, or the first real one?
-        _, to_settle, since, _ = doubt
+        _, to_settle, since, _, _, _ = doubt
         starting = to_settle > 0.0
         if starting:
             doubt = later(doubt, dt)
@@ -258,7 +260,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 other = ALIKE
             elif jump != 0.0:  # a glitch
                 change, steps = change + jump, with_jump(steps, 0.0)
-            _, to_settle, since, _ = doubt
+            _, to_settle, since, _, _, _ = doubt
         x, v, a, idle = motion
         quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
         status, count, astray = lock
@@ -388,6 +390,9 @@ def _make_step(period: float) -> Callable[..., tuple]:
                     clock,
                     other,
                 )
+            _, _, _, _, _, _, manoeuvre = heard
+            if manoeuvre and RESTS * abs(v) < quantum:
+                doubt = motion_began(doubt, dt)
             dx, dv, da = shift
             off -= dx
             v += dv
@@ -431,7 +436,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
         quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         smallest, candidate, shown, least, left, finer, _ = steps
         status, _, astray = lock
-        _, _, since, _ = doubt
+        _, _, since, _, _, _ = doubt
         _, uneven, _, longest, evidence = clock
         return (
             (measurement, v, 0.0, 0.0),
@@ -442,7 +447,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
             follow(convention, measurement, period),
             (COASTING if status == TRACKING else status, 0.0, astray),
             STEADY,
-            (v * v, SETTLES, since, 0.0),
+            (v * v, SETTLES, since, 0.0, 0.0, 0.0),
             (0.0, uneven, 0.0, longest, evidence),
             ALIKE,
         )

@@ -39,7 +39,7 @@ def make_stddev(period: float) -> Callable[..., tuple[float, float]]:
         _, _, _, up, down, _, _, squares = band
         quantum, noise, _, _, _, _, _, unchanged, _, _, _ = sensor
         reading, low, high, _, _ = convention
-        of_doubt, _, _, age = doubt
+        of_doubt, _, _, age, _, _ = doubt
         dt, _, _, _, _, _ = coefficients
         given, _, of_angle, of_speed = design
         starting = 0.0 < age < RECENT
@@ -48,7 +48,7 @@ def make_stddev(period: float) -> Callable[..., tuple[float, float]]:
             return math.inf, math.inf
         variance = p11 * (squares if squares > 0.5 else 0.5)  # at least half of P_11
         if p11 <= 0.0:
-            variance, _, _, _ = doubted(quantum, dt, period, 0.0, 0.0)
+            variance, _, _, _, _, _ = doubted(quantum, dt, period, 0.0, 0.0)
         else:
             variance = variance * of_speed + of_doubt
         if up > 0.0 or down > 0.0:  # the cumulative sums doubt it: a motion may begin

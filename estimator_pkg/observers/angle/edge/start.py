@@ -25,18 +25,20 @@ SETTLES = 2.0  # changed readings after which a speed in doubt is known
 UNSURE = 3.0  # the same when the first has just come: the next one may be a line's second point
 RECENT = 0.25  # [s] a start lasts: so long a change of its acceleration may not be seen
 RESTS = 0.1  # [s] without motion: a rest. In noise: without leaving a quantum and the noise
-FAR, SURELY = 2.5, 6.0  # standard deviations of the noise: a start may show, and it does
+# outside the cell, in standard deviations of the noise: slack of the sum, a sum that shows that a
+# start is likely, and a reading that shows it alone
+UNMOVED, FAR, SURELY = 1.0, 1.5, 4.0
 LAG = 0.2  # of the speed error at the end of a ramp, see `unseen`: so that five of it cover it
 
 Motion = tuple[float, float, float, float]
 # (variance of the speed, in addition to the covariance's [(rad/s)^2]; changed readings until it is
 # settled, above 0 while anything is in doubt; time since the first motion of all, and since the
-# last start [s])
-Doubt = tuple[float, float, float, float]
+# last start [s]; sum of the readings of a rest in noise, and its run time; see `doubted_in_noise`)
+Doubt = tuple[float, float, float, float, float, float]
 
 LAST = 0.5  # in place of the changed readings, where `RECENT` alone has not passed
 PERHAPS = 0.75  # the same, where noise alone may have looked like a start
-START: Doubt = (0.0, LAST, 0.0, 0.0)
+START: Doubt = (0.0, LAST, 0.0, 0.0, 0.0, 0.0)
 
 
 def started(
@@ -80,7 +82,7 @@ def doubted(quantum: float, dt: float, period: float, since: float, age: float) 
     age : time since the last start [s]; 0: this is one.
     """
     variance = (quantum * quantum / 6.0 + 0.25 * swerve(quantum, period)) / (dt * dt)
-    return variance, UNSURE, since, age
+    return variance, UNSURE, since, age, 0.0, 0.0
 
 
 def doubted_in_noise(
@@ -89,7 +91,8 @@ def doubted_in_noise(
     """Return the doubt after a reading in which noise hides single edges.
 
     The joint rests if it would not leave the noise and a quantum within `RESTS`. It may have
-    started if a reading is far from where it rests. It has not if the next one is there again.
+    started where the cumulative sum (Page 1954) of the readings' distances from its cell is above
+    `FAR`: since the sum began to run. It has not where the sum is 0 again.
 
     Parameters
     ----------
@@ -97,20 +100,28 @@ def doubted_in_noise(
     v : predicted speed [rad/s].
     noise : variance of a reading, without the quantum's own [rad^2].
     """
-    _, to_settle, since, _ = doubt
+    before, to_settle, since, age, total, ran = doubt
     sigma = math.sqrt(noise)
     if RESTS * abs(v) > sigma + quantum:
         return doubt
-    beyond = abs(off) - 0.5 * quantum  # outside the cell
-    if beyond > SURELY * sigma:
-        variance, _, _, _ = doubted(quantum, dt, period, since, 0.0)
-        return variance, SETTLES, since, dt
+    beyond = (abs(off) - 0.5 * quantum) / sigma  # outside the cell
+    if beyond > SURELY:
+        variance, _, _, _, _, _ = doubted(quantum, dt, period, since, 0.0)
+        return variance, SETTLES, since, dt, math.copysign(SURELY, off), dt
+    if beyond > 0.0:
+        z = math.copysign(beyond, off)
+        total = z if total * z < 0.0 and abs(total) < beyond else total + z
+    size = min(abs(total) - UNMOVED, SURELY)
+    total = math.copysign(size, total) if size > 0.0 else 0.0
+    ran = 0.0 if total == 0.0 else dt if beyond > UNMOVED + FAR else ran + dt
     if to_settle < 1.0:
-        if beyond > FAR * sigma:
-            return 0.0, PERHAPS, since, dt
-        if to_settle == PERHAPS and beyond < 0.0:
-            return 0.0, LAST, since, RECENT
-    return doubt
+        if to_settle == PERHAPS:
+            if total == 0.0:
+                return 0.0, LAST, since, RECENT, total, ran
+            age = min(age, ran)
+        elif size > FAR:
+            return 0.0, PERHAPS, since, ran, math.copysign(SURELY, total), ran
+    return before, to_settle, since, age, total, ran
 
 
 def unseen(a: float, quantum: float, noise: float, dt: float, age: float) -> float:
@@ -147,7 +158,7 @@ def settled(
     square : of the quantum [rad^2].
     noise : variance of the reading, without the quantum's own [rad^2].
     """
-    before, to_settle, since, age = doubt
+    before, to_settle, since, age, total, ran = doubt
     if to_settle < 1.0:
         return doubt
     rate = 1.0 / (rested + dt)
@@ -157,20 +168,28 @@ def settled(
     variance = beyond * beyond + ((way if way < square else square) + 12.0 * noise) * rate * rate
     to_settle -= 1.0
     if to_settle <= 0.0:
-        return 0.0, LAST if since < RECENT or age < RECENT else 0.0, since, age
+        return 0.0, LAST if since < RECENT or age < RECENT else 0.0, since, age, total, ran
     if to_settle < SETTLES - 1.0:
         variance = 0.5 * (variance + before)
-    return variance, to_settle, since, age
+    return variance, to_settle, since, age, total, ran
+
+
+def motion_began(doubt: Doubt, dt: float) -> Doubt:
+    """Return the doubt where the fast law found a manoeuvre of a joint that rested."""
+    variance, to_settle, since, age, total, ran = doubt
+    if to_settle >= 1.0:
+        return doubt
+    return variance, LAST, since, dt, total, ran
 
 
 def later(doubt: Doubt, dt: float) -> Doubt:
     """Return the doubt a sample of `dt` [s] later."""
-    variance, to_settle, since, age = doubt
+    variance, to_settle, since, age, total, ran = doubt
     since += dt
     age += dt
     if since >= RECENT and age >= RECENT and to_settle < 1.0:
         to_settle = 0.0
-    return variance, to_settle, since, age
+    return variance, to_settle, since, age, total, ran
 
 
 def stood(quantum: float) -> tuple[Covariance, Band]:
@@ -229,7 +248,7 @@ def stirred(
     first : this is the first motion of all.
     """
     quantum, noise, _, _, _, _, _, _, _, _, _ = sensor
-    _, _, since, age = doubt
+    _, _, since, age, _, _ = doubt
     p00, _, _, _, _, _ = p
     square = quantum * quantum
     if noise <= PLAIN * square and (first or 12.0 * p00 > RESTED * square):
@@ -254,7 +273,7 @@ def straight_line(
     """
     quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
     was, _, _, _, _, _, _, _ = band
-    _, to_settle, since, age = doubt
+    _, to_settle, since, age, _, _ = doubt
     if to_settle == UNSURE:
         sensor = paced(first_step(quantum, change, dt), pace)
         _, noise, _, _, _, _, _, _, _, _, _ = sensor
@@ -263,7 +282,7 @@ def straight_line(
         density, low, variance, up, down, up_time, down_time, squares = band
         density = was if was > density else density
         band = (density, low, variance, up, down, up_time, down_time, squares)
-        doubt = (0.0, SETTLES, since, age)
+        doubt = (0.0, SETTLES, since, age, 0.0, 0.0)
     return motion, p, band, sensor, doubt
 
 
@@ -296,7 +315,7 @@ def rescaled(
         noise *= scale
         lasting *= scale
         sensor = (used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
-    _, to_settle, _, _ = doubt
+    _, to_settle, _, _, _, _ = doubt
     _, _, p02, _, p12, _ = p
     if scale < 1.0 and to_settle == SETTLES and p02 == 0.0 < p12:  # a line, one sample ago
         x, v, _, _ = motion

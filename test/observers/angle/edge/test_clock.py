@@ -7,13 +7,7 @@ import math
 
 import pytest
 
-from estimator_pkg.observers.angle.edge.clock import (
-    ODD,
-    UNEVEN,
-    UNKNOWN,
-    elapsed,
-    repeats,
-)
+from estimator_pkg.observers.angle.edge.clock import ODD, UNEVEN, UNKNOWN, elapsed, repeats
 from estimator_pkg.observers.angle.edge.constants import HELD, MEMORY, SIGMAS
 from estimator_pkg.observers.angle.edge.observer import Gains, build
 from estimator_pkg.observers.angle.edge.sensor import begin_sensor, paced

@@ -325,9 +325,9 @@ def test_the_density_expects_manoeuvres_like_the_last():
 
 def test_the_doubt_of_a_new_speed_is_what_the_way_since_the_last_edge_leaves_open():
     speed, dt, noise, square = 3.0, 0.01, 0.002, 1e-4
-    before = (9.0, edge_start.UNSURE, 1.0, 2.0)
+    before = (9.0, edge_start.UNSURE, 1.0, 2.0, 0.0, 0.0)
     # the second edge after a rest of 0.04 s: off by the mean speed since then, and a sample's way
-    after, left, *times = edge_start.settled(before, speed, 0.1, 0.04, dt, square, noise)
+    after, left, *times, _, _ = edge_start.settled(before, speed, 0.1, 0.04, dt, square, noise)
     way = (0.1 / 0.05) ** 2 * dt * dt
     own = (0.1 / 0.05 - speed) ** 2 + (min(way, square) + 12.0 * noise) / 0.05**2
     assert after == pytest.approx(own) and (left, times) == (edge_start.UNSURE - 1.0, [1.0, 2.0])
@@ -336,17 +336,42 @@ def test_the_doubt_of_a_new_speed_is_what_the_way_since_the_last_edge_leaves_ope
     assert after - fine == pytest.approx((way if way < square else square) / 0.05**2, rel=1e-3)
     coarse = edge_start.settled(before, speed, 0.1, 0.04, dt, 1.0, noise)[0]
     assert coarse - fine == pytest.approx(way / 0.05**2, rel=1e-3)
-    doubt = (9.0, edge_start.SETTLES - 0.5, 1.0, 2.0)
+    doubt = (9.0, edge_start.SETTLES - 0.5, 1.0, 2.0, 0.0, 0.0)
     mean = edge_start.settled(doubt, speed, 0.1, 0.04, dt, square, noise)[0]
     assert mean == pytest.approx(0.5 * (own + 9.0))  # from the second on, with the one before
     recent = edge_start.RECENT
     for since, age in ((recent, recent), (0.9 * recent, recent), (recent, 0.9 * recent)):
         left = 0.0 if since == age else edge_start.LAST
-        last = edge_start.settled((9.0, 1.0, since, age), speed, 0.1, 0.04, dt, square, noise)
-        assert last == (0.0, left, since, age)
-        almost = (4.0, edge_start.LAST, since - 0.01, age - 0.01)
-        assert edge_start.later(almost, 0.01) == pytest.approx((4.0, left, since, age))
-    assert edge_start.later((4.0, 2.0, 0.2, 0.1), 0.2) == pytest.approx((4.0, 2.0, 0.4, 0.3))
+        doubt = (9.0, 1.0, since, age, 2.0, 0.1)
+        last = edge_start.settled(doubt, speed, 0.1, 0.04, dt, square, noise)
+        assert last == (0.0, left, since, age, 2.0, 0.1)
+        almost = (4.0, edge_start.LAST, since - 0.01, age - 0.01, 2.0, 0.1)
+        assert edge_start.later(almost, 0.01) == pytest.approx((4.0, left, since, age, 2.0, 0.1))
+    doubt = edge_start.later((4.0, 2.0, 0.2, 0.1, 0.0, 0.0), 0.2)
+    assert doubt == pytest.approx((4.0, 2.0, 0.4, 0.3, 0.0, 0.0))
+
+
+def test_readings_in_noise_add_up_to_a_start_and_one_alone_may_show_it():
+    dt, quantum, noise = 1e-3, 2.0, 4.0
+
+    def after(doubt, *offs):  # distances from the cell in standard deviations of the noise
+        for off in offs:
+            off = math.copysign(0.5 * quantum + 2.0 * abs(off), off)
+            doubt = edge_start.doubted_in_noise(doubt, off, 0.0, quantum, noise, dt, 0.0)
+        return doubt
+
+    rest = (0.0, 0.0, 9.0, 9.0, 0.0, 0.0)
+    assert after(rest, 1.4, 1.4, 1.4) == pytest.approx((0.0, 0.0, 9.0, 9.0, 1.2, 3.0 * dt))
+    begins = after(rest, 1.4, 1.4, 1.4, 1.4)  # their sum, 4 x 0.4, is above 1.5
+    assert begins == pytest.approx((0.0, edge_start.PERHAPS, 9.0, 4.0 * dt, 4.0, 4.0 * dt))
+    assert after(begins, 0.0, 0.0, 0.0)[1] == edge_start.PERHAPS
+    over = after(begins, 0.0, 0.0, 0.0, 0.0)
+    assert over == (0.0, edge_start.LAST, 9.0, edge_start.RECENT, 0.0, 0.0)
+    # one beyond 2.5 alone, whatever those on the other side summed up to
+    begins = after(rest, -1.9, -1.2, 2.6)
+    assert begins == pytest.approx((0.0, edge_start.PERHAPS, 9.0, dt, 4.0, dt))
+    variance, settles, *_ = after(rest, -4.1)
+    assert variance > 0.0 and settles == edge_start.SETTLES
 
 
 def test_a_shaft_that_stood_is_a_straight_line_from_its_cell_to_the_edge():
