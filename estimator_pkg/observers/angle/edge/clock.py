@@ -114,8 +114,8 @@ def elapsed(
                 taken, late = pace, odd
         elif abs(late + odd) < limit and after < doubtful:  # the stamps have caught up
             taken, late = right, 0.0
-        elif abs(late + odd) < abs(late) and (
-            lies or (evenly < doubtful and abs(odd) > 0.5 * limit)
+        elif not late + odd > late > 0.0 and (
+            lies or (evenly < doubtful and abs(odd) > 0.5 * limit and abs(late + odd) < abs(late))
         ):
             taken, late = pace, late + odd  # late still, but less
         else:  # they have caught up, and samples were lost; or the motion did change

@@ -23,6 +23,7 @@ from estimator_pkg.observers.angle.core import LOST_AFTER, OUTSIDE, is_angle
 from estimator_pkg.observers.angle.edge.bandwidth import STEADY, begin_band, follow_sway
 from estimator_pkg.observers.angle.edge.clock import (
     BELIEVED,
+    EVEN,
     UNEVEN,
     UNKNOWN,
     Clock,
@@ -324,7 +325,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         (mean_sway, _, _), swing = sway, 0.0
         if mean_sway > 0.0:
             swing = mean_sway - square / 6.0 - 2.0 * noise
-            p = swayed(p, swing, dt)
+            p = swayed(p, swing, dt if dt > EVEN * pace else pace)
         if design.ratio == 1.0:
             other = ALIKE
         else:

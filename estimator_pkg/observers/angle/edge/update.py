@@ -56,9 +56,9 @@ def explained(
     date : run time of the cumulative sum that raised the alarm [s].
     flickers, warm : as of `update`.
     """
-    quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
+    quantum, noise, scatter, _, _, _, _, _, _, _, pace = sensor
     noisy = noise > PLAIN * quantum * quantum
-    date = began(date, dt, noisy)
+    date = max(began(date, dt, noisy), pace)  # readings that come in bursts do not date it
     if flickers:
         p00, _, _, p11, _, _ = p
         if -STRAY * quantum < d < STRAY * quantum and p11 > 0.0:
