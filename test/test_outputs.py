@@ -25,7 +25,6 @@ import pytest
 from estimator_pkg import VelocityEstimator, cli
 from estimator_pkg.bags.definitions import jazzy
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.driver.sensor_map import what_is_learnt
 from estimator_pkg.driver.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, StampRepair
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.smoother import Smoother
@@ -213,9 +212,6 @@ SPEEDS = {
 }
 
 
-MEMORY = ('course', 'pace', 'errors', 'proofs')
-
-
 def of_sensor_map(kind):
     """Sensors with errors that repeat each turn, which are learnt."""
     random, time = np.random.default_rng(5), np.arange(5000) * 1e-3
@@ -234,15 +230,15 @@ def of_sensor_map(kind):
     readings = np.remainder(readings + math.pi, TURN) - math.pi
     stamps = START_NS + np.round(1e9 * time).astype(np.int64)
     for observer in ('kalman', 'edge_adaptive'):
-        joint = Entry(observer, observer).joint(sensor_map='learn')
+        joint = Entry(observer, observer).joint()
         out = joint.run(stamps, readings, fast=False)
         yield observer, figures(out.velocity)
         yield f'{observer}, position', figures(out.position)
-        told_numbers = re.findall(r'\d+(?:\.\d+)?', what_is_learnt(joint._track))
+        told_numbers = re.findall(r'\d+(?:\.\d+)?', joint.learner.text())
         yield f'{observer}, told', figures([float(number) for number in told_numbers])
-        course, pace, _, _, tables, proofs, _, _ = joint._track[-1]
-        for name, values in zip(MEMORY, (course[:9], pace[:6], tables, proofs)):
-            yield f'{observer}, {name}', figures(values)
+        for way in (1, -1):
+            errors = joint.sensor_errors(way)(np.linspace(-3.1, 3.1, 60), np.full(60, 10.0))
+            yield f'{observer}, errors {way}', figures(errors)
 
 
 KINDS = ['late', 'bursts', 'drift', 'holes', 'jump', 'irregular', 'rest', 'equal', 'gaps', 'faults']

@@ -21,18 +21,13 @@ from estimator_pkg.driver.guard import (
     LONGEST_FIRST,
     NEW_STARTS,
     SLOW_STREAM,
+    USED,
     VERDICTS,
     GuardSettings,
     limits,
 )
-from estimator_pkg.driver.sensor_map import (
-    FIELDS,
-    Errors,
-    correction_of,
-    errors_of,
-    make_mapped,
-    what_is_learnt,
-)
+from estimator_pkg.driver.sensor_map import FIELDS, correction_of, make_mapped, placed
+from estimator_pkg.driver.sensor_marks import Errors, Learner
 from estimator_pkg.driver.track import field_of, make_track, replaced
 from estimator_pkg.observers.circle import Circle, nearest_turn
 from estimator_pkg.observers.contract import STATUS_NAMES, Functions, Observer
@@ -44,11 +39,7 @@ _is_running, _mean_dt, _state, _coefficients, _repeats, _last_ns = map(
 
 SHARED = (
     'functions',
-    '_blank',
-    '_advance',
-    '_read',
-    '_deviation',
-    '_batch',
+    '_ways',
     '_design',
     'longest_dt',
 )  # these depend on the gains and the wrap period
@@ -71,6 +62,7 @@ class JointSettings(GuardSettings):
 
 
 NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
+PART = 16_384  # samples after which a batch looks for what was learnt
 
 
 @dataclass(frozen=True)
@@ -78,7 +70,7 @@ class SensorSettings(JointSettings):
     """Parameters per joint of observers that take single angles."""
 
     sensor_map: str = structural(
-        NONE,
+        LEARN,
         choices=(NONE, LEARN),
         description='learn: errors of the sensor that repeat each turn (eccentricity, misplaced '
         'edges, edges that come late) are learnt while the joint turns, and taken out of its '
@@ -99,6 +91,7 @@ class Joint:
 
     functions: Functions
     longest_dt: float
+    _ways: tuple[tuple, tuple]  # functions of the track and its batch, without and with a map
     _blank: Callable[..., tuple]
     _advance: Callable[..., tuple]
     _read: Callable[..., tuple]
@@ -115,8 +108,10 @@ class Joint:
         self.stamp_ns = 0
         self.reset_count = 0
         self._new_starts = 0  # their number at the last reset
+        self._track: tuple = ()
         self._structure(gains, twin)
         self._track = self._blank(self._design)
+        self._begin_to_learn()
         self.verdict = DUPLICATE
         self._measurement: Any = self.functions.blank
         self._known_input: Any = self.functions.no_input
@@ -135,19 +130,32 @@ class Joint:
             for name in SHARED:
                 setattr(self, name, getattr(twin, name))
             self._limits = limits(self.settings, self.longest_dt)
+            self._choose()
             return
         self.functions = self.observer.build(
             gains, Circle(self.settings.wrap_period, self.settings.unwrap)
         )
         period = self.settings.wrap_period if self.observer.kind == 'angle' else None
         track = make_track(self.functions, period)
-        if period and getattr(self.settings, 'sensor_map', NONE) == LEARN:
-            track = make_mapped(track, period, _quantum(gains), self.functions.edges)
-        self._blank, self._advance, self._read, self._deviation = track
-        self._batch = batches.make_batch(track)
+        mapped = make_mapped(track, period) if period else track
+        self._ways = ((*track, batches.make_batch(track)), (*mapped, batches.make_batch(mapped)))
+        self._choose()
         self._design = self.functions.design()
         self.longest_dt = longest_dt(self.functions.limits)
         self._limits = limits(self.settings, self.longest_dt)
+
+    def _choose(self) -> None:
+        """Use the functions that fit the track."""
+        way = self._ways[len(self._track) > FIELDS]
+        self._blank, self._advance, self._read, self._deviation, self._batch = way
+
+    def _begin_to_learn(self) -> None:
+        period = self.settings.wrap_period
+        learns = period and getattr(self.settings, 'sensor_map', NONE) == LEARN
+        self.learner = (
+            Learner(period, _quantum(self.gains), self.functions.edges) if learns else None
+        )
+        self._left = self.learner.left if self.learner else -1  # samples that it does not need
 
     def goes_on_with(self, functions: Functions) -> bool:
         """Return True if the state can be kept with the functions of other gains (tries a step).
@@ -180,7 +188,9 @@ class Joint:
         quantum = _quantum(self.gains)
         self._structure(gains, twin)
         if _quantum(gains) != quantum:  # another sensor: its map is another one
-            self._track = self._track[:FIELDS] + self._blank(self._design)[FIELDS:]
+            self._track = self._track[:FIELDS]
+            self._choose()
+            self._begin_to_learn()
         # no sample time is 0 ns, so the next sample computes the coefficients anew
         self._track = replaced(self._track, dt_ns=0)
 
@@ -191,17 +201,20 @@ class Joint:
 
     def rehearse(self) -> None:
         """Take samples and discard them, so that everything is created or imported in advance."""
-        track, still = self._blank(self._design), self.functions.blank
+        blank, advance, read, deviation, _ = self._ways[0]
+        track, still = blank(self._design), self.functions.blank
         for k in range(1, 4):
-            track, _ = self._advance(
+            track, _ = advance(
                 track, self._design, self._limits, k * 1_000_000, still, self.functions.no_input
             )
-        self._read(track, self._design, self._limits, still, self.functions.no_input)
-        self._deviation(track, self._design)
+        read(track, self._design, self._limits, still, self.functions.no_input)
+        deviation(track, self._design)
 
     def reset(self) -> None:
         """Reset the observer to its start; the counters continue."""
         self._track = self._blank(self._design)
+        self._choose()
+        self._begin_to_learn()
         self.reset_count += 1
         self._new_starts = self._count_new_starts()
 
@@ -216,8 +229,25 @@ class Joint:
             self.stamp_ns = stamp_ns
             self._measurement = measurement
             self._known_input = known_input
+            if self._left and verdict == USED:
+                self._left -= 1
+            else:
+                self._learn(stamp_ns, measurement, verdict)
             return True
         return False
+
+    def _learn(self, stamp_ns: int, measurement: float, verdict: int) -> None:
+        """Pass a sample that was used to the learner."""
+        learner = self.learner
+        if learner is None or (self._left and not learner.awake):
+            self._left -= 1
+            return
+        if not learner.awake:
+            learner.look(stamp_ns, self.estimate()[1])
+        elif learner.note(stamp_ns, measurement, verdict):
+            self._track = placed(self._track, learner)
+            self._choose()
+        self._left = learner.left
 
     def estimate(self) -> tuple[float, float, float, int]:
         """Return (position, velocity, acceleration or nan, status) at the last used sample."""
@@ -240,8 +270,10 @@ class Joint:
         return correction_of(self._track)
 
     def sensor_errors(self, heading: int) -> Errors:
-        """Return the errors that `sensor_map` takes out now; see `sensor_map.errors_of`."""
-        return errors_of(self._track, heading)
+        """Return the errors that `sensor_map` takes out now; see `Learner.errors`."""
+        if self.learner is None:
+            return lambda angles, speeds: np.zeros(len(angles))
+        return self.learner.errors(heading)
 
     def run(
         self,
@@ -260,16 +292,7 @@ class Joint:
         known_input : shape (n,), known input; None: zero.
         fast : compile or not; None: if it pays.
         """
-        self._track, out = batches.run(
-            self._batch,
-            self._track,
-            self._design,
-            self._limits,
-            stamps,
-            measurements,
-            known_input,
-            fast=fast,
-        )
+        out = self._estimates(stamps, measurements, known_input, fast)
         for verdict, count in enumerate(np.bincount(out.verdict, minlength=len(VERDICTS))):
             self.counts[verdict] += int(count)
         if len(out.verdict):
@@ -283,6 +306,50 @@ class Joint:
                 self.functions.no_input if known_input is None else float(known_input[last])
             )
         return out
+
+    def _estimates(
+        self,
+        stamps: NDArray[np.int64],
+        measurements: NDArray[np.float64],
+        known_input: NDArray[np.float64] | None,
+        fast: bool | None,
+    ) -> batches.Estimates:
+        fast = len(stamps) >= batches.COMPILE_FROM if fast is None else fast
+
+        def run(rows: slice) -> tuple[tuple, batches.Estimates]:
+            return batches.run(
+                self._batch,
+                self._track,
+                self._design,
+                self._limits,
+                stamps[rows],
+                measurements[rows],
+                None if known_input is None else known_input[rows],
+                fast=fast,
+            )
+
+        if self.learner is None:
+            self._track, out = run(slice(None))
+            return out
+        parts: list[batches.Estimates] = []
+        at, learner = 0, self.learner
+        while at < len(stamps) or not parts:
+            mapped = len(self._track) > FIELDS
+            rows = slice(at, at + (learner.room if mapped else PART))
+            track, out = run(rows)
+            used = np.flatnonzero(out.verdict < DUPLICATE)
+            learner.left = self._left
+            count = learner.follow(
+                stamps[rows][used], measurements[rows][used], out.verdict[used], out.velocity[used]
+            )
+            if 0 < count < len(used):  # from there on something else is taken out
+                track, out = run(slice(at, at + int(used[count - 1]) + 1))
+            self._track = placed(track, learner) if count else track
+            self._choose()
+            self._left = learner.left
+            parts.append(out)
+            at += len(out.verdict)
+        return batches.Estimates(*map(np.concatenate, zip(*parts)))
 
     @property
     def running(self) -> bool:
@@ -349,7 +416,7 @@ class Joint:
             said = self.functions.why(self.state, self._design)
         if not said and self.settings.unwrap and self._count_new_starts() > self._new_starts:
             return 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
-        return said or what_is_learnt(self._track)
+        return said or ('' if self.learner is None else self.learner.text())
 
     def _repeating(self) -> str:
         """Return a note on repeated readings; '' without any."""

@@ -34,138 +34,111 @@ them the motion is steady, and easy to follow:
 The period is the divisor of the marks of a turn that predicts best, and it must predict the newest
 cells with less than half of the mean square error that they have without it.
 
-The functions are those of `track` for a joint with a map, whose track has two fields more: `place`
-is what each sample needs, and the memory of `sensor_marks`. Angles are in rad, times in s.
+Both are learnt from blocks of samples (see `sensor_marks`), and are taken out from the next block
+on. Only a joint with such errors has the functions of `make_mapped`, and a track with four fields
+more: the reading, its correction, its `Place` and the `Maps`. So where nothing is learnt, nothing
+changes. New maps begin without a jump: an offset makes up for it, and fades within two turns.
+Angles are in rad, times in s.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator_pkg.driver.guard import DUPLICATE, USED
-from estimator_pkg.driver.sensor_marks import (
-    CELL,
-    COARSE,
-    FORESEEN,
-    GIVEN,
-    HEADING,
-    IN_USE,
-    KIND,
-    LAG,
-    MARKS,
-    QUANTUM,
-    RUN,
-    SHARE,
-    SPEED,
-    TURN,
-    UNIT,
-    USED_A,
-    USED_B,
-    A,
-    B,
-    Memory,
-    begin,
-    blank_memory,
-    follow,
-    interrupt,
-    marks_of,
-    refined,
-    ripple_before,
-    turned,
-)
-from estimator_pkg.driver.track import Track, TrackFunctions, newest
+from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, DUPLICATE, USED
+from estimator_pkg.driver.sensor_marks import Learner
+from estimator_pkg.driver.track import Track, TrackFunctions
 from estimator_pkg.observers.circle import wrap
 
 LARGEST = 1e9  # [rad] no reading is larger
-NEAR = 0.1  # of a turn: so near to its interval's end is a reading that wraps
-SMALLEST = 0.25  # of its usual time: a ripple makes no cell shorter
 FADING = 0.1  # part of the ripple's correction that is put back at each mark
+FADED = 2.0  # turns after which an offset has faded
+GONE = 1e-4  # of a cell: a smaller correction of the ripple is none
 FIELDS = len(Track._fields)  # of a track without a map
 
-# direction in which the cell was entered; what is taken out at that edge [rad]; by how much longer
-# than usual the shaft takes for this cell: all of it, and its motion alone, without its edges
-Ripple = tuple[float, float, float, float]
-# low: lower end of the cell between two marks that contains the reading; size of the cell; error at
-# its lower end, and slope over it; the newest reading, and its correction; interval of readings
-# that wrap; by how much the angles of the reading reach further than a quantum, above 0: at its
-# upper end; the ripple
-Place = tuple[float, float, float, float, float, float, float, float, float, Ripple]
-STEADY: Ripple = (0.0, 0.0, 0.0, 0.0)
-NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, math.nan, 0.0, -math.inf, math.inf, 0.0, STEADY)
+# direction in which the cell was entered; what is taken out at the edge that brought the reading
+# [rad]; by how much longer than usual the shaft takes for this cell, and by its motion alone
+Ripple = tuple[int, float, float, float]
+# low: lower end of the cell between two marks that contains the reading; its size, 0: nothing is
+# taken out; error at its lower end, and slope over it; by how much the angles of the reading reach
+# further than a quantum, above 0: at its upper end; interval of readings that wrap; index of the
+# cell; offset, and by how much it fades at each mark; the ripple
+Place = tuple[float, float, float, float, float, float, float, int, float, float, Ripple]
+STEADY: Ripple = (1, 0.0, 0.0, 0.0)
+NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, 0.0, -math.inf, math.inf, 0, 0.0, 0.0, STEADY)
 
 
-def parted(whole: tuple) -> tuple[tuple, Place, Memory]:
-    """Return (track without the map, place, memory) of a track with a map."""
-    inner, (place, memory) = whole[:FIELDS], whole[FIELDS:]
-    return inner, place, memory
+def placed(track: tuple, learner: Learner) -> tuple:
+    """Return the track with what is learnt now; without maps where nothing is taken out."""
+    maps, place, corrected_by = learner.maps(), NOWHERE, 0.0
+    if len(track) > FIELDS:
+        _, corrected_by, place, before = track[FIELDS:]
+    _, _, _, _, further, _, _, _, offset, fade, (_, taken, rise, motion) = place
+    marks, size = len(maps.forward), maps.size
+    if marks == 0 or (not learner.active and offset == 0.0 and abs(taken) < GONE * size):
+        learner.applied = False
+        return track[:FIELDS]
+    if learner.applied and not learner.active and not any(map(np.any, before)):
+        return track
+    learner.applied = True
+    cell, heading = math.floor(learner.at), learner.heading or 1
+    inside = (learner.at - cell) * size
+    table = maps.backward if maps.coarse and heading < 0 else maps.forward
+    lower, upper = float(table[cell % marks]), float(table[(cell + 1) % marks])
+    slope = 0.0 if maps.coarse else (upper - lower) / size
+    error = corrected_by - slope * inside
+    offset = error - taken - (upper if maps.coarse and heading < 0 else lower)
+    place = (
+        learner.reading - inside,
+        size,
+        error,
+        slope,
+        further,
+        learner.bottom,
+        learner.top,
+        cell,
+        offset,
+        max(fade, abs(offset) / (FADED * marks)),
+        (heading, taken, rise, motion),
+    )
+    return track[:FIELDS] + (learner.reading, corrected_by, place, tuple(maps))
 
 
-def error_of(memory: Memory, cell: int, heading: int, size: float) -> tuple[float, float, float]:
-    """Return the error at the lower end of a cell, its slope, and how much it makes it larger.
-
-    A coarse sensor's reading has the error of the edge that brought it.
-    """
-    course, pace, _, _, tables, _, _, _ = memory
-    kind, marks = course[KIND], course[MARKS]
-    if marks == 0:
-        return 0.0, 0.0, 0.0
+def entered(place: Place, maps: tuple, measurement: float, period: float) -> Place:
+    """Return the place in another cell. The reading of a coarse sensor has its edge's error."""
+    low, size, _, _, _, bottom, top, cell, offset, fade, (heading, taken, rise, _) = place
+    coarse, _, quantum, forward, backward, way, rises, motions = maps
+    shift = measurement - low
+    if not -0.5 * period <= shift < 0.5 * period:
+        shift = wrap(shift, period)
+    crossed, marks = math.floor(shift / size), len(forward)
+    low = measurement - (shift - crossed * size)
+    cell += crossed
+    now = 1 if crossed > 0 else -1
     here, beyond = cell % marks, (cell + 1) % marks
-    if kind == COARSE:
-        table = 1 if heading < 0 else 0
-        speed = pace[SPEED] / pace[UNIT] - 1.0 if pace[UNIT] > 0.0 else 0.0
-        lower = tables[table, USED_A, here] + speed * tables[table, USED_B, here]
-        upper = tables[table, USED_A, beyond] + speed * tables[table, USED_B, beyond]
-        return float(upper if heading < 0 else lower), 0.0, float(upper - lower)
-    lower = float(tables[0, USED_A, here])
-    slope = (float(tables[0, USED_A, beyond]) - lower) / size
-    quantum = float(pace[QUANTUM])
-    return lower, slope, slope * quantum if quantum < math.inf else 0.0
+    table = backward if coarse and now < 0 else forward
+    lower, upper = float(table[here]), float(table[beyond])
+    faded = max(offset - fade, 0.0) if offset > 0.0 else min(offset + fade, 0.0)
+    if not coarse:
+        first, last = (offset, faded) if now > 0 else (faded, offset)
+        slope = (upper + last - lower - first) / size
+        further = now * slope * quantum if slope > 0.0 else 0.0
+        error = lower + first
+        return low, size, error, slope, further, bottom, top, cell, faded, fade, STEADY
+    taken = taken + now * size * rise - FADING * taken if crossed == now == heading else 0.0
+    rise = motion = 0.0
+    if crossed == now and now == way:
+        rise, motion = float(rises[here]), float(motions[here])
+    error = (upper if now < 0 else lower) + faded + taken
+    larger = upper - lower + size * rise - now * FADING * taken
+    further = now * larger if larger > 0.0 else 0.0
+    ripple = (now, taken, rise, motion)
+    return low, size, error, 0.0, further, bottom, top, cell, faded, fade, ripple
 
 
-def follow_ripple(
-    ripple: Ripple, memory: Memory, crossed: int, heading: int, size: float, larger: float
-) -> Ripple:
-    """Return the ripple in the next cell of a coarse sensor, as that of a period ago shows it.
-
-    Edges that come late by turns make cells long and short by turns. A mean of three cells, with
-    weights 1, 2, 1, has none of that: it is the shaft's motion.
-
-    Parameters
-    ----------
-    crossed : marks crossed. heading : direction of the motion.
-    larger : by how much the errors of the sensor make the cell larger [rad].
-    """
-    course, pace, _, _, _, _, _, _ = memory
-    way, taken, rise, _ = ripple
-    if heading == way:
-        taken += heading * size * rise - FADING * taken
-    run, lag, share = course[RUN], course[LAG], pace[SHARE]
-    if crossed != heading:
-        taken = 0.0
-    if crossed != heading or heading != course[HEADING] or lag == 0 or run < marks_of(lag):
-        return float(heading), taken, 0.0, 0.0
-    here = ripple_before(memory, run, lag)
-    beside = ripple_before(memory, run - 1, lag) + ripple_before(memory, run + 1, lag)
-    rise, motion = share * (here - larger / size), share * (0.5 * here + 0.25 * beside)
-    return float(heading), taken, max(rise, SMALLEST - 1.0), max(motion, SMALLEST - 1.0)
-
-
-def interval(reading: float, before: float, period: float) -> tuple[float, float]:
-    """Return the interval of readings that wrap, as two of them show it that lie a turn apart."""
-    least = min(reading, before)
-    for bottom in (-0.5 * period, 0.0):
-        if abs(least - bottom) < NEAR * period:
-            return bottom, bottom + period
-    return -math.inf, math.inf
-
-
-def make_mapped(
-    bare: TrackFunctions, period: float, quantum: float, foresees: bool
-) -> TrackFunctions:
+def make_mapped(bare: TrackFunctions, period: float) -> TrackFunctions:
     """Return the driver's functions with the sensor's errors taken out of the readings.
 
     The observer's known input is by how much more a reading changed than the corrected one; for an
@@ -174,15 +147,9 @@ def make_mapped(
 
     Parameters
     ----------
-    bare : those without. period : wrap period [rad]. quantum : as given [rad]; 0: not known.
-    foresees : the observer takes edges as times, and gains by a ripple that is foreseen.
+    bare : those without. period : wrap period [rad].
     """
-    half = 0.5 * period
     bare_blank, bare_advance, bare_read, bare_deviation = bare
-
-    def blank(design: tuple) -> tuple:
-        """Return a track before its first sample."""
-        return bare_blank(design) + (NOWHERE, blank_memory(quantum, foresees))
 
     def advance(
         track: tuple,
@@ -193,67 +160,36 @@ def make_mapped(
         known_input: float,
     ) -> tuple[tuple, int]:
         """Return (track, verdict) after one sample, like that of `make_track`."""
-        inner, before, memory = parted(track)
-        low, size, error, slope, reading, corrected_by, bottom, top, further, ripple = before
-        correction, cell, heading, offset = corrected_by, 0, 0, measurement - low
-        inside = 0.0 <= offset < size
-        if inside:
-            if measurement != reading:
-                correction = error + slope * offset
-        elif not -LARGEST < measurement < LARGEST:
-            corrected_by = correction = 0.0  # the guard drops it
-        elif size == 0.0:
-            low, size = begin(memory, measurement, stamp_ns, period, memory[1][GIVEN])
-        else:
-            course, _, _, _, _, _, _, _ = memory
-            if not -half <= offset < half:
-                offset = wrap(offset, period)
-            if not -half <= measurement - reading < half:
-                bottom, top = interval(measurement, reading, period)
-            crossed = math.floor(offset / size)
-            low = measurement - (offset - crossed * size)
-            cell = int(course[CELL]) + crossed
-            heading = turned(memory, cell) if crossed != 0 else int(course[HEADING])
-            error, slope, larger = error_of(memory, cell, heading, size)
-            if course[KIND] == COARSE:
-                ripple = follow_ripple(ripple, memory, crossed, heading, size, larger)
-                _, taken, rise, _ = ripple
-                error += taken
-                larger += size * rise - heading * FADING * taken
-            further = heading * larger if larger > 0.0 else 0.0
+        reading, corrected_by, place, maps = track[FIELDS:]
+        low, size, error, slope, known, bottom, top, _, _, _, _ = now = place
+        correction = corrected_by
+        if measurement != reading:
+            elsewhere = size > 0.0 and not 0.0 <= measurement - low < size
+            if elsewhere and -LARGEST < measurement < LARGEST:  # else the guard drops it
+                now = entered(place, maps, measurement, period)
+                low, _, error, slope, _, _, _, _, _, _, _ = now
             correction = error + slope * (measurement - low)
+            known = corrected_by - correction
         corrected = measurement + correction
         if corrected < bottom:
             corrected += period
         elif corrected >= top:
             corrected -= period
-        last_ns, _, _ = newest(inner)
-        known = further if measurement == reading else corrected_by - correction
-        inner, verdict = bare_advance(inner, design, limits, stamp_ns, corrected, known)
+        inner, verdict = bare_advance(track[:FIELDS], design, limits, stamp_ns, corrected, known)
+        if verdict == USED or verdict == AFTER_GAP or verdict == AFTER_STRAY_STAMP:
+            return inner + (measurement, correction, now, maps), verdict
         if verdict >= DUPLICATE:
-            return inner + (before, memory), verdict
-        place = (low, size, error, slope, measurement, correction, bottom, top, further, ripple)
-        if verdict != USED:
-            interrupt(memory, verdict)
-            if not inside:
-                memory[0][CELL] = cell
-        elif not inside:
-            change = wrap(measurement - reading, period)
-            at = (low, size, measurement)
-            follow(memory, cell, heading, at, change, last_ns, stamp_ns)
-            if refined(memory, period):
-                low, size = begin(memory, measurement, stamp_ns, period, memory[1][QUANTUM])
-                place = (low, size, 0.0, 0.0, measurement, 0.0, bottom, top, 0.0, STEADY)
-        return inner + (place, memory), verdict
+            return inner + (reading, corrected_by, place, maps), verdict
+        return inner + (measurement, 0.0, NOWHERE, maps), verdict
 
     def read(
         track: tuple, design: tuple, limits: tuple, measurement: float, known_input: float
     ) -> tuple:
         """Return the newest estimate, like that of `make_track`."""
-        inner, (_, _, _, _, _, correction, bottom, top, further, ripple), _ = parted(track)
-        _, taken, _, motion = ripple
+        _, correction, place, _ = track[FIELDS:]
+        _, _, _, _, further, bottom, top, _, _, _, (_, taken, _, motion) = place
         position, velocity, acceleration, status = bare_read(
-            inner, design, limits, measurement + correction, further
+            track[:FIELDS], design, limits, measurement + correction, further
         )
         if taken == 0.0 and motion == 0.0:
             return position, velocity, acceleration, status
@@ -267,73 +203,14 @@ def make_mapped(
 
     def deviation(track: tuple, design: tuple) -> tuple[float, float]:
         """Return one standard deviation of position and velocity."""
-        inner, _, _ = parted(track)
-        return bare_deviation(inner, design)
+        return bare_deviation(track[:FIELDS], design)
 
-    return TrackFunctions(blank, advance, read, deviation)
+    return TrackFunctions(bare_blank, advance, read, deviation)
 
 
 def correction_of(track: tuple) -> float:
     """Return what is added to the newest reading [rad]: the sensor's error there, no ripple."""
     if len(track) == FIELDS:
         return 0.0
-    _, (_, _, _, _, _, correction, _, _, _, (_, taken, _, _)), _ = parted(track)
-    return correction - taken
-
-
-Errors = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
-
-
-def errors_of(track: tuple, heading: int) -> Errors:
-    """Return the errors taken out now: (angles as read, speeds) -> those of the marks [rad].
-
-    Both are arrays of shape (n,) [rad, rad/s], and so is what the function returns: the error of
-    the mark next to each angle, 0 without a map.
-
-    Parameters
-    ----------
-    heading : direction of the motion, 1 or -1.
-    """
-
-    def nothing(angles: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.zeros(len(angles))
-
-    if len(track) == FIELDS:
-        return nothing
-    _, (low, size, _, _, _, _, _, _, _, _), (course, pace, _, _, tables, _, _, _) = parted(track)
-    marks, cell, unit = int(course[MARKS]), int(course[CELL]), float(size * pace[UNIT])
-    if marks == 0:
-        return nothing
-    table = tables[1 if course[KIND] == COARSE and heading < 0 else 0].copy()
-
-    def errors(angles: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        at = (np.rint((angles - low) / size).astype(np.int64) + cell) % marks
-        found: NDArray[np.float64] = table[USED_A, at]
-        return found + (np.abs(speeds) / unit - 1.0) * table[USED_B, at] if unit > 0.0 else found
-
-    return errors
-
-
-def what_is_learnt(track: tuple) -> str:
-    """Return what the status of a joint reports of its sensor; '' if nothing is corrected."""
-    if len(track) == FIELDS:
-        return ''
-    _, (low, size, *_), (course, pace, _, _, tables, proofs, _, _) = parted(track)
-    marks, ripple = int(course[MARKS]), ''
-    if course[FORESEEN] > 0:
-        period = math.degrees(size * course[FORESEEN])
-        ripple = f'a ripple of the speed that repeats each {period:.4g} deg is foreseen'
-    used = [table for table in (0, 1) if proofs[table, IN_USE] > 0.0]
-    if not used:
-        return ripple
-    speed = pace[SPEED] / pace[UNIT] - 1.0 if pace[UNIT] > 0.0 else 0.0
-    errors = np.abs(tables[used, A, :marks] + speed * tables[used, B, :marks])
-    largest = int(np.argmax(errors.max(axis=0)))
-    at = math.degrees((low + (largest - course[CELL]) * size) % (size * marks))
-    turn = 'turn' if marks == course[TURN] else f'{math.degrees(size * marks):.4g} deg'
-    # coarsely, because a status that changes is published and logged
-    taken = (
-        f'sensor errors of up to {math.degrees(errors.max()):.1g} deg that repeat each {turn} '
-        f'are taken out (largest near {10.0 * round(0.1 * at):.0f} deg)'
-    )
-    return f'{taken}; {ripple}' if ripple else taken
+    _, correction, (_, _, _, _, _, _, _, _, _, _, (_, taken, _, _)), _ = track[FIELDS:]
+    return float(correction - taken)

@@ -3,109 +3,129 @@
 
 """The marks of a turn: when a shaft passed them, and what that shows of its sensor's errors.
 
-See `sensor_map` for the equations. Everything here is called only where a mark is passed. The
-memory holds arrays that are changed in place; Numba can compile the functions. Angles are in rad,
-times in s.
+See `sensor_map` for the equations. A learner gets the samples that an observer used, in blocks, and
+only while the joint turns round. It costs about 0.3 us a sample then. Where nothing is proven in
+`TRIED` turns it sleeps for many. What it does depends on the samples alone, so live equals replay.
+Angles are in rad, times in s.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP
+from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
 
+Array = NDArray[np.float64]
+Errors = Callable[[Array, Array], Array]
+
+LOOK = 128  # samples between two looks at a joint that does not turn
+BLOCK, EDGES = 128, 256  # samples of a block; of a coarse sensor
+DENSE, FAR = 128, 8  # samples a turn that are enough for a fine sensor; of so many one is used
+BLOCKS, PAUSE = 4, 16  # blocks until a map in use of a fine sensor pauses, and for how many
+TRIED, REST, LONGEST_REST = 12.0, 64.0, 1024.0  # turns: learnt from in vain; until the next try
+IDLE = 30.0  # [s] without a whole turn: it turns no longer
 MOST = 128  # counts of a turn of a coarse sensor, at most
 FEWEST, USUAL = 32, 64  # marks of a fine sensor's turn: at least; at most, and usually
 LEAST = 6  # counts of a turn, at least
-SHOWN = 16  # marks whose steps show the quantum
 WHOLE = 0.01  # as close is a number of counts to a whole one
 RESIDUE = 1e-9  # [rad] a smaller step is none
-SPAN, SHORTEST = 8.0, 5  # marks over which a ripple is proven; its shortest period
-PAIR = 3  # marks before a cell between which there are two
-RING = 256  # times that are kept
+SPAN, SHORTEST = 8, 5  # marks over which a ripple is proven; its shortest period
+RING = 288  # times that are kept, at least two turns and a half
 SLOWER = 0.7  # of the highest speed: a slower turn is not learnt from
 STEADY = 0.1  # of a turn's time: its halves take the same time but for this
 LOCAL = 12  # marks around one, over which a search takes the speed to be constant
 SEARCHED = 2  # turns after which a period is found, once one has passed
 ALIKE, STRIKING = 1.5, 0.7  # of mean squares: as small as the smallest; a smallest that is small
 BETTER, WORSE = 0.5, 0.8  # mean squared error with the map, over that without it
-TURNS = 3.0  # in a row that have to be better, at first
-LONGEST = 64.0  # the same, at most
+TURNS, LONGEST = 3, 64  # in a row that have to be better, at first and at most
 SLOWLY = 4.0  # turns over which these errors are averaged
 WILD = 4.0  # times its mean: a mean squared error counts no more
 KEPT = 12.0  # turns over which the map is averaged
+SMALLEST = 0.25  # of its usual time: a ripple makes no cell shorter
 # of the angle within a sample: a smaller error cannot be attributed to the sensor. Edges are times,
 # and have to be known better than by a sample before a filter may trust them more
 RESOLVED, RESOLVED_EDGES = 0.5, 1.0
-
-# Memory: `course`, `pace`, and arrays: times of the marks, shape (RING,), the newest at the number
-# of marks in a row; what cells are larger than they should be in this turn, over their size,
-# shape (MOST,); tables, shape (2, 4, MOST); proofs, shape (2, 8); search, shape
-# (3, RING); ripples, shape (2, MOST + 1): mean squared errors of the times in cells as predicted
-# with a ripple of each period, and without
-Memory = tuple[Any, Any, Any, Any, Any, Any, Any, Any]
-
-# course, int64. kind of the sensor; marks of a turn; marks after which the errors repeat, 0: not
-# known; index of the cell: that of the mark at its lower end; the newest mark; direction: 1, -1, 0:
-# none yet; marks in a row with known times; new ones of them since a turn was learnt; marks since
-# the start; what times are relative to [ns]; marks after which the speed's ripple repeats, 0: none
-# now, and those of the last one that was foreseen
-KIND, TURN, MARKS, CELL, FRONT, HEADING, RUN, FILLED, STEPS, BASE, LAG, FORESEEN = range(12)
 # kinds: not known yet; marks are edges; marks are edges of some counts; marks are no edges
-NONE, COARSE, FINE, LOOSE = 0, 1, 2, 3
-# pace, float64. smallest step, or difference of steps; newest step at a mark; speed [marks/s], and
-# that in units of which b counts; what a sample leaves open of the angle at a mark; quantum as
-# given, 0: not; share of the ripple that is foreseen; 1: a ripple is looked for
-QUANTUM, STEP, SPEED, UNIT, OPEN, GIVEN, SHARE, FORESEES = range(8)
-# rows of the table of a direction: a and b of each mark as learnt, and as used
-A, B, USED_A, USED_B = range(4)
-# columns of its proof: turns learnt; mean squared errors without and with the map; good turns in a
-# row, of which as many are required; marks since it is in use, at most a turn; in use
-LEARNT, WITHOUT, WITH, GOOD, REQUIRED, AGE, IN_USE, FASTEST = range(8)
-# rows of the search: pairs of cells over their usual size, the newest at FILLED; squared
-# differences over lags; their number
-CELLS, SQUARES, COUNTS = range(3)
+UNKNOWN, COARSE, FINE, LOOSE = 0, 1, 2, 3
+NOTHING = np.zeros(0)
 
 
-def blank_memory(quantum: float, foresees: bool) -> Memory:
-    """Return the memory of a sensor of which its quantum [rad] may be known; 0: not known.
+class Maps(NamedTuple):
+    """What is taken out of the readings.
 
-    Parameters
-    ----------
-    foresees : look for a ripple of the speed.
+    coarse : the marks are edges. size : of a cell between two marks [rad]. quantum : [rad]; 0: not
+    known. forward, backward : error of each mark, shape (n,) [rad]. way : direction in which a
+    ripple is foreseen; 0: none. rises, motions : by how much longer than usual the shaft takes for
+    each cell, shape (n,): all of it but the sensor's errors, and its motion alone.
     """
-    memory = (
-        np.zeros(12, np.int64),
-        np.array([0.0, 0.0, 0.0, 0.0, 0.0, quantum, 0.0, 1.0 if foresees else 0.0]),
-        np.zeros(RING),
-        np.zeros(MOST),
-        np.zeros((2, 4, MOST)),
-        np.zeros((2, 8)),
-        np.zeros((3, RING)),
-        np.zeros((2, MOST + 1)),
-    )
-    forget(memory)
-    return memory
+
+    coarse: bool
+    size: float
+    quantum: float
+    forward: Array
+    backward: Array
+    way: int
+    rises: Array
+    motions: Array
 
 
-def forget(memory: Memory) -> None:
-    """Forget what was learnt."""
-    course, _, _, _, tables, proofs, search, ripples = memory
-    course[FILLED] = 0
-    tables[:] = 0.0
-    proofs[:] = 0.0
-    proofs[:, REQUIRED] = TURNS
-    search[:] = 0.0
-    ripples[:] = 1.0
+class Table:
+    """Errors of the marks as learnt in one direction, and the proof that they help."""
+
+    def __init__(self, marks: int) -> None:
+        self.a, self.b = np.zeros(marks), np.zeros(marks)  # error = a + b (speed - 1)
+        self.learnt = 0  # turns
+        self.without, self.within = 0.0, 0.0  # mean squared errors without and with the map
+        self.good, self.required = 0, TURNS  # turns in a row that are better, and how many must be
+        self.in_use = False
+        self.fastest = 0.0  # [marks/s]
+
+    def learn(self, error: Array, speed: float, left: float) -> None:
+        """Learn from the errors of one turn, and decide whether the map is used.
+
+        Parameters
+        ----------
+        speed : in its unit, less 1; 0: b is not learnt.
+        left : mean error that cannot be attributed to the sensor [rad].
+        """
+        missed = error - self.a - speed * self.b
+        without, within = float(np.mean(error * error)), float(np.mean(missed * missed))
+        share = 1.0 / (min(self.learnt + 1.0, KEPT) * (1.0 + speed * speed))
+        if self.learnt > 1 and within > self.within:  # less steady than other turns: counts less
+            share *= self.within / within
+        self.a += share * missed
+        self.b += share * speed * missed
+        self.learnt += 1
+        if self.learnt == 1:
+            return
+        weight = 1.0 / min(self.learnt - 1.0, SLOWLY)
+        if self.learnt > 2 and within > WILD * self.within:
+            weight *= WILD * self.within / within
+        self.without += weight * (without - self.without)
+        self.within += weight * (within - self.within)
+        self.good = self.good + 1 if within < BETTER * without and without > left * left else 0
+        if not self.in_use:
+            self.in_use = self.good >= self.required and self.within < BETTER * self.without
+        elif self.within > WORSE * self.without:
+            self.in_use, self.learnt = False, 1
+            self.required = min(2 * self.required, LONGEST)
+
+    def copied(self) -> Table:
+        """Return a table of the other direction that begins with the errors of this one."""
+        other = Table(len(self.a))
+        vars(other).update(vars(self), a=self.a.copy(), b=np.zeros(len(self.a)), learnt=1)
+        return other
 
 
 def grid(period: float, quantum: float) -> tuple[int, int]:
-    """Return (kind, marks of a turn) of a sensor with this quantum [rad]; 0: not known."""
-    if quantum <= 0.0:
-        return NONE, USUAL
+    """Return (kind, marks of a turn) of a sensor with this quantum [rad]; inf: not known."""
+    if quantum == math.inf:
+        return UNKNOWN, USUAL
     counts = period / quantum
     whole = math.floor(counts + 0.5) if counts < 1e6 else 0
     if LEAST <= whole <= MOST and abs(counts - whole) < WHOLE:
@@ -117,311 +137,435 @@ def grid(period: float, quantum: float) -> tuple[int, int]:
     return LOOSE, USUAL
 
 
-def begin(
-    memory: Memory, measurement: float, stamp_ns: int, period: float, quantum: float
-) -> tuple[float, float]:
-    """Return (lower end, size) of the first cell. Marks of counts lie between two readings.
+class Learner:
+    """Learns the errors of the sensor of one joint.
 
     Parameters
     ----------
-    quantum : [rad]; 0: not known yet.
+    period : wrap period [rad]. quantum : as given [rad]; 0: not known.
+    foresees : look for a ripple of the speed.
     """
-    course, pace, _, _, _, _, _, _ = memory
-    kind, turn = grid(period, quantum)
-    forget(memory)
-    course[:] = 0
-    course[KIND], course[TURN], course[BASE] = kind, turn, stamp_ns
-    course[MARKS] = turn if kind == FINE or kind == LOOSE else 0
-    pace[:GIVEN] = 0.0
-    pace[QUANTUM] = quantum if quantum > 0.0 else math.inf
-    size = period / turn
-    return float(measurement - 0.5 * (quantum if kind == COARSE or kind == FINE else size)), size
 
+    def __init__(self, period: float, quantum: float, foresees: bool) -> None:
+        self.period, self.given, self.foresees = period, quantum, foresees
+        self.rest, self.pause = 0.0, REST  # turns until the next try, and after it
+        self.applied = False  # the joint takes maps out of its readings
+        self.sleep()
 
-def learn(memory: Memory, table: int, size: float, speed: float) -> None:
-    """Learn from a turn, and decide whether the map is used.
+    def sleep(self) -> None:
+        """Forget everything, until the joint turns round again."""
+        self.awake, self.left = False, LOOK  # samples until the next look
+        self.turned = self.looked = 0.0
+        self.stamps: list[int] = []
+        self.readings: list[float] = []
+        self.paused = False  # the next sample is far from the last one
+        self.quantum = self.given if self.given > 0.0 else math.inf
+        self.bottom, self.top = -math.inf, math.inf
+        self.reading = 0.0  # the newest one
+        self.stride, self.blocks = 1, 0  # of so many samples one is used; blocks since a pause
+        self.base = 0  # what times are relative to [ns]
+        self._begin(UNKNOWN, USUAL)
 
-    Parameters
-    ----------
-    speed : in its unit, less 1; 0: b is not learnt.
-    """
-    course, pace, _, cells, tables, proofs, _, _ = memory
-    marks = course[MARKS]
-    left = pace[OPEN] * (RESOLVED_EDGES if course[KIND] == COARSE else RESOLVED)
-    total = mean = 0.0
-    for k in range(marks):
-        total += cells[k]
-    error = 0.0
-    for k in range(marks):  # of each mark, less that of mark 0
-        mean += error / marks
-        error += size * (cells[k] - total / marks)
-    proof = proofs[table]
-    n = proof[LEARNT]
-    share = 1.0 / (min(n + 1.0, KEPT) * (1.0 + speed * speed))
-    error, without, within = -mean, 0.0, 0.0
-    for k in range(marks):
-        missed = error - tables[table, A, k] - speed * tables[table, B, k]
-        without += error * error / marks
-        within += missed * missed / marks
-        error += size * (cells[k] - total / marks)
-    if n > 1.0 and within > proof[WITH]:  # not as steady as other turns: it counts less
-        share *= proof[WITH] / within
-    error = -mean
-    for k in range(marks):
-        missed = error - tables[table, A, k] - speed * tables[table, B, k]
-        tables[table, A, k] += share * missed
-        tables[table, B, k] += share * speed * missed
-        error += size * (cells[k] - total / marks)
-    proof[LEARNT] = n + 1.0
-    if n == 0.0:
-        return
-    weight = 1.0 / min(n, SLOWLY)
-    if n > 1.0 and within > WILD * proof[WITH]:
-        weight *= WILD * proof[WITH] / within
-    proof[WITHOUT] += weight * (without - proof[WITHOUT])
-    proof[WITH] += weight * (within - proof[WITH])
-    good = within < BETTER * without and without > left * left
-    proof[GOOD] = proof[GOOD] + 1.0 if good else 0.0
-    if proof[IN_USE] == 0.0:
-        if proof[GOOD] >= proof[REQUIRED] and proof[WITH] < BETTER * proof[WITHOUT]:
-            proof[IN_USE] = 1.0
-    elif proof[WITH] > WORSE * proof[WITHOUT]:
-        proof[IN_USE], proof[LEARNT] = 0.0, 1.0
-        proof[REQUIRED] = min(2.0 * proof[REQUIRED], LONGEST)
+    def _begin(self, kind: int, turn: int) -> None:
+        """Begin with other marks. Those of counts lie between two readings."""
+        self.kind, self.turn, self.size = kind, turn, self.period / turn
+        self.block = EDGES if kind == COARSE else BLOCK
+        self.at = 0.5 if kind in (UNKNOWN, LOOSE) else 0.5 * self.quantum / self.size  # [cells]
+        self.marks = turn if kind in (FINE, LOOSE) else 0  # after which errors repeat; 0: not known
+        self.tables = [Table(self.marks), Table(self.marks)]
+        self.unit = self.speed = self.open = 0.0  # [marks/s], and what a sample leaves open [rad]
+        self.lag, self.share = 0, 0.0  # of a ripple: its period [marks], and how much is foreseen
+        self.foreseen = 0  # period of the last ripple
+        self.ripple = NOTHING
+        self.squares, self.count = np.zeros(turn + 1), 0
+        self.travelled = self.since = (
+            0.0  # turns since something was proven; time of the last learnt
+        )
+        self.heading = 0
+        self._interrupt()
 
+    def _interrupt(self) -> None:
+        self.times, self.cells, self.pairs = NOTHING, NOTHING, NOTHING
+        self.ripple, self.share = NOTHING, 0.0
 
-def look(memory: Memory, time: float) -> None:
-    """Look for the number of marks after which the errors of a coarse sensor repeat.
+    # ---- samples
 
-    It need not be the turn of the joint: those of a motor behind a gear repeat with its own turn.
-    It is the smallest lag over which pairs of cells are as alike as over any (of pairs, because the
-    edges of Hall sensors come late by turns).
-    """
-    course, _, times, _, _, _, search, _ = memory
-    turn, run, filled = course[TURN], course[RUN], course[FILLED]
-    every = 2 - turn % 2  # an even number of edges comes in pairs
-    course[FILLED] = 0
-    if run < LOCAL:
-        return
-    middle, start = times[(run - LOCAL // 2) % RING], times[(run - LOCAL) % RING]
-    if not abs(2.0 * middle - start - time) < STEADY * (time - start):
-        return
-    before, after = times[(run - LOCAL // 2 - 1) % RING], times[(run - LOCAL // 2 + 1) % RING]
-    cell = 0.5 * LOCAL * (after - before) / (time - start)
-    search[CELLS, filled % RING] = cell
-    if filled >= turn:
-        for lag in range(turn, 1, -every):
-            difference = cell - search[CELLS, (filled - lag) % RING]
-            search[SQUARES, lag] += difference * difference
-        search[COUNTS, 0] += 1.0
-    course[FILLED] = filled + 1
-    if search[COUNTS, 0] < SEARCHED * turn:
-        return
-    smallest, total = math.inf, 0.0
-    for lag in range(turn, 1, -every):
-        total += search[SQUARES, lag]
-        smallest = min(smallest, search[SQUARES, lag])
-    course[MARKS], course[FILLED] = turn, 0
-    if smallest * ((turn - 1) // every) < STRIKING * total:
-        for lag in range(turn, 1, -every):
-            if search[SQUARES, lag] <= ALIKE * smallest:
-                course[MARKS] = lag
+    def look(self, stamp_ns: int, velocity: float) -> None:
+        """Look whether the joint turns round, now and then."""
+        now = 1e-9 * stamp_ns
+        step = velocity * (now - self.looked) if self.looked > 0.0 else 0.0
+        self.looked, self.left = now, LOOK
+        if not math.isfinite(step):
+            step = 0.0
+        self.turned = step + (self.turned if self.turned * step > 0.0 else 0.0)
+        self.rest -= abs(step) / self.period
+        if abs(self.turned) > self.period and self.rest <= 0.0:
+            self.awake, self.left, self.base = True, 0, stamp_ns
+            self.stamps, self.readings = [], []
 
+    def note(self, stamp_ns: int, reading: float, verdict: int) -> bool:
+        """Take a sample that was used; return True if what is taken out of the readings changes."""
+        changed = False
+        if self.readings and (self.paused or verdict != USED):
+            before = self.readings[-1]
+            changed = self.learn()
+            self._event(verdict, reading - before)
+            self.stamps, self.readings, self.reading, self.paused = [], [], reading, False
+            self.since = 1e-9 * (stamp_ns - self.base)
+        self.stamps.append(stamp_ns)
+        self.readings.append(reading)
+        self.left = self.stride - 1
+        return (len(self.stamps) > self.block and self.learn()) or changed
 
-def take_mark(memory: Memory, size: float, mark: int, time: float, left: float) -> None:
-    """Take the time [s] at which the shaft passed a mark; learn, where a turn ends.
+    def follow(
+        self,
+        stamps: NDArray[np.int64],
+        readings: Array,
+        verdicts: NDArray[np.int8],
+        velocities: Array,
+    ) -> int:
+        """Take samples that were used, as `look` and `note` do, until `note` is True.
 
-    Parameters
-    ----------
-    left : what the sample leaves open of the angle.
-    """
-    course, pace, times, cells, tables, proofs, _, _ = memory
-    kind, heading, run, marks = course[KIND], course[HEADING], course[RUN], course[MARKS]
-    times[run % RING] = time
-    table = 1 if kind == COARSE and heading < 0 else 0
-    if run > 0:
-        some = min(run, course[TURN] // 4)
-        passed = time - times[(run - some) % RING]
-        pace[SPEED] = some / passed if passed > 0.0 else pace[SPEED]
-    if kind == COARSE and marks == 0:
-        look(memory, time)
-    elif 0 < marks <= run:
-        half = marks // 2
-        middle, start = times[(run - half) % RING], times[(run - marks) % RING]
-        whole = time - start
-        if whole > 0.0 and abs(time - middle - whole * half / marks) < STEADY * whole:
-            speed = marks / whole
-            there = mark - half if heading > 0 else mark + half - 1
-            cells[there % marks] = (times[(run - half + 1) % RING] - middle) * speed - 1.0
-            pace[SPEED] = speed
-            pace[OPEN] = max(left, pace[OPEN] if course[FILLED] > 0 else 0.0)
-            course[FILLED] += 1
-        else:
-            course[FILLED] = 0
-        if course[FILLED] == marks:
-            course[FILLED] = 0
-            if pace[UNIT] == 0.0:
-                pace[UNIT] = speed
-            if speed > SLOWER * proofs[table, FASTEST]:  # else a torque ripples more than before
-                proofs[table, FASTEST] = max(speed, proofs[table, FASTEST])
-                learn(memory, table, size, speed / pace[UNIT] - 1.0 if kind == COARSE else 0.0)
-    if marks > 0:
-        was = proofs[table, AGE]
-        age = min(max(was + 2.0 * proofs[table, IN_USE] - 1.0, 0.0), float(marks))
-        if age > 0.0 or was > 0.0:
-            far = (mark + marks // 2) % marks
-            tables[table, USED_A, far] = age / marks * tables[table, A, far]
-            tables[table, USED_B, far] = age / marks * tables[table, B, far]
-        proofs[table, AGE] = age
-        if kind == COARSE and run > 0 and pace[FORESEES] > 0.0:
-            prove_ripple(memory, table, size, mark, left)
-    course[FRONT], course[RUN] = mark, run + 1
-    course[STEPS] += 1
+        Returns
+        -------
+        count : of the samples that were taken then; 0: all, and it never was.
+        """
+        at, count = 0, len(stamps)
+        events = np.append(np.flatnonzero(verdicts != USED), count)
+        while at < count:
+            first, event = at + self.left, int(events[np.searchsorted(events, at)])
+            if not self.awake or self.paused:
+                event = first if not self.awake else min(first, event)
+            rows = np.arange(first, event, self.stride)[: self.block + 1 - len(self.stamps)]
+            if len(rows):
+                self.stamps += stamps[rows].tolist()
+                self.readings += readings[rows].tolist()
+                at, self.left = int(rows[-1]) + 1, self.stride - 1
+                changed = len(self.stamps) > self.block and self.learn()
+            elif event >= count:
+                self.left -= count - at
+                break
+            else:
+                at, changed = event + 1, False
+                stamp_ns, reading = int(stamps[event]), float(readings[event])
+                if self.awake:
+                    changed = self.note(stamp_ns, reading, int(verdicts[event]))
+                else:
+                    self.look(stamp_ns, float(velocities[event]))
+            if changed:
+                return at
+        return 0
 
+    def learn(self) -> bool:
+        """Learn from the samples; return True if what is taken out of the readings changes."""
+        times, readings = 1e-9 * (np.array(self.stamps) - self.base), np.array(self.readings)
+        before = self.travelled
+        self._take(times, readings)
+        self.reading = self.readings[-1]
+        # the newest sample is the first one of the next block
+        self.stamps, self.readings = self.stamps[-1:], self.readings[-1:]
+        if self.kind != COARSE:
+            turns = max(self.travelled - before, 1e-3)
+            self.stride = min(max(int(self.stride * len(times) / (turns * DENSE)), 1), FAR)
+        self.blocks += 1
+        if self.active:
+            self.travelled = 0.0
+            proven = self.kind != COARSE and self.tables[0].good > KEPT
+            if proven and self.blocks >= BLOCKS:
+                self.blocks, self.paused, self.left = 0, True, PAUSE * self.block * self.stride
+        elif self.travelled > TRIED:
+            self.rest, self.pause = self.pause, min(2.0 * self.pause, LONGEST_REST)
+            self.sleep()
+        elif times[-1] - self.since > IDLE:
+            self.sleep()
+        return self.active or self.applied
 
-def marks_of(lag: int) -> int:
-    """Return how many marks in a row a ripple of this period takes."""
-    return lag + lag // 2 + 1
+    @property
+    def room(self) -> int:
+        """Samples until a block is complete, at least."""
+        return self.left + 1 + (self.block - len(self.stamps)) * self.stride
 
+    @property
+    def active(self) -> bool:
+        """True if something is to be taken out of the readings."""
+        return self.share > 0.0 or any(table.in_use for table in self.tables)
 
-def ripple_before(memory: Memory, first: int, lag: int) -> float:
-    """Return by how much longer than usual was the cell `lag` marks before that from `first` on."""
-    _, _, times, _, _, _, _, _ = memory
-    here = first - lag
-    start = here - (lag - 1) // 2
-    whole = times[(start + lag) % RING] - times[start % RING]
-    if whole <= 0.0:
-        return 0.0
-    return float(lag * (times[(here + 1) % RING] - times[here % RING]) / whole - 1.0)
+    def _event(self, verdict: int, step: float) -> None:
+        """Pass over a gap; after a new start the map is proven again before it is used."""
+        self._interrupt()
+        self.heading = 0
+        self.at += (step - self.period * round(step / self.period)) / self.size
+        if verdict in (USED, AFTER_GAP, AFTER_STRAY_STAMP):
+            return
+        self.foreseen = 0
+        for table in self.tables:
+            table.in_use, table.good = False, table.required - 1
+        if self.marks and self.turn % self.marks:  # turns may be lost, and count
+            self._begin(self.kind, self.turn)
 
+    def _take(self, times: Array, readings: Array) -> None:
+        """Take samples in a row, of which the first one was where the shaft is known to be."""
+        steps = readings[1:] - readings[:-1]
+        turns = np.rint(steps / self.period)
+        steps -= self.period * turns
+        if self.top == math.inf and turns.any():
+            least = float(readings.min())
+            for bottom in (-0.5 * self.period, 0.0):
+                if abs(least - bottom) < 0.1 * self.period:
+                    self.bottom, self.top = bottom, bottom + self.period
+        if not len(steps):
+            return
+        self._refine(steps[-LOOK:])
+        if self.kind == UNKNOWN:
+            return
+        moved = np.empty(len(times))
+        moved[0] = self.at
+        moved[1:] = self.at + np.cumsum(steps) / self.size
+        self.at = float(moved[-1])
+        self._marks(times, moved)
 
-def mispredicted(cell: float, guess: float) -> float:
-    """Return the squared ratio of the error of a predicted time in a cell to the sum of both."""
-    both = cell + guess
-    return float((cell - guess) ** 2 / both**2) if both > 0.0 else 1.0
+    def _refine(self, steps: Array) -> None:
+        """Begin with other marks if the steps show that these do not fit the quantum."""
+        if self.kind != LOOSE:
+            moved = np.abs(steps)
+            moved = moved[moved > RESIDUE]
+            steps = np.concatenate((moved, np.abs(moved[1:] - moved[:-1]), (self.quantum,)))
+            self.quantum = float(steps[steps > RESIDUE].min())
+        kind, turn = grid(self.period, self.given if self.given > 0.0 else self.quantum)
+        if (kind, turn) != (self.kind, self.turn):
+            self._begin(kind, turn)
 
+    def _marks(self, times: Array, moved: Array) -> None:
+        """Take the marks that the shaft passed on a way, in cells."""
+        net = float(moved[-1] - moved[0])
+        slack = 0.5 if self.kind == COARSE else 1.0  # noise may cross a mark
+        heading = self.heading if abs(net) < slack and self.heading else int(np.sign(net))
+        if heading == 0:
+            return
+        along = heading * moved
+        highest = np.maximum.accumulate(along)
+        broken = highest - along > slack
+        broken[1:] |= along[1:] - along[:-1] >= 0.25 * self.turn  # no motion between two readings
+        if heading != self.heading or broken.any():
+            if heading != self.heading and self.kind == COARSE:
+                table, other = (0, 1) if heading > 0 else (1, 0)
+                if not self.tables[table].learnt and self.tables[other].in_use:
+                    self.tables[table] = self.tables[other].copied()
+            self.heading = heading
+            self._interrupt()
+            first = int(np.flatnonzero(broken)[-1]) if broken.any() else 0
+            times, along = times[first:], along[first:]
+            highest = np.maximum.accumulate(along)
+            self.front = math.floor(highest[0])  # newest mark, counted along the heading
+        front = max(math.floor(highest[-1]), self.front)
+        new = front - self.front
+        if new:
+            passed = np.interp(np.arange(self.front + 1, front + 1), highest, times)
+            self.times = np.append(self.times, passed)[-max(RING, new + 2 * self.turn) :]
+            self.front = front
+            some = min(len(self.times) - 1, self.turn // 4)
+            if some > 0:
+                self.speed = some / max(self.times[-1] - self.times[-1 - some], 1e-9)
+            dt = (times[-1] - times[0]) / (len(times) - 1)
+            left = self.quantum
+            if self.kind != LOOSE:
+                left = min(left, self.speed * self.size * dt)
+            self.open = left
+            if self.marks:
+                self._turns(new)
+            else:
+                self._search(new)
+            self.travelled += new / self.turn
+            if self.kind == COARSE and self.foresees and self.marks:
+                self._find_ripple(new)
 
-def prove_ripple(memory: Memory, table: int, size: float, mark: int, left: float) -> None:
-    """Find the period after which the times in the cells repeat, from the newest cell.
+    # ---- errors of the sensor
 
-    Its time is predicted by that a period ago; without it by the mean of a period, or that of the
-    two cells before, and the sensor's errors.
-    """
-    course, pace, times, _, tables, proofs, _, ripples = memory
-    marks, run, heading = course[MARKS], course[RUN], course[HEADING]
-    of_b = pace[SPEED] / pace[UNIT] - 1.0 if pace[UNIT] > 0.0 else 0.0
-    here = (mark - 1 if heading > 0 else mark) % marks
-    beyond = (here + 1) % marks
-    rise = tables[table, USED_A, beyond] - tables[table, USED_A, here]
-    rise += of_b * (tables[table, USED_B, beyond] - tables[table, USED_B, here])
-    cell = times[run % RING] - times[(run - 1) % RING]
-    unseen = (0.5 * left / size) ** 2  # by a clock of these samples
-    slow = pace[SPEED] < SLOWER * proofs[table, FASTEST]
-    course[LAG], best = 0, BETTER
-    if run < PAIR:
-        return
-    recent = (times[(run - 1) % RING] - times[(run - PAIR) % RING]) * (1.0 + rise / size)
-    ripples[1, 0] += (mispredicted(cell, recent / (PAIR - 1)) - ripples[1, 0]) / SPAN
-    for lag in range(SHORTEST, marks + 1):
-        if marks % lag == 0 and marks_of(lag) <= run:
-            mean = (times[(run - 1) % RING] - times[(run - 1 - lag) % RING]) / lag
-            with_it = mean * (1.0 + ripple_before(memory, run - 1, lag))
-            without = mean * (1.0 + rise / size)
-            ripples[0, lag] += (mispredicted(cell, with_it) - ripples[0, lag]) / SPAN
-            ripples[1, lag] += (mispredicted(cell, without) - ripples[1, lag]) / SPAN
-            least = min(ripples[1, lag], ripples[1, 0])
-            if slow and ripples[0, lag] < best * least and least > unseen:
-                course[LAG], best = lag, ripples[0, lag] / least
-    pace[SHARE] = min(pace[SHARE] + 1.0 / course[LAG], 1.0) if course[LAG] > 0 else 0.0
-    if pace[SHARE] == 1.0:
-        course[FORESEEN] = course[LAG]
+    def _turns(self, new: int) -> None:
+        """Learn from whole turns, of which the newest marks are the ends."""
+        marks, times = self.marks, self.times
+        half, new = marks // 2, min(new, len(times) - marks)
+        if new <= 0:
+            return
+        ends = np.arange(len(times) - new, len(times))
+        whole, middle = times[ends] - times[ends - marks], times[ends - half]
+        steady = np.abs(times[ends] - middle - whole * half / marks) < STEADY * whole
+        cells = (times[ends - half + 1] - middle) * marks / whole - 1.0
+        if not steady.all():
+            self.cells, cells = NOTHING, cells[np.flatnonzero(~steady)[-1] + 1 :]
+        if len(cells):
+            self.speed = marks / float(whole[-1])
+        cells = np.append(self.cells, cells)
+        table = self.tables[1 if self.kind == COARSE and self.heading < 0 else 0]
+        while len(cells) >= marks:
+            first = self.front - half + 1 - len(cells)
+            turn = np.empty(marks)
+            turn[self._lower(np.arange(first, first + marks)) % marks] = cells[:marks]
+            cells = cells[marks:]
+            self.unit = self.unit or self.speed
+            self.since = float(times[-1])
+            if self.speed > SLOWER * table.fastest:  # else a torque ripples more than before
+                table.fastest = max(self.speed, table.fastest)
+                turn -= turn.mean()
+                error = self.size * (np.cumsum(turn) - turn)
+                speed = self.speed / self.unit - 1.0 if self.kind == COARSE else 0.0
+                least = self.open * (RESOLVED_EDGES if self.kind == COARSE else RESOLVED)
+                table.learn(error - error.mean(), speed, least)
+        self.cells = cells
 
+    def _lower(self, along: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the cells that begin at marks counted along the heading."""
+        return along if self.heading > 0 else -along - 1
 
-def turned(memory: Memory, cell: int) -> int:
-    """Return the direction in this cell: it turns a mark later where noise may cross a mark."""
-    course, _, _, _, tables, proofs, _, _ = memory
-    heading, front = course[HEADING], course[FRONT]
-    slack = 0 if course[KIND] == COARSE else 1
-    if heading == 0:
-        now = 1 if cell > course[CELL] else -1
-    elif heading > 0:
-        now = -1 if cell < front - slack else 1
-    else:
-        now = 1 if cell >= front + slack else -1
-    if now != heading and course[KIND] == COARSE:
-        # nothing is known of this direction: begin with what is known of the other one
-        table = 1 if now < 0 else 0
-        if proofs[table, LEARNT] == 0.0 and proofs[1 - table, IN_USE] > 0.0:
-            tables[table, A] = tables[1 - table, A]
-            tables[table, USED_A] = tables[1 - table, USED_A]
-            proofs[table] = proofs[1 - table]
-            proofs[table, LEARNT] = 1.0
-    return now
+    def _search(self, new: int) -> None:
+        """Look for the number of marks after which the errors of a coarse sensor repeat.
 
+        It need not be the turn of the joint: those of a motor behind a gear repeat with its own
+        turn. It is the smallest lag over which pairs of cells are as alike as over any (of pairs,
+        because the edges of Hall sensors come late by turns).
+        """
+        times, turn, new = self.times, self.turn, min(new, len(self.times) - LOCAL)
+        if new <= 0:
+            return
+        ends = np.arange(len(times) - new, len(times))
+        start, middle, end = times[ends - LOCAL], ends - LOCAL // 2, times[ends]
+        steady = np.abs(2.0 * times[middle] - start - end) < STEADY * (end - start)
+        pairs = 0.5 * LOCAL * (times[middle + 1] - times[middle - 1]) / (end - start)
+        if not steady.all():
+            self.pairs, pairs = NOTHING, pairs[np.flatnonzero(~steady)[-1] + 1 :]
+        old = len(self.pairs)
+        pairs = np.append(self.pairs, pairs)
+        lags = np.arange(turn, 1, -(2 - turn % 2))  # an even number of edges comes in pairs
+        fresh = np.arange(max(old, turn), len(pairs))
+        differences = pairs[fresh, None] - pairs[fresh[:, None] - lags]
+        self.squares[lags] += np.sum(differences * differences, axis=0)
+        self.count += len(fresh)
+        self.pairs = pairs[-turn:]
+        if self.count < SEARCHED * turn:
+            return
+        squares = self.squares[lags]
+        self.marks = turn
+        if squares.min() < STRIKING * squares.mean():
+            self.marks = int(lags[squares <= ALIKE * squares.min()].min())
+        self.tables = [Table(self.marks), Table(self.marks)]
+        self.travelled = 0.0
 
-def interrupt(memory: Memory, verdict: int) -> None:
-    """Pass over a gap; after a new start the map is proven again before it is used."""
-    course, _, _, _, tables, proofs, _, _ = memory
-    course[HEADING] = course[RUN] = course[FILLED] = 0
-    if verdict == AFTER_GAP or verdict == AFTER_STRAY_STAMP:
-        return
-    course[FORESEEN] = 0
-    tables[:, USED_A:] = 0.0
-    proofs[:, IN_USE] = 0.0
-    proofs[:, AGE] = 0.0
-    proofs[:, GOOD] = proofs[:, REQUIRED] - 1.0
-    if course[MARKS] > 0 and course[TURN] % course[MARKS] != 0:  # turns may be lost, and count
-        forget(memory)
-        course[MARKS] = 0
+    def _errors(self, heading: int) -> Array:
+        """Return what is taken out at each mark [rad], shape (n,)."""
+        number = 1 if self.kind == COARSE and heading < 0 else 0
+        table, other = self.tables[number], self.tables[1 - number]
+        if table.in_use:
+            speed = self.speed / self.unit - 1.0 if self.kind == COARSE else 0.0
+            return table.a + speed * table.b
+        if self.kind == COARSE and not table.learnt and other.in_use:
+            return other.a.copy()
+        return np.zeros(len(table.a))
 
+    # ---- ripple of the speed
 
-def follow(
-    memory: Memory,
-    cell: int,
-    heading: int,
-    at: tuple[float, float, float],
-    change: float,
-    last_ns: int,
-    stamp_ns: int,
-) -> None:
-    """Take each mark that the shaft passed on its way into a cell.
+    def _find_ripple(self, new: int) -> None:
+        """Find the period after which the times in the cells repeat, from the newest cells.
 
-    Parameters
-    ----------
-    at : lower end of the cell, its size, and the reading [rad].
-    change : of the reading [rad], since `last_ns`.
-    """
-    course, pace, _, _, _, _, _, _ = memory
-    low, size, reading = at
-    moved = abs(change)
-    for step in (moved, abs(moved - pace[STEP])):
-        if RESIDUE < step < pace[QUANTUM]:
-            pace[QUANTUM] = step
-    pace[STEP] = moved
-    if heading != course[HEADING]:
-        course[RUN] = course[FILLED] = 0
-    last = cell if heading > 0 else cell + 1
-    first = course[FRONT] + heading if course[RUN] > 0 else last
-    if (last - first) * heading >= course[TURN] // 4:  # no motion between two readings
-        course[RUN] = course[FILLED] = 0
-        first = last
-    course[CELL], course[HEADING] = cell, heading
-    now, dt = 1e-9 * (stamp_ns - course[BASE]), 1e-9 * (stamp_ns - last_ns)
-    left = pace[QUANTUM]
-    if course[KIND] != LOOSE:
-        left = min(left, pace[SPEED] * size * dt)
-    for k in range((last - first) * heading + 1):
-        mark = first + heading * k
-        ago = (reading - low - (mark - cell) * size) / change
-        take_mark(memory, size, mark, now - min(max(ago, 0.0), 1.0) * dt, left)
+        The time in a cell is predicted by that a period ago; without it by the mean of a period, or
+        that of the two cells before, and the sensor's errors.
+        """
+        table, times, marks = self.tables[self.heading < 0], self.times, self.marks
+        lags = [lag for lag in range(SHORTEST, marks + 1) if marks % lag == 0]
+        self.lag, best = 0, BETTER
+        if self.speed < SLOWER * table.fastest and len(times) > SPAN + 3:
+            ends = np.arange(len(times) - SPAN, len(times))
+            cells = times[ends] - times[ends - 1]
+            errors = self._errors(self.heading)
+            here = self._lower(np.arange(self.front - SPAN, self.front))
+            rises = (errors[(here + 1) % marks] - errors[here % marks]) / self.size
 
+            def missed(guess: Array) -> float:
+                return float(np.mean(((cells - guess) / (cells + guess)) ** 2))
 
-def refined(memory: Memory, period: float) -> bool:
-    """Return True if the steps since the start show that the marks do not fit the quantum."""
-    course, pace, _, _, _, _, _, _ = memory
-    kind, turn, quantum = course[KIND], course[TURN], pace[QUANTUM]
-    unknown = quantum == math.inf or (kind == NONE and course[STEPS] < SHOWN)
-    if pace[GIVEN] > 0.0 or unknown:
-        return False
-    right, marks = grid(period, quantum)
-    return right != kind or marks != turn
+            recent = missed(0.5 * (times[ends - 1] - times[ends - 3]) * (1.0 + rises))
+            for lag in lags:
+                if len(times) < lag + lag // 2 + 1 + SPAN:
+                    continue
+                mean = (times[ends - 1] - times[ends - 1 - lag]) / lag
+                start = ends - 1 - lag - (lag - 1) // 2
+                usual = (times[start + lag] - times[start]) / lag
+                guess = mean * (times[ends - lag] - times[ends - 1 - lag]) / usual
+                least = min(recent, missed(mean * (1.0 + rises)))
+                if missed(guess) < best * least and least > (0.5 * self.open / self.size) ** 2:
+                    self.lag, best = lag, missed(guess) / least
+        self.share = min(self.share + new / self.lag, 1.0) if self.lag else 0.0
+        if self.share == 1.0:
+            self.foreseen = self.lag
+
+    def _ripple(self) -> Array:
+        """Return by how much longer than usual each cell takes, from a period ago; shape (n,)."""
+        found, lag, times = np.zeros(self.lag), self.lag, self.times
+        starts = np.arange(max(0, len(times) - 2 * lag), len(times) - lag)
+        here = starts + (lag - 1) // 2
+        usual = (times[starts + lag] - times[starts]) / lag
+        cell = self._lower(self.front - (len(times) - 1) + here)
+        found[cell % lag] = (times[here + 1] - times[here]) / usual - 1.0
+        return np.tile(found, self.marks // lag)
+
+    # ---- result
+
+    def maps(self) -> Maps:
+        """Return what is taken out of the readings now."""
+        forward, backward = self._errors(1), self._errors(-1)
+        rises = motions = np.zeros(self.marks)
+        if self.share > 0.0:
+            errors = forward if self.heading > 0 else backward
+            here = self._ripple()
+            # edges that come late by turns make cells long and short by turns: that is no motion
+            smooth = 0.5 * here + 0.25 * (np.roll(here, 1) + np.roll(here, -1))
+            rises = here - (np.roll(errors, -1) - errors) / self.size
+            rises = np.maximum(self.share * rises, SMALLEST - 1.0)
+            motions = np.maximum(self.share * smooth, SMALLEST - 1.0)
+        return Maps(
+            self.kind == COARSE,
+            self.size,
+            self.quantum if self.quantum < math.inf else 0.0,
+            forward,
+            backward,
+            self.heading if self.share > 0.0 else 0,
+            rises,
+            motions,
+        )
+
+    def errors(self, heading: int) -> Errors:
+        """Return the errors known now: (angles as read, speeds) -> those of the marks [rad].
+
+        Both are arrays of shape (n,) [rad, rad/s], and so is what the function returns: the error
+        of the mark next to each angle.
+        """
+        table = self.tables[1 if self.kind == COARSE and heading < 0 else 0]
+        a, b = table.a.copy(), table.b.copy()
+        size, unit, here, reading = self.size, self.size * self.unit, self.at, self.reading
+
+        def errors(angles: Array, speeds: Array) -> Array:
+            if not table.in_use:
+                return np.zeros(len(angles))
+            at = np.rint((angles - reading) / size + here).astype(np.int64) % len(a)
+            return a[at] + (np.abs(speeds) / unit - 1.0) * b[at]
+
+        return errors
+
+    def text(self) -> str:
+        """Return what the status of a joint reports of its sensor; '' if nothing is corrected."""
+        ripple = ''
+        if self.foreseen:
+            period = math.degrees(self.size * self.foreseen)
+            ripple = f'a ripple of the speed that repeats each {period:.4g} deg is foreseen'
+        if not any(table.in_use for table in self.tables):
+            return ripple
+        errors = np.maximum(np.abs(self._errors(1)), np.abs(self._errors(-1)))
+        at = self.reading + (float(np.argmax(errors)) - self.at) * self.size
+        at = math.degrees(at % (self.size * self.marks))
+        turn = f'{math.degrees(self.size * self.marks):.4g} deg'
+        # coarsely, because a status that changes is published and logged
+        taken = (
+            f'sensor errors of up to {math.degrees(errors.max()):.1g} deg that repeat each '
+            f'{"turn" if self.marks == self.turn else turn} are taken out '
+            f'(largest near {10.0 * round(0.1 * at):.0f} deg)'
+        )
+        return f'{taken}; {ripple}' if ripple else taken

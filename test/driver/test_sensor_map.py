@@ -10,9 +10,7 @@ import re
 import numpy as np
 import pytest
 
-from estimator_pkg.driver import sensor_marks
-from estimator_pkg.driver.sensor_map import FIELDS, parted, what_is_learnt
-from estimator_pkg.driver.sensor_marks import LEARNT, MARKS
+from estimator_pkg.driver.sensor_map import FIELDS
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.smoother import Smoother
 
@@ -54,16 +52,6 @@ def joint(observer='edge_adaptive', sensor_map='learn', **values):
     return Entry(observer, observer).joint(sensor_map=sensor_map, **values)
 
 
-def marks_of(joint):
-    _, _, (course, *_) = parted(joint._track)
-    return course[MARKS]
-
-
-def proofs_of(joint):
-    _, _, (_, _, _, _, _, proofs, _, _) = parted(joint._track)
-    return proofs
-
-
 def error(out, velocity, start):
     rows = slice(round(start * len(velocity)), None)
     return float(np.sqrt(np.mean((out.velocity[rows] - velocity[rows]) ** 2)))
@@ -82,7 +70,7 @@ def both(observer, stamps, readings, velocity, start=0.5, **values):
 def test_eccentricity_costs_at_most_a_third(observer, speed):
     stamps, angle, velocity = sampled(speed, 6.0)
     values = {'quantum': TURN / 4096}
-    off, on, learning = both(observer, stamps, eccentric(angle), velocity, **values)
+    off, on, learning = both(observer, stamps, eccentric(angle), velocity, 0.75, **values)
     assert on < off / 3.0
     assert 'sensor errors of up to 2 deg that repeat each turn' in learning.why()
 
@@ -93,14 +81,14 @@ def test_misplaced_edges_cost_at_most_a_third(speed):
     readings = read_by(misplaced(32), angle)
     off, on, learning = both('edge_adaptive', stamps, readings, velocity, 0.7)
     assert on < off / 3.0
-    assert what_is_learnt(learning._track)
+    assert learning.learner.text()
 
 
 def test_a_map_of_one_direction_serves_the_other():
     def there_and_back(time):
-        return 12.0 * np.clip(3.0 - time, -1.0, 1.0)
+        return 12.0 * np.clip(5.0 - time, -1.0, 1.0)
 
-    stamps, angle, velocity = sampled(there_and_back, 6.0)
+    stamps, angle, velocity = sampled(there_and_back, 9.0, 600.0)
     off, on, _ = both('edge_adaptive', stamps, eccentric(angle), velocity, quantum=TURN / 4096)
     assert on < off / 3.0
 
@@ -135,8 +123,7 @@ def test_a_given_quantum_is_not_refined():
     for quantum, marks in ((0.0, 64), (TURN / 32, 32)):
         learning = joint(quantum=quantum)
         learning.run(stamps, readings, fast=False)
-        _, _, (course, *_) = parted(learning._track)
-        assert course[sensor_marks.TURN] == marks
+        assert learning.learner.turn == marks
 
 
 def test_a_joint_that_does_not_turn_is_never_corrected():
@@ -144,7 +131,7 @@ def test_a_joint_that_does_not_turn_is_never_corrected():
     assert np.ptp(angle) < 0.7 * TURN
     off, on, learning = both('edge_adaptive', stamps, eccentric(angle), velocity, 0.0)
     assert on == off
-    assert not np.any(proofs_of(learning)[:, LEARNT])
+    assert not learning.learner.awake
 
 
 def test_an_edge_that_comes_late_by_a_time_is_learnt_at_any_speed():
@@ -167,7 +154,7 @@ def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
     # behind a gear of 7.5: 90 counts a turn, of which 12 repeat
     learning = joint(quantum=TURN / 90)
     learning.run(stamps, readings * TURN / 90, fast=False)
-    assert marks_of(learning) == 12
+    assert learning.learner.marks == 12
     assert 'repeat each 48 deg' in learning.why()
 
 
@@ -203,7 +190,7 @@ def test_the_map_survives_a_gap_and_is_proven_again_after_an_outage():
         assert learning.why()
     learning.reset()
     assert not learning.why()
-    assert not np.any(proofs_of(learning)[:, LEARNT])
+    assert not learning.learner.awake
 
 
 @pytest.mark.slow  # compiles
@@ -238,11 +225,11 @@ def test_the_errors_that_are_reported_are_those_of_the_sensor_and_go_with_its_qu
             assert re.fullmatch(
                 r'sensor errors of up to 2 deg that repeat each turn are taken out '
                 r'\(largest near (80|90|100|260|270|280) deg\)',
-                what_is_learnt(each._track),
+                each.why(),
             )
         each.set_gains(dataclasses.replace(each.gains, quantum=TURN / 2048))
         assert not np.any(each.sensor_errors(1)(angles, np.full(60, 12.0)))
-        assert what_is_learnt(each._track) == ''
+        assert 'taken out' not in each.why()
         assert each.estimate()[1] == pytest.approx(speed, rel=0.05)
 
 
@@ -290,7 +277,7 @@ def test_a_ripple_of_a_slow_shaft_is_foreseen():
 
 
 def test_the_smoothed_velocity_has_no_errors_that_are_learnt():
-    stamps, angle, velocity = sampled(12.0, 4.0)
+    stamps, angle, velocity = sampled(12.0, 5.0)
     readings, quantum, lag = eccentric(angle), TURN / 4096, 50
     errors = []
     for sensor_map in ('none', 'learn'):
@@ -301,17 +288,5 @@ def test_the_smoothed_velocity_has_no_errors_that_are_learnt():
             smoother.add(stamp_ns, reading, reading, k == 0, found.correction())
             if k >= lag:
                 out.append(smoother.result()[1])
-        errors.append(np.sqrt(np.mean((out[2500:] - velocity[2500:-lag]) ** 2)))
+        errors.append(np.sqrt(np.mean((out[4500:] - velocity[4500:-lag]) ** 2)))
     assert errors[1] < errors[0] / 20.0
-
-
-@pytest.mark.parametrize('kind, slack', [(sensor_marks.COARSE, 0), (sensor_marks.LOOSE, 1)])
-def test_only_marks_that_are_edges_show_a_turn_back_at_once(kind, slack):
-    """Noise may cross any other mark: there the direction turns a mark later."""
-    memory = sensor_marks.blank_memory(0.1, False)
-    course, *_ = memory
-    course[sensor_marks.KIND], course[sensor_marks.FRONT] = kind, 7
-    for heading, back in ((1, 6 - slack), (-1, 7 + slack)):
-        course[sensor_marks.HEADING] = heading
-        assert sensor_marks.turned(memory, back + heading) == heading
-        assert sensor_marks.turned(memory, back) == -heading
