@@ -32,7 +32,8 @@ from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
-MAPPED, OF_EDGES = 'edge_adaptive, sensor_map', 'the same, times that of the edges'  # rows
+PLAIN = Entry('edge_adaptive, sensor_map: none', 'edge_adaptive', (('sensor_map', 'none'),))
+OF_EDGES = 'edge_adaptive, times that of the edges'  # row
 FOLDER = 'moteus_hall'  # of the bags
 RATE = 30_000  # [Hz]
 COUNTS = 90  # a turn
@@ -163,8 +164,8 @@ def judge(found: Capture, velocity: Array) -> dict[str, float]:
     }
 
 
-def mapped(found: Capture, *, fast: bool | None = None) -> tuple[Array, Array]:
-    """Return the velocity [counts/s] with `sensor_map: learn`, of the shaft and of the edges.
+def of_edges(found: Capture, *, fast: bool | None = None) -> Array:
+    """Return the velocity [counts/s] of the edges, from that of the shaft and what is learnt.
 
     Notes
     -----
@@ -174,12 +175,12 @@ def mapped(found: Capture, *, fast: bool | None = None) -> tuple[Array, Array]:
     2 / (2 + e' - e). The errors are those learnt before the block of samples: the estimate is
     causal.
     """
-    joint = Entry('', 'edge_adaptive', (('sensor_map', 'learn'),)).joint(quantum=QUANTUM)
+    joint = Entry('', 'edge_adaptive').joint(quantum=QUANTUM)
     rows = np.arange(len(found.counts))
     last = np.maximum.accumulate(np.where(found.fell, rows, 0))
     heading = np.diff(found.counts, prepend=found.counts[0])[last]
     edge = (found.counts[last] - 0.5 * heading) * QUANTUM
-    shaft, edges = np.zeros(len(rows)), np.zeros(len(rows))
+    edges = np.zeros(len(rows))
     for at in range(0, len(rows), BLOCK):
         block = slice(at, at + BLOCK)
         before = [(way, joint.sensor_errors(way)) for way in (1, -1)]
@@ -187,7 +188,6 @@ def mapped(found: Capture, *, fast: bool | None = None) -> tuple[Array, Array]:
             found.stamps[block], found.counts[block].astype(np.float64) * QUANTUM, fast=fast
         )
         velocity = np.nan_to_num(out.velocity)
-        shaft[block] = velocity / QUANTUM
         ratio = np.ones(len(velocity))
         for way, errors in before:
             there = heading[block] == way
@@ -195,15 +195,15 @@ def mapped(found: Capture, *, fast: bool | None = None) -> tuple[Array, Array]:
             step = 2.0 * way * QUANTUM
             further = errors(start + step, speeds) - errors(start, speeds)
             ratio[there] = step / (step + further)
-        edges[block] = shaft[block] * ratio
-    return shaft, edges
+        edges[block] = velocity / QUANTUM * ratio
+    return edges
 
 
 def run(
     folder: Path, entries: Iterable[Entry] | None = None, *, fast: bool | None = None
 ) -> list[dict[str, Any]]:
     """Return one row per capture and observer; each knows the quantum alone."""
-    chosen = list(at_defaults() if entries is None else entries)
+    chosen = [*at_defaults(), PLAIN] if entries is None else list(entries)
     rows = []
     found = captures(folder)
     with progress('captures', len(found) * (len(chosen) + (entries is None))) as advance:
@@ -220,9 +220,8 @@ def run(
                 )
                 advance(1)
             if entries is None:
-                shaft, edges = mapped(each, fast=fast)
-                for label, velocity in ((MAPPED, shaft), (OF_EDGES, edges)):
-                    rows.append({'capture': each.name, 'observer': label, **judge(each, velocity)})
+                edges = judge(each, of_edges(each, fast=fast))
+                rows.append({'capture': each.name, 'observer': OF_EDGES, **edges})
                 advance(1)
     return rows
 

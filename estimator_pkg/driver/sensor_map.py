@@ -59,7 +59,7 @@ GONE = 1e-4  # of a cell: a smaller correction of the ripple is none
 FIELDS = len(Track._fields)  # of a track without a map
 
 # direction in which the cell was entered; what is taken out at the edge that brought the reading
-# [rad]; by how much longer than usual the shaft takes for this cell, and by its motion alone
+# [rad]; by how much longer than usual the shaft takes for this cell: in all, and by its motion
 Ripple = tuple[int, float, float, float]
 # low: lower end of the cell between two marks that contains the reading; its size, 0: nothing is
 # taken out; error at its lower end, and slope over it; by how much the angles of the reading reach
@@ -80,7 +80,7 @@ def placed(track: tuple, learner: Learner) -> tuple:
     if marks == 0 or (not learner.active and offset == 0.0 and abs(taken) < GONE * size):
         learner.applied = False
         return track[:FIELDS]
-    if learner.applied and not learner.active and not any(map(np.any, before)):
+    if learner.applied and not learner.active and not any(map(np.any, before[3:])):
         return track
     learner.applied = True
     cell, heading = math.floor(learner.at), learner.heading or 1
@@ -164,8 +164,8 @@ def make_mapped(bare: TrackFunctions, period: float) -> TrackFunctions:
         low, size, error, slope, known, bottom, top, _, _, _, _ = now = place
         correction = corrected_by
         if measurement != reading:
-            elsewhere = size > 0.0 and not 0.0 <= measurement - low < size
-            if elsewhere and -LARGEST < measurement < LARGEST:  # else the guard drops it
+            inside = 0.0 <= measurement - low < size or size == 0.0
+            if not inside and -LARGEST < measurement < LARGEST:  # else the guard drops it
                 now = entered(place, maps, measurement, period)
                 low, _, error, slope, _, _, _, _, _, _, _ = now
             correction = error + slope * (measurement - low)

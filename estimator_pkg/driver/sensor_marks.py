@@ -13,14 +13,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
+from estimator_pkg.driver.sensor_ripple import SPAN, found, slower
+from estimator_pkg.driver.sensor_table import (
+    COARSE,
+    FINE,
+    KEPT,
+    LOOSE,
+    UNKNOWN,
+    USUAL,
+    Array,
+    Maps,
+    Table,
+    grid,
+)
 
-Array = NDArray[np.float64]
 Errors = Callable[[Array, Array], Array]
 
 LOOK = 128  # samples between two looks at a joint that does not turn
@@ -29,112 +40,18 @@ DENSE, FAR = 128, 8  # samples a turn that are enough for a fine sensor; of so m
 BLOCKS, PAUSE = 4, 16  # blocks until a map in use of a fine sensor pauses, and for how many
 TRIED, REST, LONGEST_REST = 12.0, 64.0, 1024.0  # turns: learnt from in vain; until the next try
 IDLE = 30.0  # [s] without a whole turn: it turns no longer
-MOST = 128  # counts of a turn of a coarse sensor, at most
-FEWEST, USUAL = 32, 64  # marks of a fine sensor's turn: at least; at most, and usually
-LEAST = 6  # counts of a turn, at least
-WHOLE = 0.01  # as close is a number of counts to a whole one
 RESIDUE = 1e-9  # [rad] a smaller step is none
-SPAN, SHORTEST = 8, 5  # marks over which a ripple is proven; its shortest period
 RING = 288  # times that are kept, at least two turns and a half
 SLOWER = 0.7  # of the highest speed: a slower turn is not learnt from
 STEADY = 0.1  # of a turn's time: its halves take the same time but for this
 LOCAL = 12  # marks around one, over which a search takes the speed to be constant
 SEARCHED = 2  # turns after which a period is found, once one has passed
 ALIKE, STRIKING = 1.5, 0.7  # of mean squares: as small as the smallest; a smallest that is small
-BETTER, WORSE = 0.5, 0.8  # mean squared error with the map, over that without it
-TURNS, LONGEST = 3, 64  # in a row that have to be better, at first and at most
-SLOWLY = 4.0  # turns over which these errors are averaged
-WILD = 4.0  # times its mean: a mean squared error counts no more
-KEPT = 12.0  # turns over which the map is averaged
 SMALLEST = 0.25  # of its usual time: a ripple makes no cell shorter
 # of the angle within a sample: a smaller error cannot be attributed to the sensor. Edges are times,
 # and have to be known better than by a sample before a filter may trust them more
 RESOLVED, RESOLVED_EDGES = 0.5, 1.0
-# kinds: not known yet; marks are edges; marks are edges of some counts; marks are no edges
-UNKNOWN, COARSE, FINE, LOOSE = 0, 1, 2, 3
 NOTHING = np.zeros(0)
-
-
-class Maps(NamedTuple):
-    """What is taken out of the readings.
-
-    coarse : the marks are edges. size : of a cell between two marks [rad]. quantum : [rad]; 0: not
-    known. forward, backward : error of each mark, shape (n,) [rad]. way : direction in which a
-    ripple is foreseen; 0: none. rises, motions : by how much longer than usual the shaft takes for
-    each cell, shape (n,): all of it but the sensor's errors, and its motion alone.
-    """
-
-    coarse: bool
-    size: float
-    quantum: float
-    forward: Array
-    backward: Array
-    way: int
-    rises: Array
-    motions: Array
-
-
-class Table:
-    """Errors of the marks as learnt in one direction, and the proof that they help."""
-
-    def __init__(self, marks: int) -> None:
-        self.a, self.b = np.zeros(marks), np.zeros(marks)  # error = a + b (speed - 1)
-        self.learnt = 0  # turns
-        self.without, self.within = 0.0, 0.0  # mean squared errors without and with the map
-        self.good, self.required = 0, TURNS  # turns in a row that are better, and how many must be
-        self.in_use = False
-        self.fastest = 0.0  # [marks/s]
-
-    def learn(self, error: Array, speed: float, left: float) -> None:
-        """Learn from the errors of one turn, and decide whether the map is used.
-
-        Parameters
-        ----------
-        speed : in its unit, less 1; 0: b is not learnt.
-        left : mean error that cannot be attributed to the sensor [rad].
-        """
-        missed = error - self.a - speed * self.b
-        without, within = float(np.mean(error * error)), float(np.mean(missed * missed))
-        share = 1.0 / (min(self.learnt + 1.0, KEPT) * (1.0 + speed * speed))
-        if self.learnt > 1 and within > self.within:  # less steady than other turns: counts less
-            share *= self.within / within
-        self.a += share * missed
-        self.b += share * speed * missed
-        self.learnt += 1
-        if self.learnt == 1:
-            return
-        weight = 1.0 / min(self.learnt - 1.0, SLOWLY)
-        if self.learnt > 2 and within > WILD * self.within:
-            weight *= WILD * self.within / within
-        self.without += weight * (without - self.without)
-        self.within += weight * (within - self.within)
-        self.good = self.good + 1 if within < BETTER * without and without > left * left else 0
-        if not self.in_use:
-            self.in_use = self.good >= self.required and self.within < BETTER * self.without
-        elif self.within > WORSE * self.without:
-            self.in_use, self.learnt = False, 1
-            self.required = min(2 * self.required, LONGEST)
-
-    def copied(self) -> Table:
-        """Return a table of the other direction that begins with the errors of this one."""
-        other = Table(len(self.a))
-        vars(other).update(vars(self), a=self.a.copy(), b=np.zeros(len(self.a)), learnt=1)
-        return other
-
-
-def grid(period: float, quantum: float) -> tuple[int, int]:
-    """Return (kind, marks of a turn) of a sensor with this quantum [rad]; inf: not known."""
-    if quantum == math.inf:
-        return UNKNOWN, USUAL
-    counts = period / quantum
-    whole = math.floor(counts + 0.5) if counts < 1e6 else 0
-    if LEAST <= whole <= MOST and abs(counts - whole) < WHOLE:
-        return COARSE, whole
-    if whole > MOST and abs(counts - whole) < WHOLE:
-        for turn in range(USUAL, FEWEST - 1, -1):
-            if whole % turn == 0:
-                return FINE, turn
-    return LOOSE, USUAL
 
 
 class Learner:
@@ -176,27 +93,24 @@ class Learner:
         self.unit = self.speed = self.open = 0.0  # [marks/s], and what a sample leaves open [rad]
         self.lag, self.share = 0, 0.0  # of a ripple: its period [marks], and how much is foreseen
         self.foreseen = 0  # period of the last ripple
-        self.ripple = NOTHING
         self.squares, self.count = np.zeros(turn + 1), 0
-        self.travelled = self.since = (
-            0.0  # turns since something was proven; time of the last learnt
-        )
+        self.travelled = 0.0  # turns since something was proven
+        self.since = 0.0  # time of the newest turn that was learnt
         self.heading = 0
         self._interrupt()
 
     def _interrupt(self) -> None:
         self.times, self.cells, self.pairs = NOTHING, NOTHING, NOTHING
-        self.ripple, self.share = NOTHING, 0.0
+        self.share = 0.0
 
     # ---- samples
 
     def look(self, stamp_ns: int, velocity: float) -> None:
         """Look whether the joint turns round, now and then."""
         now = 1e-9 * stamp_ns
-        step = velocity * (now - self.looked) if self.looked > 0.0 else 0.0
+        known = self.looked > 0.0 and math.isfinite(velocity)
+        step = velocity * (now - self.looked) if known else 0.0
         self.looked, self.left = now, LOOK
-        if not math.isfinite(step):
-            step = 0.0
         self.turned = step + (self.turned if self.turned * step > 0.0 else 0.0)
         self.rest -= abs(step) / self.period
         if abs(self.turned) > self.period and self.rest <= 0.0:
@@ -234,8 +148,8 @@ class Learner:
         events = np.append(np.flatnonzero(verdicts != USED), count)
         while at < count:
             first, event = at + self.left, int(events[np.searchsorted(events, at)])
-            if not self.awake or self.paused:
-                event = first if not self.awake else min(first, event)
+            if not self.awake or (self.paused and first < event):
+                event = first
             rows = np.arange(first, event, self.stride)[: self.block + 1 - len(self.stamps)]
             if len(rows):
                 self.stamps += stamps[rows].tolist()
@@ -306,6 +220,8 @@ class Learner:
     def _take(self, times: Array, readings: Array) -> None:
         """Take samples in a row, of which the first one was where the shaft is known to be."""
         steps = readings[1:] - readings[:-1]
+        if not len(steps):
+            return
         turns = np.rint(steps / self.period)
         steps -= self.period * turns
         if self.top == math.inf and turns.any():
@@ -313,16 +229,11 @@ class Learner:
             for bottom in (-0.5 * self.period, 0.0):
                 if abs(least - bottom) < 0.1 * self.period:
                     self.bottom, self.top = bottom, bottom + self.period
-        if not len(steps):
-            return
         self._refine(steps[-LOOK:])
-        if self.kind == UNKNOWN:
-            return
-        moved = np.empty(len(times))
-        moved[0] = self.at
-        moved[1:] = self.at + np.cumsum(steps) / self.size
-        self.at = float(moved[-1])
-        self._marks(times, moved)
+        if self.kind != UNKNOWN:
+            moved = self.at + np.append(0.0, np.cumsum(steps)) / self.size
+            self.at = float(moved[-1])
+            self._marks(times, moved)
 
     def _refine(self, steps: Array) -> None:
         """Begin with other marks if the steps show that these do not fit the quantum."""
@@ -367,17 +278,13 @@ class Learner:
             if some > 0:
                 self.speed = some / max(self.times[-1] - self.times[-1 - some], 1e-9)
             dt = (times[-1] - times[0]) / (len(times) - 1)
-            left = self.quantum
+            self.open = self.quantum
             if self.kind != LOOSE:
-                left = min(left, self.speed * self.size * dt)
-            self.open = left
-            if self.marks:
-                self._turns(new)
-            else:
-                self._search(new)
+                self.open = min(self.open, self.speed * self.size * dt)
+            (self._turns if self.marks else self._search)(new)
             self.travelled += new / self.turn
             if self.kind == COARSE and self.foresees and self.marks:
-                self._find_ripple(new)
+                self._foresee(new)
 
     # ---- errors of the sensor
 
@@ -461,51 +368,21 @@ class Learner:
             return other.a.copy()
         return np.zeros(len(table.a))
 
-    # ---- ripple of the speed
-
-    def _find_ripple(self, new: int) -> None:
-        """Find the period after which the times in the cells repeat, from the newest cells.
-
-        The time in a cell is predicted by that a period ago; without it by the mean of a period, or
-        that of the two cells before, and the sensor's errors.
-        """
-        table, times, marks = self.tables[self.heading < 0], self.times, self.marks
-        lags = [lag for lag in range(SHORTEST, marks + 1) if marks % lag == 0]
-        self.lag, best = 0, BETTER
-        if self.speed < SLOWER * table.fastest and len(times) > SPAN + 3:
-            ends = np.arange(len(times) - SPAN, len(times))
-            cells = times[ends] - times[ends - 1]
-            errors = self._errors(self.heading)
-            here = self._lower(np.arange(self.front - SPAN, self.front))
-            rises = (errors[(here + 1) % marks] - errors[here % marks]) / self.size
-
-            def missed(guess: Array) -> float:
-                return float(np.mean(((cells - guess) / (cells + guess)) ** 2))
-
-            recent = missed(0.5 * (times[ends - 1] - times[ends - 3]) * (1.0 + rises))
-            for lag in lags:
-                if len(times) < lag + lag // 2 + 1 + SPAN:
-                    continue
-                mean = (times[ends - 1] - times[ends - 1 - lag]) / lag
-                start = ends - 1 - lag - (lag - 1) // 2
-                usual = (times[start + lag] - times[start]) / lag
-                guess = mean * (times[ends - lag] - times[ends - 1 - lag]) / usual
-                least = min(recent, missed(mean * (1.0 + rises)))
-                if missed(guess) < best * least and least > (0.5 * self.open / self.size) ** 2:
-                    self.lag, best = lag, missed(guess) / least
+    def _foresee(self, new: int) -> None:
+        """Look for a ripple of the speed in slower turns than those that were learnt."""
+        self.lag = 0
+        if self.speed < SLOWER * self.tables[self.heading < 0].fastest:
+            cells = self._lower(np.arange(self.front - SPAN, self.front)) % self.marks
+            rises = self._rises(self.heading)[cells]
+            self.lag = found(self.times, self.marks, rises, 0.5 * self.open / self.size)
         self.share = min(self.share + new / self.lag, 1.0) if self.lag else 0.0
         if self.share == 1.0:
             self.foreseen = self.lag
 
-    def _ripple(self) -> Array:
-        """Return by how much longer than usual each cell takes, from a period ago; shape (n,)."""
-        found, lag, times = np.zeros(self.lag), self.lag, self.times
-        starts = np.arange(max(0, len(times) - 2 * lag), len(times) - lag)
-        here = starts + (lag - 1) // 2
-        usual = (times[starts + lag] - times[starts]) / lag
-        cell = self._lower(self.front - (len(times) - 1) + here)
-        found[cell % lag] = (times[here + 1] - times[here]) / usual - 1.0
-        return np.tile(found, self.marks // lag)
+    def _rises(self, heading: int) -> Array:
+        """Return by how much the errors make each cell larger, over its size; shape (n,)."""
+        errors = self._errors(heading)
+        return (np.roll(errors, -1) - errors) / self.size
 
     # ---- result
 
@@ -514,12 +391,14 @@ class Learner:
         forward, backward = self._errors(1), self._errors(-1)
         rises = motions = np.zeros(self.marks)
         if self.share > 0.0:
-            errors = forward if self.heading > 0 else backward
-            here = self._ripple()
+            first, ripple = slower(self.times, self.lag)
+            here = np.zeros(self.lag)
+            starts = self.front + 1 - len(self.times) + first
+            here[self._lower(np.arange(starts, starts + len(ripple))) % self.lag] = ripple
+            here = np.tile(here, self.marks // self.lag)
             # edges that come late by turns make cells long and short by turns: that is no motion
             smooth = 0.5 * here + 0.25 * (np.roll(here, 1) + np.roll(here, -1))
-            rises = here - (np.roll(errors, -1) - errors) / self.size
-            rises = np.maximum(self.share * rises, SMALLEST - 1.0)
+            rises = np.maximum(self.share * (here - self._rises(self.heading)), SMALLEST - 1.0)
             motions = np.maximum(self.share * smooth, SMALLEST - 1.0)
         return Maps(
             self.kind == COARSE,

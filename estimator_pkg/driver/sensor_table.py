@@ -1,0 +1,111 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Errors of the marks of a turn as they are learnt, and the proof that they help.
+
+See `sensor_map` for the equations. Angles are in rad, speeds in marks/s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MOST = 128  # counts of a turn of a coarse sensor, at most
+FEWEST, USUAL = 32, 64  # marks of a fine sensor's turn: at least; at most, and usually
+LEAST = 6  # counts of a turn, at least
+WHOLE = 0.01  # as close is a number of counts to a whole one
+BETTER, WORSE = 0.5, 0.8  # mean squared error with the map, over that without it
+TURNS, LONGEST = 3, 64  # in a row that have to be better, at first and at most
+SLOWLY = 4.0  # turns over which these errors are averaged
+WILD = 4.0  # times its mean: a mean squared error counts no more
+KEPT = 12.0  # turns over which the map is averaged
+# kinds: not known yet; marks are edges; marks are edges of some counts; marks are no edges
+UNKNOWN, COARSE, FINE, LOOSE = 0, 1, 2, 3
+
+
+class Maps(NamedTuple):
+    """What is taken out of the readings.
+
+    coarse : the marks are edges. size : of a cell between two marks [rad]. quantum : [rad]; 0: not
+    known. forward, backward : error of each mark, shape (n,) [rad]. way : direction in which a
+    ripple is foreseen; 0: none. rises, motions : by how much longer than usual the shaft takes for
+    each cell, shape (n,): all of it but the sensor's errors, and its motion alone.
+    """
+
+    coarse: bool
+    size: float
+    quantum: float
+    forward: Array
+    backward: Array
+    way: int
+    rises: Array
+    motions: Array
+
+
+class Table:
+    """Errors of the marks as learnt in one direction, and the proof that they help."""
+
+    def __init__(self, marks: int) -> None:
+        self.a, self.b = np.zeros(marks), np.zeros(marks)  # error = a + b (speed - 1)
+        self.learnt = 0  # turns
+        self.without, self.within = 0.0, 0.0  # mean squared errors without and with the map
+        self.good, self.required = 0, TURNS  # turns in a row that are better, and how many must be
+        self.in_use = False
+        self.fastest = 0.0  # [marks/s]
+
+    def learn(self, error: Array, speed: float, left: float) -> None:
+        """Learn from the errors of one turn, and decide whether the map is used.
+
+        Parameters
+        ----------
+        speed : in its unit, less 1; 0: b is not learnt.
+        left : mean error that cannot be attributed to the sensor [rad].
+        """
+        missed = error - self.a - speed * self.b
+        without, within = float(np.mean(error * error)), float(np.mean(missed * missed))
+        share = 1.0 / (min(self.learnt + 1.0, KEPT) * (1.0 + speed * speed))
+        if self.learnt > 1 and within > self.within:  # less steady than other turns: counts less
+            share *= self.within / within
+        self.a += share * missed
+        self.b += share * speed * missed
+        self.learnt += 1
+        if self.learnt == 1:
+            return
+        weight = 1.0 / min(self.learnt - 1.0, SLOWLY)
+        if self.learnt > 2 and within > WILD * self.within:
+            weight *= WILD * self.within / within
+        self.without += weight * (without - self.without)
+        self.within += weight * (within - self.within)
+        self.good = self.good + 1 if within < BETTER * without and without > left * left else 0
+        if not self.in_use:
+            self.in_use = self.good >= self.required and self.within < BETTER * self.without
+        elif self.within > WORSE * self.without:
+            self.in_use, self.learnt = False, 1
+            self.required = min(2 * self.required, LONGEST)
+
+    def copied(self) -> Table:
+        """Return a table of the other direction that begins with the errors of this one."""
+        other = Table(len(self.a))
+        vars(other).update(vars(self), a=self.a.copy(), b=np.zeros(len(self.a)), learnt=1)
+        return other
+
+
+def grid(period: float, quantum: float) -> tuple[int, int]:
+    """Return (kind, marks of a turn) of a sensor with this quantum [rad]; inf: not known."""
+    if quantum == math.inf:
+        return UNKNOWN, USUAL
+    counts = period / quantum
+    whole = math.floor(counts + 0.5) if counts < 1e6 else 0
+    if LEAST <= whole <= MOST and abs(counts - whole) < WHOLE:
+        return COARSE, whole
+    if whole > MOST and abs(counts - whole) < WHOLE:
+        for turn in range(USUAL, FEWEST - 1, -1):
+            if whole % turn == 0:
+                return FINE, turn
+    return LOOSE, USUAL
