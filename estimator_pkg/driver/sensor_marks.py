@@ -418,11 +418,11 @@ class Learner:
         of the mark next to each angle.
         """
         table = self.tables[1 if self.kind == COARSE and heading < 0 else 0]
-        a, b = table.a.copy(), table.b.copy()
+        a, b, used = table.a.copy(), table.b.copy(), table.in_use
         size, unit, here, reading = self.size, self.size * self.unit, self.at, self.reading
 
         def errors(angles: Array, speeds: Array) -> Array:
-            if not table.in_use:
+            if not used:
                 return np.zeros(len(angles))
             at = np.rint((angles - reading) / size + here).astype(np.int64) % len(a)
             return a[at] + (np.abs(speeds) / unit - 1.0) * b[at]
