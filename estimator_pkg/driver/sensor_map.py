@@ -70,18 +70,18 @@ STEADY: Ripple = (1, 0.0, 0.0, 0.0)
 NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, 0.0, -math.inf, math.inf, 0, 0.0, 0.0, STEADY)
 
 
-def placed(track: tuple, learner: Learner) -> tuple:
+def placed(whole: tuple, learner: Learner) -> tuple:
     """Return the track with what is learnt now; without maps where nothing is taken out."""
     maps, place, corrected_by = learner.maps(), NOWHERE, 0.0
-    if len(track) > FIELDS:
-        _, corrected_by, place, before = track[FIELDS:]
+    if len(whole) > FIELDS:
+        _, corrected_by, place, before = whole[FIELDS:]
     _, _, _, _, further, _, _, _, offset, fade, (_, taken, rise, motion) = place
     marks, size = len(maps.forward), maps.size
     if marks == 0 or (not learner.active and offset == 0.0 and abs(taken) < GONE * size):
         learner.applied = False
-        return track[:FIELDS]
+        return whole[:FIELDS]
     if learner.applied and not learner.active and not any(map(np.any, before[3:])):
-        return track
+        return whole
     learner.applied = True
     cell, heading = math.floor(learner.at), learner.heading or 1
     inside = (learner.at - cell) * size
@@ -103,7 +103,7 @@ def placed(track: tuple, learner: Learner) -> tuple:
         max(fade, abs(offset) / (FADED * marks)),
         (heading, taken, rise, motion),
     )
-    return track[:FIELDS] + (learner.reading, corrected_by, place, tuple(maps))
+    return whole[:FIELDS] + (learner.reading, corrected_by, place, tuple(maps))
 
 
 def entered(place: Place, maps: tuple, measurement: float, period: float) -> Place:
@@ -152,7 +152,7 @@ def make_mapped(bare: TrackFunctions, period: float) -> TrackFunctions:
     bare_blank, bare_advance, bare_read, bare_deviation = bare
 
     def advance(
-        track: tuple,
+        whole: tuple,
         design: tuple,
         limits: tuple,
         stamp_ns: int,
@@ -160,7 +160,7 @@ def make_mapped(bare: TrackFunctions, period: float) -> TrackFunctions:
         known_input: float,
     ) -> tuple[tuple, int]:
         """Return (track, verdict) after one sample, like that of `make_track`."""
-        reading, corrected_by, place, maps = track[FIELDS:]
+        reading, corrected_by, place, maps = whole[FIELDS:]
         low, size, error, slope, known, bottom, top, _, _, _, _ = now = place
         correction = corrected_by
         if measurement != reading:
@@ -175,7 +175,7 @@ def make_mapped(bare: TrackFunctions, period: float) -> TrackFunctions:
             corrected += period
         elif corrected >= top:
             corrected -= period
-        inner, verdict = bare_advance(track[:FIELDS], design, limits, stamp_ns, corrected, known)
+        inner, verdict = bare_advance(whole[:FIELDS], design, limits, stamp_ns, corrected, known)
         if verdict == USED or verdict == AFTER_GAP or verdict == AFTER_STRAY_STAMP:
             return inner + (measurement, correction, now, maps), verdict
         if verdict >= DUPLICATE:
@@ -183,13 +183,13 @@ def make_mapped(bare: TrackFunctions, period: float) -> TrackFunctions:
         return inner + (measurement, 0.0, NOWHERE, maps), verdict
 
     def read(
-        track: tuple, design: tuple, limits: tuple, measurement: float, known_input: float
+        whole: tuple, design: tuple, limits: tuple, measurement: float, known_input: float
     ) -> tuple:
         """Return the newest estimate, like that of `make_track`."""
-        _, correction, place, _ = track[FIELDS:]
+        _, correction, place, _ = whole[FIELDS:]
         _, _, _, _, further, bottom, top, _, _, _, (_, taken, _, motion) = place
         position, velocity, acceleration, status = bare_read(
-            track[:FIELDS], design, limits, measurement + correction, further
+            whole[:FIELDS], design, limits, measurement + correction, further
         )
         if taken == 0.0 and motion == 0.0:
             return position, velocity, acceleration, status
@@ -201,16 +201,16 @@ def make_mapped(bare: TrackFunctions, period: float) -> TrackFunctions:
         faster = 1.0 / (1.0 + motion)
         return shaft, faster * velocity, faster * acceleration, status
 
-    def deviation(track: tuple, design: tuple) -> tuple[float, float]:
+    def deviation(whole: tuple, design: tuple) -> tuple[float, float]:
         """Return one standard deviation of position and velocity."""
-        return bare_deviation(track[:FIELDS], design)
+        return bare_deviation(whole[:FIELDS], design)
 
     return TrackFunctions(bare_blank, advance, read, deviation)
 
 
-def correction_of(track: tuple) -> float:
+def correction_of(whole: tuple) -> float:
     """Return what is added to the newest reading [rad]: the sensor's error there, no ripple."""
-    if len(track) == FIELDS:
+    if len(whole) == FIELDS:
         return 0.0
-    _, correction, (_, _, _, _, _, _, _, _, _, _, (_, taken, _, _)), _ = track[FIELDS:]
+    _, correction, (_, _, _, _, _, _, _, _, _, _, (_, taken, _, _)), _ = whole[FIELDS:]
     return float(correction - taken)

@@ -209,6 +209,24 @@ def test_live_equals_a_batch_and_the_compiled_one():
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 
 
+def test_live_equals_batches_in_parts_with_gaps_and_lost_samples():
+    stamps, angle, _ = sampled(20.0, 8.0, 600.0)
+    readings = eccentric(angle)
+    for at, pause in ((1500, 0.3), (3900, 0.3), (4200, 5.0)):
+        stamps[at:] += round(1e9 * pause)
+    readings[[900, 2000, 2001]] = math.nan
+    stamps[1200] = stamps[1199]
+    batch, live, velocities, learnt = joint('kalman'), joint('kalman'), [], set()
+    for part in np.split(np.arange(len(stamps)), [70, 1501, 2222, 4000]):
+        velocities += batch.run(stamps[part], readings[part], fast=False).velocity.tolist()
+    for stamp_ns, reading, velocity in zip(stamps.tolist(), readings.tolist(), velocities):
+        if live.update(stamp_ns, reading):
+            assert live.estimate()[1] == velocity
+        learnt.add(live.why() != '')
+    assert learnt == {True, False}
+    assert batch.why() == live.why() and batch.counts == live.counts
+
+
 def test_the_errors_that_are_reported_are_those_of_the_sensor_and_go_with_its_quantum():
     """Within two counts: a fifth of the largest. Another quantum is another sensor's; the speed
     goes on.
