@@ -26,6 +26,7 @@ from collections.abc import Callable, Sequence
 from itertools import accumulate, pairwise
 from statistics import median
 
+from estimator_pkg.driver.stamp_grid import NEAR, Message, numbers_of
 from estimator_pkg.observers.circle import wrap
 
 FIRST = 64  # messages before the first fit,
@@ -36,9 +37,10 @@ FEWEST = 200.0  # but not fewer than these
 CLIPPED = 3.0  # mean absolute residuals
 QUIET = 0.1  # periods: with less jitter than this a stamp shows the number of lost messages,
 FITS = 5.0  # within this many mean residuals,
-LATE = 0.5  # periods: a stamp later than this may follow lost messages
-SURE = 6.0  # residuals: readings that move by more in a period show their time,
-NEAR = 4  # to the period up to this many of them
+LATE = 0.5  # periods: a stamp later than this may follow lost messages,
+ASKED = 0.3  # and one later than this if the readings show it
+SURE = 6.0  # residuals: readings that move by more in a period show their time
+SPREAD, DELAYED = 1.25, 12.0  # standard deviation over mean residual; a delay's squared deviation
 AT_ONCE = 2.0  # periods: messages that are later, but followed at once, waited in a queue
 EVEN = 64.0  # messages over which corrections of the phase are spread
 YOUNG = 2000  # messages after which the period is known
@@ -46,8 +48,12 @@ PLENTY = 100  # messages after which stamps that stay early show that the period
 STAYS = 250.0  # stamps are late for good after this many messages, times (jitter / period)^2,
 SHIFTED = 0.75  # periods: the median residual is beyond this
 LEAST, MOST = 3, 250  # but between these
-BREAK = 0.5  # [s] a longer step of the stamps, or one back by more, begins another stretch;
-BREAK_PERIODS = 8.0  # or, if that is longer, one of this many periods
+LEARNT = 8.0  # late stamps over which is learnt what they mean
+LOOK, OTHER = 128, 0.015  # messages that may show another period, by so much, while stamps jitter;
+PAUSE = 1024  # where they do not, the next look follows later and later, at most after so many
+BREAK = 0.5  # [s] a longer step of the stamps begins another stretch;
+BREAK_PERIODS = 8.0  # or, if that is longer, one of this many periods; or one back by as many,
+BACK_NS = 1e8  # but back by no more than this time [ns]
 SPEED_GAIN, BEND_GAIN = 0.5, 0.1  # of the readings' steps
 EVIDENCE = 100.0  # messages over which residuals are compared,
 ESTABLISHED = 12.0  # of these in motion
@@ -66,6 +72,16 @@ LARGEST = 1e9  # [rad or m] a larger reading is none
 REMEMBERED = 8  # stamps that are known again when their message comes twice
 
 COLLECTING, LEFT_ALONE, REPAIRED = 'fitting', 'left alone', 'repaired'
+
+
+def longest_back(period: float) -> float:
+    """Return by how much jitter, and no jump of the clock, may set stamps back, both in ns."""
+    return min(BREAK_PERIODS * period, max(BACK_NS, 2.0 * period))
+
+
+def is_break(step: int, period: float) -> bool:
+    """Return True if a step of the stamps [ns] begins another stretch."""
+    return not -longest_back(period) < step <= max(1e9 * BREAK, BREAK_PERIODS * period)
 
 
 class _Joint:
@@ -108,12 +124,13 @@ class StampRepair:
 
     def _restart(self) -> None:
         self.state, self.period, self.jitter, self.offset = COLLECTING, 0.0, 0.0, 0.0
-        self._stamps: list[int] = []
+        self._first: list[Message] = []  # to be fitted
         self._at_ns = self._even_ns = 0.0  # the fit, and evenly; relative to the base [ns]
         self._base_ns = 0
         self._wander = 0.0, 0.0, 0.0  # slow mean of the residuals, its mean square, and theirs
         self._slips = 0.0  # fraction of messages that revised the number of lost ones
         self._unbroken = 0  # messages since one was missed
+        self._lost = 0.0  # fraction of late stamps, as far as readings show it, after lost messages
         self._count = self._phases = 0.0  # messages of the fit, and of the stretch
         self._late: deque[float] = deque(maxlen=MOST)
         self._per_message = 1.0
@@ -157,7 +174,7 @@ class StampRepair:
             at_ns = self._follow(stamp_ns, names, readings)
         if self.state == REPAIRED or self._ahead:  # time goes on, but for a step of the clock
             least_ns = self._out_ns + max(1, round(0.1e9 * self.period))
-            self._ahead = self._out_ns - 1e9 * BREAK < at_ns < least_ns
+            self._ahead = self._out_ns - longest_back(1e9 * self.period) < at_ns < least_ns
             if self._ahead:
                 at_ns = least_ns
         self._out_ns = at_ns
@@ -165,29 +182,32 @@ class StampRepair:
         return at_ns
 
     def _collect(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]) -> int:
-        stamps = self._stamps
-        if stamps and abs(stamp_ns - stamps[-1]) > 1e9 * max(BREAK, BREAK_PERIODS * self._mean()):
-            stamps.clear()
-        stamps.append(stamp_ns)
-        self._see(names, positions, (0.0, 1.0), 1)
-        if len(stamps) >= (FIRST if stamps[-1] - stamps[0] < SLOW_NS else FEW):
+        first = self._first
+        if first and is_break(stamp_ns - first[-1][0], self._mean()):
+            first.clear()
+        first.append((stamp_ns, names, positions))
+        if len(first) >= (FIRST if stamp_ns - first[0][0] < SLOW_NS else FEW):
             self._fit()
         return stamp_ns
 
     def _mean(self) -> float:
-        """Return the mean step of the collected stamps [s]."""
-        stamps = self._stamps
-        return 1e-9 * (stamps[-1] - stamps[0]) / (len(stamps) - 1) if len(stamps) > 1 else 0.0
+        """Return the mean step of the collected stamps [ns]."""
+        first = self._first
+        return (first[-1][0] - first[0][0]) / (len(first) - 1) if len(first) > 1 else 0.0
 
     def _fit(self) -> None:
         """Fit a line to the collected stamps."""
-        stamps = self._stamps
+        first, self._first = self._first, []
+        stamps = [stamp for stamp, _, _ in first]
         base = stamps[0]
         steps = [b - a for a, b in pairwise(stamps)]
         middle = median(steps)
         scatter = median(abs(step - middle) for step in steps)
         quiet = middle > 0.0 and scatter < QUIET * middle
-        numbers = [max(1, round(step / middle)) if quiet else 1 for step in steps]
+        if quiet:
+            numbers = [max(1, round(step / middle)) for step in steps]
+        else:
+            numbers = numbers_of(first, self._periods) or [1] * len(steps)
         counts = list(accumulate(numbers, initial=0))
         n = len(stamps)
         mean_count = sum(counts) / n
@@ -197,7 +217,6 @@ class StampRepair:
             sum((c - mean_count) * (s - base - mean_stamp) for c, s in zip(counts, stamps)) / square
         )
         if slope <= 0.0:
-            stamps.clear()
             return
         self._base_ns, self._count, self._phases = base, float(n), float(n)
         self._at_ns = mean_stamp + slope * (counts[-1] - mean_count)
@@ -208,16 +227,23 @@ class StampRepair:
         self.offset, self._even_ns = 1e-9 * residuals[-1], self._at_ns
         self.state = LEFT_ALONE
         self._last_ns = stamps[-1]
-        self._stamps = []
+        self._wander, self._slips = (0.0, 0.0, 0.0), 0.0
+        self._wait, self._pause = 0, LOOK // 2
+        self._lost = max(self._lost, float(sum(numbers) > len(steps)))
+        self._joints.clear()
+        self._see(*first[0][1:], (0.0, 0.0), 1)
+        for (_, names, positions), step, number in zip(first[1:], steps, numbers):
+            self._see(names, positions, (max(step, 0.05 * slope), number * slope), number)
 
     def _follow(self, stamp_ns: int, names: Sequence[str], positions: Sequence[float]) -> int:
         period = 1e9 * self.period
         since = stamp_ns - self._last_ns
         self._last_ns = stamp_ns
-        if abs(since) > max(1e9 * BREAK, BREAK_PERIODS * period):
+        if is_break(since, period):
             # the period remains; the phase is learnt anew
             self._at_ns = self._even_ns = float(stamp_ns - self._base_ns)
             self._phases = 1.0
+            self._first = []
             self._late.clear()
             self._see(names, positions, (0.0, 0.0), 1)
             self.offset = 0.0
@@ -261,7 +287,27 @@ class StampRepair:
             number + shift,
         )
         self._judge()
-        return self._base_ns + round(self._even_ns) if self.state == REPAIRED else stamp_ns
+        if self.state == REPAIRED:
+            self._first = []
+            return self._base_ns + round(self._even_ns)
+        if 1e9 * self.jitter > QUIET * period:
+            self._look_again((stamp_ns, names, positions), period)
+        return stamp_ns
+
+    def _look_again(self, message: Message, period: float) -> None:
+        """Fit anew if the messages show another period, as after lost ones while nothing moved."""
+        self._wait -= 1
+        if self._wait >= 0:
+            return
+        first = self._first
+        first.append(message)
+        if len(first) == LOOK:
+            self._wait = self._pause = min(2 * self._pause, PAUSE)
+            numbers = numbers_of(first, self._periods)
+            passed = first[-1][0] - first[0][0]
+            if numbers and abs(passed / sum(numbers) - period) > OTHER * period:
+                self._fit()
+            self._first = []
 
     def _shift(self, off: float, period: float) -> int:
         """Return by how many periods the stamps stay late: messages were lost, or not.
@@ -279,6 +325,7 @@ class StampRepair:
         shift = round(typical) if abs(typical) > SHIFTED else 0
         if shift:
             window.clear()
+            self._lost += (float(shift > 0) - self._lost) / LEARNT
         if shift < 0 and PLENTY < self._unbroken < YOUNG and self._count < YOUNG:
             self.period *= 1.0 + shift / self._unbroken
             self._count = min(self._count, float(self._unbroken))
@@ -294,12 +341,19 @@ class StampRepair:
         late : residual of the stamp, if it was one period [ns].
         """
         quiet = 1e9 * self.jitter < QUIET * period
-        if late <= LATE * period:
+        if late <= ASKED * period:
             return 1
         most = 1 + round(late / period)
-        shown = self._shown(names, positions, max(most, 2))
+        spread = SPREAD * 1e9 * self.jitter + 1.0
+        stamps = [min(((late - n * period) / spread) ** 2, DELAYED) for n in range(NEAR)]
+        shown = self._shown(names, positions, max(most, 2), stamps)
         if shown:
+            self._lost += (float(shown > 1) - self._lost) / LEARNT
             return shown
+        if late <= LATE * period:
+            return 1
+        if self._lost > 0.5 and most <= NEAR and CLIPPED * 1e9 * self.jitter < LATE * period:
+            return most
         off = abs(late - (most - 1) * period)
         if quiet and most <= NEAR and off < FITS * 1e9 * self.jitter + 1e3:
             return most
@@ -307,8 +361,15 @@ class StampRepair:
 
     # What the readings show
 
-    def _shown(self, names: Sequence[str], positions: Sequence[float], most: int) -> int:
-        """Return how many periods passed, at most `most`, as the readings show; 0: they do not."""
+    def _shown(
+        self, names: Sequence[str], positions: Sequence[float], most: int, stamps: Sequence[float]
+    ) -> int:
+        """Return how many periods passed, at most `most`, as the readings show; 0: they do not.
+
+        Parameters
+        ----------
+        stamps : by one less than their number, the squared deviation of the stamp.
+        """
         shown, certainty = 0, SURE
         for name, position in zip(names, positions):
             joint = self._joints.get(name)
@@ -319,11 +380,15 @@ class StampRepair:
             if sure <= certainty:
                 continue
             certainty = sure
-            step = wrap(position - joint.last, self._periods(name))
+            step, turn = position - joint.last, self._periods(name)
             if most <= NEAR:
-                shown = min((abs(step - joint.after(n)), n) for n in range(1, most + 1))[1]
+                shown = min(
+                    ((wrap(step - joint.after(n), turn) / residual) ** 2 + stamps[n - 1], n)
+                    for n in range(1, most + 1)
+                )[1]
             else:
-                shown = 1 if abs(step - joint.after(1)) < 0.5 * SURE * residual else most
+                off = abs(wrap(step - joint.after(1), turn))
+                shown = 1 if off < 0.5 * SURE * residual else most
         return shown
 
     def _see(
@@ -343,7 +408,8 @@ class StampRepair:
                 joint = joints[name] = _Joint()
                 joint.last = position
                 continue
-            step = wrap(position - joint.last, self._periods(name))
+            usual = joint.after(number) if number > 1 else 0.0  # it may be more than half a turn
+            step = usual + wrap(position - joint.last - usual, self._periods(name))
             if step or joint.step:
                 for i in (0, 1):
                     if before[i] <= 0.0 or steps[i] <= 0.0 or abs(number) > NEAR:

@@ -186,6 +186,46 @@ def test_lost_messages_that_jitter_hides_do_little_harm(jitter, dropped):
     assert error('hybrid_angle', times, samples) < 2.0 * error('hybrid_angle', stamps, samples)
 
 
+@pytest.mark.parametrize(
+    'name, rate, dropped, drift',
+    [
+        ('fast', 1000.0, 0.05, 0.0),
+        ('fast', 200.0, 0.1, 1e-4),
+        ('sine', 1000.0, 0.05, 1e-4),
+        ('sine', 100.0, 0.1, 0.0),
+        ('trapezoid', 1000.0, 0.1, 0.0),
+    ],
+)
+def test_messages_lost_from_the_first_one_on(name, rate, dropped, drift):
+    """With 0.6 periods of jitter a line through the stamps has one period for each message."""
+    motion = sine(1.5, 0.2) if rate == 100.0 else MOTIONS[name]
+    whole = Signal('', '', motion, rate=rate).samples(duration=7.0 if rate > 100.0 else 12.0)
+    random = np.random.default_rng(5)
+    kept = random.random(len(whole.stamps)) > dropped
+    samples = type(whole)(*(each[kept] for each in whole))
+    passed = (samples.stamps - START) * (1.0 + drift)
+    true = START + passed.astype(np.int64)
+    stamps = true + (0.6e9 / rate * random.random(len(true))).astype(np.int64)
+    times, states, repair = repaired(stamps, samples.angle)
+    settled = times[samples.stamps - samples.stamps[0] > 5_000_000_000]
+    assert np.std(settled - true[-len(settled) :]) < 0.08e9 / rate
+    assert states[-1] == REPAIRED and repair.drift == pytest.approx(-drift, abs=5e-5)
+    assert error('hybrid_angle', stamps, samples) > 1.2 * error('hybrid_angle', true, samples)
+    assert error('hybrid_angle', times, samples) < 1.2 * error('hybrid_angle', true, samples)
+
+
+@pytest.mark.parametrize('back', [20, 50, 300, 500, 10_000])
+def test_a_clock_that_jumps_back_begins_another_stretch(back):
+    """Time must not go on slowly until the new clock has caught up with the old one."""
+    samples = recorded('sine', duration=2.0)
+    random = np.random.default_rng(6)
+    stamps = samples.stamps + random.integers(0, MS, len(samples.stamps))
+    stamps[1000:] -= back * MS
+    times, states, repair = repaired(stamps, samples.angle)
+    assert states[999] == REPAIRED and np.max(np.abs(times - stamps)) < 3 * MS
+    assert repair.period == pytest.approx(1e-3, rel=1e-3) and COLLECTING not in states[100:]
+
+
 def test_gaps_steps_of_the_clock_and_a_looping_bag():
     samples = recorded('sine', duration=9.0)
     random = np.random.default_rng(7)
