@@ -17,9 +17,11 @@ import numpy as np
 import pytest
 
 from estimator_pkg import observers, params_file
+from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.evaluation.doctor import command
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Answer, choose, sentences
 from estimator_pkg.evaluation.doctor.examine import examine
 from estimator_pkg.evaluation.doctor.readings import Readings
@@ -172,6 +174,15 @@ def test_a_bag_that_ends_early_is_examined_with_one_warning(tmp_path, capsys):
     assert main(['doctor', str(cut)]) == 0
     error = capsys.readouterr().err
     assert 'ends early' in error and error.count('\n') == 1
+
+
+def test_a_bag_is_opened_once_with_its_limit(tmp_path, monkeypatch, capsys):
+    path, opened = bag(tmp_path / 'whole', {'elbow': lambda t: 0.5}, seconds=1.0), []
+    monkeypatch.setattr(
+        command, 'open_bag', lambda *words: opened.append(words) or open_bag(*words)
+    )
+    assert main(['doctor', path, '--unpack-limit', '7']) == 0
+    assert [words[1] for words in opened] == [7 * 2**20]
 
 
 @pytest.mark.parametrize(
