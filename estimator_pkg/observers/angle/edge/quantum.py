@@ -87,7 +87,7 @@ def follow_steps(
     if found < CLOSE * smallest:
         left = SEARCH
     if found < smallest:
-        smallest = found
+        smallest = found if least != FLOATS else DIGITS * found
     rest = moved % candidate
     if found < CLOSE * candidate or DIGITS * candidate < rest < (1.0 - DIGITS) * candidate:
         shown = (shown if shown < 0.0 else 0.0) - (1.0 if shows else 0.5)
@@ -102,6 +102,8 @@ def follow_steps(
             least = found
         if shown == SHOWN and CLOSE * least > candidate:  # a stray reading alone showed it
             candidate, shown, least, left = least, 1.0, math.inf, SEARCH
+        elif shown == SHOWN and least == FLOATS and scatter < SMOOTH * candidate * candidate:
+            shown -= 1.0  # multiples of one step, but too smooth for a counter
         elif shown == SHOWN:
             smallest, least, left = candidate, math.inf, 0.0
             if candidate >= FINER * quantum:

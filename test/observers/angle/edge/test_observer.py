@@ -11,6 +11,7 @@ from observer_cases import make, stamps, wrapped
 
 from benchmarks import accuracy as bench_accuracy
 from benchmarks.signals import FURTHER, SIGNALS
+from benchmarks.streams import streams
 from estimator_pkg.driver.guard import REPEATED
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
@@ -860,6 +861,15 @@ def test_once_found_a_quantum_is_worth_what_a_given_one_is(counts, rate, speed):
         ]
         ratios.append(rms(errors[0]) / rms(errors[1]))
     assert min(ratios) > 0.95 and max(ratios) < 1.05  # it was 0.68 to 1.5
+
+
+def test_smooth_multiples_of_one_step_are_floats():
+    """At 100 Hz a ramp of 10 rad/s^2 moves by multiples of 0.5 mrad, which is no quantum."""
+    name = '100 Hz, point to point, floats'
+    stream = next(each for each in streams(0.0) if each.name == name)
+    one = make('edge_adaptive', {})
+    one.run(stream.samples.stamps, stream.samples.angle, fast=False)
+    assert one.state[3][0] < 1e-5  # 5e-4 before
 
 
 def test_a_motor_that_skips_counts_is_no_stream_of_floats():
