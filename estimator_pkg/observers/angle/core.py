@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from estimator_pkg.observers.angle.late_stamps import BEYOND, begin_clock, follow_clock, make_retake
 from estimator_pkg.observers.angle.starts import (
     BAND,
+    LASTS,
     LEARNT,
     RECENT,
     RESTED,
@@ -48,6 +49,7 @@ SURGE = 2.0  # times its mean, by chance the recent power of the innovation is n
 UNBOUNDED = 1e200  # a noise gain beyond it: no gap, but a sample time too long for the core
 GAP = 0.2  # [s] a gap is at least so long
 RESIDUE = 1e-9  # [rad] a smaller step is rounding and not the quantum
+SAME = 1e-3  # of a step: two that differ by less differ by their last digits
 COARSEST = 2.0**-23  # resolution of a float32, of its value: a reading is no finer than known
 FINEST = 2.0**-52  # the same of a double
 # in doubt, and outside for this long [s] in all (never less than it takes to settle): the observer
@@ -353,6 +355,8 @@ def _make_step(
             if not -half <= moved < half:
                 moved = wrap(moved, period)
             if clock > 0.0:
+                bend = abs(abs(moved) - change)  # steps of a start that skips counts
+                smallest = bend if SAME * smallest + RESIDUE < bend < smallest else smallest
                 start = in_force(start, moved, 0.0, usual, coefficients, inner)
             elif clock < 0.0 or since >= RESTED or moved * moved <= BAND * usual:
                 start = at_rest(start, measurement, moved, since, usual, coefficients, inner)
@@ -494,7 +498,7 @@ def _make_scaled(
                 variance = design.floor
             elif design.floor == 0.0:
                 last, _, _, _, _ = convention
-                noisy_start = clock > 0.0 and (decay < LEARNT or count < 2.0 * ENOUGH)
+                noisy_start = 0.0 < clock < LASTS
                 least = least_variance(reading, last, dt, noisy_start)
                 if variance < least:
                     variance = least

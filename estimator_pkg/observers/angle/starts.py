@@ -24,6 +24,7 @@ PACE = 0.8  # of the cube root of (velocity noise gain)/dt: the pace of a tracki
 TAIL = 1.18  # of these nepers, where the polynomial before the exponential is generous
 LEARNT = 6.0  # nepers after which innovations of a start show the noise again
 BEGUN = 0.75  # sample times by which motion may have begun after the last reading at rest
+FIRST = 0.95  # the same at the first reading, which shows no speed at all
 BAND = 10.0  # (3.2)^2: times the power of the innovations; a larger distance is no rest
 LARGEST_GAIN = 8.0  # of innovations over readings, in noise power, but for a few first samples
 SLOW = 0.125  # a joint at rest does not leave the noise in this part of the rest's time
@@ -163,7 +164,7 @@ def _make_deviation(lag: float) -> Callable[[Start, float, float], float]:
 
     def deviation(start: Start, speed: float, dt: float) -> float:
         clock, _, decay, travelled, kept = start
-        mean = travelled / (clock - BEGUN * dt)
+        mean = travelled / (clock - (BEGUN if clock > dt else FIRST) * dt)
         scale = 2.0 * abs(mean)
         if kept > scale:
             scale = kept
