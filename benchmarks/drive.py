@@ -136,9 +136,7 @@ TIMINGS: dict[str, Callable[[Array, Array], tuple[Array, Array]]] = {
 }
 
 
-def motulator(
-    signal: Signal, timing: str = 'reported', count: int | None = None, alpha: float = ALPHA
-) -> Estimate:
+def motulator(signal: Signal, timing: str = 'reported', count: int | None = None) -> Estimate:
     """Return motulator's estimate; raise ImportError if it is not installed."""
     from motulator.drive.control.sm._common import Observer, ObserverCfg
     from motulator.drive.utils import SynchronousMachinePars
@@ -150,7 +148,7 @@ def motulator(
         L_q=MOTOR['inductance'],
         psi_f=MOTOR['flux'],
     )
-    observer = Observer(ObserverCfg(machine, sensorless=True, alpha_o=alpha))
+    observer = Observer(ObserverCfg(machine, sensorless=True, alpha_o=ALPHA))
     observer.est.theta_m, observer.est.w_m = float(signal.angle[0]), float(signal.speed[0])
     i, u = TIMINGS[timing](
         signal.samples[:, 0] + 1j * signal.samples[:, 1],

@@ -53,7 +53,7 @@ def check(mechanics: Mechanics) -> None:
             test(mechanics, q, v)
 
 
-def random_states(mechanics: Mechanics, count: int = STATES) -> list[tuple[Array, Array]]:
+def random_states(mechanics: Mechanics) -> list[tuple[Array, Array]]:
     """Return random (q, v) within the model's region and domain.
 
     Raises
@@ -63,11 +63,11 @@ def random_states(mechanics: Mechanics, count: int = STATES) -> list[tuple[Array
     random = np.random.default_rng(SEED)
     centre, reach = np.array(mechanics.centre), np.array(mechanics.reach)
     states = []
-    for _ in range(100 * count):
+    for _ in range(100 * STATES):
         q = centre + reach * random.uniform(-1.0, 1.0, mechanics.degrees)
         if _call(mechanics, 'admits', mechanics.admits, q):
             states.append((q, random.uniform(-1.0, 1.0, mechanics.degrees)))
-            if len(states) == count:
+            if len(states) == STATES:
                 return states
     raise UserError(
         f"model '{mechanics.name}': `admits` refuses nearly every configuration within "

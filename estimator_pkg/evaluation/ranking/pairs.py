@@ -77,12 +77,12 @@ def of_sums(sums: Sequence[NDArray], counts: Sequence[NDArray]) -> Difference:
     return Difference(mean, student(number - 1) * error)
 
 
-def student(degrees: int, confidence: float = CONFIDENCE) -> float:
+def student(degrees: int) -> float:
     """Return the two-sided quantile of Student's t; within 0.1 % from 7 degrees of freedom on.
 
     Abramowitz and Stegun, Handbook of Mathematical Functions, 26.7.5.
     """
-    z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
+    z = NormalDist().inv_cdf(0.5 + 0.5 * CONFIDENCE)
     return (
         z
         + (z**3 + z) / (4.0 * degrees)

@@ -20,6 +20,8 @@ from estimator_pkg.observers.mechanism.flow import LARGEST_PART, MOST_PARTS
 Array = NDArray[np.float64]
 Limits = Callable[[float], str | None]
 
+GUARANTEED_SPEED = 1.0  # of each position, for the guaranteed rate [rad/s or m/s]
+
 
 class Tuning(NamedTuple):
     """Gains of GESO: qh' = calM ph + L e, ph' = ... + Gamma calM^T P0 e, d' = E e."""
@@ -190,13 +192,7 @@ def guaranteed_rate(L: Array, Gamma: Array, k0: float, k1: float, k2: float) -> 
 
 
 def describe(
-    mechanics: Mechanics,
-    tuning: Tuning,
-    point: Array,
-    dt: float,
-    *,
-    disturbed: bool,
-    speed: float = 1.0,
+    mechanics: Mechanics, tuning: Tuning, point: Array, dt: float, *, disturbed: bool
 ) -> dict[str, Any]:
     """Return properties of GESO's gains by name; `MEANINGS` has their titles and units.
 
@@ -205,7 +201,6 @@ def describe(
     point : operating point [rad or m], shape (n,).
     dt : sample time [s].
     disturbed : the observer has a disturbance state.
-    speed : velocity of each position for which the guaranteed rate is computed [rad/s or m/s].
     """
     calm = check.factors(mechanics, point)[0]
     K = calm @ tuning.Gamma @ calm.T @ tuning.P0
@@ -233,7 +228,7 @@ def describe(
         ]
         turning = max(
             sum(
-                float(np.linalg.norm(slope, 2)) * speed
+                float(np.linalg.norm(slope, 2)) * GUARANTEED_SPEED
                 for slope in check.slopes(mechanics, lambda x: check.factors(mechanics, x)[0], q)
             )
             for q in configurations
@@ -245,7 +240,7 @@ def describe(
             max(size[0] for size in sizes),
             turning,
         ).rate
-        found['guaranteed_for_speed'] = speed
+        found['guaranteed_for_speed'] = GUARANTEED_SPEED
     return found
 
 

@@ -105,13 +105,7 @@ def _march(angle: Array, speed: Array, e: Array, inputs: Array) -> None:
         angle[i + 1], speed[i + 1] = q, w
 
 
-def response(
-    example: Example,
-    inputs: Array,
-    dt: float,
-    load: float = 0.0,
-    start: tuple[float, float] = (0.0, 0.0),
-) -> tuple[Array, Array]:
+def response(example: Example, inputs: Array, dt: float, load: float = 0.0) -> tuple[Array, Array]:
     """Return angle [rad] and velocity [rad/s] for a piecewise constant input (exact), (n + 1,).
 
     Parameters
@@ -122,7 +116,7 @@ def response(
     matrix = np.zeros((3, 3))
     matrix[:2] = [[0.0, 1.0, 0.0], [-example.k / example.J, -example.b / example.J, 1.0]]
     angle, speed = np.empty(len(inputs) + 1), np.empty(len(inputs) + 1)
-    angle[0], speed[0] = start
+    angle[0] = speed[0] = 0.0
     compiled(_march)(angle, speed, exponential(matrix * dt), ratio * inputs + load)
     return angle, speed
 

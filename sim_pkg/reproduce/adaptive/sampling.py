@@ -217,18 +217,14 @@ def _held_load() -> Values:
     own = -example.model_poles[0] * example.model_poles[1]
 
     def stiffness(
-        every: int = 10_000,
-        zero: bool = False,
-        leak: float = 0.0,
-        dead_zone: float = 0.0,
-        **changes: object,
+        zero: bool = False, leak: float = 0.0, dead_zone: float = 0.0, **changes: object
     ) -> Array:
         found = run(
             gains(example, theta=example.theta, **changes),
             angles,
             inputs,
             dt,
-            every,
+            10_000,
             from_zero=zero,
             leak=leak,
             dead_zone=dead_zone,

@@ -59,36 +59,34 @@ CASES = {
 
 
 @lru_cache
-def torque(seed: int = PHASES) -> Array:
+def torque() -> Array:
     """The torque at each sample [N m]."""
-    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * math.pi, len(SINES))
+    phases = np.random.default_rng(PHASES).uniform(0.0, 2.0 * math.pi, len(SINES))
     time = DT * np.arange(COUNT)
     sines = np.sin(2.0 * math.pi * SINES * time[:, None] + phases)
     return TORQUE * math.sqrt(2.0 / len(SINES)) * np.sum(sines, axis=1)
 
 
 @lru_cache
-def truth(friction: float, seed: int = PHASES) -> tuple[Array, Array]:
+def truth(friction: float) -> tuple[Array, Array]:
     """(positions, velocities) of the joint."""
     joint = single_joint.build(
         single_joint.Parameters(coulomb=friction, coulomb_speed=WIDTH, **JOINT)
     )
-    return move(joint, (0.0,), (0.0,), torque(seed)[:, None], DT, PLANT_STEPS)
+    return move(joint, (0.0,), (0.0,), torque()[:, None], DT, PLANT_STEPS)
 
 
-def best(
-    case: Case, friction: float, counts: int, seed: int = PHASES, known_friction: float = 0.0
-) -> float:
+def best(case: Case, friction: float, counts: int, known_friction: float = 0.0) -> float:
     """Return the least rms velocity error over the bandwidths [rad/s].
 
     Parameters
     ----------
     known_friction : Coulomb friction in the observer's model [N m].
     """
-    q, v = truth(friction, seed)
+    q, v = truth(friction)
     measured = quantise(q, 2.0 * math.pi / counts)
     inputs = np.zeros((COUNT, 1))
-    inputs[case.late :, 0] = case.torque * torque(seed)[: COUNT - case.late]
+    inputs[case.late :, 0] = case.torque * torque()[: COUNT - case.late]
     model: dict[str, Any] = {
         'inertia': JOINT['inertia'],
         'coulomb': known_friction,

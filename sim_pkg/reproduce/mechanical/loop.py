@@ -108,7 +108,7 @@ def make_loop(functions: MechanicalFunctions) -> Any:
     return loop
 
 
-def balance(name: str, scenario: str, run: int, kind: str = 'nominal') -> Balanced:
+def balance(name: str, scenario: str, run: int) -> Balanced:
     """One run with an observer of `ALL_CASES` in the loop."""
     observer, gains = ALL_CASES[name]
     functions = make(observer, 'cart_pendulum', {'force_constant': CONSTANT, **FRICTION}, **gains)
@@ -120,7 +120,7 @@ def balance(name: str, scenario: str, run: int, kind: str = 'nominal') -> Balanc
         functions.core.begin(),
         functions.core.prepare(design, DT),
         design,
-        plant(kind).values,
+        plant('nominal').values,
         (0.05 + 0.001 * run, 0.0),
         DT,
         PARTS_PLANT,

@@ -226,25 +226,16 @@ class Run(NamedTuple):
     fires: int
 
 
-def reference_run(
-    exact: Signals,
-    kind: int,
-    eta0_deg: float,
-    xi0: float,
-    *,
-    step: float = STEP,
-    log_every: int = LOG_EVERY,
-    clock: float = CLOCK,
-) -> Run:
+def reference_run(exact: Signals, kind: int, eta0_deg: float, xi0: float) -> Run:
     """Run one observer on exact signals on a grid of half steps."""
-    rows = (len(exact.time) - 1) // 2 // log_every + 1
+    rows = (len(exact.time) - 1) // 2 // LOG_EVERY + 1
     h, z, x = np.zeros(rows, complex), np.zeros(rows, complex), np.zeros(rows)
     z0 = start_frame(exact.theta[0], exact.omega[0], eta0_deg)
     jumps, fires = compiled(runge_kutta)(
         exact.current,
         exact.voltage,
-        step,
-        round(1.0 / (clock * step)),
+        STEP,
+        round(1.0 / (CLOCK * STEP)),
         kind,
         empty_registers(PERIODS),
         z0.conjugate() * exact.current[0],
@@ -257,17 +248,17 @@ def reference_run(
         K_I,
         K_ETA,
         GAMMA,
-        log_every,
+        LOG_EVERY,
         h,
         z,
         x,
     )
-    return Run(thinned(exact, 2 * log_every), h, z, x, jumps, fires)
+    return Run(thinned(exact, 2 * LOG_EVERY), h, z, x, jumps, fires)
 
 
-def exact_grid(direction: int = 1, step: float = STEP, duration: float = DURATION) -> Signals:
+def exact_grid(direction: int = 1) -> Signals:
     """The exact signals of P1 on the half-step grid of `reference_run`."""
-    times = 0.5 * step * np.arange(round(2.0 * duration / step) + 1, dtype=np.float64)
+    times = 0.5 * STEP * np.arange(round(2.0 * DURATION / STEP) + 1, dtype=np.float64)
     return signals(times, direction)
 
 

@@ -266,9 +266,9 @@ class Samples(NamedTuple):
     mean: NDArray[np.complex128]
 
 
-def drive_samples(rate: float, direction: int = 1, duration: float = 0.70) -> Samples:
+def drive_samples(rate: float, direction: int = 1) -> Samples:
     """Return the exact signals as a drive publishes them at `rate` [Hz]."""
-    count = round(duration * rate)
+    count = round(0.70 * rate)
     parts = max(1, round(FINE / rate))
     truth = signals(np.arange(count + 1, dtype=np.float64) / rate, direction)
     middles = (np.arange(count * parts, dtype=np.float64) + 0.5) / (rate * parts)
