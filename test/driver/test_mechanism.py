@@ -229,6 +229,8 @@ def test_several_mechanisms_in_one_stream():
     assert [found.written(k) for k in range(3)] == [0.1, 0.499, 0.0]
     arm, cart = mechanisms.joints['arm'].stddev(), mechanisms.joints['cart'].stddev()
     assert found.stddevs([2, 1]) == [(cart[0][1], cart[1][1]), (arm[0][0], arm[1][0])]
+    at, readings = START + 500 * MS, (0.0, 0.5, 0.1)
+    assert mechanisms.update(at, ('c', 'elbow', 'p'), readings, (0.0,) * 3).names[0] == 'c'
 
 
 @pytest.mark.parametrize(

@@ -395,3 +395,12 @@ def test_each_device_of_a_topic_has_its_clock():
     assert clocks.about('d') == {}
     clocks.reset()
     assert clocks.about('a') == {}
+
+
+@pytest.mark.parametrize(
+    'period, drift', [(1.0 / 100.05, 5e-4), (1.0 / 100.4, math.nan), (0.0, math.nan)]
+)
+def test_a_drift_is_that_from_a_whole_number_of_hertz_close_by(period, drift):
+    repair = StampRepair(lambda name: TURN)
+    repair.period = period
+    assert repair.drift == pytest.approx(drift, nan_ok=True)
