@@ -32,10 +32,11 @@ BELIEVED = 0.3  # evidence above this is believed: two repeats
 
 # (by how much the last stamp was late [s]; mean deviation of the sample times, over their mean;
 # time since the reading repeats [s], 0: it does not; the longest such time after which the shaft
-# had moved on [s]; evidence that the sensor has another clock, 0 to 1)
-Clock = tuple[float, float, float, float, float]
+# had moved on [s]; evidence that the sensor has another clock, 0 to 1; whether the last stamp was
+# even later than the one before)
+Clock = tuple[float, float, float, float, float, bool]
 
-UNKNOWN: Clock = (0.0, 1.0, 0.0, 0.0, 0.0)  # a start has to show that its stream is even
+UNKNOWN: Clock = (0.0, 1.0, 0.0, 0.0, 0.0, False)  # a start has to show that its stream is even
 
 
 def repeats(state: tuple, dt: float) -> bool:
@@ -47,7 +48,7 @@ def repeats(state: tuple, dt: float) -> bool:
     (_, v, a, _), p, _, sensor, _, _, (status, _, _), _, _, clock, _ = state
     _, _, _, p11, _, _ = p
     _, _, _, _, _, _, _, _, _, _, pace = sensor
-    _, _, held, longest, _ = clock
+    _, _, held, longest, _, _ = clock
     way, held = abs(v) * dt, held + dt
     return (
         status == TRACKING
@@ -60,8 +61,8 @@ def repeats(state: tuple, dt: float) -> bool:
 
 def waiting(clock: Clock, dt: float) -> Clock:
     """Return the clock after a reading that repeated."""
-    late, uneven, held, longest, evidence = clock
-    return (late, uneven, held + dt, longest, evidence)
+    late, uneven, held, longest, evidence, grew = clock
+    return (late, uneven, held + dt, longest, evidence, grew)
 
 
 def resumed(clock: Clock, change: float, passed: float, pace: float, v: float) -> Clock:
@@ -71,7 +72,7 @@ def resumed(clock: Clock, change: float, passed: float, pace: float, v: float) -
     ----------
     passed : time since the last one that was [s].
     """
-    late, uneven, held, longest, evidence = clock
+    late, uneven, held, longest, evidence, grew = clock
     evidence -= 1.0 / FORGOTTEN
     if held > 0.0:
         short = (v * passed - change) / (v * pace)  # of the way [samples]
@@ -79,7 +80,7 @@ def resumed(clock: Clock, change: float, passed: float, pace: float, v: float) -
             longest = held if held > longest else longest
             evidence += SEEN if short > 0.5 else 0.0
     evidence = 0.0 if evidence < 0.0 else 1.0 if evidence > 1.0 else evidence
-    return (late, uneven, 0.0, longest, evidence)
+    return (late, uneven, 0.0, longest, evidence, grew)
 
 
 def elapsed(
@@ -93,12 +94,12 @@ def elapsed(
     moved : distance of the reading from the last estimate [rad].
     motion, p : estimate before this reading, and its covariance.
     """
-    late, uneven, held, longest, evidence = clock
+    late, uneven, held, longest, evidence, grew = clock
     quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
     _, v, a, _ = motion
     if pace <= 0.0:
         return dt, clock
-    odd, taken = dt - pace, dt
+    odd, taken, grows = dt - pace, dt, False
     limit = (ODD * uneven if ODD * uneven > UNEVEN else UNEVEN) * pace
     if odd > limit or -odd > limit or late != 0.0:
         # an innovation that is larger is no noise
@@ -114,10 +115,11 @@ def elapsed(
                 taken, late = pace, odd
         elif abs(late + odd) < limit and after < doubtful:  # the stamps have caught up
             taken, late = right, 0.0
-        elif not late + odd > late > 0.0 and (
+        elif not (grew and late + odd > late > 0.0) and (
             lies or (evenly < doubtful and abs(odd) > 0.5 * limit and abs(late + odd) < abs(late))
         ):
-            taken, late = pace, late + odd  # late still, but less
+            grows = late + odd > late > 0.0
+            taken, late = pace, late + odd  # late still, mostly less
         else:  # they have caught up, and samples were lost; or the motion did change
             taken, late = right if after < least and right > 0.0 else dt, 0.0
         odd = taken - pace
@@ -127,4 +129,4 @@ def elapsed(
     uneven += ((off if off < 1.0 else 1.0) - uneven) / MEMORY
     if ODD * uneven < UNEVEN:  # even enough for `elapsed` to be left out, unless it is late
         uneven = 0.0 if late == 0.0 else UNEVEN / ODD
-    return taken, (late, uneven, held, longest, evidence)
+    return taken, (late, uneven, held, longest, evidence, grows)

@@ -171,7 +171,7 @@ def without_reading(state: tuple, coefficients: tuple, design: Design) -> tuple:
     motion = (x + v * dt + a * half_square, v + a * dt, kept * a, idle + dt)
     p = predicted(p, density, coefficients)
     if design.ratio != 1.0:
-        other = beside(other, p, design.ratio * density, coefficients, 0.0)
+        other = beside(other, p, design.ratio * density, coefficients, 0.0, dt)
     clock = waiting(clock, dt)
     return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
 
@@ -265,7 +265,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         x, v, a, idle = motion
         quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
         status, count, astray = lock
-        _, uneven, held, _, evidence = clock
+        _, uneven, held, _, evidence, _ = clock
         # Repeated readings
         if change == 0.0 and abs(v) * dt > REPEATS * quantum and repeats(state, dt):
             return without_reading(state, coefficients, design)
@@ -323,13 +323,14 @@ def _make_step(period: float) -> Callable[..., tuple]:
         p = predicted(p, density, coefficients)
         square = quantum * quantum
         (mean_sway, _, _), swing = sway, 0.0
+        lasted = dt if dt > EVEN * pace else pace  # readings that come in bursts are not that near
         if mean_sway > 0.0:
             swing = mean_sway - square / 6.0 - 2.0 * noise
-            p = swayed(p, swing, dt if dt > EVEN * pace else pace)
+            p = swayed(p, swing, lasted)
         if design.ratio == 1.0:
             other = ALIKE
         else:
-            other = beside(other, p, design.ratio * density, coefficients, swing)
+            other = beside(other, p, design.ratio * density, coefficients, swing, lasted)
         if change != 0.0 and rested > MEMORY * dt:  # a rest ends: the speed is in doubt
             doubt, begins = stirred(doubt, sensor, p, rested, dt, first, period)
             starting = starting and not begins
@@ -438,7 +439,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
         smallest, candidate, shown, least, left, finer, _ = steps
         status, _, astray = lock
         _, _, since, _, _, _ = doubt
-        _, uneven, _, longest, evidence = clock
+        _, uneven, _, longest, evidence, _ = clock
         return (
             (measurement, v, 0.0, 0.0),
             (quantum * quantum / 12.0, 0.0, 0.0, p11, 0.0, p22),
@@ -449,7 +450,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
             (COASTING if status == TRACKING else status, 0.0, astray),
             STEADY,
             (v * v, SETTLES, since, 0.0, 0.0, 0.0),
-            (0.0, uneven, 0.0, longest, evidence),
+            (0.0, uneven, 0.0, longest, evidence, False),
             ALIKE,
         )
 

@@ -32,7 +32,9 @@ NOWHERE: Covariance = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ALIKE: Other = (0.0, 0.0, 0.0, NOWHERE)  # it begins as the first filter is
 
 
-def beside(other: Other, p: Covariance, density: float, coefficients: tuple, sway: float) -> Other:
+def beside(
+    other: Other, p: Covariance, density: float, coefficients: tuple, sway: float, lasted: float
+) -> Other:
     """Return the second filter one sample later.
 
     Parameters
@@ -40,14 +42,14 @@ def beside(other: Other, p: Covariance, density: float, coefficients: tuple, swa
     p : covariance of the first filter, one sample later.
     density : of the second one's jerk [(rad/s^3)^2 s].
     coefficients : see `covariance.predicted`.
-    sway : see `covariance.swayed`.
+    sway, lasted : see `covariance.swayed`; the time in which the speed sways [s].
     """
     x, v, a, own = other
     p00, _, _, _, _, _ = own
     if p00 < 0.0:
         return (0.0, 0.0, 0.0, p)
     dt, half_square, kept, _, _, _ = coefficients
-    own = swayed(predicted(own, density, coefficients), sway, dt)
+    own = swayed(predicted(own, density, coefficients), sway, lasted)
     return (x + v * dt + a * half_square, v + a * dt, kept * a, own)
 
 

@@ -90,7 +90,7 @@ def test_the_second_filter_is_a_kalman_filter_of_its_own_density():
     wanted = own - np.outer(book, own[0])
     assert after == pytest.approx(tuple(wanted[np.triu_indices(3)]))
     # and one sample later it has moved as the first one, with its own density
-    moved = under_test.beside((dx, dv, da, after), first, 2.0, coefficients, 0.0)
+    moved = under_test.beside((dx, dv, da, after), first, 2.0, coefficients, 0.0, 0.01)
     assert moved[3] == pytest.approx(predicted(after, 2.0, coefficients))
     assert moved[1] == pytest.approx(dv + da * 1e-3)
 
