@@ -45,6 +45,7 @@ from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGUR
 QUEUED = 0.1  # mean sample times: a sample that comes sooner may have waited in a queue
 SURELY = 16.0  # it did, even if its stamp explains its reading so many times better ...
 VOTES = 16.0  # ... where the last ones did: over these samples the evidence is averaged
+EVIDENCE = 0.25  # at a start
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
 
 
@@ -280,7 +281,7 @@ def make_track(
             empty,
             nothing,
             nothing,
-            0.5,
+            EVIDENCE,
             BLANK,
             FIRST_INTERVAL,
         )
@@ -358,7 +359,8 @@ def make_track(
             if verdict == AFTER_STRAY_STAMP:
                 dt_ns, state = stamp_ns - before_ns, kept
             passed, waits = dt_ns * 1e-9, False
-            if passed < QUEUED * mean_dt and old_dt_ns != last_ns - before_ns:
+            of_gap = before_ns != 0 and old_dt_ns == last_ns - before_ns
+            if passed < QUEUED * mean_dt and not of_gap:
                 waits, queue = waited(
                     queue, state, coefficients, design, measurement, reading, passed, mean_dt
                 )
@@ -373,10 +375,10 @@ def make_track(
                 dt_ns = round(1e9 * mean_dt)
                 mean_dt += RATE_WEIGHT * (passed - mean_dt)
                 passed = mean_dt
-            elif before_ns != 0 and SLOW_STREAM * passed < mean_dt > SLOW_STREAM * 1e-9 * old_dt_ns:
-                mean_dt = passed  # the mean came from gaps, which are no sample times
-                if old_dt_ns == last_ns - before_ns:
-                    verdict = AFTER_OUTAGE
+            elif of_gap and SLOW_STREAM * passed < mean_dt:
+                mean_dt, verdict = passed, AFTER_OUTAGE  # the mean came from a gap
+            elif before_ns != 0 and SLOW_STREAM * max(passed, old_dt_ns * 1e-9) < mean_dt:
+                mean_dt = passed  # it came from two
             else:
                 mean_dt += RATE_WEIGHT * (passed - mean_dt)
             if dt_ns != old_dt_ns:

@@ -232,7 +232,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
 def late(state: tuple) -> float:
     """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
-    _, _, _, _, _, _, _, _, _, (lateness, _, _, _, _), _ = state
+    _, _, _, _, _, _, _, _, _, (lateness, _, _, _, _, _), _ = state
     return lateness
 
 
