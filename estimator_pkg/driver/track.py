@@ -30,6 +30,7 @@ from estimator_pkg.driver.guard import (
     ZERO_STAMP,
     judge,
 )
+from estimator_pkg.driver.queues import EVIDENCE, QUEUED, make_waited, never_waited
 from estimator_pkg.driver.repeats import BLANK, Repeats, changed, hold, repeated
 from estimator_pkg.observers.angle.calibration import (
     BROKEN,
@@ -42,10 +43,6 @@ from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import INITIALISING, Functions
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 
-QUEUED = 0.1  # mean sample times: a sample that comes sooner may have waited in a queue
-SURELY = 16.0  # it did, even if its stamp explains its reading so many times better ...
-VOTES = 16.0  # ... where the last ones did: over these samples the evidence is averaged
-EVIDENCE = 0.25  # at a start
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
 
 
@@ -119,67 +116,6 @@ def with_state(track: tuple, state: tuple) -> tuple:
         repeats,
         interval,
     )
-
-
-def never_late(state: tuple) -> float:
-    """Return 0.0: replaces `late` of an observer that has none."""
-    return 0.0
-
-
-def make_waited(functions: Functions, period: float) -> Callable[..., tuple[bool, float]]:
-    """Return the function that finds a sample that waited in a queue with the one before.
-
-    A receiver that pauses stamps the samples of the pause together. Each of them moved as in a
-    sample time, which no speed explains in so short a step.
-
-    Parameters
-    ----------
-    functions : of the observer; one that knows that a stamp was late is left to it.
-    period : wrap period [rad]; 0: none.
-    """
-    output, late = functions.output, functions.late or never_late
-
-    def waited(
-        queue: float,
-        state: tuple,
-        coefficients: tuple,
-        design: tuple,
-        measurement: float,
-        reading: float,
-        passed: float,
-        mean_dt: float,
-    ) -> tuple[bool, float]:
-        """Return whether the reading moved as in a mean sample time, and the evidence.
-
-        Parameters
-        ----------
-        queue : evidence that such samples waited, from 0 to 1.
-        measurement, reading : the newest reading, and the one before [rad].
-        passed : between their stamps [s].
-        """
-        if measurement == reading or late(state) != 0.0:
-            return False, queue
-        _, speed, _, _ = output(state, coefficients, design, reading, 0.0)
-        moved = wrap(measurement - reading, period)
-        at_stamps, evenly = abs(moved - speed * passed), abs(moved - speed * mean_dt)
-        vote = 1.0 if evenly < at_stamps else 0.0
-        return evenly <= SURELY * queue * queue * at_stamps, queue + (vote - queue) / VOTES
-
-    return waited
-
-
-def never_waited(
-    queue: float,
-    state: tuple,
-    coefficients: tuple,
-    design: tuple,
-    measurement: Any,
-    reading: Any,
-    passed: float,
-    mean_dt: float,
-) -> tuple[bool, float]:
-    """Believe every stamp: replaces `make_waited` for measurements that are not a single angle."""
-    return False, queue
 
 
 class TrackFunctions(NamedTuple):

@@ -419,7 +419,7 @@ def _make_relock(core: AngleCore, period: float) -> Callable[..., tuple[tuple, L
         if restarts:
             status, _, astray, trusted = lock
             _, speed, _ = estimate(inner)
-            lost = astray > design.lost_after or abs(speed) * mean_dt > 2.0 * half
+            lost = astray > design.lost_after or abs(speed - trusted) * mean_dt > 2.0 * half
             if status == TRACKING:
                 lost = lost or abs(speed - trusted) * dt > half
             if lost:

@@ -32,11 +32,11 @@ BELIEVED = 0.3  # evidence above this is believed: two repeats
 
 # (by how much the last stamp was late [s]; mean deviation of the sample times, over their mean;
 # time since the reading repeats [s], 0: it does not; the longest such time after which the shaft
-# had moved on [s]; evidence that the sensor has another clock, 0 to 1; whether the last stamp was
-# even later than the one before)
-Clock = tuple[float, float, float, float, float, bool]
+# had moved on [s]; evidence that the sensor has another clock, 0 to 1; 1 where the last stamp was
+# even later than the one before, else 0)
+Clock = tuple[float, float, float, float, float, float]
 
-UNKNOWN: Clock = (0.0, 1.0, 0.0, 0.0, 0.0, False)  # a start has to show that its stream is even
+UNKNOWN: Clock = (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)  # a start has to show that its stream is even
 
 
 def repeats(state: tuple, dt: float) -> bool:
@@ -99,7 +99,7 @@ def elapsed(
     _, v, a, _ = motion
     if pace <= 0.0:
         return dt, clock
-    odd, taken, grows = dt - pace, dt, False
+    odd, taken, grows = dt - pace, dt, 0.0
     limit = (ODD * uneven if ODD * uneven > UNEVEN else UNEVEN) * pace
     if odd > limit or -odd > limit or late != 0.0:
         # an innovation that is larger is no noise
@@ -115,10 +115,10 @@ def elapsed(
                 taken, late = pace, odd
         elif abs(late + odd) < limit and after < doubtful:  # the stamps have caught up
             taken, late = right, 0.0
-        elif not (grew and late + odd > late > 0.0) and (
+        elif not (grew > 0.0 and late + odd > late > 0.0) and (
             lies or (evenly < doubtful and abs(odd) > 0.5 * limit and abs(late + odd) < abs(late))
         ):
-            grows = late + odd > late > 0.0
+            grows = 1.0 if late + odd > late > 0.0 else 0.0
             taken, late = pace, late + odd  # late still, mostly less
         else:  # they have caught up, and samples were lost; or the motion did change
             taken, late = right if after < least and right > 0.0 else dt, 0.0

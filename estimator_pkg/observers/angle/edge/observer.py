@@ -450,7 +450,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
             (COASTING if status == TRACKING else status, 0.0, astray),
             STEADY,
             (v * v, SETTLES, since, 0.0, 0.0, 0.0),
-            (0.0, uneven, 0.0, longest, evidence, False),
+            (0.0, uneven, 0.0, longest, evidence, 0.0),
             ALIKE,
         )
 

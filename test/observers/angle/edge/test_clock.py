@@ -35,26 +35,26 @@ def test_a_stamp_is_doubted_beyond_a_quantum_and_three_sigmas_of_the_prediction(
     p00, p01, _, p11, _, _ = KNOWN
     bound = QUANTUM + SIGMAS * math.sqrt(p00 + 2.0 * p01 * dt + p11 * dt * dt + NOISE)
     way = part * bound  # in a mean sample time, which is what the reading moved by
-    taken, (late, *_) = at((0.0, 0.02, 0.0, 0.0, 0.0, False), dt, way, way / PACE)
+    taken, (late, *_) = at((0.0, 0.02, 0.0, 0.0, 0.0, 0.0), dt, way, way / PACE)
     assert (taken, late) == ((PACE, dt - PACE) if lies else (dt, 0.0))
 
 
 def test_unevenness_is_the_mean_deviation_of_the_sample_times_that_are_taken():
     uneven, far = 0.1, 100.0 * QUANTUM
     kept = 1.0 - 1.0 / MEMORY
-    _, (_, after, *_) = at((0.0, uneven, 0.0, 0.0, 0.0, False), 1.3 * PACE, 1.3 * far, far / PACE)
+    _, (_, after, *_) = at((0.0, uneven, 0.0, 0.0, 0.0, 0.0), 1.3 * PACE, 1.3 * far, far / PACE)
     assert after == pytest.approx(kept * uneven + 0.3 / MEMORY)
     # the stamp lies: the mean sample time is taken, which deviates by nothing
-    _, (late, after, *_) = at((0.0, uneven, 0.0, 0.0, 0.0, False), 1.9 * PACE, far, far / PACE)
+    _, (late, after, *_) = at((0.0, uneven, 0.0, 0.0, 0.0, 0.0), 1.9 * PACE, far, far / PACE)
     assert late == pytest.approx(0.9 * PACE)
     assert after == pytest.approx(kept * uneven)
 
 
 def test_an_even_stream_is_looked_at_no_more_unless_a_stamp_is_late():
     uneven = 0.9 * UNEVEN / ODD
-    assert at((0.0, uneven, 0.0, 0.0, 0.0, False), PACE, 0.0, 0.0)[1][1] == 0.0
+    assert at((0.0, uneven, 0.0, 0.0, 0.0, 0.0), PACE, 0.0, 0.0)[1][1] == 0.0
     way = 100.0 * QUANTUM
-    taken, (late, after, *_) = at((0.0, uneven, 0.0, 0.0, 0.0, False), 1.5 * PACE, way, way / PACE)
+    taken, (late, after, *_) = at((0.0, uneven, 0.0, 0.0, 0.0, 0.0), 1.5 * PACE, way, way / PACE)
     assert (taken, late) == (PACE, pytest.approx(0.5 * PACE))
     assert after == UNEVEN / ODD
 
@@ -62,7 +62,7 @@ def test_an_even_stream_is_looked_at_no_more_unless_a_stamp_is_late():
 @pytest.mark.parametrize('paces, known', [(MEMORY - 1.0, True), (MEMORY + 1.0, False)])
 def test_a_stamp_that_is_late_by_more_than_the_memory_makes_the_clock_unknown(paces, known):
     way, dt = 100.0 * QUANTUM, (1.0 + paces) * PACE
-    taken, clock = at((0.0, 0.02, 0.0, 0.0, 0.0, False), dt, way, way / PACE)
+    taken, clock = at((0.0, 0.02, 0.0, 0.0, 0.0, 0.0), dt, way, way / PACE)
     if known:
         assert (taken, clock[0]) == (PACE, pytest.approx(paces * PACE))
     else:
@@ -81,7 +81,7 @@ def state(v, p11, held=0.0, longest=0.0, a=0.0):
         (TRACKING, 0.0, 0.0),
         None,
         None,
-        (0.0, 0.0, held, longest, 0.0, False),
+        (0.0, 0.0, held, longest, 0.0, 0.0),
         None,
     )
 
