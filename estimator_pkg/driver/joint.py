@@ -338,9 +338,10 @@ class Joint:
             rows = slice(at, at + (learner.room if mapped else PART))
             track, out = run(rows)
             used = np.flatnonzero(out.verdict < DUPLICATE)
+            kept = used if len(used) < len(out.verdict) else slice(None)  # copies nothing
             learner.left = self._left
             count = learner.follow(
-                stamps[rows][used], measurements[rows][used], out.verdict[used], out.velocity[used]
+                stamps[rows][kept], measurements[rows][kept], out.verdict[kept], out.velocity[kept]
             )
             if 0 < count < len(used):  # from there on something else is taken out
                 track, out = run(slice(at, at + int(used[count - 1]) + 1))

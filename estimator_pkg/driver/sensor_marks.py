@@ -147,8 +147,16 @@ class Learner:
         at, count = 0, len(stamps)
         events = np.append(np.flatnonzero(verdicts != USED), count)
         while at < count:
-            first, event = at + self.left, int(events[np.searchsorted(events, at)])
-            if not self.awake or (self.paused and first < event):
+            first = at + self.left
+            if not self.awake:
+                if first >= count:
+                    self.left = first - count
+                    break
+                self.look(int(stamps[first]), float(velocities[first]))
+                at = first + 1
+                continue
+            event = int(events[np.searchsorted(events, at)])
+            if self.paused and first < event:
                 event = first
             rows = np.arange(first, event, self.stride)[: self.block + 1 - len(self.stamps)]
             if len(rows):
@@ -162,10 +170,7 @@ class Learner:
             else:
                 at, changed = event + 1, False
                 stamp_ns, reading = int(stamps[event]), float(readings[event])
-                if self.awake:
-                    changed = self.note(stamp_ns, reading, int(verdicts[event]))
-                else:
-                    self.look(stamp_ns, float(velocities[event]))
+                changed = self.note(stamp_ns, reading, int(verdicts[event]))
             if changed:
                 return at
         return 0
