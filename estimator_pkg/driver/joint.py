@@ -33,8 +33,8 @@ from estimator_pkg.observers.circle import Circle, nearest_turn
 from estimator_pkg.observers.contract import STATUS_NAMES, Functions, Observer
 from estimator_pkg.parameters import structural
 
-_is_running, _mean_dt, _state, _coefficients, _repeats, _last_ns = map(
-    field_of, ('running', 'mean_dt', 'state', 'coefficients', 'repeats', 'last_ns')
+_is_running, _mean_dt, _state, _coefficients, _repeats, _queue, _last_ns = map(
+    field_of, ('running', 'mean_dt', 'state', 'coefficients', 'repeats', 'queue', 'last_ns')
 )
 
 SHARED = (
@@ -62,6 +62,7 @@ class JointSettings(GuardSettings):
 
 
 NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
+IN_BURSTS = 0.5  # evidence of a queue that the status reports
 PART = 16_384  # samples after which a batch looks for what was learnt
 
 
@@ -417,6 +418,11 @@ class Joint:
             said = self.functions.why(self.state, self._design)
         if not said and self.settings.unwrap and self._count_new_starts() > self._new_starts:
             return 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
+        if not said and _queue(self._track) > IN_BURSTS:
+            return (
+                'stamps come in bursts: samples that waited in a queue are taken at the mean '
+                'sample time (stamp them where they are measured, or see stamp_repair)'
+            )
         return said or ('' if self.learner is None else self.learner.text())
 
     def _repeating(self) -> str:

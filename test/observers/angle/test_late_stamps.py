@@ -173,7 +173,9 @@ def test_samples_that_waited_in_a_queue_are_no_fast_motion(name):
     angle = np.sin(2.0 * t) + random.normal(0.0, 3e-4, len(t))
     velocity = 2.0 * np.cos(2.0 * t)
     at = stamps(1)[0] + np.rint(queued(t, random) * 1e9).astype(np.int64)
-    found = make(name, {}).run(at, angle, fast=False)
+    joint = make(name, {})
+    found = joint.run(at, angle, fast=False)
+    assert 'stamps come in bursts' in joint.why()
     error = (found.velocity - velocity)[400:]
     assert np.isfinite(error).all()
     assert np.sqrt(np.mean(error**2)) < 0.45  # of a speed of 1.4
@@ -189,6 +191,8 @@ def test_samples_at_random_times_did_not_wait(name, monkeypatch):
     errors_of = []
     for queued_below in (track.QUEUED, 0.0):
         monkeypatch.setattr(track, 'QUEUED', queued_below)
-        found = make(name, {}).run(at, angle, fast=False)
+        joint = make(name, {})
+        found = joint.run(at, angle, fast=False)
+        assert 'bursts' not in joint.why()
         errors_of.append(np.sqrt(np.mean((found.velocity - 6.0 * np.cos(6.0 * t))[400:] ** 2)))
     assert errors_of[0] < 1.03 * errors_of[1]
