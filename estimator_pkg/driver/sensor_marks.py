@@ -36,7 +36,7 @@ Errors = Callable[[Array, Array], Array]
 
 LOOK = 128  # samples between two looks at a joint that does not turn
 BLOCK, EDGES = 128, 256  # samples of a block; of a coarse sensor
-DENSE, FAR = 128, 8  # samples a turn that are enough for a fine sensor; of so many one is used
+DENSE, FAR = 128, 8  # samples of a turn that are enough for a fine sensor; largest stride
 BLOCKS, PAUSE = 4, 16  # blocks until a map in use of a fine sensor pauses, and for how many
 TRIED, REST, LONGEST_REST = 12.0, 64.0, 1024.0  # turns: learnt from in vain; until the next try
 IDLE = 30.0  # [s] without a whole turn: it turns no longer
@@ -79,7 +79,7 @@ class Learner:
         self.quantum = self.given if self.given > 0.0 else math.inf
         self.bottom, self.top = -math.inf, math.inf
         self.reading = 0.0  # the newest one
-        self.stride, self.blocks = 1, 0  # of so many samples one is used; blocks since a pause
+        self.stride, self.blocks = 1, 0  # every stride-th sample is used; blocks since a pause
         self.base = 0  # what times are relative to [ns]
         self._begin(UNKNOWN, USUAL)
 
@@ -168,9 +168,10 @@ class Learner:
                 self.left -= count - at
                 break
             else:
-                at, changed = event + 1, False
-                stamp_ns, reading = int(stamps[event]), float(readings[event])
-                changed = self.note(stamp_ns, reading, int(verdicts[event]))
+                at = event + 1
+                changed = self.note(
+                    int(stamps[event]), float(readings[event]), int(verdicts[event])
+                )
             if changed:
                 return at
         return 0

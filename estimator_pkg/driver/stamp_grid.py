@@ -24,8 +24,8 @@ SLOWEST, FASTEST = 0.98, 1.6  # periods per message, of the rates that are tried
 LINE = 0.4  # of the spectrum, over its largest possible value
 NEAR = 4  # largest number of periods that a step shows
 AROUND = 6  # steps to both sides that show what is usual
-CLEAR = 5.0  # usual steps are larger than so many
-COMMON = 0.8  # of the deviations from them that this part does not exceed
+COMMON = 0.8  # this part of the steps deviates from the usual one by less than
+CLEAR = 5.0  # times less than the usual one, if they show anything
 
 Message = tuple[int, Sequence[str], Sequence[float]]  # stamp [ns], joints, readings [rad or m]
 
@@ -63,7 +63,7 @@ def by_stamps(stamps: Sequence[int]) -> list[int] | None:
 def by_steps(steps: Sequence[float]) -> list[int] | None:
     """Return the numbers as steps of a joint's readings show them; None if it is too slow."""
     usual = [median(steps[max(0, k - AROUND) : k + AROUND + 1]) for k in range(len(steps))]
-    apart = sorted(abs(step - each) for step, each in zip(steps, usual))
-    if min(map(abs, usual)) <= CLEAR * apart[int(COMMON * len(apart))]:
+    deviations = sorted(abs(step - each) for step, each in zip(steps, usual))
+    if min(map(abs, usual)) <= CLEAR * deviations[int(COMMON * len(deviations))]:
         return None
     return [min(max(1, round(step / each)), NEAR) for step, each in zip(steps, usual)]

@@ -50,7 +50,7 @@ SHIFTED = 0.75  # periods: the median residual is beyond this
 LEAST, MOST = 3, 250  # but between these
 LEARNT = 8.0  # late stamps over which is learnt what they mean
 LOOK, OTHER = 128, 0.015  # messages that may show another period, by so much, while stamps jitter;
-PAUSE = 1024  # where they do not, the next look follows later and later, at most after so many
+PAUSE = 1024  # where they do not, the next look follows later and later, at most after these
 BREAK = 0.5  # [s] a longer step of the stamps begins another stretch;
 BREAK_PERIODS = 8.0  # or, if that is longer, one of this many periods; or one back by as many,
 BACK_NS = 1e8  # but back by no more than this time [ns]
@@ -344,8 +344,8 @@ class StampRepair:
         if late <= ASKED * period:
             return 1
         most = 1 + round(late / period)
-        spread = SPREAD * 1e9 * self.jitter + 1.0
-        stamps = [min(((late - n * period) / spread) ** 2, DELAYED) for n in range(NEAR)]
+        sigma = SPREAD * 1e9 * self.jitter + 1.0
+        stamps = [min(((late - n * period) / sigma) ** 2, DELAYED) for n in range(NEAR)]
         shown = self._shown(names, positions, max(most, 2), stamps)
         if shown:
             self._lost += (float(shown > 1) - self._lost) / LEARNT
