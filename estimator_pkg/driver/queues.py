@@ -20,14 +20,11 @@ from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import Functions
 
 QUEUED = 0.1  # mean sample times: a sample that comes sooner may have waited in a queue
-SURELY = 16.0  # it did, even if its stamp explains its reading so many times better ...
-VOTES = 16.0  # ... where the last ones did: over these samples the evidence is averaged
+SURELY = (
+    16.0  # it did where its stamp explains its reading up to 16 times better, if all before did
+)
+VOTES = 16.0  # samples over which the evidence is averaged
 EVIDENCE = 0.25  # at a start
-
-
-def never_late(state: tuple) -> float:
-    """Return 0.0: replaces `late` of an observer that has none."""
-    return 0.0
 
 
 def make_waited(functions: Functions, period: float) -> Callable[..., tuple[bool, float]]:
@@ -41,7 +38,7 @@ def make_waited(functions: Functions, period: float) -> Callable[..., tuple[bool
     functions : of the observer; one that knows that a stamp was late is left to it.
     period : wrap period [rad]; 0: none.
     """
-    output, late = functions.output, functions.late or never_late
+    output, late = functions.output, functions.late
 
     def waited(
         queue: float,

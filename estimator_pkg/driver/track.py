@@ -294,12 +294,7 @@ def make_track(
             since_ns = 0  # set to the previous stamp if the next one may reveal this one as a stray
             if verdict == AFTER_STRAY_STAMP:
                 dt_ns, state = stamp_ns - before_ns, kept
-            passed, waits = dt_ns * 1e-9, False
-            of_gap = before_ns != 0 and old_dt_ns == last_ns - before_ns
-            if passed < QUEUED * mean_dt and not of_gap:
-                waits, queue = waited(
-                    queue, state, coefficients, design, measurement, reading, passed, mean_dt
-                )
+            passed = dt_ns * 1e-9
             if verdict == AFTER_STRAY_STAMP:
                 if (last_ns - before_ns) * 1e-9 <= mean_dt:
                     mean_dt = 0.0  # it came from that stamp only
@@ -307,16 +302,24 @@ def make_track(
                 mean_dt = passed
                 if ahead > gap_ns:
                     since_ns, kept = last_ns, state
-            elif waits:  # it is taken as a sample after the mean time
-                dt_ns = round(1e9 * mean_dt)
+            elif SLOW_STREAM * passed >= mean_dt:
                 mean_dt += RATE_WEIGHT * (passed - mean_dt)
-                passed = mean_dt
-            elif of_gap and SLOW_STREAM * passed < mean_dt:
+            elif before_ns != 0 and old_dt_ns == last_ns - before_ns:
                 mean_dt, verdict = passed, AFTER_OUTAGE  # the mean came from a gap
-            elif before_ns != 0 and SLOW_STREAM * max(passed, old_dt_ns * 1e-9) < mean_dt:
-                mean_dt = passed  # it came from two
             else:
-                mean_dt += RATE_WEIGHT * (passed - mean_dt)
+                waits = False
+                if passed < QUEUED * mean_dt:
+                    waits, queue = waited(
+                        queue, state, coefficients, design, measurement, reading, passed, mean_dt
+                    )
+                if waits:  # it is taken as a sample after the mean time
+                    dt_ns = round(1e9 * mean_dt)
+                    mean_dt += RATE_WEIGHT * (passed - mean_dt)
+                    passed = mean_dt
+                elif before_ns != 0 and SLOW_STREAM * 1e-9 * old_dt_ns < mean_dt:
+                    mean_dt = passed  # the mean came from two gaps
+                else:
+                    mean_dt += RATE_WEIGHT * (passed - mean_dt)
             if dt_ns != old_dt_ns:
                 coefficients = prepare(design, dt_ns * 1e-9)
             if verdict == USED and passed <= longest_dt and mean_dt <= longest_dt:

@@ -35,6 +35,11 @@ def is_finite(measurement: float) -> bool:
     return measurement - measurement == 0.0
 
 
+def never_late(state: tuple) -> float:
+    """Return 0: every stamp is believed."""
+    return 0.0
+
+
 @dataclass(frozen=True)
 class Functions:
     """The pure functions of an observer of fixed structure.
@@ -57,8 +62,7 @@ class Functions:
         turns counted, the identified parameters). None: `init` is called.
     scaled : (state, coefficients, design, scale) -> as `stddev`, where that of the velocity is
         scaled before it is limited to a speed that the readings allow. None: it has no such limit.
-    late : (state) -> by how much the last stamp is taken to be wrong [s], 0: it is believed. None:
-        the observer believes every stamp.
+    late : (state) -> by how much the last stamp is taken to be wrong [s]; 0: it is believed.
     edges : it takes a changed count as the time at which an edge was crossed.
     limits : (dt) -> None, or text that names why these gains cannot work at this dt [s], with the
         limit.
@@ -86,7 +90,7 @@ class Functions:
     why: Callable[[tuple, tuple], str] | None = None
     restart: Callable[[tuple, tuple, tuple, Any], tuple] | None = None
     scaled: Callable[[tuple, tuple, tuple, float], tuple[float, float]] | None = None
-    late: Callable[[tuple], float] | None = None
+    late: Callable[[tuple], float] = never_late
     edges: bool = False
 
     @property

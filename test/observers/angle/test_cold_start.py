@@ -4,11 +4,13 @@
 """Starts and returns: from any angle, at any speed up to half a turn per sample, honestly told."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.observers.angle.core import _make_relock
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
 
@@ -189,3 +191,18 @@ def test_beyond_half_a_turn_per_sample_a_start_can_only_find_the_alias():
     """pi/T is 314.2 rad/s: the samples of 320 rad/s are those of 320 - 2 pi/T, to the last bit."""
     out = run(320.0 * DT * np.arange(200), quantum=0.0)
     assert out.velocity[-1] == pytest.approx(320.0 - 2.0 * math.pi / DT)
+
+
+@pytest.mark.parametrize('speed, lost', [(1.0 + 6.2 / DT, False), (1.0 + 6.4 / DT, True)])
+def test_a_speed_in_doubt_is_lost_a_turn_per_sample_from_the_last_trusted_one(speed, lost):
+    """Any speed that much larger fits the samples as well: nothing tells it from a runaway."""
+    core = SimpleNamespace(
+        init=lambda measurement, design: ('again', measurement),
+        estimate=lambda inner: (0.0, inner, math.nan),
+        restarts=True,
+    )
+    relock = _make_relock(core, 2.0 * math.pi)
+    design = SimpleNamespace(core=None, settle=1.0, lost_after=0.5)
+    lock = (COASTING, 0.0, 0.1, 1.0)
+    inner, (status, *_) = relock(lock, 1.0, speed, 2.0, 0.1 * DT, DT, design, 3.0)
+    assert (inner, status) == ((('again', 3.0), INITIALISING) if lost else (speed, COASTING))
