@@ -20,9 +20,7 @@ from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import Functions
 
 QUEUED = 0.1  # mean sample times: a sample that comes sooner may have waited in a queue
-SURELY = (
-    16.0  # it did where its stamp explains its reading up to 16 times better, if all before did
-)
+SURELY = 16.0  # times that its stamp may explain its reading better if all before it had waited
 VOTES = 16.0  # samples over which the evidence is averaged
 EVIDENCE = 0.25  # at a start
 
