@@ -8,17 +8,20 @@ before a sample belongs to the mode that was active in it. The first sample afte
 start knows nothing of the events before it, which then follow it.
 
 Only the next sample shows whether the clock jumped. If it did, the newest events are judged again.
+Events of the clock before that arrive after it are refused.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
+from bisect import bisect_right, insort
+from collections import Counter, deque
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any
 
 from estimator_pkg.driver.bank import Received, Taken
-from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
+from estimator_pkg.driver.efforts import COMMAND, FIELD, REMEMBERED, Acting
 from estimator_pkg.driver.guard import AFTER_CLOCK_JUMP, NEW_STARTS
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.track import replaced
@@ -26,16 +29,17 @@ from estimator_pkg.observers.circle import nearest_turn
 from estimator_pkg.observers.contract import Observer
 
 # Results of an event
-WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY, JUMPED = (
+WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY, JUMPED, TOO_MANY = (
     'waiting',
     'applied',
     'late',
     'past',
     'out_of_order',
     'no_sample_yet',
-    'clock_jumped',  # while it waited
+    'clock_jumped',  # while it waited, or on its way
+    'too_many_wait',
 )
-REFUSED = (PAST, OUT_OF_ORDER, EARLY, JUMPED)
+REFUSED = (PAST, OUT_OF_ORDER, EARLY, JUMPED, TOO_MANY)
 
 
 class SwitchedJoint(Joint):
@@ -57,9 +61,11 @@ class SwitchedJoint(Joint):
         self.model = functions.model
         self.event_counts: Counter[str] = Counter()
         self.refused = ''
-        self._waiting: list[tuple[int, tuple]] = []
-        self._newest: list[tuple[int, tuple, str]] = []  # and results, since the last used sample
-        self._last_event_ns = 0
+        self._waiting: list[tuple[int, tuple]] = []  # by stamp
+        # and results, since the last used sample
+        self._newest: deque[tuple[int, tuple, str]] = deque(maxlen=REMEMBERED)
+        self._last_event_ns = -math.inf  # stamp of the newest that took effect
+        self._jump_ns = (0, 0)  # last stamp of the clock before, first one of this one
 
     def event(self, stamp_ns: int, mode: str, v: tuple[float, ...] = ()) -> str:
         """Take one event; return its result.
@@ -75,10 +81,10 @@ class SwitchedJoint(Joint):
         if said in REFUSED:
             self._refuse(event, said)
             return said
-        self._last_event_ns = stamp_ns
         if said == WAITING:
-            self._waiting.append((stamp_ns, event))
+            insort(self._waiting, (stamp_ns, event))
         else:
+            self._last_event_ns = stamp_ns
             self._jump([(stamp_ns, event)])
         return said
 
@@ -87,13 +93,19 @@ class SwitchedJoint(Joint):
             return EARLY
         if stamp_ns <= self._last_event_ns:
             return OUT_OF_ORDER
-        behind = self.stamp_ns - stamp_ns
-        if behind > self.settings.reorder_window * 1e9:
+        behind, window = self.stamp_ns - stamp_ns, self.settings.reorder_window * 1e9
+        if behind > window:
             return PAST
+        last_ns, first_ns = self._jump_ns
+        jumped = last_ns - self.stamp_ns > window >= self.stamp_ns - first_ns
+        if jumped and abs(stamp_ns - last_ns) < -behind:
+            return JUMPED
         if behind >= 0 and self.running:
             half = 0.5e9 * self.mean_dt
             return APPLIED if behind <= half else LATE
-        return WAITING
+        if any(stamp_ns == waiting_ns for waiting_ns, _ in self._waiting):
+            return OUT_OF_ORDER
+        return WAITING if len(self._waiting) < REMEMBERED else TOO_MANY
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample, and first the events that are due by it; see `Joint`."""
@@ -107,7 +119,8 @@ class SwitchedJoint(Joint):
         elif not ran or (used and self.verdict in NEW_STARTS):
             self._jump(before)
         if used:
-            newest, self._newest = self._newest, []
+            newest = tuple(self._newest)
+            self._newest.clear()
             back = (last_ns - stamp_ns) * 1e-9 > self.settings.reorder_window
             if self.verdict == AFTER_CLOCK_JUMP or (back and not ran):
                 # those that the first sample after a reset takes anyway are not taken twice
@@ -120,7 +133,8 @@ class SwitchedJoint(Joint):
 
         Events that wait for an instant of the clock before are removed.
         """
-        waiting, self._waiting, self._last_event_ns = self._waiting, [], 0
+        waiting, self._waiting, self._last_event_ns = self._waiting, [], -math.inf
+        self._jump_ns = last_ns, self.stamp_ns
         for stamp_ns, event, said in newest:
             if abs(stamp_ns - self.stamp_ns) < abs(stamp_ns - last_ns):
                 self.event_counts[said] -= 1
@@ -139,7 +153,7 @@ class SwitchedJoint(Joint):
         """Reset the observer; waiting events are removed."""
         super().reset()
         self._waiting.clear()
-        self._last_event_ns = 0
+        self._last_event_ns = -math.inf
 
     def why(self) -> str:
         """Return the meaning of the status as text, or a note if Z has not converged."""
@@ -149,8 +163,10 @@ class SwitchedJoint(Joint):
 
     def _taken(self, until_ns: int) -> list[tuple[int, tuple]]:
         """Return the waiting events up to a stamp, which wait no more."""
-        count = sum(stamp_ns <= until_ns for stamp_ns, _ in self._waiting)
+        count = bisect_right(self._waiting, until_ns, key=itemgetter(0))
         taken, self._waiting = self._waiting[:count], self._waiting[count:]
+        if taken:
+            self._last_event_ns = taken[-1][0]
         return taken
 
     def _jump(self, events: Sequence[tuple[int, tuple]]) -> None:

@@ -9,7 +9,7 @@ import math
 import pytest
 
 from estimator_pkg.driver.configuration import settings_of
-from estimator_pkg.driver.efforts import COMMAND
+from estimator_pkg.driver.efforts import COMMAND, REMEMBERED
 from estimator_pkg.driver.switched import (
     APPLIED,
     EARLY,
@@ -17,6 +17,7 @@ from estimator_pkg.driver.switched import (
     LATE,
     OUT_OF_ORDER,
     PAST,
+    TOO_MANY,
     WAITING,
     SwitchedBank,
     SwitchedJoint,
@@ -146,6 +147,53 @@ def test_events_that_wait_for_the_clock_before_are_refused():
     made.happened.clear()
     sampled(made, 140, 160)
     assert made.happened == []
+
+
+@pytest.mark.parametrize('at', [98, 100, 103])
+def test_an_event_of_the_clock_before_does_not_stop_those_of_the_new_one(at):
+    """It arrives after the first sample of the new clock."""
+    made, k = jumped(10_000)
+    sampled(made, k, k + 4)
+    assert made.event(START_NS + at * MS, 'close') == JUMPED and 'clock jumped' in made.refused
+    assert made.event(START_NS + (k + 3) * MS, 'open') == APPLIED
+    assert made.event(START_NS + (k + 8) * MS, 'close') == WAITING
+    sampled(made, k + 4, 150)
+    assert made.happened == [(k + 3, 'open'), (k + 8, 'close')]
+
+
+def test_events_that_wait_take_effect_in_the_order_of_their_stamps():
+    made = system()
+    sampled(made, 0, 10)
+    for at, mode in ((30, 'open'), (15, 'close'), (20, 'close')):
+        assert made.event(START_NS + at * MS, mode) == WAITING
+    assert made.event(START_NS + 20 * MS, 'open') == OUT_OF_ORDER
+    sampled(made, 10, 40)
+    assert made.happened == [(15, 'close'), (20, 'close'), (30, 'open')]
+
+
+@pytest.mark.parametrize('first', [True, False])
+def test_an_event_at_zero_is_used_after_the_clock_jumped_to_it(first):
+    """A simulation that starts again, or a bag of one that loops: its first sample is dropped."""
+    made = system()
+    for k in range(1, 400):
+        made.update(k * MS, (0.1,), (0.1,))
+    if first:
+        made.event(0, 'open')
+    for k in range(2):
+        made.update(k * MS, (0.1,), (0.1,))
+    if not first:
+        made.event(0, 'open')
+    assert made.events() == {'clock_jump': 1} and made.dropped() == {'zero_stamp': 1}
+    assert made.event_counts.keys() <= {APPLIED, LATE} and made.event_counts.total() == 1
+
+
+def test_events_without_samples_are_not_kept_for_ever():
+    made = system()
+    sampled(made, 0, 2)
+    made.happened.clear()
+    said = [made.event(START_NS + (10_000 + k) * MS, 'open') for k in range(5000)]
+    assert said == [WAITING] * REMEMBERED + [TOO_MANY] * (5000 - REMEMBERED)
+    assert 'too many wait' in made.refused
 
 
 def test_no_event_is_taken_twice():
