@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from estimator_pkg.driver.compiled import cannot_compile, compiled
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.track import TrackFunctions
+from estimator_pkg.observers.contract import INITIALISING
 
 COMPILE_FROM = 400_000  # number of samples from which compiling (a few seconds) pays
 
@@ -38,16 +40,14 @@ class Estimates(NamedTuple):
         """True for each sample that was used, shape (n,)."""
         return self.verdict < DUPLICATE
 
+    def part(self, rows: slice) -> Estimates:
+        """Return views of these rows."""
+        return Estimates._make(column[rows] for column in self)
+
 
 def empty(count: int) -> Estimates:
-    """Return arrays for `count` samples."""
-
-    def nans() -> NDArray[np.float64]:
-        return np.full(count, np.nan)
-
-    return Estimates(
-        nans(), nans(), nans(), nans(), nans(), np.zeros(count, np.int8), np.zeros(count, np.int8)
-    )
+    """Return arrays for `count` samples; what they contain is arbitrary."""
+    return Estimates._make(np.empty(count, kind) for kind in 5 * (np.float64,) + 2 * (np.int8,))
 
 
 def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
@@ -77,6 +77,10 @@ def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
                     state, design, limits, measurements[i], known_input[i]
                 )
                 position_stddev[i], velocity_stddev[i] = deviation(state, design)
+            else:
+                position[i] = velocity[i] = acceleration[i] = math.nan
+                position_stddev[i] = velocity_stddev[i] = math.nan
+                status[i] = INITIALISING
         return state
 
     return batch
@@ -92,6 +96,7 @@ def run(
     known_input: NDArray[np.float64] | None = None,
     *,
     fast: bool | None = None,
+    out: Estimates | None = None,
 ) -> tuple[tuple, Estimates]:
     """Return the track's state after these samples, and the estimates.
 
@@ -102,9 +107,10 @@ def run(
     known_input : shape (n,), the known input; None: zero.
     fast : compile or not; None: if it pays. Functions that Numba does not support (a user's own)
         run as plain Python.
+    out : arrays to fill; None: new ones.
     """
     count = len(stamps)
-    out = empty(count)
+    out = empty(count) if out is None else out
     if known_input is None:
         known_input = np.zeros(count)
     if fast is None:

@@ -63,7 +63,7 @@ class JointSettings(GuardSettings):
 
 NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
 IN_BURSTS = 0.5  # evidence of a queue that the status reports
-PART = 16_384  # samples after which a batch looks for what was learnt
+PART = 65_536  # samples after which a batch looks for what was learnt
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ class Joint:
             self._left -= 1
             return
         if not learner.awake:
-            learner.look(stamp_ns, self.estimate()[1])
+            learner.look((stamp_ns,), (self.estimate()[1],))
         elif learner.note(stamp_ns, measurement, verdict):
             self._track = placed(self._track, learner)
             self._choose()
@@ -294,13 +294,14 @@ class Joint:
         fast : compile or not; None: if it pays.
         """
         out = self._estimates(stamps, measurements, known_input, fast)
-        for verdict, count in enumerate(np.bincount(out.verdict, minlength=len(VERDICTS))):
+        others = out.verdict[out.verdict != USED]
+        self.counts[USED] += len(stamps) - len(others)
+        for verdict, count in enumerate(np.bincount(others, minlength=len(VERDICTS))):
             self.counts[verdict] += int(count)
-        if len(out.verdict):
+        if len(stamps):
             self.verdict = int(out.verdict[-1])
-        used = np.flatnonzero(out.verdict < DUPLICATE)
-        if len(used):
-            last = used[-1]
+        if out.used.any():
+            last = len(stamps) - 1 - int(np.argmax(out.used[::-1]))
             self.stamp_ns = int(stamps[last])
             self._measurement = float(measurements[last])
             self._known_input = (
@@ -316,9 +317,12 @@ class Joint:
         fast: bool | None,
     ) -> batches.Estimates:
         fast = len(stamps) >= batches.COMPILE_FROM if fast is None else fast
+        out, at, learner = batches.empty(len(stamps)), 0, self.learner
 
-        def run(rows: slice) -> tuple[tuple, batches.Estimates]:
-            return batches.run(
+        def run(end: int) -> tuple:
+            """Fill the rows from `at` to `end`; return the track after them."""
+            rows = slice(at, end)
+            track, _ = batches.run(
                 self._batch,
                 self._track,
                 self._design,
@@ -327,31 +331,31 @@ class Joint:
                 measurements[rows],
                 None if known_input is None else known_input[rows],
                 fast=fast,
+                out=out.part(rows),
             )
+            return track
 
-        if self.learner is None:
-            self._track, out = run(slice(None))
-            return out
-        parts: list[batches.Estimates] = []
-        at, learner = 0, self.learner
-        while at < len(stamps) or not parts:
-            mapped = len(self._track) > FIELDS
-            rows = slice(at, at + (learner.room if mapped else PART))
-            track, out = run(rows)
-            used = np.flatnonzero(out.verdict < DUPLICATE)
-            kept = used if len(used) < len(out.verdict) else slice(None)  # copies nothing
-            learner.left = self._left
-            count = learner.follow(
-                stamps[rows][kept], measurements[rows][kept], out.verdict[kept], out.velocity[kept]
-            )
-            if 0 < count < len(used):  # from there on something else is taken out
-                track, out = run(slice(at, at + int(used[count - 1]) + 1))
-            self._track = placed(track, learner) if count else track
+        while at < len(stamps):
+            end = len(stamps)
+            if learner is not None:
+                end = min(end, at + (learner.room if len(self._track) > FIELDS else PART))
+            track = run(end)
+            if learner is not None:
+                used = at + np.flatnonzero(out.verdict[at:end] < DUPLICATE)
+                kept = used if len(used) < end - at else slice(at, end)  # copies nothing
+                learner.left = self._left
+                count = learner.follow(
+                    stamps[kept], measurements[kept], out.verdict[kept], out.velocity[kept]
+                )
+                if 0 < count < len(used):  # from there on something else is taken out
+                    end = int(used[count - 1]) + 1
+                    track = run(end)
+                track = placed(track, learner) if count else track
+                self._left = learner.left
+            self._track = track
             self._choose()
-            self._left = learner.left
-            parts.append(out)
-            at += len(out.verdict)
-        return batches.Estimates(*map(np.concatenate, zip(*parts)))
+            at = end
+        return out
 
     @property
     def running(self) -> bool:

@@ -12,7 +12,7 @@ Angles are in rad, times in s.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,17 +105,28 @@ class Learner:
 
     # ---- samples
 
-    def look(self, stamp_ns: int, velocity: float) -> None:
-        """Look whether the joint turns round, now and then."""
-        now = 1e-9 * stamp_ns
-        known = self.looked > 0.0 and math.isfinite(velocity)
-        step = velocity * (now - self.looked) if known else 0.0
-        self.looked, self.left = now, LOOK
-        self.turned = step + (self.turned if self.turned * step > 0.0 else 0.0)
-        self.rest -= abs(step) / self.period
-        if abs(self.turned) > self.period and self.rest <= 0.0:
-            self.awake, self.left, self.base = True, 0, stamp_ns
-            self.stamps, self.readings = [], []
+    def look(self, stamps: Sequence[int], velocities: Sequence[float]) -> int:
+        """Look whether the joint turns round, at samples with `LOOK` others between them.
+
+        Returns
+        -------
+        count : of the samples until it does, or of all.
+        """
+        looked, turned, rest, period = self.looked, self.turned, self.rest, self.period
+        count, self.left = 0, LOOK
+        for stamp_ns, velocity in zip(stamps, velocities):
+            now, count = 1e-9 * stamp_ns, count + 1
+            known = looked > 0.0 and math.isfinite(velocity)
+            step = velocity * (now - looked) if known else 0.0
+            looked = now
+            turned = step + turned if turned * step > 0.0 else step
+            rest -= abs(step) / period
+            if abs(turned) > period and rest <= 0.0:
+                self.awake, self.left, self.base = True, 0, stamp_ns
+                self.stamps, self.readings = [], []
+                break
+        self.looked, self.turned, self.rest = looked, turned, rest
+        return count
 
     def note(self, stamp_ns: int, reading: float, verdict: int) -> bool:
         """Take a sample that was used; return True if what is taken out of the readings changes."""
@@ -152,8 +163,9 @@ class Learner:
                 if first >= count:
                     self.left = first - count
                     break
-                self.look(int(stamps[first]), float(velocities[first]))
-                at = first + 1
+                due = slice(first, count, LOOK + 1)
+                looks = self.look(stamps[due].tolist(), velocities[due].tolist())
+                at = first + 1 + (looks - 1) * (LOOK + 1)
                 continue
             event = int(events[np.searchsorted(events, at)])
             if self.paused and first < event:

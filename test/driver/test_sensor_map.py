@@ -6,6 +6,7 @@
 import dataclasses
 import math
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -207,6 +208,18 @@ def test_live_equals_a_batch_and_the_compiled_one():
     assert live.why()
     for one, other in zip(plain, fast):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.slow  # compiles
+def test_a_batch_of_a_joint_that_does_not_turn_round_copies_no_estimates():
+    stamps, angle, _ = sampled(lambda time: 5.0 * np.sin(12.0 * time), 400.0)
+    learning = joint('kalman')
+    learning.run(stamps[:10], angle[:10], fast=True)
+    tracemalloc.start()
+    out = learning.run(stamps[10:], angle[10:], fast=True)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1.5 * sum(column.nbytes for column in out)
 
 
 def test_live_equals_batches_in_parts_with_gaps_and_lost_samples():
