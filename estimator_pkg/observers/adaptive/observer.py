@@ -79,6 +79,7 @@ class Design(NamedTuple):
     w: tuple  # `gramian` of A_c - K C
     settle: float  # settling time of the filters [s]
     average: float  # time over which the innovation's power is averaged [s]
+    young: float  # age until which theta still converges [s]
     memory: float  # of least squares [s]
     keep: float  # memory of the information matrix [s]
     pace: float  # geometric mean of the poles [1/s]
@@ -95,7 +96,7 @@ class Design(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Everything that follows from the sample time h, and copies of fields that `step` needs."""
+    """Everything that follows from the sample time h."""
 
     f: tuple  # exp((A_c - K C) h)
     g0: tuple  # first row of its integral, for a constant input ...
@@ -106,12 +107,6 @@ class Coefficients(NamedTuple):
     keep: float  # part of the information matrix that is kept over a sample
     forget: float  # part of the information that least squares keeps over a sample
     low_pass: float  # weight of the newest sample in the low-passed innovation
-    a_k: tuple  # from here on: copied from the design
-    k: tuple
-    fixed: tuple
-    period: float
-    settle: float
-    young: float  # age [s] until which theta still converges
 
 
 def build(gains: Gains, circle: Circle) -> Functions:
@@ -206,6 +201,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             w=noise_of,
             settle=float(settling),
             average=float(average),
+            young=float(settling + 2.0 * average),
             memory=float(gains.memory),
             keep=float(gains.excitation_memory),
             pace=float(pace),
@@ -233,12 +229,6 @@ def build(gains: Gains, circle: Circle) -> Functions:
             math.exp(-dt / design.keep),
             kept(dt, design.memory),
             -math.expm1(-dt * design.slowest),
-            design.a_k,
-            design.k,
-            design.fixed,
-            design.period,
-            design.settle,
-            design.settle + 2.0 * design.average,
         )
 
     def init(measurement: float, design: Any) -> tuple:
@@ -290,44 +280,20 @@ def build(gains: Gains, circle: Circle) -> Functions:
     def step(
         state: tuple, coefficients: Any, design: Any, measurement: float, known_input: float
     ) -> tuple:
-        (
-            (psi_y, psi_u, psi_1, psi_s),
-            z,
-            theta,
-            information,
-            p,
-            convention,
-            scatter,
-            (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
-            (phase, trusted, tick),
-            evidence,
-        ) = state
-        (
-            f,
-            g0,
-            g1,
-            h,
-            weight,
-            slow_weight,
-            keep,
-            forget,
-            low_pass,
-            a_k,
-            k,
-            fixed,
-            period,
-            settle,
-            young,
-        ) = coefficients
+        inner, z, theta, information, p, convention, scatter, signals, flags, evidence = state
+        psi_y, psi_u, psi_1, psi_s = inner
+        y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power = signals
+        phase, trusted, tick = flags
+        f, g0, g1, h, weight, slow_weight, keep, forget, low_pass = coefficients
         last_measurement, lowest, highest, wraps, turns = convention
-        change = measurement - last_measurement
+        change, period = measurement - last_measurement, design.period
         if period > 0.0 and not -0.5 * period <= change < 0.5 * period:
             change = wrap(change, period)
         if is_paper:
             e = y - z[0]
             of_y, of_u, load, gravity = parts(theta, design)
             slope = add(times(design.a_c, z), y, of_y)
-            slope = add(add(slope, known_input, of_u), e, k)
+            slope = add(add(slope, known_input, of_u), e, design.k)
             if has_load:
                 slope = add(slope, load, last)
             if has_gravity:
@@ -349,20 +315,20 @@ def build(gains: Gains, circle: Circle) -> Functions:
             e = (
                 y
                 - z[0]
-                - dot(psi_y, k)
-                - explained(psi_y, psi_u, psi_1, psi_s, fixed)
+                - dot(psi_y, design.k)
+                - explained(psi_y, psi_u, psi_1, psi_s, design.fixed)
                 - dot_m(psi, theta)
             )
         if not -LARGEST < e < LARGEST:
             return init(measurement, design)  # the state has diverged: start again
         age += h
         tick += 1
-        if phase == INIT and age >= settle:
+        if phase == INIT and age >= design.settle:
             phase = judged(information, scatter, design, h)
         if phase != INIT:
             information = rank_one(information, keep, h, psi)
             slow_e += (e - slow_e) * low_pass
-            slow_bend += (y + dot(psi_y, a_k) - slow_bend) * low_pass
+            slow_bend += (y + dot(psi_y, design.a_k) - slow_bend) * low_pass
             if phase == ADAPTING and design.adapt > 0.0:
                 if is_watched or needs_motion:
                     paused, usual = pause(paused, usual, e, psi_y, adapted, design, weight)
@@ -377,7 +343,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
                         of_y, of_u, load, gravity = all_parts(add_m(theta, -1.0, was), none_known)
                         z = add(z, 1.0, moved_by(before, of_y, of_u, load, gravity, design))
             recent = weight
-            if age < young:  # while theta converges
+            if age < design.young:  # while theta converges
                 recent = FRESH * weight if FRESH * weight < 1.0 else 1.0
             power += (e * e - power) * recent
             slow_power += (slow_e * slow_e - slow_power) * recent
@@ -395,47 +361,25 @@ def build(gains: Gains, circle: Circle) -> Functions:
                     age > design.settle + design.average
                 ):
                     trusted = 1
-        return (
-            (psi_y, psi_u, psi_1, psi_s),
-            z,
-            theta,
-            information,
-            p,
-            follow(convention, measurement, period),
-            follow_scatter(scatter, measurement, h, period),
-            (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
-            (phase, trusted, tick),
-            evidence,
-        )
-
-    def adapted_for(signals: tuple) -> float:
-        (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power) = (
-            signals
-        )
-        return adapted
+        convention = follow(convention, measurement, period)
+        scatter = follow_scatter(scatter, measurement, h, period)
+        inner, flags = (psi_y, psi_u, psi_1, psi_s), (phase, trusted, tick)
+        signals = y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power
+        return inner, z, theta, information, p, convention, scatter, signals, flags, evidence
 
     def output(
         state: tuple, coefficients: Any, design: Any, measurement: float, known_input: float
     ) -> tuple:
-        (
-            inner,
-            z,
-            theta,
-            information,
-            p,
-            convention,
-            scatter,
-            signals,
-            (phase, trusted, tick),
-            evidence,
-        ) = state
+        inner, z, theta, information, p, convention, scatter, signals, flags, evidence = state
+        y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power = signals
+        phase, trusted, tick = flags
         x1, x2, speed = states(inner, z, theta, design)
         if is_full:
             of_y, of_u, load, gravity = parts(theta, design)
             speed += of_u[0] * known_input  # b1 u
         if phase == INIT:
             status = COASTING if trusted > 0 else INITIALISING
-        elif phase == GATED and design.has_theta == 0.0 and adapted_for(signals) == 0.0:
+        elif phase == GATED and design.has_theta == 0.0 and adapted == 0.0:
             status = NOT_OBSERVABLE
         else:
             status = TRACKING if trusted > 0 else INITIALISING
@@ -448,39 +392,13 @@ def build(gains: Gains, circle: Circle) -> Functions:
         with a velocity error of (a1 - o1) e, where o1 and a1 are the first entries of A_c - K C and
         A.
         """
-        (
-            inner,
-            z,
-            theta,
-            information,
-            p,
-            convention,
-            scatter,
-            (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
-            flags,
-            evidence,
-        ) = state
-        (
-            f,
-            g0,
-            g1,
-            h,
-            weight,
-            slow_weight,
-            keep,
-            forget,
-            low_pass,
-            a_k,
-            k,
-            fixed,
-            period,
-            settle,
-            young,
-        ) = coefficients
+        inner, z, theta, information, p, convention, scatter, signals, flags, evidence = state
+        y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power = signals
+        h, low_pass = coefficients.h, coefficients.low_pass
         of_y, of_u, load, gravity = parts(theta, design)
-        injected = add(k, 1.0, of_y)  # K + L
-        first = design.a_c[0] + of_y[0] - a_k[0]
-        to_speed = add(times(a_k, injected), first, injected)
+        injected = add(design.k, 1.0, of_y)  # K + L
+        first = design.a_c[0] + of_y[0] - design.a_k[0]
+        to_speed = add(times(design.a_k, injected), first, injected)
         of_position = h * dot(injected, apply(design.w, injected))
         of_speed = h * dot(to_speed, apply(design.w, to_speed))
         noise = variance(scatter, design)
@@ -496,57 +414,31 @@ def build(gains: Gains, circle: Circle) -> Functions:
         )
 
     def restart(state: tuple, coefficients: Any, design: Any, measurement: float) -> tuple:
-        (inner, z, theta, information, p, convention, scatter, signals, flags, evidence) = resume(
-            state, coefficients, design, measurement
-        )
-        y, _, _, _, _, _, _, _, _, _ = signals
+        state = resume(state, coefficients, design, measurement)
+        inner, z, theta, information, p, convention, scatter, signals, flags, evidence = state
+        y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power = signals
         inner, z = started(zeros, theta, design, y, 0.0)
         if is_paper:
             z = paper_start(theta, design, y, 0.0)
-        return (
-            inner,
-            z,
-            theta,
-            information,
-            p,
-            convention,
-            scatter,
-            signals,
-            (INIT, 0, 0),
-            evidence,
-        )
+        flags = (INIT, 0, 0)
+        return inner, z, theta, information, p, convention, scatter, signals, flags, evidence
 
     def resume(state: tuple, coefficients: Any, design: Any, measurement: float) -> tuple:
-        (
-            (psi_y, psi_u, psi_1, psi_s),
-            z,
-            theta,
-            information,
-            p,
-            convention,
-            scatter,
-            (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
-            (phase, trusted, tick),
-            evidence,
-        ) = state
+        inner, z, theta, information, p, convention, scatter, signals, flags, evidence = state
+        psi_y, psi_u, psi_1, psi_s = inner
+        y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power = signals
+        phase, trusted, tick = flags
         last_measurement, lowest, highest, wraps, turns = convention
         y += wrap(measurement - last_measurement, design.period)
-        x1, x2, speed = states((psi_y, psi_u, psi_1, psi_s), z, theta, design)
+        x1, x2, speed = states(inner, z, theta, design)
         inner, z = started(psi_u, theta, design, y, speed)
         if is_paper:
             z = paper_start(theta, design, y, speed)
-        return (
-            inner,
-            z,
-            theta,
-            information,
-            p,
-            follow(convention, measurement, design.period),
-            resume_scatter(scatter, measurement),
-            (y, 0.0, power, speed_power, adapted, paused, usual, 0.0, 0.0, slow_power),
-            (INIT, trusted, 0),
-            evidence,
-        )
+        convention = follow(convention, measurement, design.period)
+        scatter = resume_scatter(scatter, measurement)
+        signals = (y, 0.0, power, speed_power, adapted, paused, usual, 0.0, 0.0, slow_power)
+        flags = (INIT, trusted, 0)
+        return inner, z, theta, information, p, convention, scatter, signals, flags, evidence
 
     def limits(dt: float) -> str | None:
         if is_paper and made.fastest * dt >= 2.0:
