@@ -22,6 +22,7 @@ from functools import lru_cache
 from typing import Any
 
 from estimator_pkg.errors import first_line
+from estimator_pkg.observers.maths.seldom import is_seldom
 from estimator_pkg.printable import printable
 
 
@@ -57,6 +58,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
             return
         seen.add(id(value))
         yield f'of {value.__module__}'  # the cached code is loaded by importing this module
+        yield f'seldom {is_seldom(value)}'
         yield from _parts(value.__code__, seen)
         yield from _parts(value.__defaults__, seen)
         for cell in value.__closure__ or ():
@@ -146,7 +148,8 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
         copy = types.FunctionType(code, names, function.__name__, function.__defaults__, cells)
         copy.__qualname__ = function.__qualname__
         options: dict[str, Any] = {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': inner}
-        _twins[key] = numba.njit(copy, error_model='numpy', forceinline=True, **options)
+        options['forceinline'] = not is_seldom(function)
+        _twins[key] = numba.njit(copy, error_model='numpy', **options)
         if not inner:
             _keep_on_disk(_twins[key], copy, function)
     return _twins[key]

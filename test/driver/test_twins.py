@@ -11,6 +11,7 @@ import pytest
 
 from estimator_pkg.driver import compiled
 from estimator_pkg.driver.drive import empty
+from estimator_pkg.observers.maths.seldom import seldom
 
 SOURCE = """
 import math
@@ -120,6 +121,14 @@ def test_every_function_that_is_called_is_compiled_once_and_nothing_else(compile
     assert compiled.compiled(made.make(4.0, made.innermost)) is not twin and len(compiler) == 4
     same = compiled.compiled(made.make(3, made.innermost))  # of another type: another function
     assert same is not twin and len(compiler) == 5
+
+
+def test_what_few_samples_reach_is_called_and_all_else_is_part_of_the_loop(compiler):
+    made, other = module(), module()
+    seldom(made.inner)
+    compiled.compiled(made.outer)
+    assert {each.of.__name__ for each in compiler if not each.options['forceinline']} == {'inner'}
+    assert compiled.fingerprint(made.outer) != compiled.fingerprint(other.outer)
 
 
 def test_without_numba_a_function_is_its_own_twin(monkeypatch):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 
 from estimator_pkg.observers.angle.edge.sensor import Sensor
+from estimator_pkg.observers.maths.seldom import seldom
 
 UNIT = 1.0  # [rad] quantum while none is known
 ROUNDING = 1e-6  # of the reading: smaller steps are a float32's last digit
@@ -148,6 +149,7 @@ def agreement(steps: Steps, given: float) -> int:
     return AGREES
 
 
+@seldom
 def search(
     steps: Steps, step: float, size: float, given: float, sensor: Sensor, first: bool
 ) -> tuple[bool, Steps, float]:
