@@ -26,6 +26,10 @@ sys.path.append(str(ROOT))  # benchmarks and docs.tools; the packages are the in
 # Processes of tests import the installed packages, too (Python 3.10 finds the checkout first).
 os.environ['PYTHONSAFEPATH'] = '1'
 
+# Small matrices: further threads of BLAS would only wait, on processors that other workers need.
+for name in ('OMP', 'OPENBLAS', 'MKL'):
+    os.environ.setdefault(f'{name}_NUM_THREADS', '1')
+
 BEGIN_WITH_DDS = 3  # workers, see `scope`
 USES_DDS = re.compile(r'^import dds$|\bprobe\b', re.MULTILINE)
 
