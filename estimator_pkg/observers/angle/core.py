@@ -201,7 +201,8 @@ def least_variance(reading: Reading, last: float, dt: float, noisy_start: bool) 
     if noisy_start:
         return variance_floor(smallest if smallest > RESIDUE else change)
     if since <= STILL * dt:
-        return variance_floor(FINEST * (smallest + abs(last)))
+        finest = FINEST * (smallest + abs(last))
+        return finest * finest / 12.0
     return smallest * smallest / MEMORY
 
 
@@ -487,16 +488,16 @@ def _make_scaled(
         inner, convention, reading, (power, count), _, start, (_, taken_dt, _, _) = state
         _, since, _, recent = reading
         clock, _, decay, _, _ = start
+        _, _, variance, floor, _, low_speed_bound, _ = design
         if taken_dt != 0.0:
             coefficients = prepare(design, taken_dt)
         of_core, dt = coefficients
         of_position, of_velocity, of_innovation = noise_gains(inner, of_core)
-        variance = design.variance
         if variance == 0.0:
             variance = power / of_innovation
-            if variance < design.floor:
-                variance = design.floor
-            elif design.floor == 0.0:
+            if variance < floor:
+                variance = floor
+            elif floor == 0.0:
                 last, _, _, _, _ = convention
                 noisy_start = 0.0 < clock < LASTS
                 least = least_variance(reading, last, dt, noisy_start)
@@ -513,7 +514,7 @@ def _make_scaled(
             _, speed, _ = estimate(inner)
             of_velocity += of_start(start, speed, dt) ** 2
         sigma = scale * math.sqrt(of_velocity)
-        if since > 0.0 and design.low_speed_bound > 0.0:
+        if since > 0.0 and low_speed_bound > 0.0:
             sigma = clamped(sigma, inner, reading, coefficients, design)
         return math.sqrt(of_position), sigma
 

@@ -84,25 +84,25 @@ def resumed(clock: Clock, change: float, passed: float, pace: float, v: float) -
 
 
 def elapsed(
-    clock: Clock, dt: float, moved: float, motion: tuple, p: Covariance, sensor: Sensor
+    clock: Clock, dt: float, pace: float, moved: float, motion: tuple, p: Covariance, sensor: Sensor
 ) -> tuple[float, Clock]:
     """Return the time that passed between two readings [s], and the clock.
 
     Parameters
     ----------
-    dt : sample time by the stamps [s].
+    dt, pace : sample time by the stamps, and the mean one [s].
     moved : distance of the reading from the last estimate [rad].
     motion, p : estimate before this reading, and its covariance.
     """
     late, uneven, held, longest, evidence, grew = clock
-    quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
-    _, v, a, _ = motion
     if pace <= 0.0:
         return dt, clock
     odd, taken, grows = dt - pace, dt, 0.0
     limit = (ODD * uneven if ODD * uneven > UNEVEN else UNEVEN) * pace
     if odd > limit or -odd > limit or late != 0.0:
         # an innovation that is larger is no noise
+        quantum, noise, _, _, _, _, _, _, _, _, _ = sensor
+        _, v, a, _ = motion
         p00, p01, _, p11, _, _ = p
         doubtful = quantum + SIGMAS * math.sqrt(p00 + noise + dt * (2.0 * p01 + dt * p11))
         right = dt + late
@@ -122,9 +122,9 @@ def elapsed(
             taken, late = pace, late + odd  # late still, mostly less
         else:  # they have caught up, and samples were lost; or the motion did change
             taken, late = right if after < least and right > 0.0 else dt, 0.0
+        if late > MEMORY * pace or -late > MEMORY * pace:  # no stamp: the mean sample time is wrong
+            return dt, UNKNOWN
         odd = taken - pace
-    if late > MEMORY * pace or -late > MEMORY * pace:  # no stamp: the mean sample time is wrong
-        return dt, UNKNOWN
     off = abs(odd) / pace
     uneven += ((off if off < 1.0 else 1.0) - uneven) / MEMORY
     if ODD * uneven < UNEVEN:  # even enough for `elapsed` to be left out, unless it is late

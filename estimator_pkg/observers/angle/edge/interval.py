@@ -24,7 +24,6 @@ THIN = 1e-3  # an interval thinner than this part of sigma is a point
 NOTHING = 0  # the reading has no news for the prediction
 INTERVAL = 1  # a measurement: centre, half width
 HELD = 2  # the prediction has left the cell, and no edge came
-NO_NEWS = (NOTHING, 0.0, 0.0)
 
 
 def within(e: float, half: float, sigma: float) -> tuple[float, float]:

@@ -42,7 +42,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     SIGMAS,
 )
 from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
-from estimator_pkg.observers.angle.edge.interval import NO_NEWS, NOTHING, interval
+from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
 from estimator_pkg.observers.angle.edge.preference import ALIKE, beside, informed, ratios
 from estimator_pkg.observers.angle.edge.quantum import (
     FIRST_STEPS,
@@ -212,13 +212,14 @@ def build(gains: Gains, circle: Circle) -> Functions:
     `preference`).
     """
     period = float(circle.period)
+    stddev, scaled = make_stddev(period)
     return Functions(
         lambda: Design(float(gains.quantum), *ratios(RATIO[gains.prefer])),
         prepare,
         init,
         _make_step(period),
         _make_output(period, float(circle.unwrap)),
-        make_stddev(period),
+        stddev,
         _make_resume(period),
         lambda dt: None,
         lambda dt: math.nan,
@@ -226,6 +227,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         why=why,
         edges=True,
         restart=_make_restart(period),
+        scaled=scaled,
         late=late,
     )
 
@@ -237,6 +239,7 @@ def late(state: tuple) -> float:
 
 
 def _make_step(period: float) -> Callable[..., tuple]:
+    half_turn = 0.5 * period if period > 0.0 else math.inf
     outside = OUTSIDE * period if period > 0.0 else math.inf
 
     def step(
@@ -246,7 +249,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         last, low, high, _, _ = convention
         dt, half_square, kept, _, _, _ = coefficients
         change = measurement - last
-        if change + change >= period or change + change < -period:
+        if not -half_turn <= change < half_turn:
             change = wrap(change, period)
         # Residue: was the last step a glitch, or the first real one?
         _, to_settle, since, _, _, _ = doubt
@@ -274,7 +277,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             clock = resumed(clock, change, passed, pace, v)
         # Wrong stamps
         if uneven > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
-            taken, clock = elapsed(clock, dt, change + last - x, motion, p, sensor)
+            taken, clock = elapsed(clock, dt, pace, change + last - x, motion, p, sensor)
             if taken != dt:
                 dt, passed = taken, passed + taken - dt
                 coefficients = prepare(design, dt)
@@ -322,9 +325,10 @@ def _make_step(period: float) -> Callable[..., tuple]:
         idle += dt
         p = predicted(p, density, coefficients)
         square = quantum * quantum
-        (mean_sway, _, _), swing = sway, 0.0
-        lasted = dt if dt > EVEN * pace else pace  # readings that come in bursts are not that near
+        mean_sway, _, _ = sway
+        swing = lasted = 0.0
         if mean_sway > 0.0:
+            lasted = dt if dt > EVEN * pace else pace  # readings in bursts are not that near
             swing = mean_sway - square / 6.0 - 2.0 * noise
             p = swayed(p, swing, lasted)
         if design.ratio == 1.0:
@@ -357,7 +361,6 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 sensor = with_noise(sensor, noise)
         # What an edge shows; most readings are plainly no news: no edge, and none was expected
         flickers = noisy and moved * moved < noise < half * half
-        news, deviations = NO_NEWS, (off, ahead, quantum)
         inside = -half <= ahead <= half and -half <= off <= half
         if not inside or flickers or 12.0 * p00 > square:
             # the cell of an unchanged reading may reach further than a quantum; by a quarter of
@@ -366,44 +369,45 @@ def _make_step(period: float) -> Callable[..., tuple]:
             deviations = (off + 0.5 * further, ahead, quantum + 1.5 * abs(further))
             centre, _, size = deviations
             news = interval(centre, ahead, size, p00, noise, flickers)
-        kind, _, _ = news
-        if kind != NOTHING:
-            warm = since >= RECENT
-            believed, shift, p, band, sensor, heard = update(
-                news, deviations, p, band, sensor, flickers, idle, dt, warm
-            )
-            idle = 0.0
-            if not believed:
-                if quantum != design.quantum and abs(change) > JUMP * (high - low):
-                    # what moved before was residue, or this is a glitch: the next reading decides
-                    steps = with_jump(steps, change)
-                    doubt = doubted(quantum, dt, period, 0.0, 0.0)
-                motion, lock = (measurement - off, v, a, idle), coasting(lock)
-                return (
-                    motion,
-                    p,
-                    band,
-                    sensor,
-                    steps,
-                    convention,
-                    lock,
-                    before,
-                    doubt,
-                    clock,
-                    other,
+            kind, _, _ = news
+            if kind != NOTHING:
+                warm = since >= RECENT
+                believed, shift, p, band, sensor, heard = update(
+                    news, deviations, p, band, sensor, flickers, idle, dt, warm
                 )
-            _, _, _, _, _, _, manoeuvre = heard
-            if manoeuvre and RESTS * abs(v) < quantum:
-                doubt = motion_began(doubt, dt)
-            dx, dv, da = shift
-            off -= dx
-            v += dv
-            a += da
-            if design.ratio != 1.0:
-                other = informed(other, heard, shift, design.ratio)
-            if (v + v) * dt > period > 0.0 or (v + v) * dt < -period < 0.0:
-                # faster than half a turn per sample: lock was lost
-                return first_state(measurement, sensor, steps, convention, doubt, clock)
+                idle = 0.0
+                if not believed:
+                    if quantum != design.quantum and abs(change) > JUMP * (high - low):
+                        # what moved before was residue, or this is a glitch: the next reading
+                        # decides
+                        steps = with_jump(steps, change)
+                        doubt = doubted(quantum, dt, period, 0.0, 0.0)
+                    motion, lock = (measurement - off, v, a, idle), coasting(lock)
+                    return (
+                        motion,
+                        p,
+                        band,
+                        sensor,
+                        steps,
+                        convention,
+                        lock,
+                        before,
+                        doubt,
+                        clock,
+                        other,
+                    )
+                _, _, _, _, _, _, manoeuvre = heard
+                if manoeuvre and RESTS * abs(v) < quantum:
+                    doubt = motion_began(doubt, dt)
+                dx, dv, da = shift
+                off -= dx
+                v += dv
+                a += da
+                if design.ratio != 1.0:
+                    other = informed(other, heard, shift, design.ratio)
+                if (v + v) * dt > period > 0.0 or (v + v) * dt < -period < 0.0:
+                    # faster than half a turn per sample: lock was lost
+                    return first_state(measurement, sensor, steps, convention, doubt, clock)
         if starting and change != 0.0:
             doubt = settled(doubt, v, change, rested, dt, square, noise)
         if status != TRACKING:

@@ -30,10 +30,17 @@ def fastest(sensor: Sensor, excess: float) -> float:
     return (way + abs(excess)) / since
 
 
-def make_stddev(period: float) -> Callable[..., tuple[float, float]]:
-    """Return `stddev` of the contract's functions, for this wrap period [rad]."""
+def make_stddev(
+    period: float,
+) -> tuple[Callable[..., tuple[float, float]], Callable[..., tuple[float, float]]]:
+    """Return `stddev` and `scaled` of the contract's functions, for this wrap period [rad]."""
 
     def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
+        return scaled(state, coefficients, design, 1.0)
+
+    def scaled(
+        state: tuple, coefficients: tuple, design: tuple, scale: float
+    ) -> tuple[float, float]:
         (x, v, a, _), p, band, sensor, _, convention, _, _, doubt, _, _ = state
         p00, _, _, p11, _, _ = p
         _, _, _, up, down, _, _, squares = band
@@ -64,6 +71,6 @@ def make_stddev(period: float) -> Callable[..., tuple[float, float]]:
         if unchanged > 0.0:
             most = fastest(sensor, 0.0)
             sigma = most if sigma > most else sigma
-        return math.sqrt(p00 * of_angle + floor if p00 > 0.0 else floor), sigma
+        return math.sqrt(p00 * of_angle + floor if p00 > 0.0 else floor), scale * sigma
 
-    return stddev
+    return stddev, scaled

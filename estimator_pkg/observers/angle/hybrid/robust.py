@@ -124,7 +124,8 @@ def prepare_3(design: SampledDesign, dt: float) -> tuple:
 
 def prepare_triple(design: SampledDesign, dt: float) -> tuple:
     """Return the same as `prepare_3` for a triple real pole, whose z is one exponential."""
-    z = math.exp(-design.single * dt)
+    single, _, _, reset_from, saturation, fastest = design
+    z = math.exp(-single * dt)
     rate = (1.0 - z) / dt
     slope = (1.0 - z) * rate
     return (
@@ -132,9 +133,9 @@ def prepare_triple(design: SampledDesign, dt: float) -> tuple:
         1.5 * slope * (1.0 + z),
         slope * rate,
         dt,
-        design.reset_from,
-        design.saturation,
-        design.fastest,
+        reset_from,
+        saturation,
+        fastest,
         z,
     )
 

@@ -26,7 +26,7 @@ def sensor(noise=NOISE):
 
 
 def at(clock, dt, moved, v):
-    return elapsed(clock, dt, moved, (0.0, v, 0.0, 0.0), KNOWN, sensor())
+    return elapsed(clock, dt, PACE, moved, (0.0, v, 0.0, 0.0), KNOWN, sensor())
 
 
 @pytest.mark.parametrize('part, lies', [(0.98, False), (1.02, True)])
