@@ -108,7 +108,7 @@ def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
         joint.update(stamp, angle)
         position, velocity, _, _ = joint.estimate()
         _, _, band, sensor, _, _, _, sway, _, _, _ = Track(*joint._track).state
-        density, _, _, up, down, _, _, _ = band
+        density, _, _, up, down, _, _, _, _ = band
         mean_sway, _, _ = sway
         rows.append(
             (position, velocity, *joint.stddev(), density, up, down, vibration(sensor), mean_sway)

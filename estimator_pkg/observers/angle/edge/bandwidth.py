@@ -13,7 +13,8 @@ itself.
 Fast law. Two cumulative sums, one for each sign, of the innovation less a slack (Page, 1954). Their
 run time dates a manoeuvre, and the covariance gets what a blow or a motor makes of the innovation
 at hand over that time. Neither can be set off by one sample, which counts no more than the alarm.
-Manoeuvres come in series (a ramp begins and ends), so the density then expects the next one.
+Manoeuvres come in series (a ramp begins and ends), so the density then expects the next one, the
+more the less time has passed since the one before.
 
 Sway. What the readings moved by beyond the prediction, times the change of the same from one sample
 to the next: for the noise of any sensor, for the counts of any constant speed and for a filter that
@@ -27,12 +28,19 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.constants import ALARM, MEMORY, RATE, SHARE, SIGMAS
+from estimator_pkg.observers.angle.edge.constants import (
+    ALARM,
+    EXPECTED,
+    MEMORY,
+    RATE,
+    SHARE,
+    SIGMAS,
+)
 
 # (density of the jerk [(rad/s^3)^2 s]; low-passed innovation, its variance were it white;
 # cumulative sum of positive and of negative innovations; run time of either [s]; mean square of the
-# innovations, over their variance)
-Band = tuple[float, float, float, float, float, float, float, float]
+# innovations, over their variance; time since the last manoeuvre, or the start [s])
+Band = tuple[float, float, float, float, float, float, float, float, float]
 # (mean of what the reading moved by beyond the prediction times the change of this before [rad^2];
 # what it moved by beyond the prediction, of the last sample and of the one before [rad])
 Sway = tuple[float, float, float]
@@ -42,7 +50,7 @@ STEADY: Sway = (0.0, 0.0, 0.0)
 
 def begin_band(density: float) -> Band:
     """Return the band at a start, with this density of the jerk [(rad/s^3)^2 s]."""
-    return (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    return (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
 def follow_band(
@@ -62,7 +70,7 @@ def follow_band(
     -------
     The growth is 0 where it fell; the date [s] is 0 where there is no manoeuvre.
     """
-    density, low, variance, up, down, up_time, down_time, squares = band
+    density, low, variance, up, down, up_time, down_time, squares, quiet = band
     squares += (z * z - squares) / MEMORY
     # slow law: C = z m / sqrt(var m), log c += RATE b (C - slack), with b = weight
     weight = SHARE * gain
@@ -74,6 +82,7 @@ def follow_band(
     if density < least:
         density, move = least, 0.0
     # fast law (Page 1954): g = max(0, g + z - SIGMAS), alarm at g > ALARM
+    quiet += idle
     up_time += idle
     down_time += idle
     up += z - SIGMAS
@@ -88,38 +97,40 @@ def follow_band(
     if down <= 0.0 or date > 0.0:
         down = down_time = 0.0
     return (
-        (density, low, variance, up, down, up_time, down_time, squares),
+        (density, low, variance, up, down, up_time, down_time, squares, quiet),
         move if move > 0.0 else 0.0,
         date,
         product,
     )
 
 
-def after_manoeuvre(band: Band, beyond: float, date: float, share: float, most: float) -> Band:
+def after_manoeuvre(band: Band, beyond: float, date: float, noisy: bool, most: float) -> Band:
     """Return the band after a manoeuvre: the density expects more of its kind.
 
-    White jerk of density c moves the angle by c date^5/20, as a variance, within `date`.
+    White jerk of density c moves the angle by c date^5/20, as a variance, within `date`. In noise
+    it is spread over the time since the last manoeuvre; where edges are times it is `EXPECTED` of
+    it, for after a real edge the next one is news anyway.
 
     Parameters
     ----------
     beyond : deviation that the manoeuvre explains, without what a cell may hide [rad].
     date : time since the manoeuvre began [s].
-    share : of the density that explains the deviation; the least that the density is then.
-    most : it is not raised beyond this.
+    noisy : noise hides single edges.
+    most : the density is not raised beyond this.
     """
-    density, low, variance, up, down, up_time, down_time, squares = band
+    density, low, variance, up, down, up_time, down_time, squares, quiet = band
     if beyond > 0.0:
-        explains = share * 20.0 * beyond * beyond / date**5
-        explains = explains if explains < most else most
-        density = density if density > explains else explains
-    return (density, low, variance, up, down, up_time, down_time, squares)
+        share = date / max(date, quiet) if noisy else EXPECTED
+        explains = min(share * 20.0 * beyond * beyond / date**5, most)
+        density = max(density, explains)
+    return (density, low, variance, up, down, up_time, down_time, squares, 0.0)
 
 
 def sums_alone(band: Band, after: Band) -> Band:
     """Return `band` with the cumulative sums of `after`: those of a reading not believed yet."""
-    density, low, variance, _, _, _, _, squares = band
-    _, _, _, up, down, up_time, down_time, _ = after
-    return (density, low, variance, up, down, up_time, down_time, squares)
+    density, low, variance, _, _, _, _, squares, _ = band
+    _, _, _, up, down, up_time, down_time, _, quiet = after
+    return (density, low, variance, up, down, up_time, down_time, squares, quiet)
 
 
 def follow_sway(sway: Sway, ahead: float, most: float, believed: bool) -> Sway:

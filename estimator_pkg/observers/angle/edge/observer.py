@@ -167,7 +167,7 @@ def without_reading(state: tuple, coefficients: tuple, design: Design) -> tuple:
     """Return the state one sample later, predicted alone: the reading is an old one."""
     (x, v, a, idle), p, band, sensor, steps, convention, lock, sway, doubt, clock, other = state
     dt, half_square, kept, _, _, _ = coefficients
-    density, _, _, _, _, _, _, _ = band
+    density, _, _, _, _, _, _, _, _ = band
     motion = (x + v * dt + a * half_square, v + a * dt, kept * a, idle + dt)
     p = predicted(p, density, coefficients)
     if design.ratio != 1.0:
@@ -312,7 +312,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             lock = (status, count + 1.0, astray)
             return (motion, p, band, sensor, steps, convention, lock, STEADY, doubt, clock, ALIKE)
         # Prediction: a' = -a/FADE + w, v' = a, x' = v
-        density, _, _, _, _, _, _, _ = band
+        density, _, _, _, _, _, _, _, _ = band
         moved = v * dt + a * half_square
         ahead = change - moved
         if held > 0.0:  # and moved while the reading repeated
@@ -438,7 +438,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
     def resume(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
         (_, v, _, _), p, band, sensor, steps, convention, lock, _, doubt, clock, _ = state
         _, _, _, p11, _, p22 = p
-        density, _, _, _, _, _, _, squares = band
+        density, _, _, _, _, _, _, squares, quiet = band
         quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         smallest, candidate, shown, least, left, finer, _ = steps
         status, _, astray = lock
@@ -447,7 +447,7 @@ def _make_resume(period: float) -> Callable[..., tuple]:
         return (
             (measurement, v, 0.0, 0.0),
             (quantum * quantum / 12.0, 0.0, 0.0, p11, 0.0, p22),
-            (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, squares),
+            (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, squares, quiet),
             (quantum, noise, scatter, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0),
             (smallest, candidate, shown, least, left, finer, 0.0),
             follow(convention, measurement, period),

@@ -43,7 +43,7 @@ def make_stddev(
     ) -> tuple[float, float]:
         (x, v, a, _), p, band, sensor, _, convention, _, _, doubt, _, _ = state
         p00, _, _, p11, _, _ = p
-        _, _, _, up, down, _, _, squares = band
+        _, _, _, up, down, _, _, squares, _ = band
         quantum, noise, _, _, _, _, _, unchanged, _, _, _ = sensor
         reading, low, high, _, _ = convention
         of_doubt, _, _, age, _, _ = doubt

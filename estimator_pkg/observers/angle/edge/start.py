@@ -272,16 +272,16 @@ def straight_line(
     start are neither noise nor vibration, so the sensor's means start again.
     """
     quantum, noise, _, _, _, _, _, _, _, _, pace = sensor
-    was, _, _, _, _, _, _, _ = band
+    was, _, _, _, _, _, _, _, _ = band
     _, to_settle, since, age, _, _ = doubt
     if to_settle == UNSURE:
         sensor = paced(first_step(quantum, change, dt), pace)
         _, noise, _, _, _, _, _, _, _, _, _ = sensor
     motion, p, band = started(measurement, change, dt, quantum, noise, period)
     if to_settle == UNSURE:
-        density, low, variance, up, down, up_time, down_time, squares = band
+        density, low, variance, up, down, up_time, down_time, squares, quiet = band
         density = was if was > density else density
-        band = (density, low, variance, up, down, up_time, down_time, squares)
+        band = (density, low, variance, up, down, up_time, down_time, squares, quiet)
         doubt = (0.0, SETTLES, since, age, 0.0, 0.0)
     return motion, p, band, sensor, doubt
 
@@ -306,11 +306,11 @@ def rescaled(
     first : this is the first step of all, and everything was relative to `UNIT`.
     """
     used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
-    density, low, variance, up, down, up_time, down_time, squares = band
+    density, low, variance, up, down, up_time, down_time, squares, quiet = band
     scale = quantum * quantum / (used * used)
     if scale > 1.0 and noise > PLAIN * used * used:  # what is known stays as it was in noise
         scale = max(1.0, quantum * quantum / (used * used + 12.0 * noise))
-    band = (density * scale, low, variance, up, down, up_time, down_time, squares)
+    band = (density * scale, low, variance, up, down, up_time, down_time, squares, quiet)
     if first:
         noise *= scale
         lasting *= scale

@@ -21,7 +21,6 @@ from estimator_pkg.observers.angle.edge.bandwidth import (
 from estimator_pkg.observers.angle.edge.constants import (
     ALARM,
     BLUR,
-    EXPECTED,
     LONGEST,
     PLAIN,
     SIGMAS,
@@ -65,11 +64,11 @@ def explained(
             # flicker that begins again: it moved in all the time that is remembered
             date = max(date, math.sqrt(p00 / p11))
     elif warm:
-        hidden, share = 0.5 * quantum, EXPECTED  # a cell may hide it
+        hidden = 0.5 * quantum  # a cell may hide it
         if noisy:
-            hidden, share = hidden + SIGMAS * math.sqrt(scatter), 1.0
+            hidden += SIGMAS * math.sqrt(scatter)
         most = 20.0 * (scatter + quantum * quantum) / dt**5  # as in `vibration`
-        band = after_manoeuvre(band, abs(d) - hidden, date, share, most)
+        band = after_manoeuvre(band, abs(d) - hidden, date, noisy, most)
     return manoeuvred(p, d, date), band
 
 
@@ -135,7 +134,7 @@ def update(
     s = p00 + r
     # the noise follows the score: flicker shows it from either side alike; elsewhere what is
     # correlated is motion
-    _, low, variance, _, _, _, _, _ = band
+    _, low, variance, _, _, _, _, _, _ = band
     if low * low < variance if flickers else kind != HELD and (score < 0.0 or product < 1.0):
         most = noise if flickers and scatter < noise else scatter
         likelier = follow_noise(noise, score * noise / s, most, quantum)

@@ -204,6 +204,18 @@ def test_a_blow_is_not_overshot(noise):
         assert np.max(np.abs(v[612:] - 3.0)) < 1.5
 
 
+def test_a_rare_blow_leaves_no_noise():
+    """Speed steps 2 s apart, at 1 kHz, in noise: how fast it listens 50 to 250 ms after each."""
+    t = np.arange(1, 6001) / 1000.0
+    true = 5.0 + 20.0 * (t % 4.0 >= 2.0)
+    angle = np.cumsum(true) / 1000.0 + np.random.default_rng(1).normal(0.0, 1e-3, len(t))
+    error = make('edge_adaptive').run(stamps(len(t)), wrapped(angle), fast=False).velocity - true
+    since = np.where(t > 2.0, t % 2.0, math.inf)
+    assert rms(error[since < 0.02]) < 6.0
+    after = error[(since >= 0.05) & (since < 0.25)]
+    assert rms(after) < 0.6  # 1.15 where one blow makes the next as likely at once
+
+
 @pytest.mark.long
 @pytest.mark.parametrize('noise', [0.1, 0.2, 0.4, 0.65])
 def test_flicker_between_counts_is_no_motion(noise):

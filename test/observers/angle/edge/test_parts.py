@@ -315,12 +315,18 @@ def test_clean_floats_are_no_counts():
 
 
 def test_the_density_expects_manoeuvres_like_the_last():
-    band = edge_bandwidth.begin_band(1e-6)
-    after = edge_bandwidth.after_manoeuvre(band, 0.1, 0.2, 0.01, 1e3)
-    assert after == (pytest.approx(0.01 * 20.0 * 0.01 / 0.2**5), *band[1:])
-    assert edge_bandwidth.after_manoeuvre(band, -0.1, 0.2, 1.0, 1e3) == band  # a cell may hide it
-    assert edge_bandwidth.after_manoeuvre(after, 1e-3, 0.2, 0.01, 1e3) == after  # it does not fall
-    assert edge_bandwidth.after_manoeuvre(band, 6.28, 0.02, 1.0, 5.0)[0] == 5.0
+    begun, manoeuvre = edge_bandwidth.begin_band(1e-6), 20.0 * 0.01 / 0.2**5
+    band = (*begun[:-1], 8.0)  # 8 s since the one before
+    after = edge_bandwidth.after_manoeuvre(band, 0.1, 0.2, False, 1e3)
+    assert after == (pytest.approx(0.01 * manoeuvre), *band[1:-1], 0.0)
+    assert edge_bandwidth.after_manoeuvre(after, 1e-3, 0.2, False, 1e3) == after  # it does not fall
+    hidden = edge_bandwidth.after_manoeuvre(band, -0.1, 0.2, True, 1e3)
+    assert hidden == (*band[:-1], 0.0)  # a cell may hide it
+    # in noise it is spread over the time since the one before: 0.2 s in 8 s, 0.2 s in 0.1 s
+    rare = edge_bandwidth.after_manoeuvre(band, 0.1, 0.2, True, 1e3)
+    often = edge_bandwidth.after_manoeuvre((*begun[:-1], 0.1), 0.1, 0.2, True, 1e3)
+    assert (rare[0], often[0]) == pytest.approx((0.2 / 8.0 * manoeuvre, manoeuvre))
+    assert edge_bandwidth.after_manoeuvre(band, 6.28, 0.02, True, 5.0)[0] == 5.0
 
 
 def test_the_doubt_of_a_new_speed_is_what_the_way_since_the_last_edge_leaves_open():
