@@ -16,7 +16,7 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.errors import UserError
 from estimator_pkg.interrupts import AGAIN, is_importing, limit_end
@@ -68,6 +68,7 @@ class Interrupts:
         self.came = False
         self.making = True
         self._before = {number: signal.signal(number, self._take) for number in self.NUMBERS}
+        self._report, sys.unraisablehook = sys.unraisablehook, self._lost
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         self.came = True
@@ -79,8 +80,16 @@ class Interrupts:
             return
         raise SystemExit(0)
 
+    def _lost(self, unraisable: Any) -> None:
+        """Report an exception that nobody can catch; SystemExit is raised again instead."""
+        if isinstance(unraisable.exc_value, SystemExit):
+            signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        else:
+            self._report(unraisable)
+
     def over(self, last: bool) -> None:
         """Restore the handlers; `last`: the process ends, and ignores a second Ctrl-C."""
+        sys.unraisablehook = self._report
         for number, handler in self._before.items():
             signal.signal(number, signal.SIG_IGN if last else handler)
         if last:
