@@ -91,7 +91,7 @@ def wired(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Re
         measurement = bag.require(named or f'/{first.topic}', [first.type])
     others = [
         bag.require(f'/{port.topic}', [port.type])
-        if not port.optional or f'/{port.topic}' in bag.topics
+        if not port.optional or _has(bag, f'/{port.topic}')
         else None
         for port in inputs[1:]
     ]

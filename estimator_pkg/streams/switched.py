@@ -154,5 +154,5 @@ class SwitchedStream(DrivenStream):
             if kind in REFUSED:
                 warnings.append(f'{count} switching events were not used: {kind.replace("_", " ")}')
         if not self.topics[1]:
-            warnings.append(f'{path} has no topic /{EVENTS.topic}: the system never switches')
+            warnings.append(f'{path} has no message on /{EVENTS.topic}: the system never switches')
         return warnings

@@ -214,6 +214,13 @@ def same_rows(tmp_path, bag, observer, node, *words):
     return direct
 
 
+def test_a_system_that_does_not_switch_in_the_bag(tmp_path, capsys):
+    """Its topic of events is there, and empty."""
+    run('simulate', 'gripper', '--duration', 1, '--set', 'rate=400', '--out', tmp_path / 'still')
+    assert result_of(tmp_path, 'replay', tmp_path / 'still', '--observer', 'switched')
+    assert 'no message on /switch_event: the system never switches' in capsys.readouterr().err
+
+
 def test_evaluate_adaptive(motor, tmp_path):
     same_rows(tmp_path, motor, 'adaptive', 'adaptive_observer')
 
