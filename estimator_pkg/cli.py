@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg import __version__, destination, interrupts, registry
+from estimator_pkg import __version__, destination, interrupts, registry, whole_file
 from estimator_pkg.destination import STDOUT
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.optional import missing
@@ -199,7 +199,7 @@ def _write_json(path: str, result: Any) -> None:
     if path == STDOUT:
         print(text)
     else:
-        destination.write_text(path, text + '\n')
+        whole_file.write_text(path, text + '\n')
 
 
 def _strict(value: Any) -> Any:

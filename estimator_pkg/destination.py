@@ -1,15 +1,13 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Output files: checked before the work, written completely or not at all, never an input."""
+"""Output files: checked before the work, never an input."""
 
 from __future__ import annotations
 
 import argparse
 import os
-import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from estimator_pkg.errors import UsageError, UserError
@@ -74,37 +72,3 @@ def _within(path: Path, bag: Path) -> bool:
         and bag.is_dir()
         and Path(os.path.realpath(path)).is_relative_to(os.path.realpath(bag))
     )
-
-
-@contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a new file next to `path`, which replaces `path` when the context ends without error.
-
-    After an error the new file is deleted and `path` is unchanged. A special file (/dev/null), or
-    one in a folder that is not writable, is written directly.
-
-    Raises
-    ------
-    OSError : it cannot be written.
-    """
-    place = Path(os.path.realpath(path))  # a link stays one
-    if place.exists() and not (place.is_file() and os.access(place.parent, os.W_OK)):
-        yield Path(path)
-        return
-    while True:
-        beside = place.with_name(f'.{place.name}.{secrets.token_hex(4)}.part')
-        with suppress(FileExistsError):
-            beside.open('xb').close()
-            break
-    try:
-        yield beside
-        os.replace(beside, place)
-    except BaseException:
-        beside.unlink(missing_ok=True)
-        raise
-
-
-def write_text(path: str | Path, text: str) -> None:
-    """Write a file, completely or not at all."""
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding='utf-8')

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator_pkg import destination
+from estimator_pkg import whole_file
 from estimator_pkg.cli import main
 
 BAG = Path(__file__).resolve().parent.parent / 'bags' / 'simulated' / 'random_with_faults'
@@ -57,6 +57,24 @@ def test_tune_writes_the_gains_alone(tmp_path, capsys):
     assert main(words) == 0
     assert picture.read_text() == 'mine'
     assert sorted(path.name for path in tmp_path.iterdir()) == ['gains.png', 'gains.yaml']
+
+
+@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='not run: no /dev/full here')
+def test_a_full_disk_is_reported_with_the_file(monkeypatch, tmp_path, capsys):
+    assert main(['list', 'pll', '--json', '/dev/full']) == 1
+    assert (
+        capsys.readouterr().err == 'velocity_estimator list: /dev/full: No space left on device\n'
+    )
+
+    def full(self, text, encoding):
+        os.write(os.open('/dev/full', os.O_WRONLY), text.encode())
+
+    monkeypatch.setattr(Path, 'write_text', full)
+    path = tmp_path / 'list.json'
+    assert main(['list', 'pll', '--json', str(path)]) == 1
+    said = capsys.readouterr().err
+    assert said == f'velocity_estimator list: {path}: No space left on device\n'
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -120,14 +138,14 @@ def test_a_result_may_stand_in_the_folder_of_its_bag(tmp_path, monkeypatch, caps
 def test_a_file_is_replaced_as_a_whole(tmp_path):
     path = tmp_path / 'file'
     path.write_text('before')
-    with pytest.raises(KeyError), destination.replacing(path) as beside:
+    with pytest.raises(KeyError), whole_file.replacing(path) as beside:
         beside.write_text('half')
         raise KeyError
     assert path.read_text() == 'before'
     assert list(tmp_path.iterdir()) == [path]
-    with destination.replacing(path) as one, destination.replacing(path) as other:
+    with whole_file.replacing(path) as one, whole_file.replacing(path) as other:
         assert one != other  # two commands at once
-    destination.write_text(path, 'after')
+    whole_file.write_text(path, 'after')
     assert path.read_text() == 'after'
 
 
@@ -135,10 +153,10 @@ def test_links_and_devices_stay_what_they_are(tmp_path):
     (tmp_path / 'file').write_text('before')
     link = tmp_path / 'link'
     link.symlink_to('file')
-    destination.write_text(link, 'after')
+    whole_file.write_text(link, 'after')
     assert link.is_symlink() and (tmp_path / 'file').read_text() == 'after'
-    destination.write_text('/dev/null', 'gone')
+    whole_file.write_text('/dev/null', 'gone')
     assert stat.S_ISCHR(os.stat('/dev/null').st_mode)
-    destination.write_text(tmp_path / 'new', '')
+    whole_file.write_text(tmp_path / 'new', '')
     os.umask(mask := os.umask(0))
     assert stat.S_IMODE((tmp_path / 'new').stat().st_mode) == 0o666 & ~mask

@@ -10,13 +10,12 @@ observer's poles.
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from estimator_pkg import yaml_text
+from estimator_pkg import whole_file, yaml_text
 from estimator_pkg.driver.adaptive import AdaptiveBank
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers.adaptive.gains import structure
@@ -88,10 +87,8 @@ def save(path: str, bank: AdaptiveBank) -> list[str]:
     text = f'{yaml_text.comment(ABOUT)}\n' + yaml_text.block(
         {'adaptive_parameters': FORMAT, 'joints': joints}
     )
-    beside = f'{path}.part'
     try:
-        Path(beside).write_text(text, encoding='utf-8')
-        os.replace(beside, path)
+        whole_file.write_text(path, text)
     except OSError as error:
         raise UserError(f'cannot write {path}: {error.strerror}') from error
     return names

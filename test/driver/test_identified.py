@@ -38,6 +38,8 @@ def learnt(names=('a',), **values):
 
 def test_what_is_saved_is_the_plant_and_other_joints_stay(tmp_path):
     path = str(tmp_path / 'parameters.yaml')
+    mine = tmp_path / 'parameters.yaml.part'
+    mine.write_text('mine')
     one = learnt(load=True, gravity=True)
     assert save(path, one) == ['a']
     found = load(path)['a']
@@ -55,7 +57,7 @@ def test_what_is_saved_is_the_plant_and_other_joints_stay(tmp_path):
     assert save(path, learnt(('b', 'c'))) == ['b', 'c']
     assert load(path)['a'] == found and set(load(path)) == {'a', 'b', 'c'}
     assert 'load' not in load(path)['b'] and len(load(path)['b']['stddev']) == 4
-    assert not (tmp_path / 'parameters.yaml.part').exists()
+    assert mine.read_text() == 'mine' and len(list(tmp_path.iterdir())) == 2
 
 
 def test_nothing_identified_is_not_saved(tmp_path):

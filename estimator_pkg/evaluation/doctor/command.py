@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import destination
+from estimator_pkg import destination, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.selection import MADE, TRUTH
@@ -141,12 +141,12 @@ def _write(
 ) -> None:
     """Write the requested files and print their names."""
     if parsed.out:
-        destination.write_text(parsed.out, parameters)
+        whole_file.write_text(parsed.out, parameters)
         show('', f'parameters: {parsed.out}')
     else:
         show('', 'A parameter file of this: add --out params.yaml')
     if parsed.html:
-        destination.write_text(parsed.html, report.page(examined, choice, origin, parameters))
+        whole_file.write_text(parsed.html, report.page(examined, choice, origin, parameters))
         show(f'page: {parsed.html}')
 
 

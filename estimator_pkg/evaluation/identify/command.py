@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import destination
+from estimator_pkg import destination, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measurement_topic
@@ -176,7 +176,7 @@ def _write(
             f'      - {scalar(text)}'
             + (f'  # +- {deviation:.2g}' if np.isfinite(deviation) else '')
         )
-    destination.write_text(path, '\n'.join(lines) + '\n')
+    whole_file.write_text(path, '\n'.join(lines) + '\n')
 
 
 COMMAND = Command(

@@ -11,7 +11,7 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg import destination
+from estimator_pkg import destination, whole_file
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 
 LEVEL = 1  # compression level: one second more saves a third
@@ -32,7 +32,7 @@ class FullData:
     def __init__(self, path: str) -> None:
         destination.check(path)
         self.path = path
-        self._whole = destination.replacing(path)
+        self._whole = whole_file.replacing(path)
         self._zip = zipfile.ZipFile(
             self._whole.__enter__(), 'w', zipfile.ZIP_DEFLATED, compresslevel=LEVEL
         )

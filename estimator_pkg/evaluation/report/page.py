@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from estimator_pkg import __version__, destination
+from estimator_pkg import __version__, destination, whole_file
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
@@ -338,7 +338,7 @@ class Report:
             f'<script type="application/json" id="data">{text}</script>\n'
             f'<script>{_asset("page.js")}</script>\n</body></html>\n'
         )
-        destination.write_text(self.path, page)
+        whole_file.write_text(self.path, page)
 
     def _where(self) -> str:
         if self._data is None:

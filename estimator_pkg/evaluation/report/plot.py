@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg import destination
+from estimator_pkg import destination, whole_file
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.report.thinning import broken, extremes, limits
@@ -123,7 +123,7 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
 
 def save(figure: Any, path: str) -> None:
     """Write a figure, completely or not at all; its type is that of the suffix."""
-    with destination.replacing(path) as temporary:
+    with whole_file.replacing(path) as temporary:
         figure.savefig(temporary, dpi=120, format=Path(path).suffix[1:].lower())
 
 

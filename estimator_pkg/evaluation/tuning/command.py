@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from estimator_pkg import destination, interrupts, streams
+from estimator_pkg import destination, interrupts, streams, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.cli import Command
@@ -256,7 +256,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 tuned = [kept(joint, groups[joint], text) for joint, text in results.items()]
                 notes.append(f'the file has {parsed.observer} as it is')
     print(output.describe(chosen_results, notes))
-    destination.write_text(
+    whole_file.write_text(
         out, output.as_yaml(tuning, _held(parsed, tuning, seen[0].bag), tuned, held_out)
     )
     show(f'gains: {out}')

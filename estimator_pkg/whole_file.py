@@ -1,0 +1,49 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Write files completely or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Yield a new file next to `path`, which replaces `path` when the context ends without error.
+
+    After an error the new file is deleted and `path` is unchanged. A special file (/dev/null), or
+    one in a folder that is not writable, is written directly.
+
+    Raises
+    ------
+    OSError : it cannot be written; its file name is `path`.
+    """
+    place = beside = Path(os.path.realpath(path))  # a link stays one
+    try:
+        if place.exists() and not (place.is_file() and os.access(place.parent, os.W_OK)):
+            yield Path(path)
+            return
+        while True:
+            beside = place.with_name(f'.{place.name}.{secrets.token_hex(4)}.part')
+            with suppress(FileExistsError):
+                beside.open('xb').close()
+                break
+        yield beside
+        os.replace(beside, place)
+    except BaseException as error:
+        if beside != place:
+            beside.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename in (None, str(beside)):
+            error.filename = str(path)
+        raise
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file, completely or not at all."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding='utf-8')
