@@ -10,13 +10,26 @@ are in the subset that Numba compiles.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from sim_pkg.pmsm.inverter import limited
 
-# (kp current [ohm], ki current x period [ohm], kp speed [N m s], ki speed x period [N m s],
-#  torque constant [N m/A], largest current [A], L [H], flux [Wb], pole pairs, period [s],
-#  dc voltage [V], inertia [kg m^2])
-Control = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
+
+class Control(NamedTuple):
+    """Gains and data of the controller."""
+
+    kp_current: float  # [ohm]
+    ki_current: float  # times the period [ohm]
+    kp_speed: float  # [N m s]
+    ki_speed: float  # times the period [N m s]
+    torque_constant: float  # [N m/A]
+    current_max: float  # [A]
+    inductance: float  # [H]
+    flux: float  # [Wb]
+    poles: float  # pole pairs
+    period: float  # [s]
+    dc_voltage: float  # [V]
+    inertia: float  # [kg m^2]
 
 
 def speed_control(
@@ -27,13 +40,13 @@ def speed_control(
     The acceleration of the profile is a feedforward through the inertia.
     """
     error = reference - speed
-    torque = control[2] * error + integral + control[11] * acceleration
-    most = control[4] * control[5]
+    torque = control.kp_speed * error + integral + control.inertia * acceleration
+    most = control.torque_constant * control.current_max
     if torque > most:
-        return control[5], integral
+        return control.current_max, integral
     if torque < -most:
-        return -control[5], integral
-    return torque / control[4], integral + control[3] * error
+        return -control.current_max, integral
+    return torque / control.torque_constant, integral + control.ki_speed * error
 
 
 def current_control(
@@ -49,43 +62,10 @@ def current_control(
     """
     back = complex(math.cos(theta), -math.sin(theta))
     error = complex(0.0, i_q) - current * back
-    frame = (
-        control[0] * error
-        + integral
-        + complex(0.0, omega) * (control[6] * (current * back) + control[7])
-    )
-    ahead = theta + 1.5 * omega * control[9]  # angle in the middle of the period of action
-    voltage = limited(frame, control[10])
+    linked = control.inductance * (current * back) + control.flux
+    frame = control.kp_current * error + integral + complex(0.0, omega) * linked
+    ahead = theta + 1.5 * omega * control.period  # angle in the middle of the period of action
+    voltage = limited(frame, control.dc_voltage)
     if voltage == frame:  # anti-windup: no integration while the voltage is saturated
-        integral += control[1] * error
+        integral += control.ki_current * error
     return voltage * complex(math.cos(ahead), math.sin(ahead)), integral
-
-
-def tuned(
-    resistance: float,
-    inductance: float,
-    flux: float,
-    pole_pairs: int,
-    inertia: float,
-    current_max: float,
-    dc_voltage: float,
-    period: float,
-    current_hz: float,
-    speed_hz: float,
-) -> Control:
-    """Return gains from the motor's data and the two bandwidths [Hz]."""
-    fast, slow = 2.0 * math.pi * current_hz, 2.0 * math.pi * speed_hz
-    return (
-        fast * inductance,
-        fast * resistance * period,
-        slow * inertia,
-        0.25 * slow * slow * inertia * period,
-        1.5 * pole_pairs * flux,
-        current_max,
-        inductance,
-        flux,
-        float(pole_pairs),
-        period,
-        dc_voltage,
-        inertia,
-    )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import available, compiled
 from sim_pkg.joints.sensor import random_stream
-from sim_pkg.pmsm.control import current_control, speed_control
+from sim_pkg.pmsm.control import Control, current_control, speed_control
 from sim_pkg.pmsm.inverter import dead_time_error, switch
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.plant import Plant, move
@@ -79,7 +79,7 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
     def loop(
         state: tuple,
         plant: Plant,
-        control: tuple,
+        control: Control,
         drive: tuple,
         noise: NDArray[np.float64],
         reference: NDArray[np.float64],
@@ -88,21 +88,10 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
         samples: NDArray[np.float64],
         truth: NDArray[np.float64],
     ) -> tuple:
-        (
-            current,
-            theta,
-            speed,
-            older,
-            acted,
-            active,
-            folded,
-            steering,
-            held,
-            frame_before,
-            forced_before,
-        ) = state
+        (current, theta, speed), (older, acted, active), controller = state
+        held, folded, steering, frame_before, forced_before = controller
         step, limit, dead, offset, delay = drive
-        period, dc_voltage, poles = control[9], control[10], control[8]
+        period, dc, poles = control.period, control.dc_voltage, control.poles
         for k in range(len(reference)):
             back = complex(math.cos(theta), -math.sin(theta))
             read = complex(
@@ -121,7 +110,7 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
                     turn = frame_before - angle
                     folded = folded * complex(math.cos(turn), math.sin(turn))
                     flowing = read * complex(math.cos(angle), -math.sin(angle))
-                    steering = control[4] * flowing.imag
+                    steering = control.torque_constant * flowing.imag
                 i_q, steering = speed_control(
                     reference[k], acceleration[k], omega / poles, steering, control
                 )
@@ -138,41 +127,20 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
                 reported = older
             row, true = samples[k], truth[k]
             row[0], row[1], row[2], row[3] = read.real, read.imag, reported.real, reported.imag
-            true[0], true[1], true[2] = speed, theta, plant[2]
+            true[0], true[1], true[2] = speed, theta, plant.flux
             true[3], true[4] = (current * back).imag, reference[k]
             # advance to the next sample: the rest of this carrier period, the start of the next
             if switched:
                 current, theta, speed = switch(
-                    current,
-                    theta,
-                    speed,
-                    load[k],
-                    plant,
-                    active,
-                    dc_voltage,
-                    dead,
-                    period,
-                    offset,
-                    1.0,
+                    current, theta, speed, load[k], plant, active, dc, dead, period, offset, 1.0
                 )
-                if offset > 0.0:
-                    current, theta, speed = switch(
-                        current,
-                        theta,
-                        speed,
-                        load[k],
-                        plant,
-                        following,
-                        dc_voltage,
-                        dead,
-                        period,
-                        0.0,
-                        offset,
-                    )
+                current, theta, speed = switch(
+                    current, theta, speed, load[k], plant, following, dc, dead, period, 0.0, offset
+                )
             else:
                 lost = complex(0.0, 0.0)
                 if dead > 0.0:
-                    lost = dead_time_error(current, dc_voltage, dead)
+                    lost = dead_time_error(current, dc, dead)
                 current, theta, speed = move(
                     current, active - lost, theta, speed, load[k], plant, (1.0 - offset) * period
                 )
@@ -181,19 +149,8 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
                         current, following - lost, theta, speed, load[k], plant, offset * period
                     )
             older, acted, active = acted, active, following
-        return (
-            current,
-            theta,
-            speed,
-            older,
-            acted,
-            active,
-            folded,
-            steering,
-            held,
-            frame_before,
-            forced_before,
-        )
+        controller = held, folded, steering, frame_before, forced_before
+        return (current, theta, speed), (older, acted, active), controller
 
     return loop
 
@@ -235,26 +192,19 @@ class Drive:
         zero = complex(0.0, 0.0)
         plant = parameters.plant()
         # as if it had run without current so far: the voltage equals the back-EMF
-        omega = plant[3] * speed
+        omega = plant.poles * speed
         voltage = [
-            1j * omega * plant[2] * np.exp(1j * (theta + (part - 0.5) * omega * parameters.period))
+            1j
+            * omega
+            * plant.flux
+            * np.exp(1j * (theta + (part - 0.5) * omega * parameters.period))
             for part in (-1.0, 0.0, 1.0)
         ]
         if feedback is not sensored:
             voltage = [zero] * 3
-        self._state: tuple = (
-            zero,
-            theta,
-            speed,
-            complex(voltage[0]),
-            complex(voltage[1]),
-            complex(voltage[2]),
-            zero,
-            0.0,
-            held,
-            theta,
-            0.0,
-        )
+        older, acted, active = map(complex, voltage)
+        controller = held, zero, 0.0, theta, 0.0
+        self._state: tuple = ((zero, theta, speed), (older, acted, active), controller)
         bits, full_scale = parameters.adc_bits, parameters.adc_range
         self._drive = (
             2.0 * full_scale / 2**bits if bits else 0.0,
@@ -267,7 +217,8 @@ class Drive:
     @property
     def held(self) -> Any:
         """The state of the feedback."""
-        return self._state[8]
+        motor, voltages, (held, *others) = self._state
+        return held
 
     def run(self, count: int) -> Record:
         """Return the next `count` samples."""

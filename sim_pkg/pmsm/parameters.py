@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import structural
-from sim_pkg.pmsm.control import Control, tuned
+from sim_pkg.pmsm.control import Control
 from sim_pkg.pmsm.plant import Plant
 from sim_pkg.pmsm.profiles import NAMES, Profile, named
 
@@ -189,7 +189,7 @@ class PmsmParameters:
     def plant(self, time: float = 0.0) -> Plant:
         """Return the true motor after `time` [s] of warming."""
         warmth = self.temperature_rise * (1.0 - math.exp(-time / self.temperature_time))
-        return (
+        return Plant(
             self.resistance * (1.0 + self.resistance_error) * (1.0 + COPPER * warmth),
             self.inductance * (1.0 + self.inductance_error),
             self.flux * (1.0 + self.flux_error) * (1.0 + MAGNET * warmth),
@@ -203,17 +203,20 @@ class PmsmParameters:
 
     def control(self) -> Control:
         """Return the controller, tuned for the nominal motor."""
-        return tuned(
-            self.resistance,
-            self.inductance,
-            self.flux,
-            self.pole_pairs,
-            self.inertia,
-            self.current_max,
-            self.dc_voltage,
-            self.period,
-            self.current_hz,
-            self.speed_hz,
+        fast, slow = 2.0 * math.pi * self.current_hz, 2.0 * math.pi * self.speed_hz
+        return Control(
+            kp_current=fast * self.inductance,
+            ki_current=fast * self.resistance * self.period,
+            kp_speed=slow * self.inertia,
+            ki_speed=0.25 * slow * slow * self.inertia * self.period,
+            torque_constant=1.5 * self.pole_pairs * self.flux,
+            current_max=self.current_max,
+            inductance=self.inductance,
+            flux=self.flux,
+            poles=float(self.pole_pairs),
+            period=self.period,
+            dc_voltage=self.dc_voltage,
+            inertia=self.inertia,
         )
 
     def motion(self) -> Profile:

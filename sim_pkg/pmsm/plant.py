@@ -10,12 +10,23 @@ that Numba compiles.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 STICKS = 1.0  # speed below which Coulomb friction fades to zero [rad/s]
 
-# (R [ohm], L [H], flux [Wb], pole pairs, inertia [kg m^2], load [N m] quadratic per (rad/s)^2,
-#  constant, viscous per rad/s, Coulomb)
-Plant = tuple[float, float, float, float, float, float, float, float, float]
+
+class Plant(NamedTuple):
+    """The motor and its load."""
+
+    resistance: float  # [ohm]
+    inductance: float  # [H]
+    flux: float  # [Wb]
+    poles: float  # pole pairs
+    inertia: float  # [kg m^2]
+    quadratic: float  # load per squared speed [N m s^2/rad^2]
+    constant: float  # load [N m]
+    viscous: float  # friction per speed [N m s/rad]
+    coulomb: float  # friction [N m]
 
 
 def electric(
@@ -27,21 +38,20 @@ def electric(
     ----------
     theta, omega : electrical angle at the start [rad] and electrical speed [rad/s].
     """
-    resistance, inductance, flux = plant[0], plant[1], plant[2]
-    rate = resistance / inductance
+    rate = plant.resistance / plant.inductance
     decay = math.exp(-rate * time)
     turn = omega * time
     # integral of exp(-rate (t - s)) exp(j omega s) = (exp(j omega t) - exp(-rate t))/(rate + j w)
     rest = complex(math.cos(turn) - decay, math.sin(turn)) * complex(rate, -omega)
-    scale = omega * flux / (inductance * (rate * rate + omega * omega))
+    scale = omega * plant.flux / (plant.inductance * (rate * rate + omega * omega))
     emf = complex(0.0, scale) * complex(math.cos(theta), math.sin(theta)) * rest
-    return decay * current + (1.0 - decay) / resistance * voltage - emf
+    return decay * current + (1.0 - decay) / plant.resistance * voltage - emf
 
 
 def torque(current: complex, theta: float, plant: Plant) -> float:
     """Return the torque of the motor [N m]: 3/2 p phi i_q."""
     i_q = current.imag * math.cos(theta) - current.real * math.sin(theta)
-    return 1.5 * plant[3] * plant[2] * i_q
+    return 1.5 * plant.poles * plant.flux * i_q
 
 
 def resisting(speed: float, load: float, plant: Plant) -> float:
@@ -52,9 +62,8 @@ def resisting(speed: float, load: float, plant: Plant) -> float:
     elif friction < -1.0:
         friction = -1.0
     # braking torques vanish with the speed, so a load does not drive a rotor at rest
-    return (
-        plant[5] * speed * abs(speed) + plant[7] * speed + (plant[6] + plant[8] + load) * friction
-    )
+    drag = plant.quadratic * speed * abs(speed) + plant.viscous * speed
+    return drag + (plant.constant + plant.coulomb + load) * friction
 
 
 def move(
@@ -70,7 +79,7 @@ def move(
 
     The speed is accurate to second order in `time`; the current is exact for the mean speed.
     """
-    poles, inertia = plant[3], plant[4]
+    poles, inertia = plant.poles, plant.inertia
     before = torque(current, theta, plant)
     brake = resisting(speed, load, plant)
     middle = speed + 0.5 * time * (before - brake) / inertia

@@ -73,7 +73,7 @@ def unit_values() -> Values:
     z = cmath.exp(1j * math.radians(20.0))
     before, now, voltage = 1.0 + 2.0j, 1.5 + 1.8j, 3.0 - 1.0j
     i, h, spare, x = exponential_step(
-        z.conjugate() * before, 0j, z, 400.0, before, now, voltage, scheme, K_ETA, GAMMA, True, 2
+        z.conjugate() * before, 0j, z, 400.0, before, now, voltage, scheme, True, 2
     )
     yield 'T1 X held xi', x
     yield 'T1 X held h re', h.real

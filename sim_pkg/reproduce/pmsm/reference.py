@@ -133,73 +133,63 @@ def tick(i, h, z, x, registers, integral, count, kind, threshold):
     return i, h, z, x, registers, jumped, fired
 
 
-def runge_kutta(
-    current,
-    voltage,
-    dt,
-    period,
-    kind,
-    registers,
-    i,
-    h,
-    z,
-    x,
-    resistance,
-    inductance,
-    k_p,
-    k_i,
-    k_eta,
-    gamma,
-    log_every,
-    out_h,
-    out_z,
-    out_x,
-):
+def slope(i, h, z, x, current, voltage):
+    """Return the derivatives (5) of the observer's state, with the paper's numbers."""
+    return flow(i, h, z, x, current, voltage, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA)
+
+
+def runge_kutta_step(i, h, z, x, currents, voltages, dt):
+    """Return (i, h, z, x) after a step of RK4, and the integral of the back-EMF over it.
+
+    `currents` and `voltages` are those at the start, the middle and the end of the step.
+    """
+    c0, c1, c2 = currents
+    u0, u1, u2 = voltages
+    a_i, a_h, a_z, a_x = slope(i, h, z, x, c0, u0)
+    a_n = emf(h, z)
+    half = 0.5 * dt
+    p, q, r, s = i + half * a_i, h + half * a_h, z + half * a_z, x + half * a_x
+    b_i, b_h, b_z, b_x = slope(p, q, r, s, c1, u1)
+    b_n = emf(q, r)
+    p, q, r, s = i + half * b_i, h + half * b_h, z + half * b_z, x + half * b_x
+    c_i, c_h, c_z, c_x = slope(p, q, r, s, c1, u1)
+    c_n = emf(q, r)
+    p, q, r, s = i + dt * c_i, h + dt * c_h, z + dt * c_z, x + dt * c_x
+    d_i, d_h, d_z, d_x = slope(p, q, r, s, c2, u2)
+    d_n = emf(q, r)
+    sixth = dt / 6.0
+    i = i + sixth * (a_i + 2.0 * b_i + 2.0 * c_i + d_i)
+    h = h + sixth * (a_h + 2.0 * b_h + 2.0 * c_h + d_h)
+    z = z + sixth * (a_z + 2.0 * b_z + 2.0 * c_z + d_z)
+    x = x + sixth * (a_x + 2.0 * b_x + 2.0 * c_x + d_x)
+    return i, h, z, x, sixth * (a_n + 2.0 * b_n + 2.0 * c_n + d_n)
+
+
+def runge_kutta(current, voltage, dt, period, kind, registers, start, log_every, logs):
     """Run RK4 with inputs exact at the stages; ticks at integer multiples of `period` steps.
 
     Parameters
     ----------
     current, voltage : on a grid of half steps, shape (2 n + 1,).
-    out_h, out_z, out_x : logs, every `log_every` steps, after the tick; row 0 is the start.
+    start : (i, h, z, x).
+    logs : arrays of h, z and x, every `log_every` steps, after the tick; row 0 is the start.
 
     Returns
     -------
     (reflections, replacements of x)
     """
-    steps = (len(current) - 1) // 2
-    threshold = 4.0 * math.sqrt(gamma)
+    i, h, z, x = start
+    out_h, out_z, out_x = logs
+    threshold = 4.0 * math.sqrt(GAMMA)
     integral = complex(0.0, 0.0)
     count, jumps, fires = 0, 0, 0
     out_h[0], out_z[0], out_x[0] = h, z, x
-    for k in range(steps):
-        c0, c1, c2 = current[2 * k], current[2 * k + 1], current[2 * k + 2]
-        u0, u1, u2 = voltage[2 * k], voltage[2 * k + 1], voltage[2 * k + 2]
-        a_i, a_h, a_z, a_x = flow(
-            i, h, z, x, c0, u0, resistance, inductance, k_p, k_i, k_eta, gamma
-        )
-        a_n = emf(h, z)
-        half = 0.5 * dt
-        p, q, r, s = i + half * a_i, h + half * a_h, z + half * a_z, x + half * a_x
-        b_i, b_h, b_z, b_x = flow(
-            p, q, r, s, c1, u1, resistance, inductance, k_p, k_i, k_eta, gamma
-        )
-        b_n = emf(q, r)
-        p, q, r, s = i + half * b_i, h + half * b_h, z + half * b_z, x + half * b_x
-        c_i, c_h, c_z, c_x = flow(
-            p, q, r, s, c1, u1, resistance, inductance, k_p, k_i, k_eta, gamma
-        )
-        c_n = emf(q, r)
-        p, q, r, s = i + dt * c_i, h + dt * c_h, z + dt * c_z, x + dt * c_x
-        d_i, d_h, d_z, d_x = flow(
-            p, q, r, s, c2, u2, resistance, inductance, k_p, k_i, k_eta, gamma
-        )
-        d_n = emf(q, r)
-        sixth = dt / 6.0
-        i = i + sixth * (a_i + 2.0 * b_i + 2.0 * c_i + d_i)
-        h = h + sixth * (a_h + 2.0 * b_h + 2.0 * c_h + d_h)
-        z = z + sixth * (a_z + 2.0 * b_z + 2.0 * c_z + d_z)
-        x = x + sixth * (a_x + 2.0 * b_x + 2.0 * c_x + d_x)
-        integral = integral + sixth * (a_n + 2.0 * b_n + 2.0 * c_n + d_n)
+    for k in range((len(current) - 1) // 2):
+        j = 2 * k
+        currents = current[j], current[j + 1], current[j + 2]
+        voltages = voltage[j], voltage[j + 1], voltage[j + 2]
+        i, h, z, x, area = runge_kutta_step(i, h, z, x, currents, voltages, dt)
+        integral = integral + area
         z = z * (1.0 / abs(z))
         if (k + 1) % period == 0:
             count += 1
@@ -231,27 +221,10 @@ def reference_run(exact: Signals, kind: int, eta0_deg: float, xi0: float) -> Run
     rows = (len(exact.time) - 1) // 2 // LOG_EVERY + 1
     h, z, x = np.zeros(rows, complex), np.zeros(rows, complex), np.zeros(rows)
     z0 = start_frame(exact.theta[0], exact.omega[0], eta0_deg)
+    start = z0.conjugate() * exact.current[0], 0j, z0, float(xi0)
+    registers, period = empty_registers(PERIODS), round(1.0 / (CLOCK * STEP))
     jumps, fires = compiled(runge_kutta)(
-        exact.current,
-        exact.voltage,
-        STEP,
-        round(1.0 / (CLOCK * STEP)),
-        kind,
-        empty_registers(PERIODS),
-        z0.conjugate() * exact.current[0],
-        0j,
-        z0,
-        float(xi0),
-        RESISTANCE,
-        INDUCTANCE,
-        K_P,
-        K_I,
-        K_ETA,
-        GAMMA,
-        LOG_EVERY,
-        h,
-        z,
-        x,
+        exact.current, exact.voltage, STEP, period, kind, registers, start, LOG_EVERY, (h, z, x)
     )
     return Run(thinned(exact, 2 * LOG_EVERY), h, z, x, jumps, fires)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.observers.pmsm.equations import emf, flow
+from estimator_pkg.observers.pmsm.equations import emf
 from estimator_pkg.observers.pmsm.identifier import empty_registers
 from estimator_pkg.observers.pmsm.scheme import prepare_scheme, turned_emf
 from sim_pkg.reproduce.pmsm.reference import (
@@ -30,7 +30,9 @@ from sim_pkg.reproduce.pmsm.reference import (
     RESISTANCE,
     Run,
     Signals,
+    runge_kutta_step,
     signals,
+    slope,
     start_frame,
     tick,
 )
@@ -64,12 +66,13 @@ def _held_voltage(voltage, speed, turn, scheme):
     a, b, c, d = turning + rate, 1.0 / INDUCTANCE, -K_I, turning
     inverse = 1.0 / (a * d - b * c)
     drive = voltage * (1.0 / INDUCTANCE)
-    first = (scheme[1] - turn.conjugate()) * drive
-    second = scheme[3] * drive
+    (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
+    first = (e11 - turn.conjugate()) * drive
+    second = e21 * drive
     return inverse * (d * first - b * second), inverse * (a * second - c * first)
 
 
-def exponential_step(i, h, z, x, before, now, voltage, scheme, k_eta, gamma, held, passes):
+def exponential_step(i, h, z, x, before, now, voltage, scheme, held, passes):
     """Step as `pmsm.scheme.advance`, with its choices as arguments.
 
     Parameters
@@ -80,7 +83,7 @@ def exponential_step(i, h, z, x, before, now, voltage, scheme, k_eta, gamma, hel
     (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
     back = z.conjugate()
     start = back * before
-    first = abs(h) * x + k_eta * h.real
+    first = abs(h) * x + K_ETA * h.real
     speed = first
     new_i, new_h, new_x, turn = i, h, x, complex(1.0, 0.0)
     for _ in range(passes):
@@ -115,30 +118,13 @@ def exponential_step(i, h, z, x, before, now, voltage, scheme, k_eta, gamma, hel
             + back_turn * (hw * start + hdw * change)
             + held_h
         )
-        new_x = x + 0.5 * gamma * dt * (h.real + new_h.real)
-        speed = 0.5 * (first + abs(new_h) * new_x + k_eta * new_h.real)
+        new_x = x + 0.5 * GAMMA * dt * (h.real + new_h.real)
+        speed = 0.5 * (first + abs(new_h) * new_x + K_ETA * new_h.real)
     new_z = z * turn
     return new_i, new_h, new_z * (1.0 / abs(new_z)), new_x
 
 
-def sampled(
-    way,
-    current,
-    instant,
-    mean,
-    dt,
-    period,
-    kind,
-    registers,
-    scheme,
-    i,
-    h,
-    z,
-    x,
-    out_h,
-    out_z,
-    out_x,
-):
+def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, start, logs):
     """Run at one sample rate; return (reflections, replacements of x). Diverged rows are nan.
 
     Parameters
@@ -147,7 +133,10 @@ def sampled(
     current, instant : at the samples, shape (n + 1,) [A], [V].
     mean : mean voltage over the interval before each sample [V].
     period : samples between clock ticks.
+    start : (i, h, z, x). logs : arrays of h, z and x, shape (n + 1,).
     """
+    i, h, z, x = start
+    out_h, out_z, out_x = logs
     integral = complex(0.0, 0.0)
     y = emf(h, z)
     count, jumps, fires = 0, 0, 0
@@ -157,18 +146,7 @@ def sampled(
         if way >= X_HELD:
             passes = 1 if way == X_ONE_PASS else 2
             i, h, z, x = exponential_step(
-                i,
-                h,
-                z,
-                x,
-                current[k - 1],
-                current[k],
-                mean[k],
-                scheme,
-                K_ETA,
-                GAMMA,
-                way == X_HELD,
-                passes,
+                i, h, z, x, current[k - 1], current[k], mean[k], scheme, way == X_HELD, passes
             )
         else:
             c0 = c1 = c2 = current[k - 1]
@@ -178,60 +156,11 @@ def sampled(
             elif way == RK4_LINEAR:
                 c2, u0, u2 = current[k], instant[k - 1], instant[k]
                 c1, u1 = 0.5 * (c0 + c2), 0.5 * (u0 + u2)
-            a_i, a_h, a_z, a_x = flow(
-                i, h, z, x, c0, u0, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA
-            )
             if way == EULER_INSTANT or way == EULER_MEAN:
-                i, h, z, x = i + dt * a_i, h + dt * a_h, z + dt * a_z, x + dt * a_x
+                of_i, of_h, of_z, of_x = slope(i, h, z, x, c0, u0)
+                i, h, z, x = i + dt * of_i, h + dt * of_h, z + dt * of_z, x + dt * of_x
             else:
-                s = 0.5 * dt
-                b_i, b_h, b_z, b_x = flow(
-                    i + s * a_i,
-                    h + s * a_h,
-                    z + s * a_z,
-                    x + s * a_x,
-                    c1,
-                    u1,
-                    RESISTANCE,
-                    INDUCTANCE,
-                    K_P,
-                    K_I,
-                    K_ETA,
-                    GAMMA,
-                )
-                c_i, c_h, c_z, c_x = flow(
-                    i + s * b_i,
-                    h + s * b_h,
-                    z + s * b_z,
-                    x + s * b_x,
-                    c1,
-                    u1,
-                    RESISTANCE,
-                    INDUCTANCE,
-                    K_P,
-                    K_I,
-                    K_ETA,
-                    GAMMA,
-                )
-                d_i, d_h, d_z, d_x = flow(
-                    i + dt * c_i,
-                    h + dt * c_h,
-                    z + dt * c_z,
-                    x + dt * c_x,
-                    c2,
-                    u2,
-                    RESISTANCE,
-                    INDUCTANCE,
-                    K_P,
-                    K_I,
-                    K_ETA,
-                    GAMMA,
-                )
-                s = dt / 6.0
-                i = i + s * (a_i + 2.0 * b_i + 2.0 * c_i + d_i)
-                h = h + s * (a_h + 2.0 * b_h + 2.0 * c_h + d_h)
-                z = z + s * (a_z + 2.0 * b_z + 2.0 * c_z + d_z)
-                x = x + s * (a_x + 2.0 * b_x + 2.0 * c_x + d_x)
+                i, h, z, x, _ = runge_kutta_step(i, h, z, x, (c0, c1, c2), (u0, u1, u2), dt)
             if not (
                 -DIVERGED < h.real < DIVERGED
                 and -DIVERGED < h.imag < DIVERGED
@@ -286,22 +215,11 @@ def sampled_run(
     x = np.full(count, np.nan)
     z0 = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
     scheme = prepare_scheme(RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / rate)
+    start = z0.conjugate() * truth.current[0], 0j, z0, float(xi0)
+    registers, period = empty_registers(PERIODS), round(rate / CLOCK)
+    voltages = truth.voltage, samples.mean
     jumps, fires = compiled(sampled)(
-        way,
-        truth.current,
-        truth.voltage,
-        samples.mean,
-        1.0 / rate,
-        round(rate / CLOCK),
-        kind,
-        empty_registers(PERIODS),
-        scheme,
-        z0.conjugate() * truth.current[0],
-        0j,
-        z0,
-        float(xi0),
-        h,
-        z,
-        x,
+        *(way, truth.current, *voltages, 1.0 / rate),
+        *(period, kind, registers, scheme, start, (h, z, x)),
     )
     return Run(truth, h, z, x, jumps, fires)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +60,7 @@ def run(observer, count=6000):
     states = motion()
     state = observer.start(states[0][:2])
     errors = []
-    for before, x in zip(states[:count], states[1:]):
+    for before, x in pairwise(states[: count + 1]):
         state = observer.step(state, before[:2], x[:2], INPUT, DT)
         errors.append(abs(state.unmeasured[0] - x[2]))
     return np.array(errors)

@@ -52,7 +52,7 @@ def fine(current, voltage, theta, speed, load, plant, time):
 
 
 def test_the_current_is_exact_at_constant_speed():
-    stiff = (*PLANT[:4], 1e9, *PLANT[5:])
+    stiff = PLANT._replace(inertia=1e9)
     for time in (1e-6, 5e-5, 1e-3):
         exact = fine(2.0 - 1.0j, 5.0 + 3.0j, 0.4, 600.0, 0.0, stiff, time)[0]
         ours = electric(2.0 - 1.0j, 5.0 + 3.0j, 0.4, 7 * 600.0, stiff, time)
@@ -83,7 +83,7 @@ def test_a_load_does_not_drive_a_rotor_at_rest():
 def test_torque_balances_power():
     """Electrical power into the back-EMF is mechanical power: 3/2 Re(e conj(i)) = T w."""
     current, theta, speed = 3.0 + 4.0j, 1.1, 200.0
-    e = 1j * 7 * speed * PLANT[2] * np.exp(1j * theta)
+    e = 1j * 7 * speed * PLANT.flux * np.exp(1j * theta)
     assert torque(current, theta, PLANT) * speed == pytest.approx(
         1.5 * (e * current.conjugate()).real
     )
@@ -95,7 +95,7 @@ def test_the_bridge_makes_the_mean_voltage():
     _, theta, speed = 0j, 0.2, 100.0
     mean = move(1j, voltage, theta, speed, 0.0, PLANT, 5e-5)
     switched = switch(1j, theta, speed, 0.0, PLANT, voltage, 24.0, 0.0, 5e-5, 0.0, 1.0)
-    assert abs(switched[0] - mean[0]) < 0.02 * abs(voltage) * 5e-5 / PLANT[1]
+    assert abs(switched[0] - mean[0]) < 0.02 * abs(voltage) * 5e-5 / PLANT.inductance
     parts = switch(1j, theta, speed, 0.0, PLANT, voltage, 24.0, 0.0, 5e-5, 0.0, 0.37)
     parts = switch(*parts, 0.0, PLANT, voltage, 24.0, 0.0, 5e-5, 0.37, 1.0)
     assert abs(parts[0] - switched[0]) < 1e-4
@@ -135,7 +135,7 @@ def test_speed_control_stops_integrating_at_the_limit():
     assert speed_control(1000.0, 0.0, 0.0, 0.1, control) == (30.0, 0.1)
     assert speed_control(-1000.0, 0.0, 0.0, 0.1, control) == (-30.0, 0.1)
     i_q, integral = speed_control(101.0, 0.0, 100.0, 0.1, control)
-    assert 0.1 / control[4] < i_q < 30.0 and integral > 0.1
+    assert 0.1 / control.torque_constant < i_q < 30.0 and integral > 0.1
 
 
 @pytest.mark.parametrize('name', NAMES)
