@@ -420,7 +420,7 @@ def _print(kinds: dict[str, list[Item]], show: Callable[[Item, int], str]) -> No
 
 
 COMMAND = Command(
-    'observers, models and simulators with their parameters; commands',
+    'list observers, models, simulators and commands; describe one',
     arguments,
     run,
     examples=(

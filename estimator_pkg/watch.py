@@ -268,7 +268,7 @@ def _observer(here: Live, asked: str | None) -> str:
 
 
 COMMAND = Command(
-    'what a running observer estimates, as a live table',
+    'show what a running observer estimates, as a live table',
     arguments,
     run,
     examples=(

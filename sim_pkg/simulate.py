@@ -25,7 +25,9 @@ NOT_IN_BAGS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument('plant', metavar='PLANT', help="a simulator ('velocity_estimator list')")
+    parser.add_argument(
+        'plant', metavar='PLANT', help="a simulator ('velocity_estimator list simulators')"
+    )
     parser.add_argument('--out', metavar='BAG', required=True, help='folder of the bag to make')
     parser.add_argument(
         '--duration', metavar='S', type=float, help=f'simulated seconds (default {DURATION:g})'
@@ -149,7 +151,7 @@ def _from_file(path: str | None, simulator: Simulator) -> dict[str, Any]:
 
 
 COMMAND = Command(
-    'a bag with measurement and truth from a simulated plant',
+    'simulate a plant: a bag with measurement and truth',
     arguments,
     run,
     examples=(

@@ -89,6 +89,14 @@ def test_every_help_has_examples_that_parse(name, capsys):
     ] == [shlex.split(words) for words, _ in command.examples]
 
 
+def test_the_overview_names_every_command_in_80_columns(capsys):
+    assert main(['--help']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    named = {line.split()[0] for line in lines if line.startswith('  ')}
+    assert named == set(registry.names(registry.COMMANDS))
+    assert max(map(len, lines)) <= 80
+
+
 def test_bags_of_the_examples_exist():
     root = Path(__file__).resolve().parent.parent
     for name in registry.names(registry.COMMANDS):

@@ -72,7 +72,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file')
     parser.add_argument('--topics', metavar='TOPIC', nargs='+', help='play only these topics')
     parser.add_argument(
-        '--rate', metavar='R', type=float, default=1.0, help='speed over recording (default 1)'
+        '--rate',
+        metavar='R',
+        type=float,
+        default=1.0,
+        help='speed relative to the recording (default 1)',
     )
     parser.add_argument('--loop', action='store_true', help='start again at the end')
     parser.add_argument(

@@ -304,7 +304,7 @@ def _kinds(counts: dict[str, int], what: str = 'dropped') -> str:
 
 
 COMMAND = Command(
-    'the estimates of a live node, from a bag',
+    'compute the estimates of a live node from a bag',
     arguments,
     run,
     examples=(

@@ -218,7 +218,7 @@ def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None])
 
 
 COMMAND = Command(
-    summary='simulator and observer over real DDS: a live table, a bag, a plot',
+    summary='run simulator and observer over real DDS: live table, bag, plot',
     arguments=arguments,
     run=run,
     examples=(

@@ -105,7 +105,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         dest='correct_reference',
         action='store_false',
         default=None,
-        help='keep them',
+        help="keep the truth's own lag and bias",
     )
     parser.add_argument(
         '--reference',
@@ -124,7 +124,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--data', metavar='FILE', help='write every compared sample (.npz, for numpy.load)'
     )
     parser.add_argument(
-        '--wide', action='store_true', help='every column of the table, also beyond 80'
+        '--wide',
+        action='store_true',
+        help='show every column of the table, in more than 80 characters',
     )
     unpacking.arguments(parser)
     parser.add_argument(
@@ -224,7 +226,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 
 COMMAND = Command(
-    'estimates against truth: errors, delay, noise, samples used and dropped',
+    'compare estimates with the truth: errors, delay, noise',
     arguments,
     run,
     examples=(

@@ -237,7 +237,7 @@ def _joint_states() -> list[str]:
 
 
 COMMAND = Command(
-    'what is wrong with a measurement, which observer and gains to use',
+    'find faults of a measurement, and the observer and gains for it',
     arguments,
     run,
     examples=(

@@ -40,8 +40,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--model',
         metavar='NAME',
         default=JOINT,
-        help=f'model: {JOINT} (the default), cart_pendulum, robotic_leg, or '
-        'your own as package.module:Name',
+        help=f"a model of 'velocity_estimator list models', or your own as package.module:Name "
+        f'(default {JOINT})',
     )
     parser.add_argument(
         '--out', metavar='YAML', help='parameter file of mechanical_observer to write'
@@ -51,7 +51,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME',
         action='append',
         default=[],
-        help="joint of the topic; for a mechanism once for each of the model's positions, in order",
+        help="joint to identify; for a mechanism once for each of the model's positions, in order",
     )
     parser.add_argument(
         '--measurement', metavar='TOPIC', help='joint states with positions and efforts'
@@ -180,7 +180,7 @@ def _write(
 
 
 COMMAND = Command(
-    "a model's numbers from a recording, judged on its other part",
+    "identify a model's parameters, validated on held-out data",
     arguments,
     run,
     examples=(
@@ -188,9 +188,6 @@ COMMAND = Command(
             'bags/dfki_simple_pendulum/sac_200hz_multiturn --out joint.yaml',
             'inertia, friction and gravity of a joint, from positions and efforts',
         ),
-        (
-            'BAG --joint elbow --set inertia=0.02',
-            'one joint of several, with a number that is known',
-        ),
+        ('BAG --joint elbow --set inertia=0.02', 'one joint of several, with a known parameter'),
     ),
 )

@@ -55,8 +55,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--observer',
         metavar='NAME',
-        help='observer to tune (default: the best linear one; the file has it if it is then '
-        'better than the default observer as it is. For currents and voltages: pmsm)',
+        help='observer to tune (default: the best linear one; if its tuned gains do not beat the '
+        'default observer, the file has the latter. For currents and voltages: pmsm)',
     )
     parser.add_argument('--out', required=True, metavar='YAML', help='parameter file to write')
     parser.add_argument(
