@@ -25,6 +25,7 @@ from estimator_pkg import registry
 from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveJoint
+from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.evaluation.compare.timing import Side, interleave, not_run, ratio, row
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.parameters import build
@@ -105,7 +106,9 @@ def make_joint(fast: bool = True) -> DriveJoint:
     """Return our observer with a wrong flux."""
     observer = registry.find(registry.OBSERVERS, 'pmsm')
     values = {**MOTOR, 'flux': FLUX, **QUIET}
-    return DriveJoint(observer, *Configuration(observer, values).for_joint(''), fast=fast)
+    return DriveJoint(
+        observer, *Configuration(observer, values, settings=JointSettings).for_joint(''), fast=fast
+    )
 
 
 def ours(signal: Signal) -> Estimate:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimator_pkg.driver.bank import Bank, TakenOfJoints, taken
 from estimator_pkg.driver.batch import COMPILE_FROM, Estimates
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting
+from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive.evidence import Evidence
@@ -122,7 +122,7 @@ class AdaptiveConfiguration(Configuration):
         overrides: Mapping[str, Mapping[str, Any]] | None = None,
         saved: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
-        super().__init__(observer, common, overrides)
+        super().__init__(observer, common, overrides, DrivenSettings)
         self.saved = dict(saved or {})
         for joint in self.saved:
             self.for_joint(joint)

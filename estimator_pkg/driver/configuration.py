@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.driver.joint import JointSettings, SensorSettings
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers import instead
@@ -17,14 +16,6 @@ from estimator_pkg.parameters import Parameter, build, declared
 
 # What to do to have another observer's gain, with {0} for its name.
 NAME_IT = "write 'observer: {0}' in the parameter file, or use --observer {0}"
-KNOW_THE_INPUT = ('angle_and_input', 'switched')  # kinds of observers
-
-
-def settings_of(observer: Observer) -> type[JointSettings]:
-    """Return the class of the parameters per joint in addition to this observer's gains."""
-    if observer.kind == 'angle':
-        return SensorSettings
-    return DrivenSettings if observer.kind in KNOW_THE_INPUT else JointSettings
 
 
 class Configuration:
@@ -35,6 +26,7 @@ class Configuration:
     observer : the observer with these gains.
     common : values by parameter name, for every joint.
     overrides : joint name -> values by parameter name; others come from `common`.
+    settings : declares the parameters of each joint in addition to the gains.
 
     Raises
     ------
@@ -46,8 +38,9 @@ class Configuration:
         observer: Observer,
         common: Mapping[str, Any] | None = None,
         overrides: Mapping[str, Mapping[str, Any]] | None = None,
+        settings: type[JointSettings] = SensorSettings,
     ) -> None:
-        self.observer = observer
+        self.observer, self._settings = observer, settings
         self.common = dict(common or {})
         self.overrides = {joint: dict(values) for joint, values in (overrides or {}).items()}
         for values in (self.common, *self.overrides.values()):
@@ -70,10 +63,6 @@ class Configuration:
     @property
     def _gains(self) -> dict[str, Parameter]:
         return declared(self.observer.gains)
-
-    @property
-    def _settings(self) -> type[JointSettings]:
-        return settings_of(self.observer)
 
     def _check(self, values: Mapping[str, Any]) -> None:
         known = self.parameters()

@@ -222,15 +222,7 @@ class _Partial:
     efforts: dict[int, float] = field(default_factory=dict)  # by index of the input
 
 
-class MechanismConfiguration(Configuration):
-    """Gains and settings: common values, and `per_joint.<mechanism>.<parameter>` for one."""
-
-    @property
-    def _settings(self) -> type[MechanismSettings]:
-        return MechanismSettings
-
-
-def check_names(configuration: MechanismConfiguration, names: Collection[str]) -> None:
+def check_names(configuration: Configuration, names: Collection[str]) -> None:
     """Raise UsageError if a parameter is set for a mechanism that is not in `names`."""
     for name in configuration.overrides:
         if name not in names:
@@ -253,7 +245,7 @@ class MechanismBank(Received):
     """
 
     def __init__(
-        self, configuration: MechanismConfiguration, names: Iterable[str], source: str = FIELD
+        self, configuration: Configuration, names: Iterable[str], source: str = FIELD
     ) -> None:
         super().__init__()
         self.configuration = configuration

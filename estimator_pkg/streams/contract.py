@@ -249,7 +249,7 @@ class Stream(ABC):
         cls, observer: Observer, settings: Any, common: Values, overrides: Mapping[str, Values]
     ) -> Configuration:
         """Return gains and settings per joint; raise UsageError for a wrong one."""
-        return Configuration(observer, common, overrides)
+        return Configuration(observer, common, overrides, cls.PER_JOINT)
 
     @classmethod
     def start(cls, settings: Any, configuration: Any) -> Stream:

@@ -10,18 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg import observers
-from estimator_pkg.driver.mechanism import (
-    MechanismBank,
-    MechanismConfiguration,
-    MechanismSettings,
-    check_names,
-)
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings, check_names
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanism.gains import in_words
 from estimator_pkg.parameters import structural
-from estimator_pkg.streams.contract import Answer, Output, Values
+from estimator_pkg.streams.contract import Answer, Output
 from estimator_pkg.streams.driven import DrivenStream, EffortSettings
 from estimator_pkg.streams.sources import Sample
 
@@ -62,21 +58,14 @@ class MechanicalStream(DrivenStream):
     bank: MechanismBank
     settings: MechanicalSettings
 
-    def __init__(self, settings: MechanicalSettings, configuration: MechanismConfiguration) -> None:
+    def __init__(self, settings: MechanicalSettings, configuration: Configuration) -> None:
         bank = MechanismBank(configuration, settings.mechanisms, settings.input)
         super().__init__(settings, configuration.observer, bank, bank.orders, outputs=[GAINS])
         self._meaning: dict[str, dict[str, str]] = {}  # of the gains, by mechanism
         self._unexplained = set(bank.joints)
         self._due = False  # True if ~/gains has new content
 
-    @classmethod
-    def configure(
-        cls, observer: Observer, settings: Any, common: Values, overrides: Mapping[str, Values]
-    ) -> MechanismConfiguration:
-        """See `Stream`."""
-        return MechanismConfiguration(observer, common, overrides)
-
-    def try_gains(self, configuration: MechanismConfiguration) -> None:
+    def try_gains(self, configuration: Configuration) -> None:
         """See `Stream`: checks each mechanism; common values need not suit any of them."""
         check_names(configuration, self.settings.mechanisms)
 

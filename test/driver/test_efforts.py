@@ -244,7 +244,7 @@ def test_the_switched_system_takes_commands_as_it_takes_fields():
     switched = observers.find('switched')
 
     def bank(source, **values):
-        gains, settings = Configuration(switched, values).for_joint('')
+        gains, settings = Configuration(switched, values, settings=DrivenSettings).for_joint('')
         return SwitchedBank(SwitchedJoint(switched, gains, settings), ('joint',), source)
 
     field, command = bank(FIELD), bank(COMMAND)

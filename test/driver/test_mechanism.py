@@ -15,8 +15,9 @@ from mechanism_runs import FAST, motion
 from estimator_pkg import cli, observers
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series, with_velocity
+from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import COMMAND, Inputs
-from estimator_pkg.driver.mechanism import MechanismBank, MechanismConfiguration
+from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings
 from estimator_pkg.errors import UserError
 from estimator_pkg.observers.contract import COASTING, NOT_OBSERVABLE, TRACKING
 
@@ -26,7 +27,7 @@ START = 10**12
 
 def bank(source='joint_states', names=('m',), overrides=None, observer='geso', **values):
     """The mechanisms of a node with these parameters."""
-    configuration = MechanismConfiguration(observers.find(observer), values, overrides)
+    configuration = Configuration(observers.find(observer), values, overrides, MechanismSettings)
     return MechanismBank(configuration, names, source)
 
 

@@ -8,8 +8,7 @@ import math
 
 import pytest
 
-from estimator_pkg.driver.configuration import settings_of
-from estimator_pkg.driver.efforts import COMMAND, REMEMBERED
+from estimator_pkg.driver.efforts import COMMAND, REMEMBERED, DrivenSettings
 from estimator_pkg.driver.switched import (
     APPLIED,
     EARLY,
@@ -30,7 +29,7 @@ START_NS, MS = 1_700_000_000_000_000_000, 1_000_000
 
 def system(**settings):
     made = SwitchedJoint(
-        OBSERVER, build(Gains, {'model': 'gripper'}), build(settings_of(OBSERVER), settings)
+        OBSERVER, build(Gains, {'model': 'gripper'}), build(DrivenSettings, settings)
     )
     made.happened = []  # the sample after which an event took effect
     jump = made.functions.jump

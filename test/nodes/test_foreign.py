@@ -25,6 +25,7 @@ FAMILY = '''
 
     from estimator_pkg import observers
     from estimator_pkg.driver.bank import Bank
+    from estimator_pkg.driver.joint import JointSettings
     from estimator_pkg.messages.joint_state import TYPE, Decoder
     from estimator_pkg.parameters import parameter
     from estimator_pkg.streams.answer import Answering
@@ -39,8 +40,14 @@ FAMILY = '''
             return observers.find(self.observer)
 
 
+    @dataclass(frozen=True)
+    class OfJoint(JointSettings):
+        offset: float = parameter(0.0, unit='rad', range=(-7.0, 7.0), description='of the mean')
+
+
     class TwinStream(Stream):
         KIND, NODE, SETTINGS = 'two_encoders', 'twin_observer', Settings
+        PER_JOINT = OfJoint
 
         def __init__(self, settings, configuration):
             super().__init__(settings, configuration.observer, Bank(configuration),
@@ -54,6 +61,7 @@ FAMILY = '''
         def take(self, port, raw, publish_ns):
             message = self._decode(raw)
             mean = sum(message.positions) / len(message.positions)
+            mean += self.bank.configuration.for_joint('shaft')[1].offset
             taken = self.bank.update(message.stamp_ns, ('shaft',), (mean,))
             return (self._answer(message.stamp_ns, message.frame_id, taken),)
 '''
@@ -93,7 +101,7 @@ def foreign(tmp_path, monkeypatch):
     'module, node, words',
     [
         ('estimator_pkg.nodes.executables joint_observer', 'joint_observer', ['observer:=mine']),
-        ('twin_node', 'twin_observer', []),
+        ('twin_node', 'twin_observer', ['offset:=0.5']),
     ],
 )
 def test_live_is_replay(module, node, words, foreign, probe, tmp_path):
@@ -107,8 +115,9 @@ def test_live_is_replay(module, node, words, foreign, probe, tmp_path):
         writer.add_topic('/joint_states', TYPE)
         for k, raw in enumerate(raws):
             writer.write('/joint_states', 10**15 + k * 10**6, raw)
-    observer = 'mine' if words else 'twin'
+    observer = 'twin' if module == 'twin_node' else 'mine'
     command = ['replay', tmp_path / 'bag', '--observer', observer, '--out', tmp_path / 'out']
+    command += ['--set', 'offset=0.5'] if observer == 'twin' else []
     script = 'import sys; from estimator_pkg.cli import main; sys.exit(main())'
     subprocess.run([sys.executable, '-c', script, *command], check=True, env=os.environ.copy())
     with open_bag(tmp_path / 'out') as bag:

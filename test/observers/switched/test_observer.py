@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimator_pkg import observers
-from estimator_pkg.driver.configuration import settings_of
+from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.driver.joint import Joint, JointSettings
 from estimator_pkg.driver.switched import SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError
@@ -412,7 +412,7 @@ def test_all_poles_are_in_one_place(length):
 
 
 def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
-    settings = build(settings_of(OBSERVER), {'wrap_period': 0.0})
+    settings = build(DrivenSettings, {'wrap_period': 0.0})
     system = SwitchedJoint(OBSERVER, build(Gains, {'model': 'example', 'noise': 1e-4}), settings)
     bank = SwitchedBank(system, ('y1', 'y2'))
     _, states, _ = trajectory(load('example'), 1)
