@@ -119,10 +119,15 @@ def cannot_compile(error: Exception) -> bool:
 def _key(value: Any) -> Any:
     """Return the identity of a function for the compiler: its code and its closure."""
     if isinstance(value, types.FunctionType):
-        return (value.__code__, tuple(_key(cell.cell_contents) for cell in value.__closure__ or ()))
+        return _key_of_function(value)
     if isinstance(value, tuple):
         return tuple(_key(item) for item in value)
     return (type(value), value)
+
+
+@lru_cache  # a closure has dozens of functions, and short batches come often
+def _key_of_function(function: types.FunctionType) -> Any:
+    return (function.__code__, tuple(_key(c.cell_contents) for c in function.__closure__ or ()))
 
 
 def _twin(function: Any, *, inner: bool = False) -> Callable:

@@ -49,6 +49,7 @@ import numpy as np
 
 from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, DUPLICATE, USED
 from estimator_pkg.driver.sensor_marks import Learner
+from estimator_pkg.driver.sensor_table import BACKWARD, FORWARD, MOTIONS, RISES
 from estimator_pkg.driver.track import Track, TrackFunctions
 from estimator_pkg.observers.circle import wrap
 
@@ -76,7 +77,7 @@ def placed(whole: tuple, learner: Learner) -> tuple:
     if len(whole) > FIELDS:
         _, corrected_by, place, before = whole[FIELDS:]
     _, _, _, _, further, _, _, _, offset, fade, (_, taken, rise, motion) = place
-    marks, size = len(maps.forward), maps.size
+    marks, size = maps.tables.shape[1], maps.size
     if marks == 0 or (not learner.active and offset == 0.0 and abs(taken) < GONE * size):
         learner.applied = False
         return whole[:FIELDS]
@@ -85,7 +86,7 @@ def placed(whole: tuple, learner: Learner) -> tuple:
     learner.applied = True
     cell, heading = math.floor(learner.at), learner.heading or 1
     inside = (learner.at - cell) * size
-    table = maps.backward if maps.coarse and heading < 0 else maps.forward
+    table = maps.tables[BACKWARD if maps.coarse and heading < 0 else FORWARD]
     lower, upper = float(table[cell % marks]), float(table[(cell + 1) % marks])
     slope = 0.0 if maps.coarse else (upper - lower) / size
     error = corrected_by - slope * inside
@@ -109,17 +110,17 @@ def placed(whole: tuple, learner: Learner) -> tuple:
 def entered(place: Place, maps: tuple, measurement: float, period: float) -> Place:
     """Return the place in another cell. The reading of a coarse sensor has its edge's error."""
     low, size, _, _, _, bottom, top, cell, offset, fade, (heading, taken, rise, _) = place
-    coarse, _, quantum, forward, backward, way, rises, motions = maps
+    coarse, _, quantum, way, tables = maps
     shift = measurement - low
     if not -0.5 * period <= shift < 0.5 * period:
         shift = wrap(shift, period)
-    crossed, marks = math.floor(shift / size), len(forward)
+    crossed, marks = math.floor(shift / size), tables.shape[1]
     low = measurement - (shift - crossed * size)
     cell += crossed
     now = 1 if crossed > 0 else -1
     here, beyond = cell % marks, (cell + 1) % marks
-    table = backward if coarse and now < 0 else forward
-    lower, upper = float(table[here]), float(table[beyond])
+    row = BACKWARD if coarse and now < 0 else FORWARD
+    lower, upper = float(tables[row, here]), float(tables[row, beyond])
     faded = max(offset - fade, 0.0) if offset > 0.0 else min(offset + fade, 0.0)
     if not coarse:
         first, last = (offset, faded) if now > 0 else (faded, offset)
@@ -130,7 +131,7 @@ def entered(place: Place, maps: tuple, measurement: float, period: float) -> Pla
     taken = taken + now * size * rise - FADING * taken if crossed == now == heading else 0.0
     rise = motion = 0.0
     if crossed == now and now == way:
-        rise, motion = float(rises[here]), float(motions[here])
+        rise, motion = float(tables[RISES, here]), float(tables[MOTIONS, here])
     error = (upper if now < 0 else lower) + faded + taken
     larger = upper - lower + size * rise - now * FADING * taken
     further = now * larger if larger > 0.0 else 0.0

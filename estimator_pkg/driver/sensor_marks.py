@@ -422,11 +422,8 @@ class Learner:
             self.kind == COARSE,
             self.size,
             self.quantum if self.quantum < math.inf else 0.0,
-            forward,
-            backward,
             self.heading if self.share > 0.0 else 0,
-            rises,
-            motions,
+            np.stack((forward, backward, rises, motions)),
         )
 
     def errors(self, heading: int) -> Errors:

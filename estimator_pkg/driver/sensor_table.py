@@ -33,19 +33,20 @@ class Maps(NamedTuple):
     """What is taken out of the readings.
 
     coarse : the marks are edges. size : of a cell between two marks [rad]. quantum : [rad]; 0: not
-    known. forward, backward : error of each mark, shape (n,) [rad]. way : direction in which a
-    ripple is foreseen; 0: none. rises, motions : by how much longer than usual the shaft takes for
-    each cell, shape (n,): all of it but the sensor's errors, and its motion alone.
+    known. way : direction in which a ripple is foreseen; 0: none. tables : shape (4, n), one array
+    because compiled code counts its users at each sample. Rows `FORWARD` and `BACKWARD`: error of
+    each mark [rad]. `RISES` and `MOTIONS`: by how much longer than usual the shaft takes for each
+    cell: all of it but the sensor's errors, and its motion alone.
     """
 
     coarse: bool
     size: float
     quantum: float
-    forward: Array
-    backward: Array
     way: int
-    rises: Array
-    motions: Array
+    tables: Array
+
+
+FORWARD, BACKWARD, RISES, MOTIONS = range(4)  # rows of the tables
 
 
 class Table:
