@@ -153,12 +153,12 @@ class Run:
         except subprocess.TimeoutExpired:
             self._child.kill()
             raise
-        told = []
+        reported = []
         for number in self._files:
             os.lseek(number, 0, os.SEEK_SET)
             with os.fdopen(number, 'rb') as file:
-                told.append(file.read().decode())
-        return code, *told
+                reported.append(file.read().decode())
+        return code, *reported
 
 
 def run(module: str, *arguments: str) -> tuple[int, str, str]:

@@ -177,8 +177,8 @@ def test_the_old_word_is_reported_with_the_new_one(capsys):
         'newton',
         'newton',
     ]
-    told = capsys.readouterr().err
-    assert told.count("'N' is called 'newton' now") == told.count('\n') == 1
+    reported = capsys.readouterr().err
+    assert reported.count("'N' is called 'newton' now") == reported.count('\n') == 1
     with pytest.raises(UsageError, match="input_unit: 'newton'"):
         parse.check(False)  # what ROS makes of N
 

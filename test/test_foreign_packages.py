@@ -60,7 +60,7 @@ def foreign(tmp_path_factory):
     return install(tmp_path_factory.mktemp('site'), files, ENTRY_POINTS)
 
 
-def told(foreign, *words, code=0):
+def reported(foreign, *words, code=0):
     """What `velocity_estimator` prints where that package is installed too."""
     done = subprocess.run(
         [
@@ -80,10 +80,10 @@ def told(foreign, *words, code=0):
 
 @pytest.mark.long
 def test_the_list_knows_them_and_says_what_cannot_be_imported(foreign):
-    said = told(foreign, 'list')
+    said = reported(foreign, 'list')
     assert re.search(r'  mine +an alpha-beta filter', said)
     assert re.search(r'  slide +a slide on a spring', said)
-    said = told(foreign, 'list', 'observers') + told(foreign, 'list', 'models')
+    said = reported(foreign, 'list', 'observers') + reported(foreign, 'list', 'models')
     said = ' '.join(said.split())
     assert "(observer 'broken' (broken:OBSERVER) cannot be imported: SyntaxError" in said
     assert "has no attribute 'NOTHING')" in said
@@ -92,7 +92,7 @@ def test_the_list_knows_them_and_says_what_cannot_be_imported(foreign):
 
 @pytest.mark.long
 def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path):
-    said = told(
+    said = reported(
         foreign,
         'replay',
         BAG,
@@ -101,17 +101,17 @@ def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path)
         tmp_path / 'out',
     )
     assert 'tracking' in said
-    said = told(foreign, 'evaluate', BAG, '--observer', 'mine')
+    said = reported(foreign, 'evaluate', BAG, '--observer', 'mine')
     assert 'mine' in said and 'rms' in said
 
 
 @pytest.mark.long
 def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign, tmp_path):
-    said = told(
+    said = reported(
         foreign, 'list', 'geso', '--set', 'model=slide', '--set', 'model_parameters=[stiffness=5.0]'
     )
     assert 'effect of the gains' in said
-    said = told(
+    said = reported(
         foreign,
         'replay',
         BAG,
@@ -133,7 +133,7 @@ def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign,
 )
 def test_what_cannot_be_used_is_one_line(foreign, tmp_path, observer, model, wanted):
     words = () if model is None else ('--set', f'model={model}')
-    said = told(
+    said = reported(
         foreign, 'replay', BAG, '--observer', observer, *words, '--out', tmp_path / 'out', code=1
     )
     assert wanted in said and len(said.strip().splitlines()) == 1

@@ -246,7 +246,7 @@ def ran(*words, code=0):
 @pytest.mark.long
 def test_evaluate_prints_names_as_names(hostile, tmp_path):
     page = tmp_path / 'r.html'
-    told, _ = ran(
+    reported, _ = ran(
         'evaluate',
         hostile,
         '--observer',
@@ -258,7 +258,7 @@ def test_evaluate_prints_names_as_names(hostile, tmp_path):
         '--json',
         tmp_path / 'r.json',
     )
-    assert r'evil\x1b[2J' in told and r'\u202egnp' in told
+    assert r'evil\x1b[2J' in reported and r'\u202egnp' in reported
     assert (
         EVIL in (tmp_path / 'r.json').read_text()
         or json.dumps(EVIL)[1:-1] in (tmp_path / 'r.json').read_text()
@@ -271,14 +271,14 @@ def test_evaluate_prints_names_as_names(hostile, tmp_path):
 
 @pytest.mark.long
 def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
-    told, _ = ran('replay', hostile, '--observer', 'pll', '--out', tmp_path / 'out\x1b\nfake')
-    assert r'  evil\x1b[2J' in told
+    reported, _ = ran('replay', hostile, '--observer', 'pll', '--out', tmp_path / 'out\x1b\nfake')
+    assert r'  evil\x1b[2J' in reported
     ran('replay', hostile, '--observer', 'pll', '--joint', 'nobody\x1b[2J\nfake', code=1)
     ran('replay', f'{hostile}/nowhere\x1b\nfake', '--observer', 'pll', code=1)
     ran('replay', hostile, '--observer', 'pll', '--measurement', '/a\x1b\nfake', code=1)
     ran('identify', hostile, code=2)
     ran('identify', hostile, '--joint', EVIL, code=1)
-    told, _ = ran(
+    reported, _ = ran(
         'tune',
         hostile,
         '--observer',
@@ -289,7 +289,7 @@ def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
         '8',
         '--per-joint',
     )
-    assert r'evil\x1b[2J' in told
+    assert r'evil\x1b[2J' in reported
     text = (tmp_path / 'g.yaml').read_text()
     values = holds_only(text, ['/**'])['/**']['ros__parameters']
     assert set(values) == {'observer', f'per_joint.{EVIL}', 'per_joint.b'}

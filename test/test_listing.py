@@ -100,7 +100,7 @@ def test_json_carries_everything(tmp_path, capsys):
     assert found['settings of each joint']['joint']['parameters']['unwrap']['live'] is False
 
 
-def test_automatic_and_required_parameters_are_told_apart(capsys, tmp_path):
+def test_automatic_and_required_parameters_are_distinguished(capsys, tmp_path):
     out = tmp_path / 'list.json'
     text = listed(capsys, 'pmsm', '--json', str(out))
     assert 'k_eta = automatic (-1.0) [1/Wb], [0, 1e+09]; -1.0: automatic' in text
@@ -168,7 +168,7 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
     out = listed(capsys, 'geso')
     for words in ('single_joint', 'cart_pendulum', 'robotic_leg', 'at 1000 Hz', 'slowest pole'):
         assert words in out
-    told = tmp_path / 'told.json'
+    reported = tmp_path / 'reported.json'
     out = listed(
         capsys,
         *shlex.split(
@@ -177,14 +177,14 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
         '--set',
         "model_parameters=['inertia=0.1']",
         '--json',
-        str(told),
+        str(reported),
     )
     assert 'cart_pendulum' not in out.partition('effect of the gains')[2]
     assert 'noise figure K^2/(2 L) [1/s^3]: 3600' in out
     assert 'poles of the error at the operating point [1/s]: -30, -20' in out
     assert 'dt K [1/s]: 5.357' in out and 'required by forward Euler: yes' in out
     assert 'guaranteed rate of decay, Proposition 4.1 as corrected [1/s]: 0.2564' in out
-    found = json.loads(told.read_text())['gains']['single_joint']
+    found = json.loads(reported.read_text())['gains']['single_joint']
     assert found['slowest_pole_over_range'] == '20' and 'refused' not in found
     out = listed(
         capsys, 'hgo', '--rate', '10', '--set', 'form=paper', '--set', 'L=50', '--set', 'K=600'

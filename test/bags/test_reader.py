@@ -169,7 +169,7 @@ def test_a_folder_whose_recorder_crashed_is_read(tmp_path, capsys):
     assert 'is not valid metadata' in capsys.readouterr().err
 
 
-def test_metadata_that_cannot_be_read_is_told_once(tmp_path, capsys):
+def test_metadata_that_cannot_be_read_is_reported_once(tmp_path, capsys):
     path = make.ours(tmp_path / 'bag', make.content(4))
     (path / 'metadata.yaml').write_text('rosbag2_bagfile_information: [1, 2')
     with open_bag(path) as bag:

@@ -237,7 +237,7 @@ def test_play_gives_bytes_timing_and_qos(probe, recording, tmp_path):
     }
 
 
-def test_play_tells_the_time_and_loops(probe, recording):
+def test_play_publishes_the_time_and_loops(probe, recording):
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
 

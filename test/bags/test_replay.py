@@ -241,7 +241,7 @@ def test_without_out_nothing_is_written(recording, tmp_path, capsys, monkeypatch
     assert 'a: received 400, used 400' in capsys.readouterr().out
 
 
-def test_an_observer_that_fails_is_told_in_one_line(recording, tmp_path, capsys, monkeypatch):
+def test_an_observer_that_fails_is_reported_in_one_line(recording, tmp_path, capsys, monkeypatch):
     """As an observer or a model of the user's own may, at any sample."""
 
     def fails(self, *samples):
@@ -558,7 +558,7 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
         assert error.count('\n') == 1
 
 
-def test_overrides_of_joints_that_never_come_are_told(recording, capsys):
+def test_overrides_of_joints_that_never_come_are_reported(recording, capsys):
     replay(recording, '--set', 'per_joint.zz.bandwidth_hz=3', '--observer', 'finite_difference')
     assert "joint 'zz', which never appeared" in capsys.readouterr().err
 
@@ -626,7 +626,7 @@ def test_which_topic_is_the_measurement(tmp_path, capsys):
     assert 'has no measured joint states' in capsys.readouterr().err
 
 
-def test_gains_that_are_unstable_at_this_rate_are_told(recording, capsys, tmp_path):
+def test_gains_that_are_unstable_at_this_rate_are_reported(recording, capsys, tmp_path):
     # what no observer takes: a sample time far beyond the bandwidth
     encode = Encoder().encode
     content = [

@@ -203,13 +203,13 @@ def evaluated(tmp_path, bag, *words):
 def same_rows(tmp_path, bag, observer, node, *words):
     """`evaluate --observer` gives the rows that `evaluate` gives of the replayed bag."""
     run('replay', bag, '--observer', observer, *words, '--out', tmp_path / 'replayed')
-    (told,) = evaluated(tmp_path, tmp_path / 'replayed').values()
+    (reported,) = evaluated(tmp_path, tmp_path / 'replayed').values()
     direct = evaluated(tmp_path, bag, '--observer', observer, *words)[observer]
-    assert direct['joints'].keys() == told['joints'].keys()
+    assert direct['joints'].keys() == reported['joints'].keys()
     for joint, row in direct['joints'].items():
-        assert row['velocity'] == told['joints'][joint]['velocity']
-        assert row['matched'] == told['joints'][joint]['matched']
-        assert row['coverage_95'] == told['joints'][joint]['coverage_95']
+        assert row['velocity'] == reported['joints'][joint]['velocity']
+        assert row['matched'] == reported['joints'][joint]['matched']
+        assert row['coverage_95'] == reported['joints'][joint]['coverage_95']
         assert row['samples']['received'] > 0 and row['validity_s']['tracking'] > 0.0
     return direct
 
@@ -321,7 +321,7 @@ def test_a_damaged_input_is_not_taken_for_a_measurement(tmp_path):
     assert found['dropped'] == {'malformed': 1}
 
 
-def test_a_long_gap_is_told_and_a_stray_stamp_is_none():
+def test_a_long_gap_is_reported_and_a_stray_stamp_is_none():
     joint, history = Joint(pll.OBSERVER, pll.Gains(), JointSettings()), History()
     for milliseconds in (1000, 1010, 61010, 61020, 9_000_000, 61030, 2000, 2010):
         assert joint.update(milliseconds * 10**6, 0.0)

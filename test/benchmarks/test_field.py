@@ -56,7 +56,7 @@ def test_one_setting_and_the_best_of_each_column():
     assert 'gain 2' in field.describe(found, 'the field')
 
 
-def test_a_late_estimate_is_told_with_its_delay():
+def test_a_late_estimate_is_reported_with_its_delay():
     late = Estimator('late', lambda column, value: np.roll(column.samples.velocity, 20))
     cell = field.run(columns()[:1], [late])['rows'][0]['one']['one']
     assert cell['delay_s'] == pytest.approx(0.020, abs=1e-4)
@@ -64,7 +64,7 @@ def test_a_late_estimate_is_told_with_its_delay():
     assert ', 20.0' in text
 
 
-def test_what_is_not_published_is_not_judged_but_told():
+def test_what_is_not_published_is_not_judged_but_reported():
     found = field.run(
         columns(),
         [made('half', {1: (1.0, 1.0)}, share=0.7), made('hardly', {1: (1.0, 1.0)}, share=0.1)],
@@ -121,7 +121,7 @@ def test_the_torque_is_the_one_that_makes_the_motion():
 @pytest.mark.parametrize(
     'name', ['geso', 'hgo', 'ehgo', 'smo', pytest.param('adaptive', marks=pytest.mark.slow)]
 )
-def test_who_is_told_the_torque_uses_it(name):
+def test_who_knows_the_torque_uses_it(name):
     each = next(each for each in ours.with_input() if each.name == name)
     column = of_signal(SINE, 6.0 if name == 'adaptive' else 2.5)
     without = Column('x', '', column.samples, column.quantum)

@@ -156,7 +156,7 @@ def test_a_far_future_stamp_anywhere_in_a_stream_does_no_lasting_harm(position, 
         verdicts.append(joint.verdict)
     assert joint.dropped() == {}
     assert verdicts[position + 4 :] == [USED] * (96 - position)
-    # a first stamp from there cannot be told from a clock that jumped
+    # a first stamp from there cannot be reported from a clock that jumped
     assert ('clock_jump' in joint.events()) == (position == 0)
     assert joint.estimate()[3] == TRACKING
     assert joint.estimate()[1] == pytest.approx(0.1e9 / dt_ns, rel=1e-6)

@@ -201,7 +201,7 @@ def test_a_joint_that_no_longer_comes_is_named():
     assert mechanisms.why_silent('m') == 'waiting for c'
 
 
-def test_joints_whose_stamps_never_agree_are_told_how_far_they_are_apart():
+def test_joints_whose_stamps_never_agree_are_reported_with_their_distance():
     mechanisms = bank(model='cart_pendulum', joints=['p', 'c'])
     for k in range(30):
         mechanisms.update(START + k * MS, ('p',), (0.1,), ())

@@ -136,13 +136,13 @@ def test_without_numba_a_function_is_its_own_twin(monkeypatch):
     assert compiled.compiled(math.hypot) is math.hypot
 
 
-def test_refusals_of_the_compiler_are_told_from_other_errors():
+def test_refusals_of_the_compiler_are_distinguished_from_other_errors():
     refusal = type('TypingError', (Exception,), {'__module__': 'numba.core.errors'})
     assert compiled.cannot_compile(refusal())
     assert not compiled.cannot_compile(ValueError())
 
 
-def test_a_fault_of_the_cache_is_told_once(monkeypatch, capsys):
+def test_a_fault_of_the_cache_is_reported_once(monkeypatch, capsys):
     monkeypatch.setattr(compiled, '_faults', [])
     compiled._not_kept('the disk is full')
     compiled._not_kept('and still is')

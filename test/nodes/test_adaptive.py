@@ -57,15 +57,15 @@ def values_of(entry):
     return {item.key: item.value for item in entry.values}
 
 
-def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
+def test_learns_reports_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
     from diagnostic_msgs.msg import DiagnosticArray
     from std_srvs.srv import SetBool, Trigger
 
     raws, true = motor
     path = tmp_path / 'motor.yaml'
-    told = []
+    reported = []
     subscription = probe.node.create_subscription(
-        DiagnosticArray, '/adaptive_observer/identified_parameters', told.append, 10
+        DiagnosticArray, '/adaptive_observer/identified_parameters', reported.append, 10
     )
     common = (
         *shlex.split('--ros-args -r joint_states:=/motor -p'),
@@ -92,7 +92,7 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
         assert [a.efforts for a in answers] == [node._decode(raw).efforts for raw in raws]
         assert abs(answers[-1].velocities[0] - true[-1]) < 0.05
         probe.spin(0.5)
-        values = values_of(told[-1].status[0])
+        values = values_of(reported[-1].status[0])
         assert values['state'] == 'ADAPTING' and values['trusted'] == 'True'
         assert float(values['b/J']) == pytest.approx(2.0, rel=0.02)
         assert float(values['J']) == pytest.approx(0.02, rel=0.02)
@@ -109,12 +109,12 @@ def test_learns_tells_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
         dds.NodeProcess(MODULE, *common, '-p', 'adapt:=false', '-p', 'bandwidth_hz:=8.0'),
         dds.Observer(probe, '/adaptive_observer', '/motor') as node,
     ):
-        told.clear()
+        reported.clear()
         answers = node.connect().feed(later)
         errors = [a.velocities[0] - t for a, t in zip(answers, true) if estimated(a)]
         assert len(errors) > 300 and np.abs(errors).max() < 0.2
-        probe.until(lambda: told)
-        values = values_of(told[-1].status[0])
+        probe.until(lambda: reported)
+        values = values_of(reported[-1].status[0])
         assert values['state'] == 'FROZEN'
         assert float(values['b/J']) == pytest.approx(-saved['a'][0], rel=1e-5)
     probe.node.destroy_subscription(subscription)

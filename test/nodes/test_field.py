@@ -297,14 +297,14 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize('values, told', WRONG)
-def test_a_wrong_type_or_field_ends_the_start(values, told, probe):
+@pytest.mark.parametrize('values, reported', WRONG)
+def test_a_wrong_type_or_field_ends_the_start(values, reported, probe):
     from estimator_pkg.nodes.observer import ObserverNode
     from estimator_pkg.nodes.ros_parameters import ros_values
 
     with pytest.raises(UsageError) as caught:
         ObserverNode('angle', parameter_overrides=ros_values({'input': 'field', **values}))
-    assert told in str(caught.value) and '\n' not in str(caught.value)
+    assert reported in str(caught.value) and '\n' not in str(caught.value)
 
 
 def test_a_wrong_start_is_one_line(tmp_path):

@@ -146,13 +146,13 @@ def test_bad_input_is_counted_by_kind_and_the_node_lives_on(live):
     assert new['messages_received'] == new['messages_used'] + 6 == 300 + 13 + 2 + 600
     assert live.answers[-1].velocities == pytest.approx((1.0,), rel=1e-6)
     assert live.process.alive and 'Traceback' not in live.process.output
-    for told in (
+    for reported in (
         'have no time stamp',
         'stamp_source: publisher',
         'clock of the measurements',
         'are malformed',
     ):
-        live.process.prints(told)
+        live.process.prints(reported)
 
 
 def test_status_of_a_joint_from_its_first_sample_to_silence(live):

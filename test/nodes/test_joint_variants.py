@@ -121,7 +121,7 @@ def test_raw_counts_without_a_stamp(processes, observe, probe):
     assert min(speeds) - beyond <= -answer.velocities[0] <= max(speeds) + beyond
 
 
-def test_incompatible_qos_and_misspelt_names_are_told(processes, observe, probe):
+def test_incompatible_qos_and_misspelt_names_are_reported(processes, observe, probe):
     live = observe('misspelt', reliable=False)
     process = processes['misspelt']
     probe.until(lambda: live.reports)
@@ -143,7 +143,7 @@ def test_incompatible_qos_and_misspelt_names_are_told(processes, observe, probe)
     assert process.output.count('unknown parameter') == 3  # what the YAML sets is known
 
 
-def test_gains_of_another_observer_are_told_at_the_start(processes, observe, probe):
+def test_gains_of_another_observer_are_reported_at_the_start(processes, observe, probe):
     """Whoever set `bandwidth_hz` alone had hybrid_angle, the default before."""
     from rcl_interfaces.srv import GetParameters
 
@@ -453,8 +453,8 @@ WRONG_STARTS = [
 
 def test_a_wrong_start_is_one_line_and_exit_code_2():
     runs = [nursery.Run(*MODULE.split(), '--ros-args', *words) for words, _ in WRONG_STARTS]
-    for run, (words, told) in zip(runs, WRONG_STARTS):
+    for run, (words, reported) in zip(runs, WRONG_STARTS):
         code, output, error = run.done(dds.PATIENCE)
         assert code == 2, (words, error)
-        assert told in error and len(error.splitlines()) == 1, (words, error)
+        assert reported in error and len(error.splitlines()) == 1, (words, error)
         assert output == ''

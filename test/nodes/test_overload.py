@@ -265,7 +265,7 @@ def test_beyond_the_most_new_names_are_refused_and_named_ones_are_not():
 
 
 class Still:
-    """A node in this process, fed without a topic; it looks around when it is told to."""
+    """A node in this process, fed without a topic; it looks around when it is reported to."""
 
     def __init__(self, kind, **values):
         self.node = ObserverNode(

@@ -112,7 +112,7 @@ def test_no_name_is_declared_twice():
 
 
 @pytest.mark.parametrize(
-    ('values', 'told'),
+    ('values', 'reported'),
     [
         ({'angle_sign': 0}, 'must be 1 or -1'),
         ({'input': 'angle', 'angle_type': 'UInt16'}, 'counts_per_revolution'),
@@ -124,8 +124,8 @@ def test_no_name_is_declared_twice():
         ({'counts_per_revolution': -1}, 'outside'),
     ],
 )
-def test_settings_that_cannot_work(values, told):
-    with pytest.raises(UsageError, match=told.replace('(', r'\(')):
+def test_settings_that_cannot_work(values, reported):
+    with pytest.raises(UsageError, match=reported.replace('(', r'\(')):
         build(AngleSettings, values).find_observer()
 
 

@@ -208,15 +208,15 @@ def live_equals_replay(tmp_path, seconds, probe):
     stamps = np.concatenate([batch.stamps_ns for batch in found])
     assert np.array_equal(stamps, np.concatenate([batch.stamps_ns for batch in true]))
     assert set(np.diff(stamps)) == {50_000}
-    told = np.concatenate([batch.values for batch in found])
+    reported = np.concatenate([batch.values for batch in found])
     truth = np.concatenate([batch.values for batch in true])
     late = stamps - stamps[0] >= 100_000_000  # converged within 100 ms of simulated time
-    assert told[late, 3].all()
-    angle = np.angle(np.exp(1j * (told[late, 0] - truth[late, 0])))
+    assert reported[late, 3].all()
+    angle = np.angle(np.exp(1j * (reported[late, 0] - truth[late, 0])))
     assert np.abs(np.degrees(angle)).max() < 2.0
-    speed = (told[late, 1] - truth[late, 1]) / truth[late, 1]
+    speed = (reported[late, 1] - truth[late, 1]) / truth[late, 1]
     assert np.abs(speed).max() < 0.03
-    assert np.abs(told[late, 2] / 1.9e-3 - 1.0).max() < 0.02
+    assert np.abs(reported[late, 2] / 1.9e-3 - 1.0).max() < 0.02
     assert (
         cli.main(['replay', str(out), '--params', str(PARAMS), '--out', str(tmp_path / 'again')])
         == 0
@@ -250,12 +250,12 @@ def test_lost_repeated_and_late_batches_bad_rows_and_another_layout(probe):
     )
     assert values['used'] == str(received - 101)
     assert values['events.gap'] == '2' and values['events.clock_jump'] == '0'
-    told = np.concatenate([batch.values for batch in drive.samples])
+    reported = np.concatenate([batch.values for batch in drive.samples])
     stamps = np.concatenate([batch.stamps_ns for batch in drive.samples])
     truth = np.concatenate([batch.values for batch in true])
     at = np.searchsorted(np.concatenate([batch.stamps_ns for batch in true]), stamps)
-    valid = told[:, 3] == 1.0
-    error = np.angle(np.exp(1j * (told[valid, 0] - truth[at[valid], 0])))
+    valid = reported[:, 3] == 1.0
+    error = np.angle(np.exp(1j * (reported[valid, 0] - truth[at[valid], 0])))
     assert np.degrees(np.abs(error)).max() < 3.0 and valid.mean() > 0.7
     dropped = order.index(27)
     assert not drive.samples[dropped].values[:, 3].any()
@@ -302,7 +302,7 @@ def vectors(found, shift=0, frame='alpha_beta'):
                 yield which, vector3.encode(stamp + which * shift, 'stator', *three)
 
 
-def test_currents_and_voltages_that_never_pair_are_told_apart(probe):
+def test_currents_and_voltages_that_never_pair_are_distinguished(probe):
     measured, _ = batches(0.02)
     with (
         node('pmsm_apart', input='current_voltage'),
@@ -314,7 +314,7 @@ def test_currents_and_voltages_that_never_pair_are_told_apart(probe):
         assert drive.estimates == []
 
 
-def test_phases_with_a_neutral_are_told(probe):
+def test_phases_with_a_neutral_are_reported(probe):
     measured, _ = batches(0.02)
     odd = []
     for which, raw in vectors(measured, frame='abc'):

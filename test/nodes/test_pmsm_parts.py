@@ -240,7 +240,7 @@ def test_what_is_lost_of_either_costs_only_its_partner(lost, gone, shift, random
     assert all(pair.sample == (k, 0.0, k, 1.0) for k, pair in zip(both, found))
 
 
-def test_how_far_stamps_are_apart_is_told_until_they_pair():
+def test_how_far_stamps_are_apart_is_reported_until_they_pair():
     pairs = Pairs(10)
     for k in range(5):
         pairs.put(CURRENT, 1000 * k, (0.0, 0.0))

@@ -67,7 +67,7 @@ class Case:
 
     Attributes
     ----------
-    node, parameters : of the process. told : pattern of the report.
+    node, parameters : of the process. report : pattern of the report.
     later : the cause comes `HEALTHY` seconds after the good news, else with the start.
     estimates : there are estimates despite of the fault.
     cause : when it came, by the steady clock [s].
@@ -77,7 +77,7 @@ class Case:
     node = 'joint_observer'
     parameters: tuple = ()
     remap: tuple = ()
-    told = ''
+    report = ''
     later = estimates = False
     rate = RATE
     names: tuple = ARM
@@ -174,7 +174,7 @@ class Case:
         """Note a report of one of the three ways."""
         if self.cause is None or when < self.cause or way in self.seen:
             return
-        if faulty and re.search(self.told.replace('SPACE', self.space), text):
+        if faulty and re.search(self.report.replace('SPACE', self.space), text):
             self.seen[way], self.reports[way] = when, text
 
     def hear(self, way, message):
@@ -197,9 +197,10 @@ class Case:
 
     def logged(self):
         """How often the terminal shows the report."""
-        told = self.told.replace('SPACE', self.space)
+        report = self.report.replace('SPACE', self.space)
         return sum(
-            bool(re.search(told, line)) and when >= self.cause for when, line in self.process.lines
+            bool(re.search(report, line)) and when >= self.cause
+            for when, line in self.process.lines
         )
 
     @property
@@ -217,7 +218,7 @@ class Case:
 class NobodyPublishes(Case):
     """nobody publishes the topic"""
 
-    told = (
+    report = (
         r'nobody publishes SPACE/joint_states \(sensor_msgs/msg/JointState\): .*-r joint_states:='
     )
 
@@ -232,7 +233,7 @@ class OnlyTheCurrent(NobodyPublishes):
     """nobody publishes one of several topics"""
 
     node, parameters = 'pmsm_observer', (*MOTOR, 'input:=current_voltage')
-    told = r'nobody publishes SPACE/voltage .*-r voltage:='
+    report = r'nobody publishes SPACE/voltage .*-r voltage:='
 
     def begin(self):
         from geometry_msgs.msg import Vector3Stamped
@@ -249,7 +250,7 @@ class OnlyTheCurrent(NobodyPublishes):
 class AnotherType(NobodyPublishes):
     """it has another type"""
 
-    told = (
+    report = (
         'SPACE/arduino publishes std_msgs/msg/Float64 on SPACE/joint_states, where this node '
         'needs sensor_msgs/msg/JointState: .*remap'
     )
@@ -274,7 +275,7 @@ class IncompatibleQos(Case):
     """it has an incompatible QoS"""
 
     parameters = ('qos_overrides.SPACE/joint_states.subscription.reliability:=reliable',)
-    told = (
+    report = (
         'a publisher on SPACE/joint_states has an incompatible QoS .*SPACE/driver has reliability '
         "best_effort.*'qos_overrides.SPACE/joint_states.subscription.reliability' to best_effort"
     )
@@ -286,7 +287,7 @@ class IncompatibleQos(Case):
 class SendsNothing(Case):
     """it has a publisher that sends nothing"""
 
-    told = 'SPACE/driver publishes SPACE/joint_states, but no message has arrived: check'
+    report = 'SPACE/driver publishes SPACE/joint_states, but no message has arrived: check'
 
     def tick(self):
         pass
@@ -296,7 +297,7 @@ class OtherNames(Case):
     """a joint that the messages do not carry (joint_observer)"""
 
     parameters = ('joints:=[shoulder]',)
-    told = (
+    report = (
         "joint 'shoulder' is not in SPACE/joint_states, which carries elbow_joint, "
         r"shoulder_lift_joint, shoulder_pan_joint: did you mean 'shoulder_pan_joint'\?"
     )
@@ -306,7 +307,7 @@ class OtherNamesInAnOverride(Case):
     """a joint of `per_joint` that the messages do not carry"""
 
     parameters = ('per_joint.elbow_jiont.gap_max:=0.3',)
-    told = r"joint 'elbow_jiont' is not in SPACE/joint_states.*did you mean 'elbow_joint'\?"
+    report = r"joint 'elbow_jiont' is not in SPACE/joint_states.*did you mean 'elbow_joint'\?"
     estimates = True
 
 
@@ -332,7 +333,7 @@ class AnotherLayout(NobodyPublishes):
     """another dimension than `channel` (pmsm_observer)"""
 
     node, parameters = 'pmsm_observer', tuple(MOTOR)
-    told = "messages on SPACE/drive_samples are malformed and dropped: .*'columns', not 'channel'"
+    report = "messages on SPACE/drive_samples are malformed and dropped: .*'columns', not 'channel'"
 
     def begin(self):
         from std_msgs.msg import Float64MultiArray
@@ -348,7 +349,7 @@ class AnotherLayout(NobodyPublishes):
 class TwoThatAgree(Case):
     """two publishers of the same joint that agree"""
 
-    told = (
+    report = (
         "joints 'elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint' come on "
         'SPACE/joint_states from two publishers, SPACE/driver and SPACE/relay: .*stop one'
     )
@@ -366,7 +367,7 @@ class TwoThatAgree(Case):
 class TwoThatDiffer(TwoThatAgree):
     """two that do not agree"""
 
-    told = (
+    report = (
         r"joint 'elbow_joint' comes on SPACE/joint_states from two publishers, .*driver and .*relay"
     )
 
@@ -379,7 +380,7 @@ class TwoThatDiffer(TwoThatAgree):
 class Three(TwoThatAgree):
     """three publishers, two of them of the same joint"""
 
-    told = (
+    report = (
         r"joint 'elbow_joint' comes on SPACE/joint_states from several of the publishers "
         'SPACE/driver, SPACE/gripper, SPACE/relay'
     )
@@ -396,7 +397,7 @@ class Three(TwoThatAgree):
 class ZeroStamps(Case):
     """stamps that are zero"""
 
-    told = r"\d+ samples on SPACE/joint_states have no time stamp .*'stamp_source: publisher'"
+    report = r"\d+ samples on SPACE/joint_states have no time stamp .*'stamp_source: publisher'"
 
     def tick(self):
         self.send(stamp_ns=0)
@@ -405,7 +406,9 @@ class ZeroStamps(Case):
 class AnotherClock(Case):
     """stamps of another clock"""
 
-    told = r"stamps on SPACE/joint_states are 3600.* s behind this node's clock .*: check the clock"
+    report = (
+        r"stamps on SPACE/joint_states are 3600.* s behind this node's clock .*: check the clock"
+    )
     estimates = True
 
     def tick(self):
@@ -416,14 +419,14 @@ class NoSimulatedTime(Case):
     """`use_sim_time` without a clock"""
 
     parameters = ('use_sim_time:=true',)
-    told = "use_sim_time is true, but nobody publishes /clock: .*'--clock'"
+    report = "use_sim_time is true, but nobody publishes /clock: .*'--clock'"
     estimates = True
 
 
 class RepeatedStamps(Case):
     """stamps that repeat"""
 
-    told = r'\d+ of \d+ samples on SPACE/joint_states repeat the previous stamp .*: stamp each'
+    report = r'\d+ of \d+ samples on SPACE/joint_states repeat the previous stamp .*: stamp each'
     later = estimates = True
 
     def tick(self):
@@ -435,7 +438,7 @@ class RepeatedStamps(Case):
 class OneStamp(Case):
     """a stamp that stands still"""
 
-    told = RepeatedStamps.told
+    report = RepeatedStamps.report
     later = True
 
     def tick(self):
@@ -446,7 +449,7 @@ class OneStamp(Case):
 class RepeatedReadings(Case):
     """readings that repeat"""
 
-    told = r'\d+ of \d+ samples on SPACE/joint_states repeat the previous reading .*publish each'
+    report = r'\d+ of \d+ samples on SPACE/joint_states repeat the previous reading .*publish each'
     later = estimates = True
     rate = 200.0
 
@@ -458,7 +461,7 @@ class RepeatedReadings(Case):
 class AnotherRate(Case):
     """a rate that changed"""
 
-    told = r'the rate of SPACE/joint_states changed from (4[5-9]|50) to 2[3-7] Hz: check the load'
+    report = r'the rate of SPACE/joint_states changed from (4[5-9]|50) to 2[3-7] Hz: check the load'
     later = estimates = True
 
     def tick(self):
@@ -471,7 +474,7 @@ class Lost(Case):
     """messages that are lost for several seconds"""
 
     parameters = ('qos_overrides.SPACE/joint_states.subscription.depth:=8',)
-    told = r'\d+ of \d+ messages on SPACE/joint_states were lost in \d s: .*lower it'
+    report = r'\d+ of \d+ messages on SPACE/joint_states were lost in \d s: .*lower it'
     later = estimates = True
 
     def tick(self):
@@ -482,7 +485,7 @@ class Lost(Case):
 class Ended(Case):
     """its publisher ends"""
 
-    told = 'no message on SPACE/joint_states for .* s: SPACE/driver ended; start it again'
+    report = 'no message on SPACE/joint_states for .* s: SPACE/driver ended; start it again'
     later = True
 
     def inject(self):
@@ -496,7 +499,7 @@ class Ended(Case):
 class OneOfTwoEnded(Case):
     """one of two publishers ends"""
 
-    told = "no sample of 'finger' on SPACE/joint_states for .* s: SPACE/gripper ended; start it"
+    report = "no sample of 'finger' on SPACE/joint_states for .* s: SPACE/gripper ended; start it"
     later = estimates = True
 
     def begin(self):
@@ -514,7 +517,7 @@ class OneOfTwoEnded(Case):
 class Killed(Case):
     """its publisher crashes"""
 
-    told = 'no message on SPACE/joint_states for .* s: nothing comes from .*/encoder_sim; check'
+    report = 'no message on SPACE/joint_states for .* s: nothing comes from .*/encoder_sim; check'
     later = True
 
     def begin(self):
@@ -537,7 +540,7 @@ class Killed(Case):
 class CameBack(Ended):
     """its publisher is back (2 s after it ended)"""
 
-    told = r'the messages are back on SPACE/joint_states after an outage of \d+\.\d s'
+    report = r'the messages are back on SPACE/joint_states after an outage of \d+\.\d s'
     estimates = True
     ended = None
 
@@ -554,7 +557,7 @@ class CameBack(Ended):
 class JointGone(Case):
     """a joint that the messages do not carry any more"""
 
-    told = r"joint 'elbow_joint' is not in SPACE/joint_states, which carries elbow, .*'elbow'\?"
+    report = r"joint 'elbow_joint' is not in SPACE/joint_states, which carries elbow, .*'elbow'\?"
     later = estimates = True
 
     def tick(self):
@@ -564,7 +567,7 @@ class JointGone(Case):
 class Fine(Case):
     """no fault: the good news, and not a word of warning (disjoint joints of two publishers)"""
 
-    told = r'^$'
+    report = r'^$'
     good = (
         r'tracking 4 joints of SPACE/joint_states at \d+(\.\d)? Hz '
         r'\(shoulder_pan_joint, shoulder_lift_joint, elbow_joint, finger\)'
@@ -685,7 +688,7 @@ def test_a_fault_is_reported_in_three_ways_within_5_s_and_once(cases, name):
 
 
 @pytest.mark.parametrize('name', ['Fine', 'SimulatedTime'])
-def test_the_good_news_is_told_once_and_nothing_else(cases, name):
+def test_the_good_news_is_reported_once_and_nothing_else(cases, name):
     case = cases[name]
     good = case.good.replace('SPACE', case.space)
     assert len(re.findall(good, case.process.output)) == 1, case.process.output
@@ -733,7 +736,7 @@ if __name__ == '__main__':
     found = world(tuple(sys.argv[1:]) or tuple(CASES))
     for name, case in found.items():
         if name in FAULTS and set(case.seen) != WAYS:
-            print(name, case.seen, case.told, case.process.output, sep='\n', file=sys.stderr)
+            print(name, case.seen, case.report, case.process.output, sep='\n', file=sys.stderr)
     if not sys.argv[1:]:
         print('| Fault | Report | After [s] |\n|---|---|---|')
         print(*rows(found), sep='\n')

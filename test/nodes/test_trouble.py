@@ -140,7 +140,7 @@ def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
     assert '1 messages on which the observer failed' in system.reported().message
 
 
-def test_samples_that_are_all_dropped_are_told_with_the_reason(own, capfd):
+def test_samples_that_are_all_dropped_are_reported_with_the_reason(own, capfd):
     from sensor_msgs.msg import JointState
 
     live = own(AngleStream, timeout=0.02, gap_max=0.02)
@@ -197,7 +197,7 @@ def test_a_misconfigured_joint_is_lost_only_when_no_sample_arrives(own):
     assert live.node.health.watch.statuses['j'][0] == LOST
 
 
-def test_two_clocks_on_one_topic_are_told(own, capfd):
+def test_two_clocks_on_one_topic_are_reported(own, capfd):
     from sensor_msgs.msg import JointState
 
     live = own(AngleStream)
@@ -211,7 +211,7 @@ def test_two_clocks_on_one_topic_are_told(own, capfd):
     ) in capfd.readouterr().err
 
 
-def test_publishers_of_another_type_are_told(own, capfd):
+def test_publishers_of_another_type_are_reported(own, capfd):
     from std_msgs.msg import Float32, Float64MultiArray
 
     live, commanded = own(AngleStream, input='angle'), own(AdaptiveStream, input='effort_command')
@@ -246,7 +246,7 @@ def test_publishers_of_another_type_are_told(own, capfd):
     rclpy.shutdown(context=context)
 
 
-def test_a_drive_without_stamps_is_not_told_of_a_parameter_it_lacks(own, capfd):
+def test_a_drive_without_stamps_gets_no_advice_on_a_parameter_it_lacks(own, capfd):
     from std_msgs.msg import Float64MultiArray
 
     motor = own(DriveStream, **MOTOR)
@@ -289,17 +289,17 @@ class Fragile(AngleStream):
 def test_gains_that_give_no_numbers_or_lose_the_state_are_refused(own):
     from sensor_msgs.msg import JointState
 
-    told = r'numbers become too large or too small for these gains \(math range error\)'
+    reported = r'numbers become too large or too small for these gains \(math range error\)'
     live = own(Fragile, observer='hybrid_angle')
     states = live.publisher(JointState, 'joint_states')
     live.take(states, live.encode(BEGIN, '', ['a'], [0.0]))
     result = live.node.set_parameters_atomically(ros_values({'bandwidth_hz': 123.0}))
-    assert not result.successful and re.fullmatch(told, result.reason)
+    assert not result.successful and re.fullmatch(reported, result.reason)
     result = live.node.set_parameters_atomically(ros_values({'bandwidth_hz': 124.0}))
     assert not result.successful and result.reason == (
         "joint 'a': the state cannot be kept with this value: set it before the node starts"
     )
     assert live.node.get_parameter('bandwidth_hz').value not in (123.0, 124.0)
     assert live.take(states, live.encode(BEGIN + MS, '', ['a'], [0.0]))['used'] == 2
-    with pytest.raises(UsageError, match=f'hybrid_angle: {told}'):
+    with pytest.raises(UsageError, match=f'hybrid_angle: {reported}'):
         own(Fragile, observer='hybrid_angle', bandwidth_hz=123.0)

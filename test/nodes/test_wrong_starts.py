@@ -89,13 +89,13 @@ CASES = [(node, *case) for node, cases in WRONG.items() for case in cases]
 
 
 @pytest.mark.parametrize(
-    'node, values, told', CASES, ids=[f'{node}-{told}' for node, _, told in CASES]
+    'node, values, reported', CASES, ids=[f'{node}-{reported}' for node, _, reported in CASES]
 )
-def test_a_wrong_start_is_one_line(node, values, told, probe):
+def test_a_wrong_start_is_one_line(node, values, reported, probe):
     """The error of the node's class, which the executable prints (see the next test)."""
     with pytest.raises(UserError) as error:
         ObserverNode(KIND_OF[node], parameter_overrides=ros_values(values))
-    assert told in str(error.value) and '\n' not in str(error.value)
+    assert reported in str(error.value) and '\n' not in str(error.value)
 
 
 def test_executables_print_it_and_end():
@@ -143,12 +143,12 @@ def ended(module, *arguments):
     return line
 
 
-@pytest.mark.parametrize('text, told', FILES.items())
-def test_a_name_without_quotes_is_one_line_that_shows_them(text, told, tmp_path):
+@pytest.mark.parametrize('text, reported', FILES.items())
+def test_a_name_without_quotes_is_one_line_that_shows_them(text, reported, tmp_path):
     path = tmp_path / 'params.yaml'
     path.write_text(f'/**:\n  ros__parameters:\n    {text}\n')
     line = ended('joint_observer', *dds.ros_args(file=path))
-    assert told in line
+    assert reported in line
     if text in ('joints: [y]', 'joints: [x, y, z]'):  # word for word in Troubleshooting
         page = (ROOT / 'docs/troubleshooting.md').read_text(encoding='utf-8')
         assert line.partition(': ')[2].replace(str(path), 'FILE') in page

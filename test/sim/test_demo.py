@@ -126,7 +126,7 @@ def test_an_interrupt_of_an_import_is_an_interrupt(monkeypatch, capsys):
 
 
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnraisableExceptionWarning')
-def test_a_signal_that_python_drops_is_told_to_the_loop():
+def test_a_signal_that_python_drops_is_reported_to_the_loop():
     """A KeyboardInterrupt in a callback of a weak reference goes nowhere. (A job in the background
     ignores SIGINT, so it is SIGTERM here.)"""
 

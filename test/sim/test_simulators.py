@@ -107,9 +107,9 @@ def test_a_plant_that_runs_away_says_when():
         10.0,
         1,
     )
-    with pytest.raises(UserError, match=r'the simulated plant diverged at 0\.\d+ s') as told:
+    with pytest.raises(UserError, match=r'the simulated plant diverged at 0\.\d+ s') as reported:
         sum(len(chunk) for chunk in chunks)
-    assert '\n' not in str(told.value) and told.value.exit_code == 1
+    assert '\n' not in str(reported.value) and reported.value.exit_code == 1
     chunks = stream(
         mechanics,
         MechanismParameters(rate=100.0),

@@ -459,7 +459,7 @@ def test_a_number_of_any_type_is_judged(tmp_path):
 
 
 @pytest.mark.long
-def test_a_stray_stamp_is_told_and_costs_nothing_else(good, tmp_path):
+def test_a_stray_stamp_is_reported_and_costs_nothing_else(good, tmp_path):
     stamps = stamps_of()
     rows = measured(stamps)
     rows[700] = (stamps[700] + 10**13, *rows[700][1:])

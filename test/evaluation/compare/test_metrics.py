@@ -75,7 +75,7 @@ def test_position_delay_across_wraps(late):
     assert found == pytest.approx(late, abs=1e-6)
 
 
-def test_position_delay_of_a_joint_at_rest_is_not_told():
+def test_position_delay_of_a_joint_at_rest_is_not_reported():
     time = np.arange(0.0, 1.0, 1e-3)
     still = np.full(len(time), 0.7)
     assert np.isnan(metrics.position(time, still + 0.01, still, TURN)['delay_s'])
@@ -131,7 +131,7 @@ def test_delay_is_as_sharp_as_the_noise_lets_it_be():
     assert np.mean(found) == pytest.approx(0.003, abs=3.0 * 0.143e-3 / np.sqrt(20))
 
 
-def test_delay_of_an_estimate_that_has_nothing_to_do_with_the_truth_is_not_told():
+def test_delay_of_an_estimate_that_has_nothing_to_do_with_the_truth_is_not_reported():
     random = np.random.default_rng(12)
     time = np.arange(0.0, 2.0, 1e-3)
     assert all(
@@ -153,7 +153,7 @@ def test_delay_across_a_hole():
 
 @pytest.mark.parametrize('truth_noise', [0.0, 0.1])
 @pytest.mark.parametrize('noise', [0.0, 0.05, 0.5])
-def test_delay_at_constant_speed_is_not_told(truth_noise, noise):
+def test_delay_at_constant_speed_is_not_reported(truth_noise, noise):
     random = np.random.default_rng(4)
     time = np.arange(0.0, 3.0, 1e-3)
     truth = 5.0 + truth_noise * random.standard_normal(len(time))

@@ -106,7 +106,7 @@ def test_a_drive_gets_a_verdict_and_a_file(bare, tmp_path, capsys):
     assert values['flux'] == MOTOR['flux'] and values['observer'] == 'pmsm'
     assert '<h2>Verdict</h2>' in page.read_text()
     found = json.loads(result.read_text())
-    told = found['joints']['motor_electrical']['verdict']['rms']['pmsm']
+    reported = found['joints']['motor_electrical']['verdict']['rms']['pmsm']
 
     # the same as with the truth that the bag has lost
     assert main(['evaluate', str(REVERSAL), '--observer', 'pmsm', *DATA, '--json', '-']) == 0
@@ -116,7 +116,7 @@ def test_a_drive_gets_a_verdict_and_a_file(bare, tmp_path, capsys):
     alone = json.loads(result.read_text())['bags'][bare]
     without = alone['estimates']['pmsm']['joints']['motor_electrical']
     assert without['velocity']['delay_s'] == pytest.approx(joint['velocity']['delay_s'], abs=1e-4)
-    assert 0.3 < joint['velocity']['rms'] / told < 1.5  # here one in 50 samples has a truth
+    assert 0.3 < joint['velocity']['rms'] / reported < 1.5  # here one in 50 samples has a truth
 
 
 def test_what_is_missing_is_named_with_its_unit(bare, tmp_path, capsys):

@@ -179,7 +179,7 @@ def recording(tmp_path_factory):
 
 
 def test_what_is_found_can_be_replayed_with(recording, tmp_path, capsys):
-    out, told = tmp_path / 'joint.yaml', tmp_path / 'found.json'
+    out, reported = tmp_path / 'joint.yaml', tmp_path / 'found.json'
     assert (
         cli.main(
             [
@@ -190,13 +190,13 @@ def test_what_is_found_can_be_replayed_with(recording, tmp_path, capsys):
                 '--out',
                 str(out),
                 '--json',
-                str(told),
+                str(reported),
             ]
         )
         == 0
     )
     assert '  coulomb = 0.0' in capsys.readouterr().out
-    found = json.loads(told.read_text())
+    found = json.loads(reported.read_text())
     assert found['values']['inertia'] == pytest.approx(0.05, rel=2e-3)
     assert 0.0 < found['stddev']['inertia'] < 1e-4
     assert found['explained_elsewhere'] > 0.999
@@ -204,20 +204,20 @@ def test_what_is_found_can_be_replayed_with(recording, tmp_path, capsys):
 
 
 def test_torque_constant_and_gear_are_taken_as_given(recording, tmp_path):
-    told = tmp_path / 'found.json'
+    reported = tmp_path / 'found.json'
     assert (
         cli.main(
             [
                 'identify',
                 str(recording),
                 '--json',
-                str(told),
+                str(reported),
                 *shlex.split('--set torque_constant=0.5 --set gear_ratio=4 --set bias=0'),
             ]
         )
         == 0
     )
-    found = json.loads(told.read_text())
+    found = json.loads(reported.read_text())
     assert found['values']['inertia'] == pytest.approx(0.1, rel=0.01)
     assert 'bias' not in found['values']
 
@@ -225,7 +225,7 @@ def test_torque_constant_and_gear_are_taken_as_given(recording, tmp_path):
 @pytest.mark.long
 def test_a_users_model_is_identified_from_a_bag_and_replayed(crane, tmp_path):
     """Its joints have other names in the bag."""
-    bag, out, told = tmp_path / 'bag', tmp_path / 'crane.yaml', tmp_path / 'told.json'
+    bag, out, reported = tmp_path / 'bag', tmp_path / 'crane.yaml', tmp_path / 'reported.json'
     with BagWriter(bag) as writer:
         writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
         for block in crane_blocks(3):
@@ -243,12 +243,12 @@ def test_a_users_model_is_identified_from_a_bag_and_replayed(crane, tmp_path):
                 '--out',
                 str(out),
                 '--json',
-                str(told),
+                str(reported),
             ]
         )
         == 0
     )
-    found = json.loads(told.read_text())
+    found = json.loads(reported.read_text())
     assert list(found['values']) == ['load', 'trolley', 'input_delay']
     for name, true in (('load', 2.0), ('trolley', 5.0), ('input_delay', 0.0)):
         assert abs(found['values'][name] - true) < 4.0 * found['stddev'][name], name
@@ -259,10 +259,10 @@ def test_a_users_model_is_identified_from_a_bag_and_replayed(crane, tmp_path):
 
 def test_recorded_joint_is_found_near_what_its_makers_say(tmp_path):
     """J about 0.16 kg m^2 and m g l about 3.2 N m; too short a record to be sure of either."""
-    told = tmp_path / 'found.json'
+    reported = tmp_path / 'found.json'
     bag = RECORDINGS / 'dfki_simple_pendulum' / 'system_identification_300hz'
-    assert cli.main(['identify', str(bag), '--json', str(told)]) == 0
-    found = json.loads(told.read_text())
+    assert cli.main(['identify', str(bag), '--json', str(reported)]) == 0
+    found = json.loads(reported.read_text())
     print(found)
     assert abs(found['values']['inertia'] - 0.16) < 3.0 * found['stddev']['inertia'] < 0.3
     assert abs(found['values']['gravity'] - 3.2) < 3.0 * found['stddev']['gravity'] < 6.0
@@ -282,7 +282,7 @@ def test_recorded_joint_is_found_near_what_its_makers_say(tmp_path):
         (['--set', 'torque_constant=x'], 'must be a number'),
     ],
 )
-def test_wrong_use_is_told_in_one_line(recording, words, message, capsys):
+def test_a_usage_error_is_one_line(recording, words, message, capsys):
     capsys.readouterr()
     assert cli.main(['identify', str(recording), *words]) in (1, 2)
     error = capsys.readouterr().err
@@ -303,7 +303,7 @@ def test_recordings_that_cannot_tell_are_refused_in_one_line(bag, message, capsy
     assert message in error and error.count('\n') == 1
 
 
-def test_a_joint_at_rest_tells_nothing(tmp_path, capsys):
+def test_a_joint_at_rest_has_no_information(tmp_path, capsys):
     bag = tmp_path / 'bag'
     assert (
         cli.main(

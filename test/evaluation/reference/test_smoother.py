@@ -251,7 +251,7 @@ def test_outliers_and_bad_samples_are_left_out():
 
 
 def test_motion_within_the_motion_is_not_passed_over():
-    """Chatter of 70 Hz at 300 samples a second looks like noise; its speed is told."""
+    """Chatter of 70 Hz at 300 samples a second looks like noise; its speed is reported."""
     time = np.arange(3000) / 300.0
     chatter = 5e-3 * np.sin(TURN * 70.0 * time) * (np.sin(TURN * 0.5 * time) > 0.0)
     readings = np.round((np.sin(2.0 * time) + chatter) / 2.9e-3) * 2.9e-3

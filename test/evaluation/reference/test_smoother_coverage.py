@@ -53,8 +53,8 @@ def wandering(seed, speed):
 
 
 def held(speed, noise, seeds):
-    """(rms error, what was told, part within 95 %, of these) over draws of quantised readings."""
-    squares, told, within = [], [], []
+    """(rms error, its sigma, part within 95 %, of these) over draws of quantised readings."""
+    squares, reported, within = [], [], []
     for seed in seeds:
         position, velocity = wandering(seed, speed * QUANTUM / STEP)
         random = np.random.default_rng(seed + 1000)
@@ -65,18 +65,18 @@ def held(speed, noise, seeds):
         inner = found.firm & (np.arange(COUNT) >= ENDS) & (np.arange(COUNT) < COUNT - ENDS)
         error, stddev = (found.velocity - velocity)[inner], found.velocity_stddev[inner]
         squares.append(np.mean(error**2))
-        told.append(found.uncertainty**2)
+        reported.append(found.uncertainty**2)
         within.append(np.mean(np.abs(error) <= 1.96 * stddev))
-    return math.sqrt(np.mean(squares)), math.sqrt(np.mean(told)), float(np.mean(within))
+    return math.sqrt(np.mean(squares)), math.sqrt(np.mean(reported)), float(np.mean(within))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('speed', [0.02, 0.5, 60.0])
 @pytest.mark.parametrize('noise', [0.0, 0.3])
 def test_it_covers_what_it_promises_and_no_more(speed, noise):
-    rms, told, within = held(speed, noise, range(2))
+    rms, reported, within = held(speed, noise, range(2))
     assert 0.90 <= within <= 0.99
-    assert 0.75 <= told / rms <= 1.35
+    assert 0.75 <= reported / rms <= 1.35
 
 
 def test_at_creep_it_beats_readings_taken_as_numbers():
@@ -144,7 +144,7 @@ RECORDED = [
 
 
 def against_the_drive(name, joint):
-    """(error against the drive's velocity without the drive's own noise, what is told) [rad/s]."""
+    """(error against the drive's velocity without the drive's own noise, sigma) [rad/s]."""
     path = str(BAGS / name)
     with open_bag(path) as bag:
         measured = joint_series(bag, '/joint_states')
@@ -163,9 +163,9 @@ def against_the_drive(name, joint):
 @pytest.mark.long
 @pytest.mark.parametrize('name, joint', RECORDED)
 def test_on_recordings(name, joint):
-    """Their chatter of less than a count is not followed, but told."""
-    error, told = against_the_drive(name, joint)
-    assert 0.6 * error <= told <= 1.7 * error
+    """Their chatter of less than a count is not followed, but reported."""
+    error, reported = against_the_drive(name, joint)
+    assert 0.6 * error <= reported <= 1.7 * error
 
 
 # ---------------------------------------------------------------- the parts
@@ -234,21 +234,21 @@ def test_the_probability_of_cells_is_that_of_drawing_them():
 def table():
     """The table of the documentation."""
     lines = [
-        '| speed [counts per sample] | noise [counts] | rms error / speed | told / error | '
+        '| speed [counts per sample] | noise [counts] | rms error / speed | reported / error | '
         'within 95 % |',
         '|---|---|---|---|---|',
     ]
     for speed in SPEEDS:
         for noise in (0.0, 0.3):
-            rms, told, within = held(speed, noise, range(5))
+            rms, reported, within = held(speed, noise, range(5))
             lines.append(
                 f'| {speed:g} | {noise:g} | {rms / speed / QUANTUM * STEP:.2%} | '
-                f'{told / rms:.2f} | {within:.1%} |'
+                f'{reported / rms:.2f} | {within:.1%} |'
             )
-    lines += ['', '| recording | joint | error [rad/s] | told [rad/s] |', '|---|---|---|---|']
+    lines += ['', '| recording | joint | error [rad/s] | reported [rad/s] |', '|---|---|---|---|']
     for name, joint in RECORDED:
-        error, told = against_the_drive(name, joint)
-        lines.append(f'| {name.split("/")[1]} | {joint} | {error:.3f} | {told:.3f} |')
+        error, reported = against_the_drive(name, joint)
+        lines.append(f'| {name.split("/")[1]} | {joint} | {error:.3f} | {reported:.3f} |')
     return '\n'.join(lines)
 
 

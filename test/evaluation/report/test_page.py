@@ -304,8 +304,8 @@ def test_no_folder_is_one_line(option, name, said, tmp_path, capsys):
     (tmp_path / 'p.svg').mkdir()
     words = ['evaluate', str(FAULTS), '--observer', 'pll', option, str(tmp_path / name)]
     assert main(words) == 1
-    printed, told = capsys.readouterr()
-    assert said in told and told.count('\n') == 1 and not printed
+    printed, reported = capsys.readouterr()
+    assert said in reported and reported.count('\n') == 1 and not printed
     assert [path.name for path in tmp_path.iterdir()] == ['p.svg']
 
 

@@ -34,7 +34,7 @@ def test_it_is_the_weighted_fit():
 
 
 @pytest.mark.parametrize('row', [(0.0, 0.0), (1.0, 0.0), (1.0, 1e-9), (1e6, 1e6)])
-def test_what_nothing_is_told_of_is_forgotten_no_further_than_the_start(row):
+def test_what_no_sample_shows_is_forgotten_no_further_than_the_start(row):
     update, theta, p = make_update(2), (0.0, 0.0), MOST
     for _ in range(20_000):
         theta, p, _ = update(theta, p, row, 1.0 - row[0] * theta[0] - row[1] * theta[1], 0.9, MOST)
@@ -47,7 +47,7 @@ def test_what_nothing_is_told_of_is_forgotten_no_further_than_the_start(row):
     assert theta == pytest.approx((2.0, -3.0), abs=1e-6)
 
 
-def test_what_is_told_is_forgotten_though_another_parameter_is_not():
+def test_what_samples_show_is_forgotten_though_another_parameter_is_not():
     """The second never moves; the first changes, and is followed within its memory."""
     update, theta, p = make_update(2), (0.0, 0.0), MOST
     for k in range(2000):

@@ -59,9 +59,9 @@ def test_stddev_is_the_scatter_of_the_estimate(name, form):
     readings = [(0.6 + x, y) for x, y in (random.normal(size=(count, 2)) * noise).tolist()]
     velocities, _, state = driven(functions, dt, count, readings)
     design = functions.design()
-    told = functions.stddev(state, functions.prepare(design, dt), design)[1]
+    reported = functions.stddev(state, functions.prepare(design, dt), design)[1]
     scatter = np.std(velocities[5000:], axis=0)
-    np.testing.assert_allclose(told, scatter, rtol=0.12)
+    np.testing.assert_allclose(reported, scatter, rtol=0.12)
 
 
 @pytest.mark.long
@@ -89,9 +89,9 @@ def test_stddev_of_sliding_modes_holds_from_weak_to_strong(values):
         state = step(state, coefficients, design, reading, (0.0,))
         velocities.append(state[0][3][0])
         positions.append(reading[0] + state[0][0][0])
-    told = functions.stddev(state, coefficients, design)
-    assert told[1][0] == pytest.approx(np.std(velocities[8000:]), rel=0.12)
-    assert told[0][0] == pytest.approx(np.std(positions[8000:]), rel=0.12)
+    reported = functions.stddev(state, coefficients, design)
+    assert reported[1][0] == pytest.approx(np.std(velocities[8000:]), rel=0.12)
+    assert reported[0][0] == pytest.approx(np.std(positions[8000:]), rel=0.12)
 
 
 def test_noise_law():
@@ -99,8 +99,8 @@ def test_noise_law():
     functions = made('hgo', model='single_joint', L=[20.0], K=[100.0], noise=[1e-3])
     design, dt = functions.design(), 1e-4
     state = functions.init((0.0,), design)
-    told = functions.stddev(state, functions.prepare(design, dt), design)[1][0]
-    assert told == pytest.approx(1e-3 * math.sqrt(dt * 100.0**2 / 40.0), rel=0.01)
+    reported = functions.stddev(state, functions.prepare(design, dt), design)[1][0]
+    assert reported == pytest.approx(1e-3 * math.sqrt(dt * 100.0**2 / 40.0), rel=0.01)
 
 
 def test_exponential():

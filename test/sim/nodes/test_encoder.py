@@ -211,8 +211,8 @@ def test_live_run_equals_the_simulated_one(listener):
     assert np.polyfit(stamps, came, 1)[0] == pytest.approx(1.0, abs=0.1)
     reports = [status for message, _ in listener.heard['/diagnostics'] for status in message.status]
     assert [status.name for status in reports][:1] == ['/encoder_sim: deadlines']
-    told = {pair.key: pair.value for pair in reports[-1].values}
-    assert 0 < int(told['messages']) <= len(wanted) + 2000
+    reported = {pair.key: pair.value for pair in reports[-1].values}
+    assert 0 < int(reported['messages']) <= len(wanted) + 2000
     assert f'{len(wanted) + 2000} messages, ' in said
 
 

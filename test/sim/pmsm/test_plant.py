@@ -205,7 +205,7 @@ def test_the_reported_voltage_is_the_one_of_the_interval():
     for delay in (-1, 0, 1, 2):
         parameters = PmsmParameters(adc_bits=0, voltage_delay=delay)
         record = Drive(parameters, fast=False).run(400)
-        told = record.samples[:, 2] + 1j * record.samples[:, 3]
+        reported = record.samples[:, 2] + 1j * record.samples[:, 3]
         current = record.samples[:, 0] + 1j * record.samples[:, 1]
         k = np.arange(100, 300)
         theta, speed = record.truth[k, 1], record.truth[k, 0]
@@ -216,7 +216,7 @@ def test_the_reported_voltage_is_the_one_of_the_interval():
             + 0.06 * 0.5 * (current[k] + current[k + 1])
             + emf
         )
-        assert np.abs(told[k + 1 - delay] - u).max() < 0.05
+        assert np.abs(reported[k + 1 - delay] - u).max() < 0.05
 
 
 def test_warming_changes_resistance_and_flux():

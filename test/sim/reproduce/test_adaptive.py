@@ -69,7 +69,7 @@ def test_the_continuous_plant_is_the_exact_one():
 
 
 @pytest.mark.long
-def test_the_recordings_are_told_beside_each_other(capsys):
+def test_the_recordings_are_reported_side_by_side(capsys):
     assert cli.main(['reproduce', 'adaptive', '--only', 'recorded']) == 0
     out = capsys.readouterr().out
     assert re.search(r'sac +5\.057 \+- 0\.14', out)

@@ -106,7 +106,7 @@ def test_no_row_gets_lost():
 
 
 def test_the_parts_divide_the_references_of_a_paper():
-    """A row of the file that no part computes is told, and so are parts that share one."""
+    """A row of the file that no part computes is reported, and so are parts that share one."""
     values = dict.fromkeys(part.name for part in REPRODUCTION.parts)
     assert len(contract.parts('hybrid_angle', values)) == len(values)
     with pytest.raises(ValueError, match='do not divide'):
@@ -237,7 +237,7 @@ def test_without_matplotlib_plot_is_one_line_before_the_work(monkeypatch, capsys
     assert captured.out == ''
 
 
-def test_a_place_for_figures_that_cannot_be_is_told_before_the_work(tmp_path, capsys):
+def test_a_place_for_figures_that_cannot_be_is_reported_before_the_work(tmp_path, capsys):
     (tmp_path / 'file').write_text('')
     assert cli.main(['reproduce', 'hybrid_angle', '--plot', str(tmp_path / 'file')]) == 1
     captured = capsys.readouterr()

@@ -85,9 +85,9 @@ def test_dead_time_that_the_voltage_does_not_know_of_is_taken_off_where_it_is_de
     """P1 turns its torque round at full current; 0.5 us at 24 V and 20 kHz are 0.24 V per phase."""
     plant = {'current_noise': 0.1, 'dead_time': 0.5e-6}
     blind = pmsm_drive_rows.judged(Profile(P1), plant)
-    told = pmsm_drive_rows.judged(Profile(P1), plant, dead_time_voltage=0.24)
+    reported = pmsm_drive_rows.judged(Profile(P1), plant, dead_time_voltage=0.24)
     assert blind.worst > 10.0
-    assert told.wrong == 0.0 and told.worst < 4.0 and told.withheld < 15.0
+    assert reported.wrong == 0.0 and reported.worst < 4.0 and reported.withheld < 15.0
 
 
 @pytest.mark.long
