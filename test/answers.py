@@ -3,8 +3,6 @@
 
 """What messages and banks say, as tests look at it."""
 
-from __future__ import annotations
-
 import math
 
 from estimator_pkg.observers.contract import VALID

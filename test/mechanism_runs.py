@@ -3,8 +3,6 @@
 
 """Observers of mechanisms driven by hand, for tests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimator_pkg import observers

@@ -3,8 +3,6 @@
 
 """Motors and their recorded currents and voltages, for tests of the observer `pmsm`."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -3,8 +3,6 @@
 
 """The observers that every contract is tested on, in the variants that differ in structure."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 

@@ -3,8 +3,6 @@
 
 """Models of mechanisms as a user writes them, outside the package: right ones and wrong ones."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 
 """Servos for the tests of the adaptive observer, and streams through its driver."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

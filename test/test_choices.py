@@ -3,8 +3,6 @@
 
 """Words of parameters that YAML reads as something else: none of ours, and help with a user's."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import importlib

@@ -3,8 +3,6 @@
 
 """What commands write: only what the user named, whole or not at all."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path

@@ -3,8 +3,6 @@
 
 """The numbers of the pages are those that the commands give (docs/tools/figures.yaml)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -3,8 +3,6 @@
 
 """Names that a hostile bag may carry: they stay names in every file, line, table and page."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

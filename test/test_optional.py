@@ -3,8 +3,6 @@
 
 """Without the optional libraries: help works, and one line says how to install what is missing."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

@@ -3,8 +3,6 @@
 
 """ROS parameter files."""
 
-from __future__ import annotations
-
 import pytest
 
 from estimator_pkg import params_file

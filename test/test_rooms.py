@@ -3,8 +3,6 @@
 
 """Which room knows which: the picture in docs/architecture.md is the imports, and nothing more."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

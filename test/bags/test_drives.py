@@ -3,8 +3,6 @@
 
 """Simulated drives in bags: simulate, replay, evaluate, and two-sided bounds on the small ones."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

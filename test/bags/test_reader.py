@@ -3,8 +3,6 @@
 
 """Bags of every kind are read alike; what is wrong with one is said in a line."""
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 from pathlib import Path

@@ -3,8 +3,6 @@
 
 """Record and play as processes of their own, over real DDS."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import signal

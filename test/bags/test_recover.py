@@ -3,8 +3,6 @@
 
 """What a crash leaves is never deleted by another writer, and becomes a bag again."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -3,8 +3,6 @@
 
 """Replay gives what the driver gives message by message, and loses nothing silently."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -3,8 +3,6 @@
 
 """Every kind of observer through replay, `evaluate --observer` and over DDS: the same estimates."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import shlex

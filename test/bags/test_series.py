@@ -3,8 +3,6 @@
 
 """Joint states of a bag as arrays."""
 
-from __future__ import annotations
-
 import bag_making as make
 import numpy as np
 import pytest

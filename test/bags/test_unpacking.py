@@ -3,8 +3,6 @@
 
 """No bag unpacks to more than it declares, nor to more than the user allows."""
 
-from __future__ import annotations
-
 import resource
 import sqlite3
 import subprocess

@@ -3,8 +3,6 @@
 
 """Topics that no command can read: other serialisations, malformed messages. One line, exit 1."""
 
-from __future__ import annotations
-
 import shlex
 import sqlite3
 

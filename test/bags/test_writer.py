@@ -3,8 +3,6 @@
 
 """Bags that are written: whole or not at all, and as other tools want them."""
 
-from __future__ import annotations
-
 import io
 import subprocess
 import sys

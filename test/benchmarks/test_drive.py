@@ -3,8 +3,6 @@
 
 """The drive's benchmark: both sides get the same data, the same bandwidth, and right numbers."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 
 """The benchmark of observers of mechanisms measures what it says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 
 """A fault of the cache of compiled functions costs time and one line, never the answer."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 
 """The observer `pmsm` behind the guard: gaps, bad samples; plain equals compiled."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

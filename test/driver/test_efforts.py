@@ -3,8 +3,6 @@
 
 """Known inputs without ROS: when an effort acts, effort_command's messages, who takes them."""
 
-from __future__ import annotations
-
 import math
 import struct
 

@@ -3,8 +3,6 @@
 
 """Mechanisms without ROS: inputs over time, joints gathered by stamp, wrong settings, replay."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

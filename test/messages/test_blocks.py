@@ -3,8 +3,6 @@
 
 """Joint states decoded and encoded many at a time: the same as one by one."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -3,8 +3,6 @@
 
 """Bytes of drive batches and vectors: against rclpy's serialisation, both ways, and garbage."""
 
-from __future__ import annotations
-
 import math
 import struct
 from contextlib import suppress

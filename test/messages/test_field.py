@@ -3,8 +3,6 @@
 
 """Single numbers out of messages of any type, held to what rosbags decodes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 
 """Models of mechanisms: the checks at load, users' own models, wrong ones refused in one line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 
 """The node adaptive_observer over real DDS: parameters, freezing, saving, starting frozen."""
 
-from __future__ import annotations
-
 import math
 import shlex
 

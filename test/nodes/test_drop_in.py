@@ -3,8 +3,6 @@
 
 """A velocity for a driver without one, by one remap: strangers before and after the node."""
 
-from __future__ import annotations
-
 import json
 import math
 import signal

@@ -3,8 +3,6 @@
 
 """One number in messages of any type, live: a pose, an odometry, a list without a header."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections import Counter

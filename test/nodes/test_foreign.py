@@ -3,8 +3,6 @@
 
 """An observer and a family of another package, through entry points: live as in replay."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 
 """The node joint_observer, in a process of its own, over real DDS."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import time

@@ -3,8 +3,6 @@
 
 """joint_observer with other inputs, QoS and clocks; its start and its end."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

@@ -3,8 +3,6 @@
 
 """The node mechanical_observer over real DDS: several mechanisms, the loop closed with it."""
 
-from __future__ import annotations
-
 import math
 
 import dds

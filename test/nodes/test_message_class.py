@@ -3,8 +3,6 @@
 
 """Type names come from bags and from other people's nodes: what they may import."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

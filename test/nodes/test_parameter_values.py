@@ -3,8 +3,6 @@
 
 """Every parameter of the five nodes through ROS: types, automatic values, ranges, dumps."""
 
-from __future__ import annotations
-
 import math
 from contextlib import contextmanager
 

@@ -3,8 +3,6 @@
 
 """What a user sets of joint_observer: YAML, settings, raw angles; lost messages."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -3,8 +3,6 @@
 
 """The nodes pmsm_observer and pmsm_sim in processes of their own, over real DDS."""
 
-from __future__ import annotations
-
 import shlex
 import time
 from pathlib import Path

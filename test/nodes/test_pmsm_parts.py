@@ -3,8 +3,6 @@
 
 """What makes up pmsm_observer, without ROS: pairs, order of batches, parameter files."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from pathlib import Path

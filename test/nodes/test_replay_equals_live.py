@@ -3,8 +3,6 @@
 
 """The same messages through the real node over real DDS, through replay and the driver."""
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections import Counter

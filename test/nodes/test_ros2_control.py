@@ -3,8 +3,6 @@
 
 """What a plugin of ros2_control that reads a topic needs of us; see docs/ros2_control.md."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

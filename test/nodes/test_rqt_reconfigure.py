@@ -8,8 +8,6 @@ descriptor gets which editor, and what an editor computes for its slider. An exc
 leaves the page without all those that follow, so every parameter of a node counts, the fixed too.
 """
 
-from __future__ import annotations
-
 import array
 import json
 import math

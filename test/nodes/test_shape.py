@@ -3,8 +3,6 @@
 
 """A stranger's subscriber that indexes ~/estimate by position, over real DDS."""
 
-from __future__ import annotations
-
 import math
 
 import dds

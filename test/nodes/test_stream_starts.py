@@ -3,8 +3,6 @@
 
 """The first messages of a stream: what a relay next to the node gets, the node answers."""
 
-from __future__ import annotations
-
 import signal
 import time
 

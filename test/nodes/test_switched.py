@@ -3,8 +3,6 @@
 
 """The node switched_observer over real DDS: the gripper live, events, wrong models."""
 
-from __future__ import annotations
-
 import math
 import shlex
 

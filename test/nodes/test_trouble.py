@@ -6,8 +6,6 @@
 The nodes live in this process and in no executor: they take what waits when they look around.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -3,8 +3,6 @@
 
 """What nodes of model-based observers say to a wrong start: one line, at once."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 
 """The adaptive paper: Figures 1 and 2, tables A1 to A6 of its specification, the recordings."""
 
-from __future__ import annotations
-
 from sim_pkg.reproduce.adaptive import examples, recorded, sampling
 from sim_pkg.reproduce.contract import Reproduction, parts
 

@@ -3,8 +3,6 @@
 
 """The hybrid-angle paper: Figures 3 to 6 and every number of its specification."""
 
-from __future__ import annotations
-
 from sim_pkg.reproduce.contract import Reproduction, parts
 from sim_pkg.reproduce.hybrid_angle import continuous, sampled_rows, stream_rows
 

@@ -3,8 +3,6 @@
 
 """The hybrid continuous-discrete paper: Figures 2 to 4, tables B1 to B5 and C."""
 
-from __future__ import annotations
-
 from sim_pkg.reproduce.contract import Reproduction, parts
 from sim_pkg.reproduce.hybrid_discrete import differentiators, rows
 

@@ -3,8 +3,6 @@
 
 """The paper on observers of mechanisms: every row, Tables 1, 2, 5, 6, 7, Figures 2 to 13."""
 
-from __future__ import annotations
-
 from sim_pkg.reproduce.contract import Reproduction, parts
 from sim_pkg.reproduce.mechanical import benefit, cart, gain_rows, lab, leg, loop, smoother, tables
 

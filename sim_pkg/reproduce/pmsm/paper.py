@@ -3,8 +3,6 @@
 
 """The sensorless-motor paper: Figures 1 and 2, tables T0 to T7, and our claims about a drive."""
 
-from __future__ import annotations
-
 from sim_pkg.reproduce.contract import Reproduction, parts
 from sim_pkg.reproduce.pmsm import alias_rows, continuous_rows, drive_rows, sampled_rows
 

@@ -3,8 +3,6 @@
 
 """Each planted fault is named, and none is on clean readings."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 
 """identify: the numbers of models from recordings, and from what cannot tell them."""
 
-from __future__ import annotations
-
 import json
 import math
 import shlex

@@ -3,8 +3,6 @@
 
 """What a reported torque is worth on the recorded pendulums: docs/papers/mechanical.md, held."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 
 """tune for observers that need more than an angle, and what is true of all kinds."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

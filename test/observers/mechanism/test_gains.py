@@ -3,8 +3,6 @@
 
 """Gains of observers of mechanisms, what follows from them, and those that are refused."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 
 """Sliding modes step by step; standard deviations of every observer of mechanisms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

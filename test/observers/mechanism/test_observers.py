@@ -3,8 +3,6 @@
 
 """geso, hgo, ehgo and smo: steps, frequency response, motion at speed, the driver."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

@@ -7,8 +7,6 @@ The reference is the drive's own velocity as it is, with its noise of 0.06 to 0.
 lag: these bounds guard against change. Better than half of one fails too, so that none goes stale.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 
 """Observers of mechanisms where something is missing, singular or far off."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 
 """The mathematics of the sensorless observer: jump, exponential, scheme X, identifier, noise."""
 
-from __future__ import annotations
-
 import cmath
 import math
 

@@ -3,8 +3,6 @@
 
 """The observer `pmsm`: tuning, convergence, honesty, rates, noise and delay."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -3,8 +3,6 @@
 
 """The motor simulator: exact plant, inverter, sensors, controller, profiles, repeatability."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 
 """The reproduction of the hybrid-angle paper: every row, the figures, the command."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -3,8 +3,6 @@
 
 """The reproduction of the paper on mechanisms: every row, the tables, the figures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import reproduced

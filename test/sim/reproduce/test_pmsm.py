@@ -3,8 +3,6 @@
 
 """The reproduction of the sensorless-motor paper: rows, claims, figures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import reproduced
