@@ -44,7 +44,7 @@ SAME_WORK = 'filterpy, same work'
 BARE = 'filterpy, bare'
 TURN = 2.0 * math.pi
 MAIN = 'hybrid_angle'  # the observer with a required batch speed
-BATCH_LIMITS = {MAIN: 25.0, ADAPTIVE: 4.0}  # million samples/s
+BATCH_LIMITS = {MAIN: 25.0, ADAPTIVE: 8.0}  # million samples/s
 
 
 def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:

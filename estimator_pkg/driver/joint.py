@@ -341,14 +341,15 @@ class Joint:
                 end = min(end, at + (learner.room if len(self._track) > FIELDS else PART))
             track = run(end)
             if learner is not None:
-                used = at + np.flatnonzero(out.verdict[at:end] < DUPLICATE)
-                kept = used if len(used) < end - at else slice(at, end)  # copies nothing
+                used = out.part(slice(at, end)).used
+                every = bool(used.all())
+                kept = slice(at, end) if every else at + np.flatnonzero(used)  # a slice is no copy
                 learner.left = self._left
                 count = learner.follow(
                     stamps[kept], measurements[kept], out.verdict[kept], out.velocity[kept]
                 )
-                if 0 < count < len(used):  # from there on something else is taken out
-                    end = int(used[count - 1]) + 1
+                if 0 < count < np.count_nonzero(used):  # something else is taken out from there on
+                    end = at + (count if every else int(np.flatnonzero(used)[count - 1]) + 1)
                     track = run(end)
                 track = placed(track, learner) if count else track
                 self._left = learner.left
