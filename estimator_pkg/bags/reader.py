@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -504,19 +505,10 @@ def _described(information: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [about if isinstance(about, Mapping) else {} for about in found]
 
 
-def natural(file: Path) -> tuple:
+def natural(file: Path) -> list[tuple]:
     """Return a sort key under which wbag_10 comes after wbag_9."""
-    parts: list[Any] = []
-    digits = ''
-    for letter in file.name:
-        if letter.isdigit():
-            digits += letter
-        else:
-            if digits:
-                parts.append((0, int(digits), ''))
-                digits = ''
-            parts.append((1, 0, letter))
-    return tuple(parts)
+    parts = re.findall(r'(\d+)|(\D)', file.name)
+    return [(0, int(digits), '') if digits else (1, 0, letter) for digits, letter in parts]
 
 
 def _merged(

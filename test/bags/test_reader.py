@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
-from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.reader import natural, open_bag
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
 
@@ -51,6 +51,17 @@ def test_a_single_file_of_a_folder_is_a_bag(kind, tmp_path):
     folder = make.KINDS[kind](tmp_path / 'bag', messages)
     (file,) = (file for file in folder.iterdir() if file.suffix in ('.mcap', '.db3'))
     assert read(file) == messages
+
+
+def test_files_without_metadata_are_read_by_number_whatever_their_names(tmp_path):
+    """A digit may be one that int() does not take, such as a superscript."""
+    names = ['bag_9.db3', 'bag_10.db3', 'bag².db3', 'bag³_2.db3']
+    assert sorted(map(Path, reversed(names)), key=natural) == list(map(Path, names))
+    folder = make.KINDS['mcap folder'](tmp_path / 'bag', make.content())
+    (folder / 'metadata.yaml').unlink()
+    (file,) = folder.iterdir()
+    file.rename(folder / 'bag².mcap')
+    assert read(folder) == make.content()
 
 
 @pytest.mark.parametrize(
