@@ -348,19 +348,6 @@ def test_replay_takes_the_topic_as_the_node_does(observer, node, joint, tmp_path
     assert {len(each.efforts) for each in estimates['field']} == {1}
     assert not any(each.efforts for each in estimates['by_name'])
     capsys.readouterr()
-    assert (
-        cli.main(
-            [
-                'replay',
-                str(tmp_path / 'field'),
-                '--observer',
-                observer,
-                '--set',
-                'input=effort_command',
-                '--out',
-                str(tmp_path / 'none'),
-            ]
-        )
-        == 1
-    )
+    words = f'--observer {observer} --set input=effort_command --out {tmp_path / "none"}'
+    assert cli.main(['replay', str(tmp_path / 'field'), *words.split()]) == 1
     assert "has no topic '/effort_command'" in capsys.readouterr().err

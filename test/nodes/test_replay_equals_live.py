@@ -102,18 +102,7 @@ def test_replay_and_driver_equal_the_live_node(observer, recording, probe, tmp_p
     file = tmp_path / 'params.yaml'
     file.write_text(f'/**:\n  ros__parameters:\n    observer: {observer}\n    {SETS[observer]}\n')
     assert (
-        cli.main(
-            [
-                'replay',
-                str(bag),
-                '--params',
-                str(file),
-                '--out',
-                str(tmp_path / 'out'),
-                '--name',
-                observer,
-            ]
-        )
+        cli.main(f'replay {bag} --params {file} --out {tmp_path / "out"} --name {observer}'.split())
         == 0
     )
     with open_bag(tmp_path / 'out') as replayed:

@@ -53,20 +53,7 @@ def mixed(tmp_path):
 def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys, jobs):
     result, page = tmp_path / 'result.json', tmp_path / 'page.html'
     assert (
-        main(
-            [
-                'evaluate',
-                str(mixed),
-                '--observer',
-                'pll',
-                '--jobs',
-                jobs,
-                '--html',
-                str(page),
-                '--json',
-                str(result),
-            ]
-        )
+        main(f'evaluate {mixed} --observer pll --jobs {jobs} --html {page} --json {result}'.split())
         == 0
     )
     warned = capsys.readouterr().err.splitlines()

@@ -179,18 +179,7 @@ def recording(tmp_path_factory):
 def test_what_is_found_can_be_replayed_with(recording, tmp_path, capsys):
     out, reported = tmp_path / 'joint.yaml', tmp_path / 'found.json'
     assert (
-        cli.main(
-            [
-                'identify',
-                str(recording),
-                '--model',
-                'single_joint',
-                '--out',
-                str(out),
-                '--json',
-                str(reported),
-            ]
-        )
+        cli.main(f'identify {recording} --model single_joint --out {out} --json {reported}'.split())
         == 0
     )
     assert '  coulomb = 0.0' in capsys.readouterr().out

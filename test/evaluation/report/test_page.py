@@ -324,21 +324,8 @@ def test_a_full_disk_leaves_no_halves(place, left, tmp_path, capsys, monkeypatch
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr(f'estimator_pkg.evaluation.report.{place}', full)
-    assert (
-        main(
-            [
-                'evaluate',
-                str(FAULTS),
-                '--observer',
-                'pll',
-                '--html',
-                str(tmp_path / 'p.html'),
-                '--data',
-                str(tmp_path / 'p.npz'),
-            ]
-        )
-        == 1
-    )
+    words = f'--observer pll --html {tmp_path / "p.html"} --data {tmp_path / "p.npz"}'
+    assert main(['evaluate', str(FAULTS), *words.split()]) == 1
     assert capsys.readouterr().err.endswith('output: No space left on device\n')
     assert [path.name for path in tmp_path.iterdir()] == left
 

@@ -403,16 +403,7 @@ def test_evaluate_takes_a_folder_and_workers(tmp_path):
         result = tmp_path / f'{jobs}.json'
         assert (
             main(
-                [
-                    'evaluate',
-                    str(tmp_path / 'bags'),
-                    '--observer',
-                    'pll',
-                    '--jobs',
-                    jobs,
-                    '--json',
-                    str(result),
-                ]
+                f'evaluate {tmp_path / "bags"} --observer pll --jobs {jobs} --json {result}'.split()
             )
             == 0
         )

@@ -128,15 +128,5 @@ def test_in_a_bag(tmp_path, capsys):
     assert main(['simulate', 'dc_motor', '--out', str(tmp_path / 'bag'), '--duration', '0.2']) == 0
     assert '/joint_states  200 messages' in capsys.readouterr().out
     assert (
-        main(
-            [
-                'simulate',
-                'dc_motor',
-                '--out',
-                str(tmp_path / 'b2'),
-                '--set',
-                'convention=raw_counts',
-            ]
-        )
-        == 2
+        main(f'simulate dc_motor --out {tmp_path / "b2"} --set convention=raw_counts'.split()) == 2
     )
