@@ -21,6 +21,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+gc.disable()  # until all tests are collected: nearly everything that they allocate stays
 sys.path.append(str(ROOT))  # benchmarks and docs.tools; the packages are the installed ones
 
 # Processes of tests import the installed packages, too (Python 3.10 finds the checkout first).
@@ -169,6 +170,7 @@ def pytest_collection_finish():
     """
     gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(100_000, 20, 50)
 
 
