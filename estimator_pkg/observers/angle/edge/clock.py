@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.constants import FORGOTTEN, HELD, MEMORY, SIGMAS
+from estimator_pkg.observers.angle.edge.constants import FORGOTTEN, MEMORY, SIGMAS
 from estimator_pkg.observers.angle.edge.covariance import Covariance
 from estimator_pkg.observers.angle.edge.sensor import Sensor
 from estimator_pkg.observers.contract import TRACKING
@@ -55,7 +55,7 @@ def repeats(state: tuple, dt: float) -> bool:
         and way * way > SIGMAS * SIGMAS * p11 * dt * dt
         and abs(v) > STOPS * abs(a) * dt
         and held <= 2.0 * longest + 1.5 * dt
-        and held <= HELD * pace
+        and held <= MEMORY * pace
     )
 
 

@@ -23,6 +23,5 @@ RATIO = {'smooth': 0.125, 'balanced': 1.0, 'fast': 8.0}  # of densities; see `pr
 # what follows from these
 ALARM = CONFIRMED * SIGMAS  # of the cumulative sums: four samples of twice the slack
 REPEATS = ALARM  # quanta: an unchanged reading of a shaft that moved by more is no reading
-HELD = MEMORY / 2.0  # samples for which no unchanged reading is believed, at most
 FORGOTTEN = 8.0 * MEMORY  # samples in which evidence of another clock is forgotten
 PLAIN = 4.0 * BLUR * BLUR  # more noise than this is more than the blur of the edges [quanta^2]

@@ -8,7 +8,7 @@ import math
 import pytest
 
 from estimator_pkg.observers.angle.edge.clock import ODD, UNEVEN, UNKNOWN, elapsed, repeats
-from estimator_pkg.observers.angle.edge.constants import HELD, MEMORY, SIGMAS
+from estimator_pkg.observers.angle.edge.constants import MEMORY, SIGMAS
 from estimator_pkg.observers.angle.edge.observer import Gains, build
 from estimator_pkg.observers.angle.edge.sensor import begin_sensor, paced
 from estimator_pkg.observers.circle import Circle
@@ -99,7 +99,7 @@ def test_one_repeat_is_held_and_twice_the_longest_after_which_the_shaft_had_move
     assert not repeats(state(v, sure, held=0.6 * PACE), PACE)
     assert repeats(state(v, sure, held=2.4 * PACE, longest=PACE), PACE)
     assert not repeats(state(v, sure, held=2.6 * PACE, longest=PACE), PACE)
-    assert not repeats(state(v, sure, held=HELD * PACE, longest=1.0), PACE)
+    assert not repeats(state(v, sure, held=MEMORY * PACE, longest=1.0), PACE)
 
 
 def test_a_shaft_that_stops_soon_after_a_start_is_seen_to_stop():
