@@ -72,10 +72,8 @@ class DrivenSettings(JointSettings):
         for name in ('input_scale', 'input_delay'):
             length = len(getattr(self, name))
             if length not in (1, count):
-                raise UsageError(
-                    f"{owner}: '{name}' has {length} numbers for {count} "
-                    f'input{"" if count == 1 else "s"}: give 1 or {count}'
-                )
+                right = '1 input: set 1' if count == 1 else f'{count} inputs: set 1 or {count}'
+                raise UsageError(f"{owner}: '{name}' has {length} numbers for {right}")
 
 
 class Inputs:

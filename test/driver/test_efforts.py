@@ -257,7 +257,7 @@ def test_the_switched_system_takes_commands_as_it_takes_fields():
     silent = bank(COMMAND)
     assert silent.take(START, ('joint',), (0.1,), ()).estimates == [None]
     assert silent.why_silent('joint') == 'no effort_command is valid'
-    with pytest.raises(UsageError, match="'input_delay' has 2 numbers for 1 input"):
+    with pytest.raises(UsageError, match=r"'input_delay' has 2 numbers for 1 input: set 1$"):
         bank(FIELD, input_delay=[0.1, 0.2])
 
 

@@ -184,9 +184,8 @@ def per_joint(name: str, values: tuple[float, ...] | None, count: int) -> tuple[
     if len(values) == 1:
         return tuple(values) * count
     if len(values) != count:
-        raise UsageError(
-            f"parameter '{name}' has {len(values)} numbers for {count} positions: set 1 or {count}"
-        )
+        right = '1 position: set 1' if count == 1 else f'{count} positions: set 1 or {count}'
+        raise UsageError(f"parameter '{name}' has {len(values)} numbers for {right}")
     return tuple(values)
 
 

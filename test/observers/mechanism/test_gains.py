@@ -13,8 +13,15 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models import check
 from estimator_pkg.models.load import load
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
+from estimator_pkg.observers.mechanism.parameters import per_joint
 
 # Gains
+
+
+def test_a_list_of_another_length_is_refused_with_the_right_one():
+    for count, right in ((1, '1 position: set 1'), (3, '3 positions: set 1 or 3')):
+        with pytest.raises(UsageError, match=f"'mu' has 2 numbers for {right}$"):
+            per_joint('mu', (1.0, 2.0), count)
 
 
 def test_gamma_follows_from_k_at_the_operating_point():
