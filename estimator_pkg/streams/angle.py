@@ -251,8 +251,9 @@ class AngleStream(Stream):
         if found is None:
             return None
         groups, malformed = found
-        self.received[0] += len(block)
-        self.malformed[0] += len(malformed)
+        self.received[0] += len(block) - len(malformed)
+        for row in malformed:  # counted with the reason
+            self.feed(0, bytes(block.data[block.start[row] : block.end[row]]), 0)
         times = None if self._clocks is None else self._clocks.block(groups)
         estimated = self.estimation.update(groups, self.history, self.expected, times)
         return (answers for group in estimated for answers in self._answering.block(group))

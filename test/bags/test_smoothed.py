@@ -178,6 +178,14 @@ def test_gaps_a_jump_back_and_a_reset_lose_no_message():
     assert len(smoothed_of(stream, fed(stream, both(700)[200:]))) == 500
 
 
+def test_stamps_of_which_each_is_older_than_the_last_lose_no_message():
+    stream = stream_of()
+    backwards = fed(stream, [(900 - k, *both(1)[0][1:]) for k in range(300)])
+    assert all(len(answers) for _, answers in backwards[9::3])
+    found = smoothed_of(stream, fed(stream, both(300)))
+    assert math.isfinite(sum(found[-1][1].velocities))
+
+
 def test_the_smoother_gets_new_starts_and_what_is_learnt_of_the_sensor(monkeypatch):
     given, add = [], Smoother.add
     monkeypatch.setattr(Joint, 'correction', lambda joint: 0.25)

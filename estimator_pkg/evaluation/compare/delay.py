@@ -26,6 +26,7 @@ RISE = 0.1  # the two sides are compared where the error has risen by this fract
 CLEAR = 0.2  # the error must depend on the shift by this fraction, else there is no result
 SURE = 6.0  # and by this over the root of the number of samples: noise alone gives less
 EXACT = 1e-9  # of the delay [s]
+POINTS, PER_SAMPLE = 1 << 20, 64  # the grid of the search has at most so many points
 MOTION = 2.0  # the truth's variance must exceed its noise power by this factor
 
 
@@ -50,7 +51,8 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
     level = float(np.mean(truth))
     estimate, truth = estimate - level, truth - level
     hole = steps > GAP * step
-    errors = _coarse(time, estimate, truth, step, int(longest / step))
+    step = max(step, float(time[-1]) / (POINTS + PER_SAMPLE * len(time)))  # of stray stamps
+    errors = _coarse(time, estimate, truth, step, int(min(longest, time[-1]) / step))
     best, rise = _nearest_minimum(
         errors, max(CLEAR, SURE / len(time) ** 0.5), float(np.mean(truth * truth)) + level * level
     )

@@ -108,7 +108,7 @@ class Readings:
     def joined(self) -> Mask:
         """Shape (m - 1,): True where a row and the next belong to one piece."""
         found = np.ones(max(len(self.rows) - 1, 0), bool)
-        found[np.cumsum([len(part) for part in self.parts])[:-1] - 1] = False
+        found[np.cumsum([len(part) for part in self.parts], dtype=np.int64)[:-1] - 1] = False
         return found
 
     @cached_property

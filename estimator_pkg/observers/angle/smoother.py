@@ -156,7 +156,7 @@ class Smoother:
             self._rest += sum(steps[:count])
         self._learn_quantum(moves, last)
         if self.jerk == 0.0:
-            self._seen += zip(steps[:count], moves[:count])
+            self._seen += (pair for pair in zip(steps[:count], moves[:count]) if pair[0] > 0.0)
             self._begin([*self._seen, *zip(steps[count:], moves[count:])])
         density = self.jerk
         angles = [a + b for a, b in zip(readings, self._corrections)]
@@ -330,7 +330,7 @@ class Smoother:
 
     def _begin(self, seen: list[tuple[float, float]]) -> None:
         """Guess noise and density from the first steps and moves, if they are enough."""
-        steps, moves = zip(*seen[1:]) if len(seen) > 1 else ((), ())
+        steps, moves = zip(*seen) if seen else ((), ())
         if len(moves) < ENOUGH:
             return
         # residuals of linear interpolation; of white noise their change has five variances

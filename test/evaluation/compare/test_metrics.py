@@ -364,3 +364,13 @@ def test_numbers_of_tables():
         '-',
     ]
     assert fixed(-1e-6, 2) == '0.00' and fixed(-0.006, 2) == '-0.01'
+
+
+@pytest.mark.parametrize('burst', [1e-9, 1e-7])
+def test_stamps_that_hardly_differ_take_no_memory(burst):
+    """A clock that stood: half of the samples are a nanosecond apart."""
+    time = np.cumsum(np.where(np.arange(400) % 100 < 60, burst, 0.4))
+    assert not abs(delay(time, sine(time - 0.01), sine(time))) > 0.25
+    k = np.arange(400)
+    lag = delay(burst * k, np.sin(0.05 * (k - 3)), np.sin(0.05 * k))
+    assert lag == pytest.approx(3.0 * burst, rel=5e-3)

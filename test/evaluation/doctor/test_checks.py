@@ -289,3 +289,5 @@ def test_the_wrap_period_is_found():
 def test_few_readings_are_one_finding():
     stamps, arrival, angle = (each[:5] for each in clean())
     assert look(stamps, arrival, angle)['readings'].level == FAIL
+    stamps, arrival, angle = clean()
+    assert look(np.full_like(stamps, START), arrival, angle)['readings'].level == FAIL
