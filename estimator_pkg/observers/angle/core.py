@@ -45,6 +45,7 @@ LAG_3 = 0.2
 LAG_2 = 0.36  # ... and order 2, which lags throughout the ramp
 ENOUGH = 8.0  # changed readings after which a start has shown its noise
 SHORT = 32.0  # samples over which they are averaged until the start is over
+CALMED = 16.0  # times the recent power: what raised the mean, an outlier, is over
 SURGE = 2.0  # times its mean, by chance the recent power of the innovation is no larger
 UNBOUNDED = 1e200  # a noise gain beyond it: no gap, but a sample time too long for the core
 GAP = 0.2  # [s] a gap is at least so long
@@ -325,7 +326,7 @@ def _make_step(
         of_core, dt = coefficients
         last, _, _, _, _ = convention
         status, _, _, _ = lock
-        clock, _, decay, _, _ = start
+        clock, _, _, decay, _, _ = start
         mean_dt, taken_dt, late, _ = stamps
         inner, innovation = correct(before, of_core, measurement)
         if dt != mean_dt or taken_dt != 0.0:
@@ -349,7 +350,7 @@ def _make_step(
             recent += (square - recent) / RECENT
         if measurement == last:
             if clock > 0.0:
-                start = in_force(start, 0.0, since, usual, coefficients, inner)
+                start = in_force(start, 0.0, since, min(power, usual), coefficients, inner)
             since += dt
         else:
             moved = measurement - last
@@ -358,7 +359,7 @@ def _make_step(
             if clock > 0.0:
                 bend = abs(abs(moved) - change)  # steps of a start that skips counts
                 smallest = bend if SAME * smallest + RESIDUE < bend < smallest else smallest
-                start = in_force(start, moved, 0.0, usual, coefficients, inner)
+                start = in_force(start, moved, 0.0, min(power, usual), coefficients, inner)
             elif clock < 0.0 or since >= RESTED or moved * moved <= BAND * usual:
                 start = at_rest(start, measurement, moved, since, usual, coefficients, inner)
             change, since = abs(moved), 0.0
@@ -367,7 +368,7 @@ def _make_step(
             convention = follow(convention, measurement, period)
         reading = (change, since, smallest, recent)
         if inside and status == TRACKING:
-            clock, _, decayed, _, _ = start
+            clock, _, _, decayed, _, _ = start
             if clock > 0.0:
                 if decayed < LEARNT:
                     return (inner, convention, reading, (power, count), lock, start, stamps)
@@ -377,6 +378,8 @@ def _make_step(
                     count = max(ENOUGH, 0.75 * count)  # coarse: the readings show no noise
                 elif count < SHORT:
                     count += 1.0
+            elif since == 0.0 and power > CALMED * usual:
+                count = RECENT
             elif count < MEMORY:
                 count += 1.0
             power += (square - power) / count
@@ -487,7 +490,7 @@ def _make_scaled(
     ) -> tuple[float, float]:
         inner, convention, reading, (power, count), _, start, (_, taken_dt, _, _) = state
         _, since, _, recent = reading
-        clock, _, decay, _, _ = start
+        clock, _, _, _, _, _ = start
         _, _, variance, floor, _, low_speed_bound, _ = design
         if taken_dt != 0.0:
             coefficients = prepare(design, taken_dt)
@@ -538,7 +541,7 @@ def _make_resume(core: AngleCore, period: float) -> Callable[..., tuple]:
         moved = wrap(measurement - last, period)
         _, of_velocity, _ = noise_gains(inner, of_core)
         if of_velocity < UNBOUNDED:
-            start = (dt, measurement, 0.0, 0.0, abs(speed) + abs(moved) / GAP)
+            start = (dt, measurement, 0.0, 0.0, 0.0, abs(speed) + abs(moved) / GAP)
         return (
             resume_core(inner, measurement),
             follow(convention, measurement, period),

@@ -27,15 +27,18 @@ BEGUN = 0.75  # sample times by which motion may have begun after the last readi
 FIRST = 0.95  # the same at the first reading, which shows no speed at all
 BAND = 10.0  # (3.2)^2: times the power of the innovations; a larger distance is no rest
 LARGEST_GAIN = 8.0  # of innovations over readings, in noise power, but for a few first samples
-SLOW = 0.125  # a joint at rest does not leave the noise in this part of the rest's time
+SHOWN = 12.0  # samples at least without a larger distance, after which a rest has shown its noise
+SLOW = 4.0  # (2)^2: times the variance of the speed's noise; a faster joint is not at rest
+FURTHER = 1.001  # times the largest distance within a rest: a reading beyond it ends the rest
 
-# (clock [s], anchor [rad], decay, travelled [rad], kept [rad/s])
+# (clock [s], anchor [rad], reach [rad], decay, travelled [rad], kept [rad/s])
 #
 # clock: the time since the motion began while a start is in force, 0 in motion, and below 0 while
 # the readings stay within the noise of one angle: minus the time at rest until the last change.
-# anchor: angle of the rest before. decay: nepers by which the core's errors decayed since then.
-# travelled: angle since then. kept: speed that was kept across a gap.
-Start = tuple[float, float, float, float, float]
+# anchor: angle of the rest before. reach: largest distance from it within the rest. decay: nepers
+# by which the core's errors decayed since then. travelled: angle since then. kept: speed that was
+# kept across a gap.
+Start = tuple[float, float, float, float, float, float]
 
 NoiseGains = Callable[[tuple, tuple], tuple[float, float, float]]
 Pace = Callable[[tuple, tuple, float], float]
@@ -60,7 +63,7 @@ class StartFunctions(NamedTuple):
 
 def first_start(measurement: float) -> Start:
     """Return the start of a shaft at rest at its first sample [rad]."""
-    return (-RESTED, measurement, 0.0, 0.0, 0.0)
+    return (-RESTED, measurement, 0.0, 0.0, 0.0, 0.0)
 
 
 def linear_pace(noise_gains: NoiseGains) -> Pace:
@@ -92,7 +95,9 @@ def make_start(
     period : wrap period [rad]; 0: none.
     """
     return StartFunctions(
-        _make_at_rest(noise_gains, period), _make_in_force(estimate, pace), _make_deviation(lag)
+        _make_at_rest(noise_gains, period),
+        _make_in_force(estimate, noise_gains, pace),
+        _make_deviation(lag),
     )
 
 
@@ -108,53 +113,63 @@ def _make_at_rest(noise_gains: NoiseGains, period: float) -> Callable[..., Start
         coefficients: tuple,
         inner: tuple,
     ) -> Start:
-        clock, anchor, _, _, _ = start
+        clock, anchor, reach, _, _, _ = start
         of_core, dt = coefficients
         if clock == 0.0:
-            anchor = measurement - moved
+            anchor, reach = measurement - moved, abs(moved)
         distance = measurement - anchor
         if not -half <= distance < half:
             distance = wrap(distance, period)
         square, band, rested = distance * distance, BAND * power, since - clock
-        if rested < RESTED:
+        beyond = abs(distance) > FURTHER * reach
+        reach = max(reach, abs(distance))
+        if rested < RESTED or rested < SHOWN * dt:
             if square > band:
-                return (0.0, measurement, 0.0, 0.0, 0.0)
+                return (0.0, measurement, 0.0, 0.0, 0.0, 0.0)
+            if beyond:
+                rested = 0.0
+        elif beyond:
+            return (dt, anchor, reach, 0.0, distance, 0.0)
         # of noise alone the innovations have more power than the readings
         elif LARGEST_GAIN * square > band:
             _, _, of_innovation = noise_gains(inner, of_core)
             if square * of_innovation > band:
-                return (dt, anchor, 0.0, distance, 0.0)
-        return (-rested - dt, anchor + distance / RECENT, 0.0, 0.0, 0.0)
+                return (dt, anchor, reach, 0.0, distance, 0.0)
+        return (-rested - dt, anchor + distance / RECENT, reach, 0.0, 0.0, 0.0)
 
     return at_rest
 
 
 def _make_in_force(
-    estimate: Callable[[tuple], tuple[float, float, float]], pace: Pace
+    estimate: Callable[[tuple], tuple[float, float, float]], noise_gains: NoiseGains, pace: Pace
 ) -> Callable[..., Start]:
     def in_force(
         start: Start, moved: float, since: float, power: float, coefficients: tuple, inner: tuple
     ) -> Start:
         """Return the start, over when it is old and its errors have decayed, when the shaft rests
-        again, and when it only swayed.
+        again, and when it only swayed. While the reading is back in the noise of the rest, though
+        the speed is not, the motion may begin at any time.
         """
-        clock, anchor, decay, travelled, kept = start
-        if moved != 0.0:
-            travelled += moved
-            square, band = travelled * travelled, BAND * power
-            if kept == 0.0 and square <= band:  # back where it was ...
-                _, speed, _ = estimate(inner)
-                pushed = SLOW * RESTED * speed
-                if decay < 1.0 or pushed * pushed <= band:  # ... and slow: it rests still
-                    return (-RESTED, anchor, 0.0, 0.0, 0.0)
-        elif since >= RESTED and decay >= LEARNT:
-            return (0.0, anchor, 0.0, 0.0, 0.0)
+        clock, anchor, reach, decay, before, kept = start
         of_core, dt = coefficients
+        travelled = before + moved
+        if kept == 0.0:
+            within = math.sqrt(BAND * power)
+            if abs(travelled) <= within:  # back where it was ...
+                _, speed, _ = estimate(inner)
+                _, of_velocity, of_innovation = noise_gains(inner, of_core)
+                if moved == 0.0 or speed * speed * of_innovation <= SLOW * power * of_velocity:
+                    return (-RESTED, anchor, reach, 0.0, 0.0, 0.0)
+                return (2.0 * dt, anchor, reach, 0.0, travelled, 0.0)
+            if abs(before) <= within:
+                return (dt, anchor, reach, 0.0, travelled, 0.0)
+        if moved == 0.0 and since >= RESTED and decay >= LEARNT:
+            return (0.0, anchor, 0.0, 0.0, 0.0, 0.0)
         clock += dt
         decay += pace(inner, of_core, dt) * dt
         if clock >= LASTS and decay >= DECAYED:
-            return (0.0, anchor, 0.0, 0.0, 0.0)
-        return (clock, anchor, decay, travelled, kept)
+            return (0.0, anchor, 0.0, 0.0, 0.0, 0.0)
+        return (clock, anchor, reach, decay, travelled, kept)
 
     return in_force
 
@@ -163,7 +178,7 @@ def _make_deviation(lag: float) -> Callable[[Start, float, float], float]:
     bent = 2.0 * lag
 
     def deviation(start: Start, speed: float, dt: float) -> float:
-        clock, _, decay, travelled, kept = start
+        clock, _, _, decay, travelled, kept = start
         mean = travelled / (clock - (BEGUN if clock > dt else FIRST) * dt)
         scale = 2.0 * abs(mean)
         if kept > scale:

@@ -93,6 +93,55 @@ def test_edge_adaptive_covers_a_start_out_of_noise(motion):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    'name, noise, most',
+    [
+        ('hybrid_angle', 0.1, 0),  # 3 before
+        ('hybrid_angle', 0.5, 0),  # 3
+        ('hybrid_angle', 3.0, 1),  # 4
+        ('kalman', 0.1, 3),  # 9
+        ('kalman', 0.5, 2),  # 8
+        ('kalman', 3.0, 14),  # 26
+        ('pll', 0.1, 0),  # 3
+        ('pll', 3.0, 1),  # 2
+    ],
+)
+def test_a_start_out_of_noise_is_covered(name, noise, most):
+    """From the first reading on that the rest did not show, of 128 starts."""
+    ratios = [
+        measure(name, {}, Case(motion, rate, bits, noise, seed=seed)).worst
+        for motion, rate, bits, seed in itertools.product(
+            ('constant, slow', 'figure_6', 'steps 40 rad/s^2', 'trapezoid'),
+            (1000.0, 200.0),
+            (12, 17),
+            range(1, 9),
+        )
+    ]
+    assert np.count_nonzero(np.array(ratios) > 5.0) <= most
+
+
+@pytest.mark.long
+def test_an_outlier_of_a_slow_joint_widens_sigma_for_a_moment_only():
+    """A band that an outlier widened took the motion for a rest whose every reading is a start."""
+    random = np.random.default_rng(9)
+    time = np.arange(6000) * 1e-3
+    read = np.rint(0.2 * np.sin(math.pi * time) / QUANTUM) * QUANTUM
+    read[random.integers(500, 6000, 10)] += 0.5
+    sigma = make('kalman').run(stamps(6000), read, fast=False).velocity_stddev
+    assert np.mean(sigma[500:]) < 1.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('motion', ['steps 40 rad/s^2', 'steps 2 rad/s^2', 'trapezoid', 'figure_6'])
+def test_the_paper_form_covers_the_lag_behind_a_ramp(motion):
+    """Its noise gains, near the limit of stability, do not show its slow pole: 9 sigma before."""
+    gains = {'form': 'paper', 'bandwidth_hz': 20.0}
+    for rate, bits, known in itertools.product((1000.0, 500.0), (12, 14, 17), (False, True)):
+        case = Case(motion, rate, bits, known=known)
+        assert measure('hybrid_angle', gains, case).worst < 5.0, case
+
+
+@pytest.mark.long
 @pytest.mark.parametrize('noise, most', [(0.1, 1), (0.5, 0), (3.0, 9)])
 def test_edge_adaptive_covers_a_slow_start_out_of_noise(noise, most):
     """2 rad/s^2: no reading is far outside the noise, but their sum is. Before 5, 3, 16 of 40."""

@@ -167,7 +167,8 @@ M exceed 1.25 when σ is right.
   does not track begin a new set of five instants. M stays.
 
 A change of motion shows in the innovation before it shows here. Its mean square over 32 samples exceeds twice that
-over 400 only by chance; what is beyond is added to the noise's variance, except in a start (below). This holds for
+over 400 only by chance; what is beyond is added to the noise's variance, except in a start (below). Where the mean
+over 400 exceeds 16 times that over 32, an outlier is over, and 32 samples are averaged again. This holds for
 all observers but `edge_adaptive`, whose own variance follows its innovations.
 
 The calibration runs in the driver at every instant, subscribed or not, decimated or recursive. It changes no
@@ -201,7 +202,10 @@ seen, divided by 400: one such innovation within the memory of the mean. The low
 before: a reading unchanged for a time T allows no more than one step per T.
 
 **A start.** A joint rests when its readings stay within 3.2 standard deviations of one angle for 0.12 s.
-The first reading outside ends the rest, and so do the first sample and a gap. From then on the error of
+The first reading outside ends the rest, and so do the first sample and a gap. So does a reading farther from
+that angle than every one of the rest, once none was so for 0.12 s and 12 samples. A reading that is back in the noise
+makes it a rest again, if it repeats, or if the speed is within two standard deviations of the noise; else the
+motion may have begun with this reading. From then on the error of
 the observer is that of a linear loop whose input was at rest until the time t ago. Its poles are at
 about w, with nepers x = w t. The angle c since then is measured, so the speed is between c/t (a step of
 speed) and 2 c/t (a ramp). In a third-order loop with three poles at w, a step of speed d and a ramp of
@@ -226,7 +230,7 @@ accelerations over w. Five times
 \sigma_2 = 2 \lambda \left\lvert v - \frac{c}{t} \right\rvert \frac{1}{\max(1, x)} \tag{2}
 ```
 
-cover it, with λ = 0.2 for order 3, 0.36 for order 2, 0.4 for the low-pass and 0.75 for the paper's form.
+cover it, with λ = 0.2 for order 3, 0.36 for order 2, 0.4 for the low-pass. The paper's form has the pace of its slowest pole, and λ = 0.36 times its lag behind a ramp.
 The motion may have begun anywhere in the last sample time before the first changed reading, so t starts
 there at a quarter of a sample time, and at a twentieth at the first reading, which shows no speed. The published variance is that of the noise, plus the squares of (1)
 and (2), until x = 10 and t = 0.25 s.

@@ -16,7 +16,6 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Functions, Observer
 from estimator_pkg.parameters import parameter, structural
 
-LAG_PAPER = 0.75  # see `AngleCore.lag`: of the paper's poles, 1 and 5
 SETTLING = 3.0  # time constants of the slowest pole until a start counts as settled
 
 
@@ -234,7 +233,8 @@ def _paper(
         limits=limits,
         group_delay=lambda dt: l1 / l2 - 0.5 * dt,
         restarts=False,
-        lag=LAG_PAPER,
+        lag=LAG_2 * l1 / l2 * design.slowest,  # the lag behind a ramp, times the pace
+        pace=paper.pace,
     )
 
 

@@ -71,15 +71,24 @@ def init(measurement: float, design: Design) -> tuple:
 
 
 def prepare(design: Design, dt: float) -> tuple:
-    """Return (dt, l1 [1/s], l2 [1/s^2], margin, saturation, period [rad]): all but dt constant."""
-    return (dt, design.l1, design.l2, design.margin, design.saturation, design.period)
+    """Return (dt, l1 [1/s], l2 [1/s^2], margin, saturation, period [rad], pace [1/s]).
+
+    The errors decay at the pace of the slowest pole, a root of z^2 - (2 - a - b) z + 1 - a with
+    a = T l1 and b = T^2 l2.
+    """
+    alpha, beta = dt * design.l1, dt * dt * design.l2
+    middle = 1.0 - 0.5 * (alpha + beta)
+    square = middle * middle - (1.0 - alpha)
+    slowest = abs(middle) + math.sqrt(square) if square > 0.0 else math.sqrt(1.0 - alpha)
+    pace = -math.log(slowest) / dt if slowest > 0.0 else math.inf
+    return (dt, design.l1, design.l2, design.margin, design.saturation, design.period, pace)
 
 
 def make_correct(algorithm_1: Algorithm) -> Callable[[tuple, tuple, float], tuple[tuple, float]]:
     """Return `correct`, made of Algorithm 1; a measurement of any convention is wrapped."""
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
-        dt, l1, l2, margin, saturation, period = coefficients
+        dt, l1, l2, margin, saturation, period, _ = coefficients
         position, velocity = state
         position, velocity, innovation = algorithm_1(
             position, velocity, wrap(measurement, period), dt, l1, l2, margin, saturation
@@ -110,8 +119,14 @@ def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]
 
     As good as infinite where this one sample time is beyond the stability limit.
     """
-    dt, l1, l2, _, _, _ = coefficients
+    dt, l1, l2, _, _, _, _ = coefficients
     alpha, beta = dt * l1, dt * dt * l2
     if 2.0 * alpha + beta >= 4.0:
         return UNSTABLE, UNSTABLE, 1.0
     return noise_of_two(alpha, beta, dt)
+
+
+def pace(state: tuple, coefficients: tuple, dt: float) -> float:
+    """Return how fast the errors of a start decay [1/s]."""
+    _, _, _, _, _, _, slowest = coefficients
+    return slowest
