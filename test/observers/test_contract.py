@@ -49,10 +49,10 @@ def functions(variant, period=2.0 * math.pi):
 
 
 def flat(value):
-    """The numbers in a nest of tuples."""
+    """The numbers in a nest of tuples and arrays."""
     if isinstance(value, tuple):
         return [number for item in value for number in flat(item)]
-    return [value]
+    return value.tolist() if isinstance(value, np.ndarray) else [value]
 
 
 def kinds(value):
