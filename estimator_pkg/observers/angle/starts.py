@@ -160,8 +160,10 @@ def _make_in_force(
                 _, of_velocity, of_innovation = noise_gains(inner, of_core)
                 if moved == 0.0 or speed * speed * of_innovation <= SLOW * power * of_velocity:
                     return (-RESTED, anchor, reach, 0.0, 0.0, 0.0)
-                return (2.0 * dt, anchor, reach, 0.0, travelled, 0.0)
-            if abs(before) <= within:
+                if decay < 1.0:
+                    decay += pace(inner, of_core, dt) * dt
+                    return (2.0 * dt, anchor, reach, decay, travelled, 0.0)
+            elif abs(before) <= within and decay < 1.0:
                 return (dt, anchor, reach, 0.0, travelled, 0.0)
         if moved == 0.0 and since >= RESTED and decay >= LEARNT:
             return (0.0, anchor, 0.0, 0.0, 0.0, 0.0)

@@ -230,7 +230,8 @@ accelerations over w. Five times
 \sigma_2 = 2 \lambda \left\lvert v - \frac{c}{t} \right\rvert \frac{1}{\max(1, x)} \tag{2}
 ```
 
-cover it, with λ = 0.2 for order 3, 0.36 for order 2, 0.4 for the low-pass. The paper's form has the pace of its slowest pole, and λ = 0.36 times its lag behind a ramp.
+cover it, with λ = 0.2 for order 3, 0.36 for order 2, 0.4 for the low-pass. The paper's form has the pace of its
+slowest pole, and λ is 0.36 times its lag behind a ramp.
 The motion may have begun anywhere in the last sample time before the first changed reading, so t starts
 there at a quarter of a sample time, and at a twentieth at the first reading, which shows no speed. The published variance is that of the noise, plus the squares of (1)
 and (2), until x = 10 and t = 0.25 s.
