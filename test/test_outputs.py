@@ -234,8 +234,8 @@ def of_sensor_map(kind):
         out = joint.run(stamps, readings, fast=False)
         yield observer, figures(out.velocity)
         yield f'{observer}, position', figures(out.position)
-        told_numbers = re.findall(r'\d+(?:\.\d+)?', joint.learner.text())
-        yield f'{observer}, told', figures([float(number) for number in told_numbers])
+        numbers = re.findall(r'\d+(?:\.\d+)?', joint.learner.text())
+        yield f'{observer}, reported', figures([float(number) for number in numbers])
         for way in (1, -1):
             errors = joint.sensor_errors(way)(np.linspace(-3.1, 3.1, 60), np.full(60, 10.0))
             yield f'{observer}, errors {way}', figures(errors)

@@ -21,8 +21,9 @@ passes; neither does a joint that does not turn. The corrections come and go ove
 mark on the far side of the shaft, so that the corrected reading does not jump.
 
 A cogging torque makes the speed itself repeat each turn. At one speed it cannot be
-distinguished from an error of the sensor. But it shrinks with the square of the speed. So what was
-learnt from it predicts no faster turn, and is dropped there. Slower turns are not learnt from.
+distinguished from an error of the sensor, and the standard deviation covers both. But it shrinks
+with the square of the speed. So what was learnt from it predicts no faster turn, and is dropped
+there; what predicts one is the sensor's. Slower turns are not learnt from.
 
 What repeats in slower turns of a coarse sensor beyond these errors is a ripple of the speed. No
 filter can follow it: it is over before its edges have shown it. But the time in each cell is as
@@ -58,6 +59,7 @@ FADING = 0.1  # part of the ripple's correction that is put back at each mark
 FADED = 2.0  # turns after which an offset has faded
 GONE = 1e-4  # of a cell: a smaller correction of the ripple is none
 FIELDS = len(Track._fields)  # of a track without a map
+ANY = (0.0, 0.0, 0.0, math.inf)  # limits of `make_track` that no sample reaches
 
 # direction in which the cell was entered; what is taken out at the edge that brought the reading
 # [rad]; by how much longer than usual the shaft takes for this cell: in all, and by its motion
@@ -81,7 +83,7 @@ def placed(whole: tuple, learner: Learner) -> tuple:
     if marks == 0 or (not learner.active and offset == 0.0 and abs(taken) < GONE * size):
         learner.applied = False
         return whole[:FIELDS]
-    if learner.applied and not learner.active and not any(map(np.any, before[3:])):
+    if learner.applied and not learner.active and not any(map(np.any, before[4:])):
         return whole
     learner.applied = True
     cell, heading = math.floor(learner.at), learner.heading or 1
@@ -110,7 +112,7 @@ def placed(whole: tuple, learner: Learner) -> tuple:
 def entered(place: Place, maps: tuple, measurement: float, period: float) -> Place:
     """Return the place in another cell. The reading of a coarse sensor has its edge's error."""
     low, size, _, _, _, bottom, top, cell, offset, fade, (heading, taken, rise, _) = place
-    coarse, _, quantum, way, tables = maps
+    coarse, _, quantum, _, way, tables = maps
     shift = measurement - low
     if not -0.5 * period <= shift < 0.5 * period:
         shift = wrap(shift, period)
@@ -203,8 +205,17 @@ def make_mapped(bare: TrackFunctions, period: float) -> TrackFunctions:
         return shaft, faster * velocity, faster * acceleration, status
 
     def deviation(whole: tuple, design: tuple) -> tuple[float, float]:
-        """Return one standard deviation of position and velocity."""
-        return bare_deviation(whole[:FIELDS], design)
+        """Return one standard deviation of position and velocity.
+
+        What is taken out may be motion while no other speed has shown that it is the sensor's.
+        """
+        position, velocity = bare_deviation(whole[:FIELDS], design)
+        reading, correction, place, (_, _, _, doubt, _, _) = whole[FIELDS:]
+        _, _, _, slope, _, _, _, _, _, _, _ = place
+        if doubt == 0.0 or slope == 0.0:
+            return position, velocity
+        _, speed, _, _ = bare_read(whole[:FIELDS], design, ANY, reading + correction, 0.0)
+        return math.hypot(position, doubt * correction), math.hypot(velocity, doubt * slope * speed)
 
     return TrackFunctions(bare_blank, advance, read, deviation)
 

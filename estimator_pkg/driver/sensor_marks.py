@@ -21,6 +21,7 @@ from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
 from estimator_pkg.driver.sensor_ripple import SPAN, found, slower
 from estimator_pkg.driver.sensor_table import (
     COARSE,
+    FASTER,
     FINE,
     KEPT,
     LOOSE,
@@ -335,7 +336,7 @@ class Learner:
                 error = self.size * (np.cumsum(turn) - turn)
                 speed = self.speed / self.unit - 1.0 if self.kind == COARSE else 0.0
                 least = self.open * (RESOLVED_EDGES if self.kind == COARSE else RESOLVED)
-                table.learn(error - error.mean(), speed, least)
+                table.learn(error - error.mean(), self.speed, speed, least)
         self.cells = cells
 
     def _lower(self, along: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -422,6 +423,7 @@ class Learner:
             self.kind == COARSE,
             self.size,
             self.quantum if self.quantum < math.inf else 0.0,
+            0.0 if self.kind == COARSE or self.tables[0].sure else 1.0,
             self.heading if self.share > 0.0 else 0,
             np.stack((forward, backward, rises, motions)),
         )
@@ -462,4 +464,6 @@ class Learner:
             f'{"turn" if self.marks == self.turn else turn} are taken out '
             f'(largest near {10.0 * round(0.1 * at):.0f} deg)'
         )
+        if self.kind != COARSE and not self.tables[0].sure:
+            taken += f', or motion: turns {FASTER} times as fast will show it'
         return f'{taken}; {ripple}' if ripple else taken

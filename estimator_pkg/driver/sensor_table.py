@@ -25,6 +25,7 @@ TURNS, LONGEST = 3, 64  # in a row that have to be better, at first and at most
 SLOWLY = 4.0  # turns over which these errors are averaged
 WILD = 4.0  # times its mean: a mean squared error counts no more
 KEPT = 12.0  # turns over which the map is averaged
+FASTER, SURE = 1.4, 0.2  # a map that predicts a turn so much faster, so well, is of the sensor
 # kinds: not known yet; marks are edges; marks are edges of some counts; marks are no edges
 UNKNOWN, COARSE, FINE, LOOSE = 0, 1, 2, 3
 
@@ -33,15 +34,17 @@ class Maps(NamedTuple):
     """What is taken out of the readings.
 
     coarse : the marks are edges. size : of a cell between two marks [rad]. quantum : [rad]; 0: not
-    known. way : direction in which a ripple is foreseen; 0: none. tables : shape (4, n), one array
-    because compiled code counts its users at each sample. Rows `FORWARD` and `BACKWARD`: error of
-    each mark [rad]. `RISES` and `MOTIONS`: by how much longer than usual the shaft takes for each
-    cell: all of it but the sensor's errors, and its motion alone.
+    known. doubt : 1: it may be motion, no other speed has shown it yet; 0: it is the sensor's.
+    way : direction in which a ripple is foreseen; 0: none. tables : shape (4, n), one array because
+    compiled code counts its users at each sample. Rows `FORWARD` and `BACKWARD`: error of each mark
+    [rad]. `RISES` and `MOTIONS`: by how much longer than usual the shaft takes for each cell: all
+    of it but the sensor's errors, and its motion alone.
     """
 
     coarse: bool
     size: float
     quantum: float
+    doubt: float
     way: int
     tables: Array
 
@@ -58,13 +61,17 @@ class Table:
         self.without, self.within = 0.0, 0.0  # mean squared errors without and with the map
         self.good, self.required = 0, TURNS  # turns in a row that are better, and how many must be
         self.in_use = False
-        self.fastest = 0.0  # [marks/s]
+        self.fastest = self.pace = (
+            0.0  # highest speed; mean of those that the map is from [marks/s]
+        )
+        self.sure = False  # these are errors of the sensor, not motion
 
-    def learn(self, error: Array, speed: float, left: float) -> None:
+    def learn(self, error: Array, pace: float, speed: float, left: float) -> None:
         """Learn from the errors of one turn, and decide whether the map is used.
 
         Parameters
         ----------
+        pace : speed [marks/s].
         speed : in its unit, less 1; 0: b is not learnt.
         left : mean error that cannot be attributed to the sensor [rad].
         """
@@ -75,6 +82,8 @@ class Table:
             share *= self.within / within
         self.a += share * missed
         self.b += share * speed * missed
+        self.sure |= pace > FASTER * self.pace > 0.0 and within < SURE * without
+        self.pace += share * (pace - self.pace)
         self.learnt += 1
         if self.learnt == 1:
             return
@@ -87,7 +96,7 @@ class Table:
         if not self.in_use:
             self.in_use = self.good >= self.required and self.within < BETTER * self.without
         elif self.within > WORSE * self.without:
-            self.in_use, self.learnt = False, 1
+            self.in_use, self.sure, self.learnt = False, False, 1
             self.required = min(2 * self.required, LONGEST)
 
     def copied(self) -> Table:

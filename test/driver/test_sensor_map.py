@@ -159,24 +159,44 @@ def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
     assert 'repeat each 48 deg' in learning.why()
 
 
+def cogging(mean, rate=1000.0):
+    """Return (angle, velocity) of a shaft whose torque depends on its angle."""
+    angle, angles, velocities = 0.0, [], []
+    for speed in mean:
+        velocities.append(speed * (1.0 + 5.0 / speed**2 * math.cos(4.0 * angle)))
+        angle += velocities[-1] / rate
+        angles.append(angle)
+    return np.array(angles), np.array(velocities)
+
+
 def test_a_cogging_torque_is_dropped_at_another_speed():
     """A speed that ripples with the angle is as an error of the sensor only while it is steady."""
-
-    def ripples(mean):
-        rate, angle, out = 1000.0, 0.0, []
-        for speed in mean:
-            angle += speed * (1.0 + 5.0 / speed**2 * math.cos(4.0 * angle)) / rate
-            out.append(angle)
-        return np.array(out)
-
-    mean = np.repeat([12.0, 36.0], 6000)
-    angle = ripples(mean)
+    angle, _ = cogging(np.repeat([12.0, 36.0], 6000))
     stamps = START_NS + 1_000_000 * np.arange(len(angle))
     learning = joint(quantum=TURN / 4096)
     learning.run(stamps[:6000], eccentric(angle[:6000], 0.0), fast=False)
     assert learning.why()
     learning.run(stamps[6000:], eccentric(angle[6000:], 0.0), fast=False)
     assert not learning.why()
+
+
+@pytest.mark.parametrize('observer', ['edge_adaptive', 'hybrid_angle'])
+def test_what_may_be_motion_is_in_the_interval_until_another_speed_shows_the_sensor(observer):
+    """At one speed a cogging torque is as an error of the sensor: the interval covers both."""
+    angle, velocity = cogging(np.full(10_000, 12.0))
+    stamps = START_NS + 1_000_000 * np.arange(20_000)
+    learning = joint(observer, quantum=TURN / 4096)
+    out = learning.run(stamps[:10_000], eccentric(angle, 0.0), fast=False)
+    assert 'sensor errors' in learning.why()
+    wrong = np.abs(out.velocity - velocity)[7000:]
+    assert np.mean(wrong <= 1.96 * out.velocity_stddev[7000:]) > 0.9
+    _, angle, _ = sampled(lambda t: np.where(t < 8.0, 12.0, 20.0), 20.0)
+    learning, knowing = joint(observer), joint(observer, 'none')
+    out = learning.run(stamps, eccentric(angle, 0.01), fast=False)
+    exact = knowing.run(stamps, eccentric(angle, 0.0), fast=False)
+    assert 'sensor errors' in learning.why()
+    assert np.median(out.velocity_stddev[6000:8000]) > 0.05  # of a ripple of 0.085 rad/s rms
+    assert np.median(out.velocity_stddev[-5000:]) < 1.1 * np.median(exact.velocity_stddev[-5000:])
 
 
 def test_the_map_survives_a_gap_and_is_proven_again_after_an_outage():
@@ -255,7 +275,8 @@ def test_the_errors_that_are_reported_are_those_of_the_sensor_and_go_with_its_qu
             assert np.max(np.abs(found - found.mean() + 0.03 * np.sin(angles))) < 2 * TURN / 4096
             assert re.fullmatch(
                 r'sensor errors of up to 2 deg that repeat each turn are taken out '
-                r'\(largest near (80|90|100|260|270|280) deg\)',
+                r'\(largest near (80|90|100|260|270|280) deg\), '
+                r'or motion: turns 1.4 times as fast will show it',
                 each.why(),
             )
         each.set_gains(dataclasses.replace(each.gains, quantum=TURN / 2048))

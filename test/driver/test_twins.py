@@ -90,6 +90,7 @@ def compiler(monkeypatch):
 
     monkeypatch.setitem(sys.modules, 'numba', types.SimpleNamespace(njit=njit))
     monkeypatch.setattr(compiled, '_twins', {})
+    monkeypatch.setattr(compiled, '_keep_on_disk', lambda *given: None)
     compiled.available.cache_clear()
     yield asked
     compiled.available.cache_clear()

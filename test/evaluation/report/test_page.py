@@ -316,17 +316,20 @@ def test_what_fails_leaves_nothing_behind(tmp_path, capsys):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ('place', 'left'),
-    [('page.Path.write_text', ['p.npz']), ('full_data.zipfile.ZipFile.close', [])],
+    ('place', 'torn', 'left'),
+    [
+        ('page.Path.write_text', 'p.html', ['p.npz']),
+        ('full_data.zipfile.ZipFile.close', 'p.npz', []),
+    ],
 )
-def test_a_full_disk_leaves_no_halves(place, left, tmp_path, capsys, monkeypatch):
+def test_a_full_disk_leaves_no_halves(place, torn, left, tmp_path, capsys, monkeypatch):
     def full(*_, **__):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr(f'estimator_pkg.evaluation.report.{place}', full)
     words = f'--observer pll --html {tmp_path / "p.html"} --data {tmp_path / "p.npz"}'
     assert main(['evaluate', str(FAULTS), *words.split()]) == 1
-    assert capsys.readouterr().err.endswith('output: No space left on device\n')
+    assert capsys.readouterr().err.endswith(f'{tmp_path / torn}: No space left on device\n')
     assert [path.name for path in tmp_path.iterdir()] == left
 
 
