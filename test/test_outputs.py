@@ -269,7 +269,7 @@ DRIVEN = [
 ]  # fmt: skip
 
 
-def told(text):
+def with_set(text):
     return list(itertools.chain.from_iterable(('--set', word) for word in text.split()))
 
 
@@ -308,7 +308,7 @@ def of_bag(folder, bag, observer, text):
     found = defaultdict(list)
     with tempfile.TemporaryDirectory(dir=folder) as place:
         out = Path(place) / 'out'
-        quietly('replay', folder / bag, '--observer', observer, *told(text), '--out', out)
+        quietly('replay', folder / bag, '--observer', observer, *with_set(text), '--out', out)
         with open_bag(out) as opened:
             for message in opened.messages():
                 kind = opened.topics[message.topic].type
@@ -350,7 +350,7 @@ def cases():
 
 def make_bags(folder):
     for name, (plant, seconds, text) in MADE.items():
-        quietly('simulate', plant, '--duration', seconds, '--seed', 3, *told(text),
+        quietly('simulate', plant, '--duration', seconds, '--seed', 3, *with_set(text),
                 '--out', folder / name)  # fmt: skip
 
 
