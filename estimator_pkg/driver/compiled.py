@@ -26,6 +26,7 @@ from estimator_pkg.observers.maths.seldom import is_seldom
 from estimator_pkg.printable import printable
 
 
+@lru_cache(None)  # disassembling takes most of the time of a fingerprint
 def global_names(code: types.CodeType) -> set[str]:
     """Return the globals that the code reads, without attributes (`math.sin` is no global)."""
     names = {
@@ -151,7 +152,8 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
             for value in (cell.cell_contents for cell in function.__closure__ or ())
         )
         copy = types.FunctionType(code, names, function.__name__, function.__defaults__, cells)
-        copy.__qualname__ = function.__qualname__
+        # Code from several files on disk is linked by name: another closure needs another one.
+        copy.__qualname__ = f'{function.__qualname__}_{fingerprint(function)[:16]}'
         options: dict[str, Any] = {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': inner}
         options['forceinline'] = not is_seldom(function)
         _twins[key] = numba.njit(copy, error_model='numpy', **options)

@@ -46,6 +46,27 @@ DRIVE = """
 """
 
 
+PERIODS = """
+    import math, sys
+    import numpy as np
+    from estimator_pkg.driver.compiled import compiled
+    from estimator_pkg.evaluation.entries import Entry
+    time = np.arange(3000)
+    stamps, angle = 10**15 + 10**6 * time, 5.0 * np.sin(0.003 * time)
+    angle = np.floor(angle * 4096 / math.tau) * math.tau / 4096
+    hits = 0
+    for period in map(float, sys.argv[1].split('-')):
+        readings = (angle + math.pi) % math.tau - math.pi if period else angle
+        joint = Entry('edge_adaptive', 'edge_adaptive').joint(wrap_period=period)
+        plain = Entry('edge_adaptive', 'edge_adaptive').joint(wrap_period=period)
+        out = joint.run(stamps, readings, fast=True)
+        same = plain.run(stamps, readings, fast=False)
+        assert np.array_equal(out.velocity, same.velocity, equal_nan=True), period
+        hits += sum(compiled(joint._batch).stats.cache_hits.values())
+    print('hits', hits)
+"""
+
+
 def call(cache, size=-1, script=CALL):
     """(cache hits, further lines) that a process prints which compiles a function."""
     code, output = nursery.run_script(ALONE + script, size, cache)
@@ -161,3 +182,11 @@ def test_a_numba_that_cannot_be_imported_is_one_line(tmp_path):
     )
     assert done.stdout == 'False False\n'
     assert done.stderr == 'warning: Numba cannot be used: no shared object file\n'
+
+
+@pytest.mark.slow
+def test_functions_of_one_name_from_two_processes_are_not_mixed(tmp_path):
+    """The two differ in a closure; the second to be loaded called functions of the first."""
+    assert call(tmp_path, '6.283185307179586', PERIODS) == (0, [])
+    assert call(tmp_path, '0', PERIODS) == (0, [])
+    assert call(tmp_path, '6.283185307179586-0', PERIODS) == (2, [])

@@ -112,14 +112,16 @@ def test_every_function_that_is_called_is_compiled_once_and_nothing_else(compile
         assert each.of.__globals__ is not made.__dict__
     inner = next(each for each in compiler if each.of.__name__ == 'inner')
     assert twin.of.__globals__['inner'] is inner  # calls in compiled code stay in it
-    assert twin.of.__qualname__ == made.outer.__qualname__
+    assert twin.of.__qualname__.startswith(f'{made.outer.__qualname__}_')
     assert inner.of.__defaults__ == (1.0,) and inner.of.__globals__['WORDS'] is made.WORDS
     cells = [cell.cell_contents for cell in twin.of.__closure__]
     assert 3.0 in cells and inner.of.__globals__['innermost'] in cells
     assert twin(1.0) == made.outer(1.0)
     assert compiled.compiled(made.outer) is twin and len(compiler) == 3
     assert compiled.compiled(made.make(3.0, made.innermost)) is twin  # the same code and closure
-    assert compiled.compiled(made.make(4.0, made.innermost)) is not twin and len(compiler) == 4
+    other = compiled.compiled(made.make(4.0, made.innermost))
+    assert other is not twin and len(compiler) == 4
+    assert other.of.__qualname__ != twin.of.__qualname__  # code from disk is linked by name
     same = compiled.compiled(made.make(3, made.innermost))  # of another type: another function
     assert same is not twin and len(compiler) == 5
 
