@@ -107,7 +107,7 @@ def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
     for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
         joint.update(stamp, angle)
         position, velocity, _, _ = joint.estimate()
-        _, _, band, sensor, _, _, _, sway, _, _, _, _ = Track(*joint._track).state
+        _, _, band, sensor, _, _, _, sway, _, _, _ = Track(*joint._track).state
         density, _, _, up, down, _, _, _, _ = band
         mean_sway, _, _ = sway
         rows.append(

@@ -49,10 +49,10 @@ def functions(variant, period=2.0 * math.pi):
 
 
 def flat(value):
-    """The numbers in a nest of tuples and arrays."""
+    """The numbers in a nest of tuples."""
     if isinstance(value, tuple):
         return [number for item in value for number in flat(item)]
-    return value.tolist() if isinstance(value, np.ndarray) else [value]
+    return [value]
 
 
 def kinds(value):

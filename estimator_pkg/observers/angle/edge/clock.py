@@ -45,7 +45,7 @@ def repeats(state: tuple, dt: float) -> bool:
     One is held so at first, and as many as twice the longest such pause after which the shaft had
     moved on.
     """
-    (_, v, a, _), p, _, sensor, _, _, (status, _, _), _, _, clock, _, _ = state
+    (_, v, a, _), p, _, sensor, _, _, (status, _, _), _, _, clock, _ = state
     _, _, _, p11, _, _ = p
     _, _, _, _, _, _, _, _, _, _, pace = sensor
     _, _, held, longest, _, _ = clock

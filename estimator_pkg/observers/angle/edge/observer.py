@@ -43,20 +43,10 @@ from estimator_pkg.observers.angle.edge.constants import (
 )
 from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
 from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
-from estimator_pkg.observers.angle.edge.past import (
-    NO_PAST,
-    begin_past,
-    count_of,
-    first_of,
-    fits,
-    longer,
-    reading_of,
-)
 from estimator_pkg.observers.angle.edge.preference import ALIKE, beside, informed, ratios
 from estimator_pkg.observers.angle.edge.quantum import (
     FIRST_STEPS,
     JUMP,
-    SEARCH,
     UNIT,
     Steps,
     misfit,
@@ -95,10 +85,8 @@ from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions, Observer
 from estimator_pkg.observers.convention import begin, follow, present
-from estimator_pkg.observers.maths.seldom import seldom
 from estimator_pkg.parameters import parameter
 
-HASTY = 4.0  # first sample times: where the second is longer, the stamps of the first were wrong
 # (status, samples since a start, a gap or a doubt, time [s] for which the readings were far off)
 Lock = tuple[int, float, float]
 
@@ -172,14 +160,12 @@ def first_state(
         doubt,
         clock,
         ALIKE,
-        NO_PAST,
     )
 
 
 def without_reading(state: tuple, coefficients: tuple, design: Design) -> tuple:
     """Return the state one sample later, predicted alone: the reading is an old one."""
-    motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other, _ = state
-    x, v, a, idle = motion
+    (x, v, a, idle), p, band, sensor, steps, convention, lock, sway, doubt, clock, other = state
     dt, half_square, kept, _, _, _ = coefficients
     density, _, _, _, _, _, _, _, _ = band
     motion = (x + v * dt + a * half_square, v + a * dt, kept * a, idle + dt)
@@ -187,7 +173,7 @@ def without_reading(state: tuple, coefficients: tuple, design: Design) -> tuple:
     if design.ratio != 1.0:
         other = beside(other, p, design.ratio * density, coefficients, 0.0, dt)
     clock = waiting(clock, dt)
-    return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other, NO_PAST)
+    return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
 
 
 def coasting(lock: Lock) -> Lock:
@@ -213,7 +199,7 @@ def settling(lock: Lock, p: Covariance, dt: float, floor: float) -> Lock:
 
 def why(state: tuple, design: Any) -> str:
     """Return what a person should know of the given quantum, or ''."""
-    _, _, _, _, steps, _, _, _, _, _, _, _ = state
+    _, _, _, _, steps, _, _, _, _, _, _ = state
     return misfit(steps, design.quantum)
 
 
@@ -223,7 +209,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
     State: motion: (position [rad], velocity, acceleration, time since an informative reading [s]);
     covariance; band (see `bandwidth`); sensor (see `sensor`); steps (see `quantum`); convention;
     lock, see `Lock`; sway (see `bandwidth`); doubt (see `start`); clock (see `clock`); other (see
-    `preference`); past (see `past`).
+    `preference`).
     """
     period = float(circle.period)
     stddev, scaled = make_stddev(period)
@@ -231,7 +217,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         lambda: Design(float(gains.quantum), *ratios(RATIO[gains.prefer])),
         prepare,
         init,
-        _make_step(period, _make_searching(period)),
+        _make_step(period),
         _make_output(period, float(circle.unwrap)),
         stddev,
         _make_resume(period),
@@ -248,71 +234,18 @@ def build(gains: Gains, circle: Circle) -> Functions:
 
 def late(state: tuple) -> float:
     """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
-    _, _, _, _, _, _, _, _, _, (lateness, _, _, _, _, _), _, _ = state
+    _, _, _, _, _, _, _, _, _, (lateness, _, _, _, _, _), _ = state
     return lateness
 
 
-def _make_searching(period: float) -> Callable[..., tuple]:
-    step = seldom(_make_step(period, _passed_on))
-
-    @seldom
-    def searching(
-        state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
-    ) -> tuple:
-        """Return the state after a reading; where it shows the quantum, after all of the past."""
-        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other, past = state
-        used, _, _, _, _, _, _, _, _, _, _ = sensor
-        _, _, _, _, _, _, jump = steps
-        dt, _, _, _, _, _ = coefficients
-        before = (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
-        after = step((*before, NO_PAST), coefficients, design, measurement, known_input)
-        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other, begun = after
-        quantum, _, _, _, _, _, _, _, _, _, _ = sensor
-        _, _, _, _, left, _, _ = steps
-        if len(begun) > 0:  # another start
-            return after
-        past = longer(past, dt, measurement, known_input)
-        if quantum != used and jump == 0.0 and fits(past, quantum, period):
-            known = Design(quantum, design.ratio, design.of_angle, design.of_speed)
-            since, age, uneven, last = first_of(past)
-            _, low, high, wraps, turns = convention
-            _, _, _, longest, evidence, _ = clock
-            again = first_state(
-                last,
-                begin_sensor(quantum),
-                steps,
-                (last, low, high, wraps, turns),
-                (0.0, SETTLES, since, age, 0.0, 0.0),
-                (0.0, uneven, 0.0, longest, evidence, 0.0),
-            )
-            for i in range(count_of(past)):
-                dt, measurement, known_input = reading_of(past, i)
-                again = step(again, prepare(known, dt), known, measurement, known_input)
-            motion, p, band, sensor, _, _, _, sway, doubt, clock, other, _ = again
-        if left <= 0.0 or count_of(past) >= SEARCH or jump != 0.0:
-            past = NO_PAST
-        return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other, past)
-
-    return searching
-
-
-def _passed_on(
-    state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
-) -> tuple:
-    """Return the state; a step that `searching` makes has no past of its own."""
-    return state
-
-
-def _make_step(period: float, searching: Callable[..., tuple]) -> Callable[..., tuple]:
+def _make_step(period: float) -> Callable[..., tuple]:
     half_turn = 0.5 * period if period > 0.0 else math.inf
     outside = OUTSIDE * period if period > 0.0 else math.inf
 
     def step(
         state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
     ) -> tuple:
-        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other, past = state
-        if len(past) > 0:
-            return searching(state, coefficients, design, measurement, known_input)
+        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other = state
         last, low, high, _, _ = convention
         dt, half_square, kept, _, _, _ = coefficients
         change = measurement - last
@@ -333,7 +266,7 @@ def _make_step(period: float, searching: Callable[..., tuple]) -> Callable[..., 
                 change, steps = change + jump, with_jump(steps, 0.0)
             _, to_settle, since, _, _, _ = doubt
         x, v, a, idle = motion
-        quantum, _, _, _, stepped, before, size, rested, _, _, pace = sensor
+        quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
         status, count, astray = lock
         _, uneven, held, _, evidence, _ = clock
         # Repeated readings
@@ -355,7 +288,7 @@ def _make_step(period: float, searching: Callable[..., tuple]) -> Callable[..., 
             extent = abs(measurement) + abs(last)
             moved, steps, found = search(steps, counted, extent, design.quantum, sensor, first)
             if found != quantum:
-                p, band, sensor = rescaled(p, band, sensor, found, first)
+                p, band, sensor = rescaled(motion, p, band, sensor, doubt, found, period, first)
                 quantum, other = found, ALIKE
             if not moved:  # residue: the reading before is used again
                 measurement, change, first = last, 0.0, False
@@ -365,12 +298,11 @@ def _make_step(period: float, searching: Callable[..., tuple]) -> Callable[..., 
             sensor = aged(sensor, v)
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         convention = follow(convention, measurement, period)
-        # A start: the second reading, the third where that came too soon, the second that moves on
-        # after a rest, or the first that moves so early that it shows the quantum alone
-        _, _, p02, p11, _, _ = p
+        # A start: the second reading, the second that moves on after a rest, or the first that
+        # moves so early that it shows the quantum alone
+        _, _, _, p11, _, _ = p
         if (
             p11 == 0.0
-            or (p02 == 0.0 == pace and dt > HASTY * before > 0.0)
             or (starting and stepped * change > 0.0 and to_settle == UNSURE)
             or (first and design.quantum == 0.0 and rested <= CONFIRMED * dt)
         ):
@@ -378,25 +310,7 @@ def _make_step(period: float, searching: Callable[..., tuple]) -> Callable[..., 
                 measurement, change, passed, sensor, period, band, doubt
             )
             lock = (status, count + 1.0, astray)
-            _, _, _, _, left, _, _ = steps
-            if left > 0.0 and change != 0.0 and design.quantum == 0.0:
-                past = begin_past(doubt, clock, last, dt, measurement, known_input)
-            else:
-                past = NO_PAST
-            return (
-                motion,
-                p,
-                band,
-                sensor,
-                steps,
-                convention,
-                lock,
-                STEADY,
-                doubt,
-                clock,
-                ALIKE,
-                past,
-            )
+            return (motion, p, band, sensor, steps, convention, lock, STEADY, doubt, clock, ALIKE)
         # Prediction: a' = -a/FADE + w, v' = a, x' = v
         density, _, _, _, _, _, _, _, _ = band
         moved = v * dt + a * half_square
@@ -431,22 +345,9 @@ def _make_step(period: float, searching: Callable[..., tuple]) -> Callable[..., 
             if astray > LOST_AFTER or SIGMAS * SIGMAS * p00 > outside * outside:
                 return first_state(measurement, sensor, steps, convention, doubt, clock)
             motion, lock = (measurement - off, v, a, idle), coasting((status, count, astray))
-            return (
-                motion,
-                p,
-                band,
-                sensor,
-                steps,
-                convention,
-                lock,
-                sway,
-                doubt,
-                clock,
-                other,
-                NO_PAST,
-            )
+            return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
         # Sway, unless it moved away from a reading that was not believed
-        unmoved, sway = sway, follow_sway(sway, ahead, OUTLIER * (scatter + square), count > 0.0)
+        before, sway = sway, follow_sway(sway, ahead, OUTLIER * (scatter + square), count > 0.0)
         # Noise that hides single edges
         p00, _, _, _, _, _ = p
         half, noisy = 0.5 * quantum, noise > PLAIN * square
@@ -490,11 +391,10 @@ def _make_step(period: float, searching: Callable[..., tuple]) -> Callable[..., 
                         steps,
                         convention,
                         lock,
-                        unmoved,
+                        before,
                         doubt,
                         clock,
                         other,
-                        NO_PAST,
                     )
                 _, _, _, _, _, _, manoeuvre = heard
                 if manoeuvre and RESTS * abs(v) < quantum:
@@ -513,20 +413,7 @@ def _make_step(period: float, searching: Callable[..., tuple]) -> Callable[..., 
         if status != TRACKING:
             lock = settling(lock, p, dt, square + 12.0 * noise)
         motion = (measurement - off, v, a, idle)
-        return (
-            motion,
-            p,
-            band,
-            sensor,
-            steps,
-            convention,
-            lock,
-            sway,
-            doubt,
-            clock,
-            other,
-            NO_PAST,
-        )
+        return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
 
     return step
 
@@ -535,7 +422,7 @@ def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
     def output(
         state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
     ) -> tuple:
-        (x, v, a, _), _, _, sensor, _, convention, (status, _, _), _, _, _, other, _ = state
+        (x, v, a, _), _, _, sensor, _, convention, (status, _, _), _, _, _, other = state
         dx, dv, da, _ = other
         x, v, a = x + dx, v + dv, a + da
         _, _, _, _, _, _, _, since, _, _, _ = sensor
@@ -549,7 +436,7 @@ def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
 
 def _make_resume(period: float) -> Callable[..., tuple]:
     def resume(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
-        (_, v, _, _), p, band, sensor, steps, convention, lock, _, doubt, clock, _, _ = state
+        (_, v, _, _), p, band, sensor, steps, convention, lock, _, doubt, clock, _ = state
         _, _, _, p11, _, p22 = p
         density, _, _, _, _, _, _, squares, quiet = band
         quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
@@ -569,7 +456,6 @@ def _make_resume(period: float) -> Callable[..., tuple]:
             (v * v, SETTLES, since, 0.0, 0.0, 0.0),
             (0.0, uneven, 0.0, longest, evidence, 0.0),
             ALIKE,
-            NO_PAST,
         )
 
     return resume
@@ -577,8 +463,8 @@ def _make_resume(period: float) -> Callable[..., tuple]:
 
 def _make_restart(period: float) -> Callable[..., tuple]:
     def restart(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
-        _, _, _, _, steps, convention, _, _, _, _, _, _ = state
-        quantum = quantum_of(steps, design.quantum)  # what is known of it stays known
+        _, _, _, _, steps, convention, _, _, _, _, _ = state  # steps: what is known of the quantum
+        quantum = quantum_of(steps, design.quantum)
         return first_state(
             measurement,
             begin_sensor(quantum if quantum > 0.0 else UNIT),

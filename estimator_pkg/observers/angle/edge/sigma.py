@@ -41,7 +41,7 @@ def make_stddev(
     def scaled(
         state: tuple, coefficients: tuple, design: tuple, scale: float
     ) -> tuple[float, float]:
-        (x, v, a, _), p, band, sensor, _, convention, _, _, doubt, _, _, _ = state
+        (x, v, a, _), p, band, sensor, _, convention, _, _, doubt, _, _ = state
         p00, _, _, p11, _, _ = p
         _, _, _, up, down, _, _, squares, _ = band
         quantum, noise, _, _, _, _, _, unchanged, _, _, _ = sensor

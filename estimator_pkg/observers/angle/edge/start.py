@@ -287,11 +287,19 @@ def straight_line(
 
 
 def rescaled(
-    p: Covariance, band: Band, sensor: Sensor, quantum: float, first: bool
+    motion: Motion,
+    p: Covariance,
+    band: Band,
+    sensor: Sensor,
+    doubt: Doubt,
+    quantum: float,
+    period: float,
+    first: bool,
 ) -> tuple[Covariance, Band, Sensor]:
     """Return covariance, band and sensor where the quantum in use becomes `quantum` [rad].
 
-    They stay as they were in quanta, but a finer quantum makes no estimate surer.
+    They stay as they were in quanta. A finer quantum makes the estimate surer only where it is
+    the straight line of a start from a rest: the two readings of that were as fine as this one.
 
     Parameters
     ----------
@@ -307,7 +315,12 @@ def rescaled(
         noise *= scale
         lasting *= scale
         sensor = (used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
-    if scale > 1.0 or first:
+    _, to_settle, _, _, _, _ = doubt
+    _, _, p02, _, p12, _ = p
+    if scale < 1.0 and to_settle == SETTLES and p02 == 0.0 < p12:  # a line, one sample ago
+        x, v, _, _ = motion
+        _, p, _ = started(x, v * dt, dt, quantum, scale * noise, period)
+    elif scale > 1.0 or first:
         p00, p01, p02, p11, p12, p22 = p
         p = (scale * p00, scale * p01, scale * p02, scale * p11, scale * p12, scale * p22)
     return p, band, sensor

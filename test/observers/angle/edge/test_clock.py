@@ -83,7 +83,6 @@ def state(v, p11, held=0.0, longest=0.0, a=0.0):
         None,
         (0.0, 0.0, held, longest, 0.0, 0.0),
         None,
-        None,
     )
 
 
