@@ -19,6 +19,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# Other tests take turns on the processor: how long one takes says nothing.
+settings.register_profile('shared', deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile('shared')
 
 ROOT = Path(__file__).parents[1]
 gc.disable()  # until all tests are collected: nearly everything that they allocate stays
