@@ -25,7 +25,7 @@ TURNS, LONGEST = 3, 64  # in a row that have to be better, at first and at most
 SLOWLY = 4.0  # turns over which these errors are averaged
 WILD = 4.0  # times its mean: a mean squared error counts no more
 KEPT = 12.0  # turns over which the map is averaged
-FASTER, SURE = 1.4, 0.2  # a map that predicts a turn so much faster, so well, is of the sensor
+FASTER, SURE = 1.4, 0.2  # sure: a turn that many times as fast leaves less of its squared error
 # kinds: not known yet; marks are edges; marks are edges of some counts; marks are no edges
 UNKNOWN, COARSE, FINE, LOOSE = 0, 1, 2, 3
 
@@ -61,9 +61,8 @@ class Table:
         self.without, self.within = 0.0, 0.0  # mean squared errors without and with the map
         self.good, self.required = 0, TURNS  # turns in a row that are better, and how many must be
         self.in_use = False
-        self.fastest = self.pace = (
-            0.0  # highest speed; mean of those that the map is from [marks/s]
-        )
+        self.fastest = 0.0  # highest speed [marks/s]
+        self.pace = 0.0  # mean speed of the turns that the map is from [marks/s]
         self.sure = False  # these are errors of the sensor, not motion
 
     def learn(self, error: Array, pace: float, speed: float, left: float) -> None:

@@ -30,18 +30,19 @@ NAMES = [
     'wrist_2_joint',
     'wrist_3_joint',
 ]
-RAMP = [0.3, -0.2, 0.1, 0.0, -0.3, 0.4]  # [rad/s]
-SWING, PACE = 0.3, 2.0 * math.pi * 0.2  # [rad, rad/s]
-TURN = 100.0  # [s] the motion repeats, so that positions stay small
+DRIFT = [0.3, -0.2, 0.1, 0.0, -0.3, 0.4]  # [rad/s] at most, of a slow sine
+SLOW, SWING, PACE = 2.0 * math.pi * 0.01, 0.3, 2.0 * math.pi * 0.2  # [rad/s, rad, rad/s]
+TURN = 100 * 10**9  # [ns] after which both sines repeat
 
 
 def motion(stamp_ns):
     """The positions and velocities of all joints at a stamp."""
-    t = stamp_ns % int(TURN * 1e9) * 1e-9 - 0.5 * TURN
+    t = stamp_ns % TURN * 1e-9
     found = []
-    for joint, ramp in enumerate(RAMP):
-        phase = PACE * t + joint
-        found.append((ramp * t + SWING * math.sin(phase), ramp + SWING * PACE * math.cos(phase)))
+    for joint, drift in enumerate(DRIFT):
+        slow, phase = SLOW * t, PACE * t + joint
+        position = drift / SLOW * math.sin(slow) + SWING * math.sin(phase)
+        found.append((position, drift * math.cos(slow) + SWING * PACE * math.cos(phase)))
     return [each[0] for each in found], [each[1] for each in found]
 
 

@@ -26,7 +26,7 @@ RISE = 0.1  # the two sides are compared where the error has risen by this fract
 CLEAR = 0.2  # the error must depend on the shift by this fraction, else there is no result
 SURE = 6.0  # and by this over the root of the number of samples: noise alone gives less
 EXACT = 1e-9  # of the delay [s]
-POINTS, PER_SAMPLE = 1 << 20, 64  # the grid of the search has at most so many points
+POINTS, PER_SAMPLE = 1 << 20, 64  # the search's grid: at most, and for each sample
 MOTION = 2.0  # the truth's variance must exceed its noise power by this factor
 
 
