@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from answers import estimated
 from bag_making import OTHER, START, STATES, STORE
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from estimator_pkg import cli, observers
@@ -63,8 +63,9 @@ def by_hand(raws, setup, only=(), skip=False):
         positions, velocities, deviations = [], [], []
         for k, joint, estimate, there in zip(places, joints, taken.estimates, has):
             measured = message.positions[k]
-            if joint.settings.unwrap and math.isfinite(measured) and not there:
-                measured += TURN * math.floor((joint.estimate()[0] - measured) / TURN + 0.5)
+            turns = (joint.estimate()[0] - measured) / TURN
+            if joint.settings.unwrap and math.isfinite(turns) and not there:
+                measured += TURN * math.floor(turns + 0.5)
             positions.append(estimate[0] if there else measured)
             velocities.append(estimate[1] if there else math.nan)
             deviations.append(joint.stddev() if there else (math.nan, math.nan))
@@ -135,6 +136,7 @@ def streams(draw):
 
 @pytest.mark.long
 @settings(max_examples=120, deadline=None)
+@example([Encoder().encode(START, '', ['a', 'b'], [0.0, 1e300])], [], 'pll', (), 'nan', True)
 @given(
     raws=streams(),
     cuts=st.lists(st.integers(0, 120), max_size=8),
