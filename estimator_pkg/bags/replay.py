@@ -210,6 +210,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             else:
                 for warning in stream.end(str(bag.path)):
                     bag.warn(warning)
+                if not stream.answered:
+                    why = stream.why()
+                    bag.warn(f'{bag.path}: no estimate was made' + (why and f': {why}'))
         result = {
             'bag': str(parsed.bag),
             'out': parsed.out,
@@ -217,6 +220,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             'measurement': ' and '.join(topic.name for topic in setup.topics),
             **stream.summary(),
             'written': output.topics if output else [],
+            'ok': bool(stream.answered),
             'interrupted': interrupted,
             'warnings': bag.warnings,
             'elapsed_s': time.perf_counter() - begun,

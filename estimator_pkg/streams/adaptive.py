@@ -192,7 +192,7 @@ class AdaptiveStream(DrivenStream):
                 f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}'; it "
                 f'has {", ".join(sorted(self._seen))}'
             )
-        return self._unanswered()
+        return []
 
     @classmethod
     def requested(

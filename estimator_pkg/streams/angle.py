@@ -332,7 +332,7 @@ class AngleStream(Stream):
             raise UserError(
                 f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has {there}"
             )
-        return self._unanswered() + [
+        return [
             f"parameters are set for joint '{name}', which never appeared; {topic} has {there}"
             for name in self.bank.configuration.overrides
             if name not in seen

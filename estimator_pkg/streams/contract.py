@@ -479,17 +479,14 @@ class Stream(ABC):
 
     def why(self) -> str:
         """Return a note for the user if there are no estimates."""
-        said = (self._why_of(name, joint) for name, joint in self.bank.joints.items())
-        return '; '.join(dict.fromkeys(filter(None, said)))
-
-    def _why_of(self, name: str, joint: Joint) -> str:
-        for kind, count in joint.dropped().items():
-            if count == joint.received:
-                return (
-                    f'every sample of {", ".join(self.names_of(name))} was dropped: '
-                    f'{WHY_DROPPED[kind]}'
-                )
-        return joint.why()
+        joints: dict[str, list[str]] = {}
+        for name, joint in self.bank.joints.items():
+            dropped = joint.dropped()
+            said = why_dropped(joint.received, dropped) or joint.why()
+            if 'misconfigured' in dropped:  # the joint knows the parameter
+                said = joint.why() or said
+            joints.setdefault(said, []).extend(self.names_of(name))
+        return '; '.join(f'{", ".join(names)}: {said}' for said, names in joints.items() if said)
 
     def summary(self) -> dict[str, Any]:
         """Return what happened to all messages and samples."""
@@ -511,7 +508,13 @@ class Stream(ABC):
         }
 
     def end(self, path: str) -> list[str]:
-        """As `finish`; also raise UserError if all messages of one topic are malformed."""
+        """Return warnings at the end of a bag.
+
+        Raises
+        ------
+        UserError : all messages of one topic are malformed, a requested joint or topic never
+            appeared in the bag `path`.
+        """
         for topic, count, malformed in zip(self.topics, self.received, self.malformed):
             if count and count == malformed:
                 raise UserError(
@@ -521,19 +524,8 @@ class Stream(ABC):
         return self.finish(path)
 
     def finish(self, path: str) -> list[str]:
-        """Return warnings at the end of a bag.
-
-        Raises
-        ------
-        UserError : a requested joint or topic never appeared in the bag `path`.
-        """
-        return self._unanswered()
-
-    def _unanswered(self) -> list[str]:
-        if self.answered:
-            return []
-        why = self.why()
-        return [f'no estimate was published{f": {why}" if why else ""}']
+        """As `end`, for what the family needs."""
+        return []
 
     # Bags
 
@@ -563,6 +555,20 @@ def _found(observer: str | Observer) -> Observer:
     from estimator_pkg import observers
 
     return observers.find(observer) if isinstance(observer, str) else observer
+
+
+def why_dropped(received: int, dropped: Mapping[str, int]) -> str:
+    """Return why one cause dropped more than half of the samples; '' if none did.
+
+    Parameters
+    ----------
+    received : number of samples. dropped : their numbers by cause.
+    """
+    for kind, count in dropped.items():
+        if 2 * count > received:
+            how_many = 'every sample' if count == received else f'{count} of {received} samples'
+            return f'{how_many} dropped: {WHY_DROPPED.get(kind, kind)}'
+    return ''
 
 
 def counts_of(joint: Joint) -> dict[str, Any]:

@@ -134,4 +134,4 @@ class MechanicalStream(DrivenStream):
                     f"mechanism '{mechanism.name}' ({', '.join(mechanism.names)}): "
                     "set its joint names with the parameter 'joints'"
                 )
-        return self._unanswered()
+        return []

@@ -149,7 +149,7 @@ class SwitchedStream(DrivenStream):
         """See `Stream`."""
         if self.bank.system.received == 0:
             raise UserError(f'{path}: {self.why() or "no sample arrived"}')
-        warnings = self._unanswered()
+        warnings = []
         for kind, count in self.bank.system.event_counts.items():
             if kind in REFUSED:
                 warnings.append(f'{count} switching events were not used: {kind.replace("_", " ")}')

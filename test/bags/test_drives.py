@@ -57,8 +57,8 @@ def rows(bag, topic):
     )
 
 
-def replay(bag, out, *words, params=PARAMS):
-    assert cli.main(['replay', str(bag), *params, '--out', str(out), *words]) == 0
+def replay(bag, out, *words, params=PARAMS, code=0):
+    assert cli.main(['replay', str(bag), *params, '--out', str(out), *words]) == code
     return open_bag(out)
 
 
@@ -192,6 +192,7 @@ def test_alpha_beta_taken_for_phases_is_said(tmp_path, capsys):
         tmp_path / 'bag',
         tmp_path / 'out',
         *settings(input='current_voltage', frame='abc', compile='false'),
+        code=1,
     ):
         pass
     assert 'the phase currents do not sum to zero' in capsys.readouterr().out
@@ -293,10 +294,12 @@ def test_wrong_use_is_one_line(words, said, capsys):
 
 
 def test_a_period_that_does_not_fit_is_said_and_nothing_is_estimated(capsys, tmp_path):
-    with replay(BAGS / 'drive_profile', tmp_path / 'out', '--set', 'sample_period=5e-5') as bag:
+    words = ['--set', 'sample_period=5e-5']
+    with replay(BAGS / 'drive_profile', tmp_path / 'out', *words, code=1) as bag:
         assert not states(bag, '/pmsm_observer/estimate')
         assert not rows(bag, '/pmsm_observer/estimate_samples')[1][:, 3].any()
-    said = capsys.readouterr().out
+    said, error = capsys.readouterr()
+    assert 'no estimate was made: motor, motor_electrical: sample_period is 5e-05 s' in error
     assert 'sample_period is 5e-05 s, but the stamps are 0.0002 s apart' in said
     assert 'misconfigured 3500' in said
     with replay(BAGS / 'drive_profile', tmp_path / 'fits', '--set', 'sample_period=2e-4') as bag:

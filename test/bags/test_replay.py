@@ -337,17 +337,24 @@ def test_a_stray_stamp_is_no_gap(size):
 @pytest.mark.parametrize(
     ('stamp', 'names', 'positions', 'why'),
     [
-        (0, ['a'], [0.1], "every sample of a was dropped: no stamp: use 'stamp_source: publisher'"),
-        (1, ['a'], [math.nan], 'every sample of a was dropped: NaN or infinite'),
+        (0, ['a'], [0.1], "a: every sample dropped: no stamp: use 'stamp_source: publisher'"),
+        (1, ['a'], [math.nan], 'a: every sample dropped: NaN or infinite'),
+        (1, ['a', 'b'], [math.nan] * 2, 'a, b: every sample dropped: NaN or infinite'),
+        (-1, ['a'], [0.1], 'a: 8 of 9 samples dropped: repeated stamps'),
         (1, ['a', 'b'], [0.1], 'no message of /joint_states has as many positions as names'),
         (1, ['a'], [], 'no message of /joint_states has a position'),
     ],
 )
 def test_why_there_is_no_estimate(stamp, names, positions, why, tmp_path, capsys):
-    raws = [Encoder().encode(stamp and START + i, '', names, positions) for i in range(9)]
+    """`stamp`: 0: none; 1: increasing; less: all equal."""
+    raws = [
+        Encoder().encode(stamp and START + max(i * stamp, 0), '', names, positions)
+        for i in range(9)
+    ]
     bag = make.ours(tmp_path / 'bag', [(STATES, START + i, raw) for i, raw in enumerate(raws)])
-    replay(bag)
-    assert f'warning: no estimate was published: {why}' in capsys.readouterr().err
+    replay(bag, code=1)
+    said = capsys.readouterr().err
+    assert f'{bag}: no estimate was made: {why}' in said and said.count('\n') == 1
 
 
 def test_only_the_named_joints(recording, tmp_path):
@@ -616,9 +623,9 @@ def test_which_topic_is_the_measurement(tmp_path, capsys):
         '/obs/estimate',
         '/obs/estimate_stddev',
     ]
-    replay(bag('one', ['/arm/joint_states', *truth]))
+    replay(bag('one', ['/arm/joint_states', *truth]), code=1)  # one message is no estimate
     assert 'on /arm/joint_states' in capsys.readouterr().out
-    replay(bag('usual', ['/arm/joint_states', STATES, *truth]))
+    replay(bag('usual', ['/arm/joint_states', STATES, *truth]), code=1)
     assert f'on {STATES}' in capsys.readouterr().out
     replay(bag('two', ['/arm/a', '/arm/b', *truth]), code=1)
     assert 'with --measurement (/arm/a, /arm/b)' in capsys.readouterr().err
@@ -638,7 +645,9 @@ def test_gains_that_are_unstable_at_this_rate_are_reported(recording, capsys, tm
         *shlex.split('--observer hybrid_angle --set form=paper --set bandwidth_hz=200'),
         '--json',
         tmp_path / 'json',
+        code=1,
     )
+    assert 'no estimate was made: a: ' in capsys.readouterr().err
     joint = json.loads((tmp_path / 'json').read_text())['joints']['a']
     assert joint['received'] == joint['used'] + sum(joint['dropped'].values())
     assert joint['dropped'].get('misconfigured') or not joint['why']

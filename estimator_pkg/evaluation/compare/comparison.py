@@ -30,7 +30,7 @@ from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
-from estimator_pkg.streams.contract import WHY_DROPPED
+from estimator_pkg.streams.contract import why_dropped
 from estimator_pkg.streams.drive import ELECTRICAL
 
 MMAP_THRESHOLD = -3  # glibc's malloc.h
@@ -241,6 +241,7 @@ def compared(
     if any(len(series.stamps_ns) >= MANY for series in true.series.values()):
         give_back_freed()
     rows: list[Row] = []
+    some = False  # an estimate, of any joint
     notes = list(true.notes)
     starts = {joint: _start(series) for joint, series in {**true.series, **measurement}.items()}
     candidates = {joint: _Candidates() for joint in true.motions}
@@ -253,13 +254,16 @@ def compared(
                 moved = true.motions.get(joint)
                 if moved is not None and len(estimate.stamps):
                     candidates[joint].add(source, estimate, moved)
-                if joint not in true.series and {joint, joint + ELECTRICAL} & set(true.motions):
+                some = some or len(estimate.stamps) > 0
+                known = joint in true.series or {joint, joint + ELECTRICAL} & set(true.motions)
+                if len(estimate.stamps) and known and joint not in true.series:
                     continue
-                if joint not in true.series:
+                if not known:
                     notes.append(f"joint '{joint}' has no truth")
                 elif not len(estimate.stamps):
+                    why = why_dropped(estimate.samples['received'], estimate.samples['dropped'])
                     notes.append(
-                        f"{source}: joint '{joint}' has no valid estimate" + _all_dropped(estimate)
+                        f"{source}: joint '{joint}' has no valid estimate{why and f' ({why})'}"
                     )
                 else:
                     try:
@@ -277,7 +281,7 @@ def compared(
                         raise UserError(f"{path}: {source}, joint '{joint}': {error}") from None
             estimates.clear()
             del estimate  # before the next observer makes its own
-    if not rows and not true.motions:
+    if not rows and not (some and true.motions):
         raise UserError(f'{path}: nothing to compare: ' + '; '.join(dict.fromkeys(notes)))
     return Comparison(
         path,
@@ -294,14 +298,6 @@ def compared(
             for joint, moved in true.motions.items()
         },
     )
-
-
-def _all_dropped(estimate: Estimate) -> str:
-    """Return the reason if a single cause dropped all samples, else ''."""
-    for kind, count in estimate.samples['dropped'].items():
-        if count == estimate.samples['received']:
-            return f': {WHY_DROPPED.get(kind, kind)}'
-    return ''
 
 
 def _row(

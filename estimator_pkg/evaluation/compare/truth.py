@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.selection import MADE
+from estimator_pkg.bags.selection import MADE, USUAL, measured_topics
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import per_sample
@@ -88,8 +88,11 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
                 f'{path}: a drive without truth: add --observer pmsm and its motor data (--params '
                 f"FILE), or try 'velocity_estimator doctor {path}'"
             )
+        unread = USUAL in measured_topics(bag) and not measurement
         raise UserError(
-            f'{path}: no truth: there is no topic {TRUTH}; name another JointState with '
+            f'{path}: no truth: there is no topic {TRUTH}'
+            + (f', and {USUAL} has no finite position' if unread else '')
+            + '; name another JointState with '
             f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
             'off-line reference with --measurement or --angle'
         )

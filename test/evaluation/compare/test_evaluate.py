@@ -488,6 +488,21 @@ def test_too_few_readings_for_a_reference(tmp_path, capsys):
 # ---------------------------------------------------------------- errors, one line each
 
 
+@pytest.mark.parametrize(
+    ('change', 'said'),
+    [
+        (lambda row: (row[0], row[1], [math.nan], ()), f'{MEASUREMENT} has no finite position'),
+        (lambda row: (START, *row[1:]), "'a' has no valid estimate (499 of 500 samples dropped: "),
+    ],
+)
+def test_a_bag_from_which_nothing_is_estimated(tmp_path, capsys, change, said):
+    """NaN alone; one stamp for all."""
+    bag = write_bag(
+        tmp_path / 'bag', {MEASUREMENT: [change(row) for row in measured(stamps_of(1))]}
+    )
+    assert said in fails(capsys, bag)
+
+
 def test_no_truth_says_what_could_be_one(tmp_path, capsys):
     stamps = stamps_of(0.1)
     bag = write_bag(

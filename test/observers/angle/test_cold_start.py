@@ -195,7 +195,7 @@ def test_beyond_half_a_turn_per_sample_a_start_can_only_find_the_alias():
 
 @pytest.mark.parametrize('speed, lost', [(1.0 + 6.2 / DT, False), (1.0 + 6.4 / DT, True)])
 def test_a_speed_in_doubt_is_lost_a_turn_per_sample_from_the_last_trusted_one(speed, lost):
-    """Any speed that much larger fits the samples as well: it cannot be distinguished from a runaway."""
+    """Any speed that much larger fits the samples as well, and may be a runaway."""
     core = SimpleNamespace(
         init=lambda measurement, design: ('again', measurement),
         estimate=lambda inner: (0.0, inner, math.nan),
