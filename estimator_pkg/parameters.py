@@ -16,13 +16,14 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import math
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from typing import Any, TypeVar
 
-from estimator_pkg import yaml_text
+from estimator_pkg import params_file, yaml_text
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.yaml_text import Word
 
@@ -335,10 +336,14 @@ def _renamed(name: str, old: str, new: str) -> None:
     )
 
 
+_OF_JOINT = re.compile(rf'{params_file.OVERRIDES}\..+\.\w+\s*(?==)', re.DOTALL)
+
+
 def parse_assignments(pairs: list[str]) -> dict[str, Any]:
     """``['bandwidth_hz=20', 'form=paper']`` as a dictionary; values are read as YAML.
 
-    Texts need no quotes: off, y or 1:30 is a text where a text is needed.
+    Texts need no quotes: off, y or 1:30 is a text where a text is needed. The name of a joint may
+    contain '=' and '.', as in ``per_joint.=.bandwidth_hz=20``.
 
     Raises
     ------
@@ -346,8 +351,10 @@ def parse_assignments(pairs: list[str]) -> dict[str, Any]:
     """
     values: dict[str, Any] = {}
     for pair in pairs:
-        name, equals, text = pair.partition('=')
-        if not equals or not name:
+        of_joint = _OF_JOINT.match(pair)
+        end = of_joint.end() if of_joint else pair.find('=')
+        name, text = pair[:end], pair[end + 1 :]
+        if end <= 0:
             raise UsageError(f"'{pair}' is not key=value")
         values[name.strip()] = yaml_text.of_command_line(text)
     return values

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from observer_cases import angle_observers, found
 
-from estimator_pkg import observers, streams, yaml_text
+from estimator_pkg import observers, params_file, streams, yaml_text
 from estimator_pkg.driver.guard import GuardSettings
 from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.errors import UsageError, suggestion
@@ -285,6 +285,13 @@ def test_assignments_without_a_name_or_value_are_refused(text):
     with pytest.raises(UsageError) as caught:
         parse_assignments([text])
     assert 'key=value' in str(caught.value)
+
+
+@pytest.mark.parametrize('joint', ['=', 'a=b', '=a.b=', 'a.b', 'rate=3', ' ', "it's\n"])
+def test_the_name_of_a_joint_may_have_any_character(joint):
+    name = f'per_joint.{joint}.rate'
+    assert parse_assignments([f'{name}=2', 'form=a=b']) == {name: 2, 'form': 'a=b'}
+    assert params_file.override(name) == (joint, 'rate')
 
 
 def test_the_last_of_two_assignments_counts():
