@@ -16,17 +16,20 @@ STDOUT = '-'  # instead of a file name
 OUTPUTS = ('out', 'html', 'data', 'plot', 'json')  # options with output files
 INPUTS = ('bag', 'bags', 'judge', 'recover')  # options with input bags
 METADATA = 'metadata.yaml'
-OF_BAGS = ('.mcap', '.db3', '.zstd')  # data files in the folder of a bag
+OF_BAGS = ('.mcap', '.db3', '.zstd', '.db3-wal', '.db3-journal', '.db3-shm')  # data files of bags
 
 
 def check(path: str | Path) -> None:
-    """Raise UserError unless a file can be written at `path`.
+    """Raise UserError unless a file, which is no bag, can be written at `path`.
 
     Raises
     ------
-    UserError : the folder does not exist, the path is a folder, or it is not writable.
+    UserError : the folder does not exist, the path is a folder or a file of a bag, or it is not
+        writable.
     """
     place = Path(path)
+    if _of_bag(place) and place.is_file():
+        raise UserError(f'{path} is a file of a bag: name another file')
     if place.is_dir():
         raise UserError(f'{path} is a folder: name a file')
     if not place.parent.is_dir():
@@ -36,7 +39,7 @@ def check(path: str | Path) -> None:
 
 
 def check_distinct(parsed: argparse.Namespace) -> None:
-    """Raise UsageError if two outputs of a command are the same file, or one is an input."""
+    """Raise UsageError if two outputs of a command are the same file, or one is of an input bag."""
     outputs = [
         (f'--{name}', Path(value))
         for name in OUTPUTS
@@ -55,6 +58,10 @@ def check_distinct(parsed: argparse.Namespace) -> None:
             for read in [value] if isinstance(value, str) else value or ():
                 if _same(path, Path(read)) or _within(path, Path(read)):
                     raise UsageError(f'{option} {path} would overwrite an input: name another file')
+                if _joins(path, Path(read)):
+                    raise UsageError(
+                        f'{option} {path} would become a part of the bag {read}: name another file'
+                    )
 
 
 def _same(one: Path, other: Path) -> bool:
@@ -64,11 +71,26 @@ def _same(one: Path, other: Path) -> bool:
     return os.path.realpath(one) == os.path.realpath(other)
 
 
+def _of_bag(path: Path) -> bool:
+    """Return True if the name, or that of the file that it links to, is one of a bag's file."""
+    place = Path(os.path.realpath(path))
+    return place.suffix in OF_BAGS or place.name == METADATA
+
+
 def _within(path: Path, bag: Path) -> bool:
-    """Return True if an existing file belongs to the bag in this folder."""
-    return (
-        (path.suffix in OF_BAGS or path.name == METADATA)
-        and path.is_file()
-        and bag.is_dir()
-        and Path(os.path.realpath(path)).is_relative_to(os.path.realpath(bag))
-    )
+    """Return True if an existing file belongs to the bag at this path."""
+    return path.is_file() and _of_bag(path) and _below(path, bag)
+
+
+def _joins(path: Path, bag: Path) -> bool:
+    """Return True if a new file would belong to the bag at this path.
+
+    In a folder without metadata another bag may lie next to a file, and gets no metadata either.
+    """
+    whole = bag.is_dir() or (bag.parent / METADATA).exists() or path.name == METADATA
+    return whole and _of_bag(path) and _below(path, bag)
+
+
+def _below(path: Path, bag: Path) -> bool:
+    folder = bag if bag.is_dir() else bag.parent
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))

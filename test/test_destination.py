@@ -113,17 +113,57 @@ def test_two_outputs_with_one_name_are_a_usage_error(words, options, tmp_path, m
         ['tune', 'B', '--observer', 'pll', '--out', 'B/metadata.yaml'],
         ['play', 'B', '--json', 'B/metadata.yaml'],
         ['record', '--recover', 'B/B_0.mcap', '--out', 'x', '--json', 'hard'],
+        ['evaluate', 'B/B_0.mcap', '--html', 'B/metadata.yaml'],
+        ['evaluate', 'B/B_0.mcap', '--html', 'link'],
+        ['identify', 'B/B_0.mcap', '--out', 'B/metadata.yaml'],
+        ['doctor', 'B', '--html', 'link'],
     ],
 )
 def test_no_output_overwrites_the_bag_that_is_read(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', 'encoder', '--duration', '0.1', '--out', 'B']) == 0
     os.link('B/B_0.mcap', 'hard')
+    Path('link').symlink_to('B/metadata.yaml')
     before = {file.name: file.read_bytes() for file in Path('B').iterdir()}
     capsys.readouterr()
     assert main(words) == 2
     assert 'would overwrite an input' in capsys.readouterr().err
     assert {file.name: file.read_bytes() for file in Path('B').iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['evaluate', 'B', '--html', 'B/x.mcap'],
+        ['evaluate', 'B/B_0.mcap', '--data', 'B/B_1.mcap'],
+        ['replay', 'B', '--out', 'B/x.mcap'],
+        ['tune', 'B', '--observer', 'pll', '--out', 'B/x.db3'],
+        ['evaluate', 'alone/B_0.mcap', '--html', 'alone/metadata.yaml'],
+        ['identify', 'alone', '--out', 'alone/B_1.mcap'],
+    ],
+)
+def test_no_output_becomes_a_part_of_the_bag_that_is_read(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(['simulate', 'encoder', '--duration', '0.1', '--out', 'B']) == 0
+    Path('alone').mkdir()
+    os.link('B/B_0.mcap', 'alone/B_0.mcap')
+    capsys.readouterr()
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert 'would become a part of the bag' in said and said.count('\n') == 1
+    assert not Path(words[-1]).exists()
+    # another bag next to a file is none of it
+    assert main(['replay', 'alone/B_0.mcap', '--observer', 'pll', '--out', 'alone/new.mcap']) == 0
+
+
+@pytest.mark.parametrize('option', ['html', 'data', 'json'])
+@pytest.mark.parametrize('name', ['metadata.yaml', 'x.mcap', 'x.db3', 'x.db3-wal', 'x.mcap.zstd'])
+def test_no_output_overwrites_a_file_of_any_bag(option, name, tmp_path, capsys):
+    path = tmp_path / name
+    path.write_text('mine')
+    assert evaluate(f'--{option}', path) == 1
+    assert capsys.readouterr().err.endswith(f'{path} is a file of a bag: name another file\n')
+    assert path.read_text() == 'mine'
 
 
 def test_a_result_may_stand_in_the_folder_of_its_bag(tmp_path, monkeypatch, capsys):
