@@ -198,7 +198,7 @@ def say(text: str) -> None:
 def limit_end() -> None:
     """End the process by an alarm if it is still there after `LONGEST_END`.
 
-    To be called when nothing is left to do: then DDS may wait for one of its threads for ever.
+    To be called when nothing is left but to end: then DDS may wait for one of its threads for ever.
     """
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_REAL, LONGEST_END)

@@ -11,7 +11,7 @@ from time import perf_counter
 from traceback import format_exception
 from typing import Any
 
-from estimator_pkg.ros import runtime  # noqa: F401  sets what rclpy and numpy read  # isort: skip
+from estimator_pkg.ros import runtime  # sets what rclpy and numpy read  # isort: skip
 
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
@@ -96,9 +96,11 @@ class ObserverNode(Node):
                     self.stream.read_field(Field(message_types.fields_of, port.type, port.field))
             self._open()
         except BaseException as error:
-            self.destroy_node()
             if isinstance(error, ArithmeticError) and observer is not None:
-                raise UsageError(f'{observer.name}: {NO_NUMBERS} ({error})') from error
+                reason = UsageError(f'{observer.name}: {NO_NUMBERS} ({error})')
+                runtime.discard(self.destroy_node, reason)
+                raise reason from error
+            runtime.discard(self.destroy_node, error)
             raise
 
     def get_logger(self) -> Any:

@@ -44,6 +44,19 @@ def prepare_environment() -> None:
 prepare_environment()
 
 
+_report: Callable[[BaseException], None] | None = None  # of the process of a node, see `discard`
+
+
+def discard(destroy: Callable[[], None], error: BaseException) -> None:
+    """Destroy a node whose start failed; its process reports the error first.
+
+    DDS may wait for ever when it destroys what it has just made.
+    """
+    if _report is not None:
+        _report(error)
+    destroy()
+
+
 def make_executor() -> SteadyExecutor:
     """Return the executor with the lowest cost whose services and timers always run."""
     from estimator_pkg.ros.executor import SteadyExecutor
@@ -117,7 +130,18 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
 
 
 def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Interrupts) -> int:
+    global _report
     program = os.path.basename(sys.argv[0])
+    reported: list[BaseException] = []
+
+    def report(error: BaseException) -> None:
+        """Print the error, once, if the user can correct it; from here on the process ends."""
+        if args is None:
+            limit_end()
+        if isinstance(error, UserError) and error not in reported:
+            reported.append(error)
+            print(f'{program}: {printable(error)}', file=sys.stderr, flush=True)
+
     try:
         import rclpy
         from rclpy.logging import LoggingSeverity, set_logger_level
@@ -144,6 +168,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
             return _usage(program, rest[0])
         executor = make_executor()
         gc.disable()  # a collection takes long, while messages wait in a queue
+        _report = report
         node = make_node()
         executor.add_node(node)
         gc.freeze()  # later collections skip all imported objects
@@ -153,7 +178,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
             executor.spin_once(timeout_sec=SPIN)
         return 0
     except UserError as error:
-        print(f'{program}: {printable(error)}', file=sys.stderr)
+        report(error)
         return error.exit_code
     except ImportError as error:
         return _missing(program, error)
@@ -162,8 +187,11 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
             raise
         return 0  # the node has shut ROS down itself, during a call
     finally:
+        _report = None
         gc.enable()
         interrupts.making = False
+        if args is None:
+            limit_end()
         with ExitStack() as ends:  # from last to first, each of them whatever another raises
             if node is not None:
                 ends.callback(node.destroy_node)

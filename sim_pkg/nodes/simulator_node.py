@@ -28,6 +28,7 @@ from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.printable import PrintableLogger
+from estimator_pkg.ros import runtime
 from sim_pkg.contract import FOREVER, Message, RunSettings, Simulator, Topic
 from sim_pkg.nodes.deadline import Deadlines
 
@@ -80,8 +81,8 @@ class SimulatorNode(Node):
         self._thread = threading.Thread(target=self._play, name='deadlines', daemon=True)
         try:
             self._set_up(simulator)
-        except BaseException:
-            super().destroy_node()
+        except BaseException as error:
+            runtime.discard(super().destroy_node, error)
             raise
         self._thread.start()
 

@@ -3,6 +3,7 @@
 
 """What nodes of model-based observers say to a wrong start: one line, at once."""
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -118,6 +119,36 @@ def test_executables_print_it_and_end():
         output, error = child.communicate(timeout=3.0 * dds.PATIENCE)
         assert child.returncode == 2, error
         assert given.split(':=')[0] in error and len(error.splitlines()) == 1 and output == ''
+
+
+@pytest.mark.parametrize(
+    ('module', 'given'),
+    [
+        ('estimator_pkg.nodes.executables pmsm_observer', 'resistance:=0.0'),
+        ('sim_pkg.nodes.executables encoder_sim', 'rate:=-1.0'),
+    ],
+)
+def test_a_refused_start_is_reported_and_ends_also_if_dds_hangs(module, given):
+    """Seen once: DDS waited for ever while it destroyed a node that it had just made."""
+    package, name = module.split()
+    script = (
+        'import time\n'
+        'from estimator_pkg import interrupts\n'
+        f'from {package} import {name}\n'
+        'from rclpy.node import Node\n'
+        'Node.destroy_node = lambda self: time.sleep(60.0)\n'
+        'interrupts.LONGEST_END = 0.2\n'
+        f'{name}()'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', script, *dds.ros_args(given)],
+        text=True,
+        capture_output=True,
+        timeout=dds.PATIENCE,
+        check=False,
+    )
+    assert done.returncode == -signal.SIGALRM
+    assert f"'{given.split(':')[0]}'" in done.stderr and done.stderr.count('\n') == 1
 
 
 FILES = {  # what a parameter file says of joint_observer -> what the executable prints
