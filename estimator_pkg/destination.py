@@ -39,12 +39,19 @@ def check(path: str | Path) -> None:
 
 
 def check_distinct(parsed: argparse.Namespace) -> None:
-    """Raise UsageError if two outputs of a command are the same file, or one is of an input bag."""
+    """Raise UsageError if two outputs of a command are the same file, or one is of an input bag.
+
+    So does an empty name, as of a variable that a shell does not know.
+    """
+    for name in (*OUTPUTS, *INPUTS):
+        value = getattr(parsed, name, None)
+        if value == '' or (isinstance(value, list) and '' in value):
+            option = 'BAG' if name in INPUTS[:2] else f'--{name}'
+            raise UsageError(f'the name of {option} is empty: give a name')
     outputs = [
         (f'--{name}', Path(value))
         for name in OUTPUTS
         if isinstance(value := getattr(parsed, name, None), str)
-        and value
         and not (name == 'json' and value == STDOUT)
     ]
     for number, (option, path) in enumerate(outputs):

@@ -166,6 +166,28 @@ def test_no_output_overwrites_a_file_of_any_bag(option, name, tmp_path, capsys):
     assert path.read_text() == 'mine'
 
 
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['evaluate', ''],
+        ['replay', ''],
+        ['replay', 'BAG', '--out', ''],
+        ['evaluate', 'BAG', '--html', ''],
+        ['evaluate', 'BAG', '--data', ''],
+        ['tune', 'BAG', '--out', ''],
+        ['tune', 'BAG', '--out', 'x', '--judge', ''],
+        ['list', '--json', ''],
+        ['record', '--out', 'x', '--recover', ''],
+    ],
+)
+def test_an_empty_name_is_a_usage_error(words, tmp_path, monkeypatch, capsys):
+    """As of a variable that a shell does not know; the empty path is the folder here."""
+    monkeypatch.chdir(tmp_path)
+    assert main([str(BAG) if word == 'BAG' else word for word in words]) == 2
+    said = capsys.readouterr().err
+    assert 'is empty: give a name' in said and said.count('\n') == 1
+
+
 def test_a_result_may_stand_in_the_folder_of_its_bag(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', 'encoder', '--duration', '0.5', '--out', 'B']) == 0

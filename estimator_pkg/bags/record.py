@@ -69,9 +69,16 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         math.isfinite(parsed.duration) and parsed.duration > 0.0
     ):
         raise UsageError(f'--duration is {parsed.duration:g} s: it must be above 0')
-    from estimator_pkg.bags.live import live
+    from estimator_pkg.bags.live import live  # isort: skip  prepares the environment
+    from rclpy.exceptions import InvalidTopicNameException
+    from rclpy.validate_full_topic_name import validate_full_topic_name
 
     topics = [name if name.startswith('/') else f'/{name}' for name in parsed.topics]
+    for name in topics:
+        try:
+            validate_full_topic_name(name)
+        except InvalidTopicNameException:
+            raise UsageError(f"'{name}' is not a valid topic name: correct it") from None
     with interrupts.gently(background=True), BagWriter(parsed.out, keep=True) as writer:
         with live('bag_recorder') as here:
             recorder = Recorder(here, writer, topics)

@@ -166,6 +166,7 @@ def test_record_refuses_what_it_cannot_do(tmp_path, capsys):
         (['--out', tmp_path / 'there'], 'exists already', 1),
         (['--out', tmp_path / 'no' / 'bag'], 'does not exist', 1),
         (['--out', tmp_path / 'bag', '--duration', '-1'], 'must be above 0', 2),
+        (['/b c', '--out', tmp_path / 'bag'], "'/b c' is not a valid topic name", 2),
     ):
         assert cli.main(['record', '/x', *map(str, words)]) == code
         error = capsys.readouterr().err

@@ -22,6 +22,7 @@ from estimator_pkg.evaluation.tuning.study import Dimension, Value
 from estimator_pkg.parameters import Parameter, declared
 
 WRAP_PERIOD = 2.0 * math.pi
+LARGEST_SEED = 2**32 - 1  # of NumPy
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,8 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         raise UsageError(f'--held-out is {parsed.held_out:g}: it must be from 0 to below 0.9')
     if parsed.trials < 1:
         raise UsageError(f'--trials is {parsed.trials}: it must be 1 or more')
+    if not 0 <= parsed.seed <= LARGEST_SEED:
+        raise UsageError(f'--seed is {parsed.seed}: it must be from 0 to {LARGEST_SEED}')
     check_joints(parsed)
     if parsed.observer == requested.ALL:
         raise UsageError("--observer is 'all', but tuning needs one: name it")

@@ -595,6 +595,8 @@ def test_a_wrong_motion_hz(tmp_path, bag, capsys):
 @pytest.mark.parametrize(
     ('words', 'text'),
     [
+        (['--observer', 'pll', '--seed', '-1'], '--seed is -1: it must be from 0'),
+        (['--observer', 'pll', '--seed', str(2**32)], '--seed is 4294967296: it must be'),
         (('--observer', 'pl'), "did you mean 'pll'"),
         (('--observer', 'pll', '--search', 'bandwith_hz=1:2'), "did you mean 'bandwidth_hz'"),
         (('--observer', 'pll', '--search', 'bandwidth_hz=2:1'), 'GAIN=LOW:HIGH'),
