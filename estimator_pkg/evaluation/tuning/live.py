@@ -33,9 +33,16 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
     """
     with TemporaryDirectory(prefix='velocity_estimator_') as folder:
         path = str(Path(folder) / 'live')
-        record.run(
-            argparse.Namespace(topics=[*topics, truth], out=path, duration=seconds, recover=None)
-        )
+        try:
+            record.run(
+                argparse.Namespace(
+                    topics=[*topics, truth], out=path, duration=seconds, recover=None
+                )
+            )
+        except UserError:  # nothing arrived
+            if interrupts.came():
+                raise KeyboardInterrupt from None
+            raise
         if interrupts.came() not in (0, signal.SIGINT):
             raise KeyboardInterrupt
         interrupts.forget()  # Ctrl-C ended only the recording

@@ -5,13 +5,14 @@
 
 import json
 import shlex
+import signal
 
 import dds
 import pytest
 
 from estimator_pkg import params_file
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.tuning.live import apply
+from estimator_pkg.evaluation.tuning.live import apply, recorded
 
 pytest.importorskip('optuna', reason='not run: Optuna is not installed')
 
@@ -28,6 +29,18 @@ def parameter(process_name, name):
         future = client.get_parameters([name])
         dds.until(future.done, lambda: here.spin(0.05))
         return future.result().values[0].double_value
+
+
+def test_an_interrupt_before_the_first_message_is_no_missing_topic(monkeypatch):
+    def nothing(parsed):
+        raise UserError('nothing was recorded')
+
+    monkeypatch.setattr('estimator_pkg.bags.record.run', nothing)
+    with pytest.raises(UserError), recorded(['/a'], '/b', 1.0):
+        pass
+    monkeypatch.setattr('estimator_pkg.interrupts.came', lambda: signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), recorded(['/a'], '/b', 1.0):
+        pass
 
 
 def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
