@@ -87,6 +87,7 @@ from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, F
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 
+HASTY = 4.0  # first sample times: where the second is longer, the stamps of the first were wrong
 # (status, samples since a start, a gap or a doubt, time [s] for which the readings were far off)
 Lock = tuple[int, float, float]
 
@@ -266,7 +267,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 change, steps = change + jump, with_jump(steps, 0.0)
             _, to_settle, since, _, _, _ = doubt
         x, v, a, idle = motion
-        quantum, _, _, _, stepped, _, size, rested, _, _, pace = sensor
+        quantum, _, _, _, stepped, previous, size, rested, _, _, pace = sensor
         status, count, astray = lock
         _, uneven, held, _, evidence, _ = clock
         # Repeated readings
@@ -298,11 +299,12 @@ def _make_step(period: float) -> Callable[..., tuple]:
             sensor = aged(sensor, v)
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
         convention = follow(convention, measurement, period)
-        # A start: the second reading, the second that moves on after a rest, or the first that
-        # moves so early that it shows the quantum alone
-        _, _, _, p11, _, _ = p
+        # A start: the second reading, the third where that came too soon, the second that moves on
+        # after a rest, or the first that moves so early that it shows the quantum alone
+        _, _, p02, p11, _, _ = p
         if (
             p11 == 0.0
+            or (p02 == 0.0 == pace and dt > HASTY * previous > 0.0)
             or (starting and stepped * change > 0.0 and to_settle == UNSURE)
             or (first and design.quantum == 0.0 and rested <= CONFIRMED * dt)
         ):

@@ -973,3 +973,15 @@ def test_noise_at_a_start_is_no_vibration():
     reading = np.rint(3.0 * random.standard_normal(1500)) * QUANTUM
     out = make('edge_adaptive', {'quantum': QUANTUM}).run(stamps(1500, 2e-3), reading, fast=False)
     assert np.sqrt(np.mean(out.velocity[500:] ** 2)) < 0.02
+
+
+def test_a_start_whose_second_stamp_comes_too_soon_begins_again():
+    """0.1 ms after the first, and the next 0.9 and 2 ms later: it was 1649 rad/s at 11 rad/s."""
+    quantum = 2.0 * math.pi / 4096
+    time = np.arange(200) * 2e-3
+    at = 10**9 + np.rint(1e9 * (time + np.where(np.arange(200) == 0, 3e-3, 0.0))).astype(np.int64)
+    at[1] += 1_100_000
+    read = np.floor(1.2 * np.sin(3.0 * math.pi * time) / quantum) * quantum
+    joint = make('edge_adaptive', {'quantum': quantum})
+    velocity = joint.run(at, read, fast=False).velocity
+    assert np.max(np.abs(velocity[3:])) < 20.0
