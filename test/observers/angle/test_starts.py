@@ -132,6 +132,16 @@ def test_an_outlier_of_a_slow_joint_widens_sigma_for_a_moment_only():
 
 
 @pytest.mark.long
+def test_super_twisting_of_order_1_covers_a_ramp_of_few_samples():
+    """Its error decayed by many nepers within the first sample: 13 sigma before, at the second."""
+    for motion, rate, bits, seed in itertools.product(
+        ('trapezoid', 'steps 40 rad/s^2'), (500.0, 200.0, 100.0), (14, 17), range(1, 9)
+    ):
+        case = Case(motion, rate, bits, known=True, seed=seed)
+        assert measure('super_twisting', {'order': 1}, case).worst < 5.0, case
+
+
+@pytest.mark.long
 @pytest.mark.parametrize('motion', ['steps 40 rad/s^2', 'steps 2 rad/s^2', 'trapezoid', 'figure_6'])
 def test_the_paper_form_covers_the_lag_behind_a_ramp(motion):
     """Its noise gains, near the limit of stability, do not show its slow pole: 9 sigma before."""

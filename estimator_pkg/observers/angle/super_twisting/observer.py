@@ -314,7 +314,8 @@ def make_pace(order: int) -> Callable[[tuple, tuple, float], float]:
         power = total if total > power else power  # that of a transient, from its begin
         if power < SMALLEST:
             power = SMALLEST
-        return PACE * design.scale / power**exponent
+        # one neper per sample: dead beat is no faster
+        return min(PACE * design.scale / power**exponent, 1.0 / dt)
 
     return pace
 
