@@ -36,7 +36,8 @@ FURTHER = 1.001  # times the largest distance within a rest: a reading beyond it
 # clock: the time since the motion began while a start is in force, 0 in motion, and below 0 while
 # the readings stay within the noise of one angle: minus the time at rest until the last change.
 # anchor: angle of the rest before. reach: largest distance from it within the rest. decay: nepers
-# by which the core's errors decayed since then. travelled: angle since then. kept: speed that was
+# by which the errors of the core decayed. travelled: angle since then; at rest the mean square
+# of the changes of the reading [rad^2]. kept: speed that was
 # kept across a gap.
 Start = tuple[float, float, float, float, float, float]
 
@@ -113,18 +114,20 @@ def _make_at_rest(noise_gains: NoiseGains, period: float) -> Callable[..., Start
         coefficients: tuple,
         inner: tuple,
     ) -> Start:
-        clock, anchor, reach, _, _, _ = start
+        clock, anchor, reach, _, changes, _ = start
         of_core, dt = coefficients
         if clock == 0.0:
-            anchor, reach = measurement - moved, abs(moved)
+            anchor, reach, changes = measurement - moved, abs(moved), 0.0
         distance = measurement - anchor
         if not -half <= distance < half:
             distance = wrap(distance, period)
         square, band, rested = distance * distance, BAND * power, since - clock
+        changes += (moved * moved - changes) / (RECENT if changes > 0.0 else 1.0)
         beyond = abs(distance) > FURTHER * reach
         reach = max(reach, abs(distance))
         if rested < RESTED or rested < SHOWN * dt:
-            if square > band:
+            # white noise of variance R changes by 2 R; innovations may be those of a lag
+            if square > band or square > BAND * 0.5 * changes:
                 return (0.0, measurement, 0.0, 0.0, 0.0, 0.0)
             if beyond:
                 rested = 0.0
@@ -135,7 +138,7 @@ def _make_at_rest(noise_gains: NoiseGains, period: float) -> Callable[..., Start
             _, _, of_innovation = noise_gains(inner, of_core)
             if square * of_innovation > band:
                 return (dt, anchor, reach, 0.0, distance, 0.0)
-        return (-rested - dt, anchor + distance / RECENT, reach, 0.0, 0.0, 0.0)
+        return (-rested - dt, anchor + distance / RECENT, reach, 0.0, changes, 0.0)
 
     return at_rest
 

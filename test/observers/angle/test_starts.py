@@ -141,6 +141,19 @@ def test_super_twisting_of_order_1_covers_a_ramp_of_few_samples():
         assert measure('super_twisting', {'order': 1}, case).worst < 5.0, case
 
 
+@pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'super_twisting'])
+def test_a_slow_motion_in_noise_is_no_rest(name):
+    """Readings that only go one way are a motion, however much the innovations scatter."""
+    wide = []
+    for seed in range(1, 9):
+        random, time = np.random.default_rng(seed), np.arange(600) * 0.01
+        angle = 0.5 * np.sin(0.4 * math.pi * (time + random.random()))
+        read = np.rint((angle + 1e-3 * random.standard_normal(600)) / QUANTUM) * QUANTUM
+        sigma = make(name).run(stamps(600, 0.01), read, fast=False).velocity_stddev[100:]
+        wide.append(np.mean(sigma > 5.0 * 0.5 * 0.4 * math.pi))
+    assert np.mean(wide) < 0.008  # 0.019, 0.011 and 0.018 before
+
+
 @pytest.mark.long
 @pytest.mark.parametrize('motion', ['steps 40 rad/s^2', 'steps 2 rad/s^2', 'trapezoid', 'figure_6'])
 def test_the_paper_form_covers_the_lag_behind_a_ramp(motion):
