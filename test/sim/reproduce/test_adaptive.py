@@ -77,7 +77,7 @@ def test_the_recordings_are_reported_side_by_side(capsys):
     assert max(map(len, out.splitlines())) <= 80
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_command_draws_both_figures(tmp_path, capsys):
     assert cli.main(['reproduce', 'adaptive', '--only', 'A6', '--plot', str(tmp_path)]) == 0
     assert '45 of 45 checks' in capsys.readouterr().out

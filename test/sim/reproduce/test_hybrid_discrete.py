@@ -38,7 +38,7 @@ def test_the_table_of_the_specification_is_whole():
     assert set(wanted) <= set(ids)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_command_draws_the_figures(tmp_path, capsys):
     assert cli.main(['reproduce', 'hybrid_discrete', '--only', 'B1', '--plot', str(tmp_path)]) == 0
     assert '35 of 35 checks' in capsys.readouterr().out
