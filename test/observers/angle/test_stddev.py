@@ -202,6 +202,8 @@ seen, divided by 400: one such innovation within the memory of the mean. The low
 before: a reading unchanged for a time T allows no more than one step per T.
 
 **A start.** A joint rests when its readings stay within 3.2 standard deviations of one angle for 0.12 s.
+Until then the noise is also that of the changes of the reading, half their mean square: readings that only go one
+way are a motion, however large the innovations of a lagging observer are.
 The first reading outside ends the rest, and so do the first sample and a gap. So does a reading farther from
 that angle than every one of the rest, once none was so for 0.12 s and 12 samples. A reading that is back in the noise
 makes it a rest again, if it repeats, or if the speed is within two standard deviations of the noise; else the
@@ -238,7 +240,7 @@ and (2), until x = 10 and t = 0.25 s.
 
 The pace w follows from the noise gain: a loop with all poles at w lets through a velocity variance
 proportional to w³ Δt. For `super_twisting` it is that of its error dynamics, (L/|e|)^(1/(n+1)),
-where |e| is the mean of the innovations or the newest few, if these are larger.
+where |e| is the mean of the innovations or the newest few, if these are larger. It is at most one neper per sample.
 Innovations before x = 6 are those of the transient and do not enter the noise. Without `quantum`, the variance in
 the first 0.25 s of a start is at least that of the smallest step, or difference of two steps, that was seen: a speed of
 nearly a whole number of counts per sample repeats one step and shows no noise.
