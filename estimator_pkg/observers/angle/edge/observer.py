@@ -294,7 +294,8 @@ def _make_step(period: float) -> Callable[..., tuple]:
             if not moved:  # residue: the reading before is used again
                 measurement, change, first = last, 0.0, False
         # Noise and vibration
-        sensor = follow_sensor(sensor, change, counted, passed, quantum)
+        believed_for = count if status == COASTING else math.inf
+        sensor = follow_sensor(sensor, change, counted, passed, quantum, believed_for)
         if evidence > BELIEVED:
             sensor = aged(sensor, v)
         _, noise, scatter, _, _, _, _, _, _, _, _ = sensor

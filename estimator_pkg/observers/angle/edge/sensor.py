@@ -16,6 +16,8 @@ import math
 from estimator_pkg.observers.angle.edge.constants import BLUR, MEMORY
 
 OUTLIER = 25.0  # largest weight of a square, in its expected value: 5 sigma
+# third differences after one wrong reading, each over the one before; what is this near is alike
+ALONE, NEAR = (-3.0, -1.0, -1.0 / 3.0), 0.25
 LASTING = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8, see below
 # (quantum in use [rad]; noise: variance of the edges, without the quantum's own [rad^2]; scatter:
 # mean square of third differences over 20 [rad^2]; residual, step [rad] and dt [s] of the sample
@@ -84,13 +86,16 @@ def paced(sensor: Sensor, pace: float) -> Sensor:
     return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
 
 
-def follow_sensor(sensor: Sensor, step: float, counted: float, dt: float, quantum: float) -> Sensor:
+def follow_sensor(
+    sensor: Sensor, step: float, counted: float, dt: float, quantum: float, believed: float
+) -> Sensor:
     """Return the sensor one sample further: the reading moved by `step` [rad] in `dt` [s].
 
     Parameters
     ----------
     counted : the step as read, without a correction of the reading [rad].
     quantum : to reckon with from now on [rad].
+    believed : readings since one that was not; 3 or more: that is in no third difference.
 
     Notes
     -----
@@ -109,6 +114,10 @@ def follow_sensor(sensor: Sensor, step: float, counted: float, dt: float, quantu
         else:
             power = 0.2 * third * third
             most = OUTLIER * (scatter + square)
+            if believed < 3.0:
+                alone = ALONE[int(believed)] * bend
+                if abs(third - alone) < NEAR * abs(alone):  # a glitch is no noise
+                    most = scatter + square
             scatter += ((power if power < most else most) - scatter) / MEMORY
             power = LASTING * bend * (3.0 * bend + 8.0 * third) - square / 12.0 - noise
             lasting += ((power if power < most else most) - lasting) / MEMORY

@@ -146,7 +146,7 @@ def sensed(angles, dts=None, quantum=0.01):
             )
         dt = 1e-3 if dts is None else dts[i]
         sensor = edge_sensor.follow_sensor(
-            sensor, step, step, dt, edge_quantum.quantum_of(steps, quantum)
+            sensor, step, step, dt, edge_quantum.quantum_of(steps, quantum), math.inf
         )
     return sensor, steps
 
