@@ -16,7 +16,7 @@ import math
 from estimator_pkg.observers.angle.edge.constants import BLUR, MEMORY
 
 OUTLIER = 25.0  # largest weight of a square, in its expected value: 5 sigma
-# third differences after one wrong reading, each over the one before; what is this near is alike
+# third differences after one wrong reading, over the one before each; how near one must be to it
 ALONE, NEAR = (-3.0, -1.0, -1.0 / 3.0), 0.25
 LASTING = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8, see below
 # (quantum in use [rad]; noise: variance of the edges, without the quantum's own [rad^2]; scatter:
