@@ -387,6 +387,7 @@ def table():
 @pytest.mark.parametrize(
     'name, stream, function', [pytest.param(*case, id=f'{case[0]}-{case[1]}') for case in cases()]
 )
+@pytest.mark.long
 def test_outputs(name, stream, function, table, request):
     folder = request.getfixturevalue('folder') if stream in MADE else None
     found = {row[2]: [float(value) for value in row[3:]] for row in

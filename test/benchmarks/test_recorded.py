@@ -76,6 +76,7 @@ def test_it_is_hardly_worse_than_constant_acceleration(measured, observer, most)
 
 
 @pytest.mark.parametrize('observer', [DEFAULT, 'hybrid_angle'])
+@pytest.mark.long
 def test_it_has_at_most_half_the_error_of_the_difference_at_1_khz(measured, observer):
     own, difference = (measured[ONE_KHZ, name]['rms'] for name in (observer, recordings.RAW.label))
     assert own <= 0.5 * difference

@@ -60,6 +60,7 @@ def arrivals(draw):
 @given(arrivals())
 @example([(1, 0.0), (FARTHEST, 0.1), (2, 0.2), (-(2**63), 0.3), (3, 0.4)])
 @example([(START, 0.0), (START, 0.0), (START - 1, 0.0), (0, 0.0), (START + 10**18, 0.0)])
+@pytest.mark.long
 def test_received_is_used_plus_each_kind_of_dropped(rows):
     joint = make('kalman')
     used = 0

@@ -77,6 +77,7 @@ def test_eccentricity_costs_at_most_a_third(observer, speed):
 
 
 @pytest.mark.parametrize('speed', [10.0, -10.0])
+@pytest.mark.long
 def test_misplaced_edges_cost_at_most_a_third(speed):
     stamps, angle, velocity = sampled(2.0 * speed, 9.0, 4000.0)
     readings = read_by(misplaced(32), angle)
@@ -181,6 +182,7 @@ def test_a_cogging_torque_is_dropped_at_another_speed():
 
 
 @pytest.mark.parametrize('observer', ['edge_adaptive', 'hybrid_angle'])
+@pytest.mark.long
 def test_what_may_be_motion_is_in_the_interval_until_another_speed_shows_the_sensor(observer):
     """At one speed a cogging torque is as an error of the sensor: the interval covers both."""
     angle, velocity = cogging(np.full(10_000, 12.0))
@@ -317,6 +319,7 @@ def rippled(rate=2000.0):
     return stamps, wrapped((edge - behind) * size), velocity
 
 
+@pytest.mark.long
 def test_a_ripple_of_a_slow_shaft_is_foreseen():
     stamps, readings, velocity = rippled()
     off, on, learning = both('edge_adaptive', stamps, readings, velocity, 0.6, quantum=TURN / 12)

@@ -77,6 +77,7 @@ def delays(kind, count, random):
         ('trapezoid', 'in order', 'edge_adaptive'),
     ],
 )
+@pytest.mark.long
 def test_a_millisecond_of_jitter_at_a_kilohertz(name, kind, observer):
     samples = recorded(name)
     stamps = samples.stamps + delays(kind, len(samples.stamps), np.random.default_rng(1))
@@ -196,6 +197,7 @@ def test_lost_messages_that_jitter_hides_do_little_harm(jitter, dropped):
         ('trapezoid', 1000.0, 0.1, 0.0),
     ],
 )
+@pytest.mark.long
 def test_messages_lost_from_the_first_one_on(name, rate, dropped, drift):
     """With 0.6 periods of jitter a line through the stamps has one period for each message."""
     motion = sine(1.5, 0.2) if rate == 100.0 else MOTIONS[name]

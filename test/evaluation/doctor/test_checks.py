@@ -248,6 +248,7 @@ FAULTS = {  # the check that names it, and others that may
 
 
 @pytest.mark.parametrize('fault', FAULTS, ids=lambda each: each.__name__)
+@pytest.mark.long
 def test_a_planted_fault_is_named(fault):
     check, others = FAULTS[fault]
     found = look(*fault(*clean()))

@@ -49,6 +49,7 @@ def test_a_sample_of_motions_is_ranked_as_by_truth():
     assert min(each.tau for each in outcomes) >= 0.9
 
 
+@pytest.mark.long
 def test_without_the_vibration_put_back_the_wrong_one_is_best(monkeypatch):
     """Two answers and the question; with the user's number, one answer."""
     name, entries = SAMPLE[0], [SIX[0], Entry('kalman', 'kalman')]

@@ -112,6 +112,7 @@ def test_every_compared_sample_is_in_the_data(page):
     assert np.sqrt(np.mean(error**2)) == pytest.approx(found['velocity']['rms'])
 
 
+@pytest.mark.long
 def test_the_page_says_what_to_do(page):
     _, result = page
     said = '\n'.join(result['bags'][str(FAULTS)]['findings'])

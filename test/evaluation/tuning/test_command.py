@@ -314,6 +314,7 @@ def test_without_truth_the_smoother_judges(tmp_path):
     )
 
 
+@pytest.mark.long
 def test_the_picture_shows_the_front_and_the_choice(tmp_path, monkeypatch):
     from matplotlib.axes import Axes
 

@@ -165,6 +165,7 @@ def test_parameters_and_velocity_on_jittered_stamps_and_a_wrapped_angle(gains):
     assert np.max(np.abs(out.position - wrapped)[late]) < 1e-3
 
 
+@pytest.mark.long
 def test_orders_one_and_three():
     u = excited(20000, hold=100)
     for order in (1, 3):
@@ -265,6 +266,7 @@ def test_without_excitation_nothing_is_presented_as_good():
     assert made._track[6][2] == (0.0,) * 4
 
 
+@pytest.mark.long
 def test_freezing_holds_theta_and_unfreezing_is_bumpless():
     u = excited(30000)
     angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)

@@ -86,6 +86,7 @@ def test_the_formula_for_independent_errors_would_be_too_small():
     [{'noise': 1e-3}, {'disturbance': 1.0}, {'counts': 256}],
     ids=['noise', 'torque', '8 bit'],
 )
+@pytest.mark.long
 def test_standard_deviation_of_the_velocity(case):
     """What the model lacks counts: a disturbing torque makes a slow innovation, not a noisy one."""
     errors, sigmas = [], []

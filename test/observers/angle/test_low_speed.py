@@ -63,6 +63,7 @@ def stop_and_go():
 
 @each_quantum
 @each_variant
+@pytest.mark.long
 def test_creep_is_held_to_a_quantum_over_the_time_since_the_edge(variant, known):
     speed = stop_and_go()
     measured = read(1.0 + np.cumsum(speed) * DT)

@@ -71,6 +71,7 @@ CASES = {
 
 
 @pytest.mark.parametrize('name', CASES)
+@pytest.mark.long
 def test_the_shared_signals(name):
     least, most, low, high = CASES[name]
     off, covered = errors(BY_NAME[name].samples(duration=3.0 if name == '10 kHz' else 5.0))

@@ -329,6 +329,7 @@ def test_a_joint_that_dry_friction_holds_is_estimated_at_rest(name, most):
 
 
 @pytest.mark.parametrize('name', ('geso', 'hgo', 'ehgo'))
+@pytest.mark.long
 def test_dry_friction_at_200_hz_through_both_directions(name):
     """A quarter of a rad/s is what friction takes within a sample, and was the error."""
     dt, count = 5e-3, 600

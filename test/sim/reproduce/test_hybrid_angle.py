@@ -185,6 +185,7 @@ def test_a_claim_is_compared_with_our_value(rows, agreeing):
     assert all(bool(each.why) != each.agrees for each in found)
 
 
+@pytest.mark.long
 def test_the_command_begins_with_the_claims(capsys, tmp_path):
     path = tmp_path / 'rows.json'
     assert cli.main(['reproduce', 'hybrid_angle', '--only', 'F4', '--json', str(path)]) == 0

@@ -364,6 +364,7 @@ def test_a_stream_that_repeats_every_second_sample_is_not_slowed():
 
 
 @pytest.mark.parametrize('noise', [None, 3.0 * QUANTUM])
+@pytest.mark.long
 def test_the_bound_is_off_where_the_noise_exceeds_a_quantum(noise):
     random = np.random.default_rng(9)
     angle = 3.0 * 1e-3 * np.arange(20_000) + random.normal(0.0, 3.0 * QUANTUM, 20_000)
