@@ -79,7 +79,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _of_bag(path: Path) -> bool:
-    """Return True if the name, or that of the file that it links to, is one of a bag's file."""
+    """Return True if the name, or that of the file that it links to, is that of a bag's file."""
     place = Path(os.path.realpath(path))
     return place.suffix in OF_BAGS or place.name == METADATA
 

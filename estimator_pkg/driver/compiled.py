@@ -167,7 +167,7 @@ def _twin(function: Any, *, inner: bool = False) -> Callable:
 
 @lru_cache(1)
 def _compiler() -> type:
-    """Return Numba's compiler at LLVM's first level: it is done sooner, and its code is faster."""
+    """Return Numba's compiler at LLVM's first level: it is done sooner, and its code is as fast."""
     from numba.core import compiler
 
     config: Any = importlib.import_module('numba.core.config')

@@ -36,9 +36,8 @@ FURTHER = 1.001  # times the largest distance within a rest: a reading beyond it
 # clock: the time since the motion began while a start is in force, 0 in motion, and below 0 while
 # the readings stay within the noise of one angle: minus the time at rest until the last change.
 # anchor: angle of the rest before. reach: largest distance from it within the rest. decay: nepers
-# by which the errors of the core decayed. travelled: angle since then; at rest the mean square
-# of the changes of the reading [rad^2]. kept: speed that was
-# kept across a gap.
+# by which the errors of the core decayed. travelled: angle since then; at rest the mean square of
+# the changes of the reading [rad^2]. kept: speed that was kept across a gap.
 Start = tuple[float, float, float, float, float, float]
 
 NoiseGains = Callable[[tuple, tuple], tuple[float, float, float]]
