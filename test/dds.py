@@ -61,11 +61,11 @@ class NodeProcess:
         """What it has printed so far, log included."""
         return '\n'.join(self._lines)
 
-    def prints(self, text: str) -> None:
-        """Wait until `text` is in its output."""
-        until(lambda: text in self.output or self._child.poll() is not None)
+    def prints(self, text: str, times: int = 1) -> None:
+        """Wait until `text` is in its output, so many times."""
+        until(lambda: self.output.count(text) >= times or self._child.poll() is not None)
         self._reader.join(1.0 if self._child.poll() is not None else 0.0)
-        assert text in self.output, f'{text!r} is not in: {self.output}'
+        assert self.output.count(text) >= times, f'{text!r} is not in: {self.output}'
 
     @property
     def pid(self) -> int:
