@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from estimator_pkg import interrupts
 from estimator_pkg.errors import UserError
 
 PATIENCE = 5.0  # time that a process has to end after each signal [s]
@@ -20,8 +21,6 @@ PATIENCE = 5.0  # time that a process has to end after each signal [s]
 
 class Child:
     """A Python module that runs as a process in its own session.
-
-    Ctrl-C reaches only the parent, which then ends its children in order.
 
     Ctrl-C reaches only the parent, which then ends its children in their order.
     """
@@ -78,6 +77,7 @@ def ended_on_any_signal() -> Iterator[Callable[[], None]]:
 
     def interrupt(number: int, frame: object) -> None:
         came.append(number)
+        interrupts.note(number)
         raise KeyboardInterrupt
 
     def check() -> None:
