@@ -30,11 +30,12 @@ from estimator_pkg.driver.sensor_map import FIELDS, correction_of, make_mapped, 
 from estimator_pkg.driver.sensor_marks import Errors, Learner
 from estimator_pkg.driver.track import field_of, make_track, replaced
 from estimator_pkg.observers.circle import Circle, nearest_turn
-from estimator_pkg.observers.contract import STATUS_NAMES, Functions, Observer
+from estimator_pkg.observers.contract import STATUS_NAMES, Functions, Observer, Past
 from estimator_pkg.parameters import structural
 
-_is_running, _mean_dt, _state, _coefficients, _repeats, _queue, _last_ns = map(
-    field_of, ('running', 'mean_dt', 'state', 'coefficients', 'repeats', 'queue', 'last_ns')
+_is_running, _mean_dt, _state, _coefficients, _repeats, _queue, _last_ns, _reading = map(
+    field_of,
+    ('running', 'mean_dt', 'state', 'coefficients', 'repeats', 'queue', 'last_ns', 'reading'),
 )
 
 SHARED = (
@@ -111,8 +112,7 @@ class Joint:
         self._new_starts = 0  # their number at the last reset
         self._track: tuple = ()
         self._structure(gains, twin)
-        self._track = self._blank(self._design)
-        self._begin_to_learn()
+        self._begin()
         self.verdict = DUPLICATE
         self._measurement: Any = self.functions.blank
         self._known_input: Any = self.functions.no_input
@@ -149,6 +149,13 @@ class Joint:
         """Use the functions that fit the track."""
         way = self._ways[len(self._track) > FIELDS]
         self._blank, self._advance, self._read, self._deviation, self._batch = way
+
+    def _begin(self) -> None:
+        """Start as if no sample had come."""
+        self._track = self._blank(self._design)
+        self._past: Past = None if self.functions.again is None else ()
+        self._choose()
+        self._begin_to_learn()
 
     def _begin_to_learn(self) -> None:
         period = self.settings.wrap_period
@@ -213,17 +220,18 @@ class Joint:
 
     def reset(self) -> None:
         """Reset the observer to its start; the counters continue."""
-        self._track = self._blank(self._design)
-        self._choose()
-        self._begin_to_learn()
+        self._begin()
         self.reset_count += 1
         self._new_starts = self._count_new_starts()
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample; return True if it was used, False if it was dropped (and counted)."""
+        before = self._track
         self._track, verdict = self._advance(
-            self._track, self._design, self._limits, stamp_ns, measurement, known_input
+            before, self._design, self._limits, stamp_ns, measurement, known_input
         )
+        if self._past is not None:
+            self._track, self._past = self._again(before, self._track, self._past, verdict)
         self.verdict = verdict
         self.counts[verdict] += 1
         if verdict < DUPLICATE:
@@ -236,6 +244,20 @@ class Joint:
                 self._learn(stamp_ns, measurement, verdict)
             return True
         return False
+
+    def _again(self, before: tuple, track: tuple, past: tuple, verdict: int) -> tuple[tuple, Past]:
+        """Return the track and the past after a sample, `before` it the track was another."""
+        again, state = self.functions.again, _state(track)
+        if again is None or len(track) > FIELDS:  # a sensor that is known so well
+            return track, None
+        if state is _state(before):
+            return track, past
+        if verdict != USED:  # a start, or a gap
+            return track, ()
+        left, after = again(
+            past, _state(before), state, _coefficients(track), self._design, _reading(track), 0.0
+        )
+        return (track if after is state else replaced(track, state=after)), left
 
     def _learn(self, stamp_ns: int, measurement: float, verdict: int) -> None:
         """Pass a sample that was used to the learner."""
@@ -318,13 +340,15 @@ class Joint:
     ) -> batches.Estimates:
         fast = len(stamps) >= batches.COMPILE_FROM if fast is None else fast
         out, at, learner = batches.empty(len(stamps)), 0, self.learner
+        changes = np.empty(0, np.intp)  # rows whose reading differs from the one before
+        if self._past is not None:
+            changes = 1 + np.flatnonzero(measurements[1:] != measurements[:-1])
 
-        def run(end: int) -> tuple:
-            """Fill the rows from `at` to `end`; return the track after them."""
-            rows = slice(at, end)
-            track, _ = batches.run(
+        def take(track: tuple, rows: slice, fast: bool) -> tuple:
+            """Fill these rows; return the track after them."""
+            return batches.run(
                 self._batch,
-                self._track,
+                track,
                 self._design,
                 self._limits,
                 stamps[rows],
@@ -332,14 +356,37 @@ class Joint:
                 None if known_input is None else known_input[rows],
                 fast=fast,
                 out=out.part(rows),
-            )
-            return track
+            )[0]
+
+        def run(end: int) -> tuple[tuple, Past]:
+            """Fill the rows from `at` to `end`; return the track and the past after them."""
+            track, past, i = self._track, self._past, at
+            while past is not None and i < end:
+                if past == () and measurements[i] == _reading(track):  # no start before it changes
+                    change = np.searchsorted(changes, i, side='right')
+                    until = end if change == len(changes) else min(end, int(changes[change]))
+                    track, i = take(track, slice(i, until), fast), until
+                    continue
+                taken = take(track, slice(i, i + 1), False)
+                track, past = self._again(track, taken, past, int(out.verdict[i]))
+                if track is not taken:
+                    position, velocity, acceleration, status = self._read(
+                        track, self._design, self._limits, float(measurements[i]), 0.0
+                    )
+                    deviations = self._deviation(track, self._design)
+                    columns: tuple[NDArray, ...] = out
+                    for column, value in zip(
+                        columns, (position, velocity, acceleration, *deviations, status)
+                    ):
+                        column[i] = value
+                i += 1
+            return take(track, slice(i, end), fast), past
 
         while at < len(stamps):
             end = len(stamps)
             if learner is not None:
                 end = min(end, at + (learner.room if len(self._track) > FIELDS else PART))
-            track = run(end)
+            track, past = run(end)
             if learner is not None:
                 used = out.part(slice(at, end)).used
                 every = bool(used.all())
@@ -350,10 +397,10 @@ class Joint:
                 )
                 if 0 < count < np.count_nonzero(used):  # something else is taken out from there on
                     end = at + (count if every else int(np.flatnonzero(used)[count - 1]) + 1)
-                    track = run(end)
+                    track, past = run(end)
                 track = placed(track, learner) if count else track
                 self._left = learner.left
-            self._track = track
+            self._track, self._past = track, past
             self._choose()
             at = end
         return out

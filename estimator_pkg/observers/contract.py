@@ -19,6 +19,8 @@ from typing import Any
 
 from estimator_pkg.observers.circle import Circle
 
+Past = tuple | None  # what an observer keeps of the readings since a start, see `Functions.again`
+
 # The status of an estimate. Plain ints: compiled code returns them.
 INITIALISING = 0  # not settled since the start or the last loss of lock; not published
 TRACKING = 1  # the estimate can be trusted
@@ -71,6 +73,10 @@ class Functions:
     blank : a measurement of the right type, for a state before the first sample.
     no_input : an input of the right type, used where the observer gets no input.
     jump : (state, event) -> state, for observers of switched systems.
+    again : (past, state before, state, coefficients, design, measurement, input) -> (past, state).
+        Called after a step while there is a past: `()` after a start or a gap, then what this
+        returned; None: no later reading changes what the earlier ones mean. It may return
+        another state, where they count again. Ordinary Python. None: there is no such past.
     why : (state, design) -> the reason for the status, as text for users, or ''. Ordinary Python.
     """
 
@@ -92,6 +98,7 @@ class Functions:
     scaled: Callable[[tuple, tuple, tuple, float], tuple[float, float]] | None = None
     late: Callable[[tuple], float] = never_late
     edges: bool = False
+    again: Callable[..., tuple[Past, tuple]] | None = None
 
     @property
     def new_start(self) -> Callable[[tuple, tuple, tuple, Any], tuple]:

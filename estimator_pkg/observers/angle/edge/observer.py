@@ -20,13 +20,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from estimator_pkg.observers.angle.core import LOST_AFTER, OUTSIDE, is_angle
-from estimator_pkg.observers.angle.edge.bandwidth import STEADY, begin_band, follow_sway
+from estimator_pkg.observers.angle.edge.bandwidth import STEADY, follow_sway
 from estimator_pkg.observers.angle.edge.clock import (
     BELIEVED,
     EVEN,
     UNEVEN,
     UNKNOWN,
-    Clock,
     elapsed,
     repeats,
     resumed,
@@ -43,12 +42,12 @@ from estimator_pkg.observers.angle.edge.constants import (
 )
 from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
 from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
+from estimator_pkg.observers.angle.edge.past import make_again
 from estimator_pkg.observers.angle.edge.preference import ALIKE, beside, informed, ratios
 from estimator_pkg.observers.angle.edge.quantum import (
     FIRST_STEPS,
     JUMP,
     UNIT,
-    Steps,
     misfit,
     quantum_of,
     search,
@@ -57,7 +56,6 @@ from estimator_pkg.observers.angle.edge.quantum import (
 )
 from estimator_pkg.observers.angle.edge.sensor import (
     OUTLIER,
-    Sensor,
     aged,
     begin_sensor,
     follow_sensor,
@@ -70,10 +68,10 @@ from estimator_pkg.observers.angle.edge.start import (
     SETTLES,
     START,
     UNSURE,
-    Doubt,
     after_jump,
     doubted,
     doubted_in_noise,
+    first_state,
     later,
     motion_began,
     rescaled,
@@ -144,26 +142,6 @@ def init(measurement: float, design: Design) -> tuple:
     return first_state(measurement, sensor, FIRST_STEPS, begin(measurement), START, UNKNOWN)
 
 
-def first_state(
-    measurement: float, sensor: Sensor, steps: Steps, convention: tuple, doubt: Doubt, clock: Clock
-) -> tuple:
-    """Return the state of a start at this measurement [rad], with this knowledge of the sensor."""
-    quantum, _, _, _, _, _, _, _, _, _, _ = sensor
-    return (
-        (measurement, 0.0, 0.0, 0.0),
-        (quantum * quantum / 12.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        begin_band(0.0),
-        sensor,
-        steps,
-        convention,
-        (INITIALISING, 1.0, 0.0),
-        STEADY,
-        doubt,
-        clock,
-        ALIKE,
-    )
-
-
 def without_reading(state: tuple, coefficients: tuple, design: Design) -> tuple:
     """Return the state one sample later, predicted alone: the reading is an old one."""
     (x, v, a, idle), p, band, sensor, steps, convention, lock, sway, doubt, clock, other = state
@@ -214,11 +192,12 @@ def build(gains: Gains, circle: Circle) -> Functions:
     """
     period = float(circle.period)
     stddev, scaled = make_stddev(period)
+    step = _make_step(period)
     return Functions(
         lambda: Design(float(gains.quantum), *ratios(RATIO[gains.prefer])),
         prepare,
         init,
-        _make_step(period),
+        step,
         _make_output(period, float(circle.unwrap)),
         stddev,
         _make_resume(period),
@@ -230,6 +209,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         restart=_make_restart(period),
         scaled=scaled,
         late=late,
+        again=make_again(prepare, step, period),
     )
 
 
@@ -289,7 +269,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             extent = abs(measurement) + abs(last)
             moved, steps, found = search(steps, counted, extent, design.quantum, sensor, first)
             if found != quantum:
-                p, band, sensor = rescaled(motion, p, band, sensor, doubt, found, period, first)
+                p, band, sensor = rescaled(p, band, sensor, found, first)
                 quantum, other = found, ALIKE
             if not moved:  # residue: the reading before is used again
                 measurement, change, first = last, 0.0, False

@@ -12,11 +12,14 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.bandwidth import Band, begin_band
+from estimator_pkg.observers.angle.edge.bandwidth import STEADY, Band, begin_band
+from estimator_pkg.observers.angle.edge.clock import Clock
 from estimator_pkg.observers.angle.edge.constants import BLUR, LONGEST, PLAIN, RESTED
 from estimator_pkg.observers.angle.edge.covariance import Covariance
+from estimator_pkg.observers.angle.edge.preference import ALIKE
 from estimator_pkg.observers.angle.edge.quantum import FIRST_STEPS, Steps, follow_steps, quantum_of
 from estimator_pkg.observers.angle.edge.sensor import Sensor, first_step, paced
+from estimator_pkg.observers.contract import INITIALISING
 
 SWERVE = 0.1  # half turns per sample by which a starting speed may change at most in a sample
 VAGUE = 100.0  # the same in quanta, where there is no turn
@@ -39,6 +42,26 @@ Doubt = tuple[float, float, float, float, float, float]
 LAST = 0.5  # in place of the changed readings, where `RECENT` alone has not passed
 PERHAPS = 0.75  # the same, where noise alone may have looked like a start
 START: Doubt = (0.0, LAST, 0.0, 0.0, 0.0, 0.0)
+
+
+def first_state(
+    measurement: float, sensor: Sensor, steps: Steps, convention: tuple, doubt: Doubt, clock: Clock
+) -> tuple:
+    """Return the state of a start at this measurement [rad], with this knowledge of the sensor."""
+    quantum, _, _, _, _, _, _, _, _, _, _ = sensor
+    return (
+        (measurement, 0.0, 0.0, 0.0),
+        (quantum * quantum / 12.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        begin_band(0.0),
+        sensor,
+        steps,
+        convention,
+        (INITIALISING, 1.0, 0.0),
+        STEADY,
+        doubt,
+        clock,
+        ALIKE,
+    )
 
 
 def started(
@@ -287,19 +310,11 @@ def straight_line(
 
 
 def rescaled(
-    motion: Motion,
-    p: Covariance,
-    band: Band,
-    sensor: Sensor,
-    doubt: Doubt,
-    quantum: float,
-    period: float,
-    first: bool,
+    p: Covariance, band: Band, sensor: Sensor, quantum: float, first: bool
 ) -> tuple[Covariance, Band, Sensor]:
     """Return covariance, band and sensor where the quantum in use becomes `quantum` [rad].
 
-    They stay as they were in quanta. A finer quantum makes the estimate surer only where it is
-    the straight line of a start from a rest: the two readings of that were as fine as this one.
+    They stay as they were in quanta, but a finer quantum makes no estimate surer.
 
     Parameters
     ----------
@@ -315,12 +330,7 @@ def rescaled(
         noise *= scale
         lasting *= scale
         sensor = (used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
-    _, to_settle, _, _, _, _ = doubt
-    _, _, p02, _, p12, _ = p
-    if scale < 1.0 and to_settle == SETTLES and p02 == 0.0 < p12:  # a line, one sample ago
-        x, v, _, _ = motion
-        _, p, _ = started(x, v * dt, dt, quantum, scale * noise, period)
-    elif scale > 1.0 or first:
+    if scale > 1.0 or first:
         p00, p01, p02, p11, p12, p22 = p
         p = (scale * p00, scale * p01, scale * p02, scale * p11, scale * p12, scale * p22)
     return p, band, sensor
