@@ -98,7 +98,7 @@ def measure(name, gains, case):
     at, read, velocity, begins = stream(case)
     own = {**gains, 'quantum': case.quantum} if case.known else gains
     joint = make(name, own, wrap_period=case.period)
-    out = joint.run(at, read, fast=case.period > 0.0)  # tests compile these, and no other, anyway
+    out = joint.run(at, read)
     sigma, error = out.velocity_stddev, np.abs(out.velocity - velocity)
     before = read[:begins]
     middle = before[-1]
@@ -142,7 +142,7 @@ def readings_of_error(name, gains, known):
         case = Case('steps 40 rad/s^2', known=known, seed=seed)
         at, read, velocity, _ = stream(case)
         own = {**gains, 'quantum': case.quantum} if known else gains
-        out = make(name, own, wrap_period=case.period).run(at, read, fast=False)
+        out = make(name, own, wrap_period=case.period).run(at, read)
         changed = np.flatnonzero(np.diff(read) != 0.0) + 1
         steady.append(np.median(out.velocity_stddev[changed[0] + 500 : changed[0] + 650]))
         errors.append((out.velocity - velocity)[changed[:150]])

@@ -52,7 +52,7 @@ def test_the_metric():
     assert moteus.judge(found, missing)['square'] == pytest.approx(0.5 * 100.0**2 / 29.4)
 
 
-@pytest.mark.long
+@pytest.mark.slow  # compiles the loop with a sensor map
 def test_no_capture_is_above_the_threshold():
     rows = moteus.run(HALL, [Entry('edge_adaptive', 'edge_adaptive')], fast=True)
     assert [row['capture'] for row in rows] == list(moteus.THRESHOLDS)

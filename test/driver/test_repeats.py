@@ -37,7 +37,7 @@ def ns(times):
 
 def run(name, times, angles, gains=None, **settings):
     joint = make(name, gains, **settings)
-    return joint, joint.run(ns(times), angles, fast=False)
+    return joint, joint.run(ns(times), angles)
 
 
 def rms(out, speed, after):

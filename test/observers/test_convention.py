@@ -82,7 +82,7 @@ def test_position_is_right_where_the_motion_is_smooth(name):
     for convention, written in CONVENTIONS.items():
         joint = make(name)
         measured = np.array([written(angle) for angle in motion])
-        out = joint.run(stamps(3000, DT), measured, fast=False)
+        out = joint.run(stamps(3000, DT), measured)
         error = (out.position - measured)[500:]
         if convention != 'multi-turn':
             error = np.array([wrap(x, TURN) for x in error])
@@ -124,7 +124,7 @@ def test_prismatic_joints_never_wrap(name, motion, step):
     """A step is a step, however long: the estimate passes through all between."""
     joint = make(name, wrap_period=0.0)
     motion = np.concatenate((motion, np.full(400, motion[-1]), np.full(1500, motion[-1] + step)))
-    out = joint.run(stamps(len(motion), DT), motion, fast=False)
+    out = joint.run(stamps(len(motion), DT), motion)
     assert out.position[-1] == pytest.approx(motion[-1], abs=1e-3 + 1e-3 * abs(step))
     if abs(step) > 1.0:
         at = len(motion) - 1500
@@ -175,6 +175,6 @@ def test_other_periods(period):
     joint = make('kalman', {'jerk_psd': 1e12}, wrap_period=period)
     at = stamps(2000, DT)
     truth = 0.3 * period + 5.0 * period * (at - at[0]) * 1e-9
-    out = joint.run(at, truth % period, fast=False)
+    out = joint.run(at, truth % period)
     assert np.all((out.position >= 0.0) & (out.position < period))
     assert out.velocity[-1] == pytest.approx(5.0 * period, rel=1e-6)

@@ -65,7 +65,7 @@ def test_equals_a_textbook_filter_with_jittered_stamps(order):
         'kalman',
         {**MODELS[order], DENSITY[order]: density, 'noise': 1e-3, 'low_speed_bound': False},
     )
-    out = joint.run(at, wrapped(measured), fast=False)
+    out = joint.run(at, wrapped(measured))
     expected = textbook(at, measured, order, density, 1e-6)
     np.testing.assert_allclose(out.velocity[30:], expected[30:], atol=2e-3)  # the priors differ
     np.testing.assert_allclose(out.velocity[200:], expected[200:], atol=1e-6)
@@ -283,9 +283,7 @@ def test_noise_not_given_costs_little(order):
         )
         rms = []
         for given_noise in ({'noise': noise}, {}):
-            out = make('kalman', {**MODELS[order], **given_noise}).run(
-                stamps(8000), measured, fast=False
-            )
+            out = make('kalman', {**MODELS[order], **given_noise}).run(stamps(8000), measured)
             rms.append(np.sqrt(np.mean((out.velocity - truth)[1000:] ** 2)))
         assert rms[1] < 1.1 * rms[0]
 
@@ -294,7 +292,6 @@ def test_bandwidth_goes_before_the_density():
     gains = {'bandwidth_hz': 20.0, 'noise': 1e-3}
     measured = wrapped(np.random.default_rng(6).normal(0.0, 1e-3, 500))
     outs = [
-        make('kalman', {**gains, 'jerk_psd': psd}).run(stamps(500), measured, fast=False)
-        for psd in (1.0, 1e6)
+        make('kalman', {**gains, 'jerk_psd': psd}).run(stamps(500), measured) for psd in (1.0, 1e6)
     ]
     np.testing.assert_array_equal(outs[0].velocity, outs[1].velocity)

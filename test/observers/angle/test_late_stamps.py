@@ -61,7 +61,7 @@ def speed(t):
     return WAY * FREQUENCY * np.cos(FREQUENCY * t)
 
 
-def run(case, t, late, quantum=None, fast=False):
+def run(case, t, late, quantum=None, fast=None):
     name, gains = case
     reading = np.floor(WAY * np.sin(FREQUENCY * t) / QUANTUM) * QUANTUM
     reading = (reading + math.pi) % (2.0 * math.pi) - math.pi
@@ -83,7 +83,7 @@ def errors(out, t, late):
 @pytest.mark.parametrize('case', CASES, ids=label)
 def test_a_late_stamp_is_no_motion(case, known):
     t = np.arange(int(8.0 * RATE)) / RATE
-    given = {'quantum': QUANTUM if known else None, 'fast': not case[1]}  # as other tests compile
+    given = {'quantum': QUANTUM if known else None}
     usual = max(errors(run(case, t, t, **given), t, t))
     found = {}
     for delay in (1e-3, 2e-3, 4e-3):
@@ -108,7 +108,7 @@ def test_true_sample_times_are_believed(case):
     angle = 8.0 * np.minimum(at, 1.0001)
     reading = np.floor(angle / QUANTUM) * QUANTUM
     out = make(*case, wrap_period=0.0).run(
-        stamps(1)[0] + np.rint(at * 1e9).astype(np.int64), reading, fast=False
+        stamps(1)[0] + np.rint(at * 1e9).astype(np.int64), reading
     )
     assert np.max(np.abs(out.velocity[1400:])) < 0.01
     rest = np.abs(out.position - reading)[1001:]
@@ -174,7 +174,7 @@ def test_samples_that_waited_in_a_queue_are_no_fast_motion(name):
     velocity = 2.0 * np.cos(2.0 * t)
     at = stamps(1)[0] + np.rint(queued(t, random) * 1e9).astype(np.int64)
     joint = make(name, {})
-    found = joint.run(at, angle, fast=False)
+    found = joint.run(at, angle)
     assert 'stamps come in bursts' in joint.why()
     error = (found.velocity - velocity)[400:]
     assert np.isfinite(error).all()
@@ -192,7 +192,7 @@ def test_samples_at_random_times_did_not_wait(name, monkeypatch):
     for queued_below in (track.QUEUED, 0.0):
         monkeypatch.setattr(track, 'QUEUED', queued_below)
         joint = make(name, {})
-        found = joint.run(at, angle, fast=False)
+        found = joint.run(at, angle)
         assert 'bursts' not in joint.why()
         errors_of.append(np.sqrt(np.mean((found.velocity - 6.0 * np.cos(6.0 * t))[400:] ** 2)))
     assert errors_of[0] < 1.03 * errors_of[1]

@@ -69,7 +69,7 @@ def test_creep_is_held_to_a_quantum_over_the_time_since_the_edge(variant, known)
     measured = read(1.0 + np.cumsum(speed) * DT)
     at = stamps(len(speed))
     out, free = (
-        with_gains(slow(variant), known, **more).run(at, measured, fast=False)
+        with_gains(slow(variant), known, **more).run(at, measured)
         for more in ({}, {'low_speed_bound': False})
     )
     since = since_change(measured)
@@ -90,7 +90,7 @@ def test_a_cell_wider_than_a_quantum_allows_a_larger_speed(variant):
     """The known input says by how much, where a map of the sensor's errors has wider cells."""
     joint = with_gains(slow(variant), True)
     at = stamps(540)
-    joint.run(at, read(1.0 + 2.0 * DT * np.minimum(np.arange(540), 500)), fast=False)
+    joint.run(at, read(1.0 + 2.0 * DT * np.minimum(np.arange(540), 500)))
     _, coefficients, state = newest(joint._track)
     functions, design = joint.functions, joint._design
     since = since_change(read(1.0 + 2.0 * DT * np.minimum(np.arange(540), 500)))[-1] * DT
@@ -107,7 +107,7 @@ def test_a_shaft_that_came_to_rest_in_a_gap_is_held_to_a_quantum_over_the_time_s
     time = np.concatenate([np.arange(1000), 1300 + np.arange(200)]) * DT
     at = 1_700_000_000_000_000_000 + np.rint(time * 1e9).astype(np.int64)
     measured = read(1.0 + 8.0 * np.minimum(time, 1.1))
-    out = with_gains(slow(variant), True).run(at, measured, fast=False)
+    out = with_gains(slow(variant), True).run(at, measured)
     since = np.arange(1, 200) * DT
     still = since > 8 * DT
     assert np.all(np.abs(out.velocity[1001:])[still] <= 1.001 * QUANTUM / since[still])
@@ -119,7 +119,7 @@ def test_a_shaft_that_stops_is_shown_to_stop(variant, known):
     t = np.arange(4000) * DT
     angle = np.where(t < 2.0, 8.0 * t, 16.0)
     measured = read(1.0 + angle)
-    out = with_gains(variant, known).run(stamps(4000), measured, fast=False)
+    out = with_gains(variant, known).run(stamps(4000), measured)
     assert out.velocity[1999] == pytest.approx(8.0, rel=0.05)
     last_change = 8.0 * DT + QUANTUM
     for after in (1.0, 1.9):
@@ -129,7 +129,7 @@ def test_a_shaft_that_stops_is_shown_to_stop(variant, known):
 
 @every_variant
 def test_a_shaft_at_rest_from_the_start_is_shown_at_rest(variant):
-    out = with_gains(variant).run(stamps(1000), np.full(1000, 1.234), fast=False)
+    out = with_gains(variant).run(stamps(1000), np.full(1000, 1.234))
     assert np.all(out.velocity == 0.0)
 
 
@@ -145,7 +145,7 @@ def test_noise_above_a_quantum_switches_it_off(variant, given):
     held = with_gains(variant, True, **more)
     free = with_gains(variant, True, low_speed_bound=False, **more)
     assert np.sum(measured[1:] == measured[:-1]) > 200  # readings that repeat by chance
-    one, other = (joint.run(stamps(len(t)), measured, fast=False) for joint in (held, free))
+    one, other = (joint.run(stamps(len(t)), measured) for joint in (held, free))
     settled = slice(1000, None)
     same = one.velocity[settled] == other.velocity[settled]
     assert np.mean(same) > 0.999
@@ -162,10 +162,8 @@ def test_noise_that_holds_a_reading_back_does_not_slow_a_shaft(variant, given):
     random = np.random.default_rng(4)
     measured = read(1.3 * QUANTUM / DT * t + random.normal(0.0, noise, len(t)))
     more = {'noise': noise} if given else {}
-    held = with_gains(variant, True, **more).run(stamps(len(t)), measured, fast=False)
-    free = with_gains(variant, True, low_speed_bound=False, **more).run(
-        stamps(len(t)), measured, fast=False
-    )
+    held = with_gains(variant, True, **more).run(stamps(len(t)), measured)
+    free = with_gains(variant, True, low_speed_bound=False, **more).run(stamps(len(t)), measured)
     assert np.sum(measured[1001:] == measured[1000:-1]) > 50
     assert np.abs(held.velocity - free.velocity)[1000:].max() <= 0.1 * QUANTUM / DT
 
@@ -178,12 +176,12 @@ def test_a_stream_that_repeats_its_readings_is_not_slowed(variant, known, repeat
     """A sensor slower than the stream: the same reading several times, then a larger change."""
     measured = read(5.0 * (np.arange(3000) // repeat * repeat * DT + 1e-6))
     joint = with_gains(variant, known)
-    out = joint.run(stamps(3000), measured, fast=False)
+    out = joint.run(stamps(3000), measured)
     assert joint.dropped()['repeated'] > 1500 * (1 - 1 / repeat)
     if joint.longest_dt < repeat * DT:  # gains that need more readings than the sensor gives
         assert 'unstable' in joint.why()
         return
-    free = with_gains(variant, known, low_speed_bound=False).run(stamps(3000), measured, fast=False)
+    free = with_gains(variant, known, low_speed_bound=False).run(stamps(3000), measured)
     settled = slice(1000, None)
     assert np.nanmean(out.velocity[settled]) == pytest.approx(5.0, rel=0.02)
     unbounded = np.nanmean(free.velocity[settled])

@@ -81,7 +81,7 @@ def test_edge_adaptive_covers_a_start_out_of_noise(motion):
         case = Case(motion, rate, bits, 0.5, known, seed=seed)
         at, read, velocity, begins = stream(case)
         out = make('edge_adaptive', {'quantum': case.quantum} if known else {}).run(
-            at, read, fast=False
+            at, read, fast=True
         )
         still = wrapped(read - read[begins - 1])
         off = np.abs(still - np.mean(still[:begins]))
@@ -127,7 +127,7 @@ def test_an_outlier_of_a_slow_joint_widens_sigma_for_a_moment_only():
     time = np.arange(6000) * 1e-3
     read = np.rint(0.2 * np.sin(math.pi * time) / QUANTUM) * QUANTUM
     read[random.integers(500, 6000, 10)] += 0.5
-    sigma = make('kalman').run(stamps(6000), read, fast=False).velocity_stddev
+    sigma = make('kalman').run(stamps(6000), read).velocity_stddev
     assert np.mean(sigma[500:]) < 1.0
 
 
@@ -149,7 +149,7 @@ def test_a_slow_motion_in_noise_is_no_rest(name):
         random, time = np.random.default_rng(seed), np.arange(600) * 0.01
         angle = 0.5 * np.sin(0.4 * math.pi * (time + random.random()))
         read = np.rint((angle + 1e-3 * random.standard_normal(600)) / QUANTUM) * QUANTUM
-        sigma = make(name).run(stamps(600, 0.01), read, fast=False).velocity_stddev[100:]
+        sigma = make(name).run(stamps(600, 0.01), read).velocity_stddev[100:]
         wide.append(np.mean(sigma > 5.0 * 0.5 * 0.4 * math.pi))
     assert np.mean(wide) < 0.008  # 0.019, 0.011 and 0.018 before
 
@@ -180,7 +180,7 @@ def test_edge_adaptive_covers_a_slow_start_out_of_noise(noise, most):
 def test_edge_adaptive_is_seldom_wide_at_rest_in_noise(noise):
     random = np.random.default_rng(5)
     read = np.rint(0.3 + noise * random.standard_normal(8000)) * QUANTUM
-    sigma = make('edge_adaptive').run(stamps(8000), read, fast=False).velocity_stddev[1000:]
+    sigma = make('edge_adaptive').run(stamps(8000), read).velocity_stddev[1000:]
     assert np.mean(sigma > 3.0 * np.median(sigma)) < 0.13
 
 
@@ -189,7 +189,7 @@ def test_edge_adaptive_is_seldom_wide_at_rest_in_noise(noise):
 def test_sigma_of_a_joint_that_never_moved_is_the_resolution_of_a_float32(variant, resting):
     name, gains = variant
     joint = make(name, gains)
-    out = joint.run(stamps(3000), np.full(3000, resting), fast=False)
+    out = joint.run(stamps(3000), np.full(3000, resting))
     told = out.status >= TRACKING
     assert told.sum() > 2500
     assert np.all(out.velocity_stddev > 0.0)
@@ -203,7 +203,7 @@ def test_sigma_at_rest_after_motion_follows_from_the_smallest_step_and_time(vari
     time = np.arange(6000) * 1e-3
     angle = np.where(time < 2.0, 1.5 * time, 3.0)
     joint = make(name, gains)
-    out = joint.run(stamps(6000), np.rint(angle / QUANTUM) * QUANTUM, fast=False)
+    out = joint.run(stamps(6000), np.rint(angle / QUANTUM) * QUANTUM)
     late = out.velocity_stddev[4000:]
     unchanged = time[4000:] - 2.0
     assert np.all(late > 0.0)
@@ -225,7 +225,7 @@ def test_sigma_after_a_gap_covers_a_joint_that_came_to_rest_in_it(variant, gap, 
             angle = 0.3 + speed * np.minimum(time, time[before - 1] + 0.5 * gap)
             joint = make(name, {**gains, 'quantum': QUANTUM} if known else gains)
             at = 1_700_000_000_000_000_000 + np.rint(time * 1e9).astype(np.int64)
-            out = joint.run(at, wrapped(np.rint(angle / QUANTUM) * QUANTUM), fast=False)
+            out = joint.run(at, wrapped(np.rint(angle / QUANTUM) * QUANTUM))
             told = (out.status[before:] >= TRACKING) & np.isfinite(out.velocity[before:])
             if gains.get('form') != 'paper':  # which is not stable at 100 Hz
                 assert told.any()
@@ -242,7 +242,7 @@ def test_residue_of_floats_before_a_start_is_no_quantum(variant):
     read -= read[0]
     read[:begins] += 1e-17 * np.random.default_rng(1).standard_normal(begins)
     first = begins + int(np.argmax(np.abs(read[begins:]) > 1e-6))
-    out = make(name, gains).run(at, read, fast=False)
+    out = make(name, gains).run(at, read)
     assert np.all(out.velocity_stddev[out.status >= TRACKING] > 0.0)
     part = slice(first, first + 40)  # later the power of few innovations decides
     assert np.all(np.abs(out.velocity - velocity)[part] < 5.0 * out.velocity_stddev[part])

@@ -51,7 +51,7 @@ def covered(name, gains, profile, seed, count=40_000):
     position, velocity = profile(t)
     joint = make(name, gains)
     measured = position + np.random.default_rng(seed).normal(0.0, NOISE, count)
-    out = joint.run(stamps(count, DT), wrapped(measured), fast=True)
+    out = joint.run(stamps(count, DT), wrapped(measured))
     tracked = out.status == TRACKING
     error = np.abs(out.velocity - velocity)[tracked]
     return float(np.mean(error < 1.96 * out.velocity_stddev[tracked])), int(tracked.sum())
@@ -87,7 +87,7 @@ def test_noise_that_is_estimated_is_steady_and_follows_a_change(variant):
     noise = np.random.default_rng(3).normal(0.0, NOISE, count)
     noise[8000:] *= 2.0
     measured = 3e-3 * np.arange(count) + noise
-    sigma = make(*variant).run(stamps(count, 1e-3), wrapped(measured), fast=False).velocity_stddev
+    sigma = make(*variant).run(stamps(count, 1e-3), wrapped(measured)).velocity_stddev
     before = sigma[2000:8000]
     assert np.std(before) < 0.04 * np.mean(before)
     assert 1.1 < sigma[8100] / np.mean(before) < 1.5
@@ -109,7 +109,7 @@ def test_velocity_stddev_is_the_power_of_the_response_to_white_noise(name, gains
     expected = math.sqrt(np.mean([abs(closed(z)) ** 2 for z in points]))
     noise = gains.get('noise', NOISE)
     joint = joint_of(name, {**gains, 'noise': noise}, bandwidth)
-    joint.run(stamps(2000, DT), np.zeros(2000), fast=False)
+    joint.run(stamps(2000, DT), np.zeros(2000))
     joint.update(joint.stamp_ns + 10**6, 1e-9)  # a change, so that no low-speed bound stands
     white = math.hypot(noise, gains.get('quantum', 0.0) / math.sqrt(12.0))
     assert joint.stddev()[1] == pytest.approx(expected * white, rel=1e-3)
@@ -122,7 +122,7 @@ def test_position_stddev_covers(variant):
     joint = make(name, {**gains, 'noise': NOISE})
     count = 40_000
     measured = 1.0 + np.random.default_rng(5).normal(0.0, NOISE, count)
-    out = joint.run(stamps(count, DT), measured, fast=True)
+    out = joint.run(stamps(count, DT), measured)
     tracked = out.status == TRACKING
     inside = np.abs(out.position[tracked] - 1.0) < 1.96 * out.position_stddev[tracked]
     assert 0.93 <= np.mean(inside) <= 0.97

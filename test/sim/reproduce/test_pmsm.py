@@ -88,7 +88,7 @@ def test_dead_time_that_the_voltage_does_not_know_of_is_taken_off_where_it_is_de
     assert reported.wrong == 0.0 and reported.worst < 4.0 and reported.withheld < 15.0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_figures_are_drawn(tmp_path):
     paths = REPRODUCTION.draw(tmp_path)
     assert [path.name for path in paths] == [

@@ -44,7 +44,7 @@ def joint(**gains):
 
 def run(angle, at=None, **gains):
     """Velocity, standard deviation and status for what an encoder reads of `angle` at 1 kHz."""
-    return joint(**gains).run(stamps(len(angle)) if at is None else at, read(angle), fast=False)
+    return joint(**gains).run(stamps(len(angle)) if at is None else at, read(angle))
 
 
 def rms(values):
@@ -162,7 +162,7 @@ def test_a_vibration_of_a_few_samples_is_followed_and_not_taken_for_noise(rate, 
     half = len(at) // 2
     error = {}
     for name, gains in (('edge_adaptive', {}), ('kalman', {'low_speed_bound': False})):
-        out = make(name, {'quantum': 2.9e-3, **gains}).run(at, wrapped(measured), fast=False)
+        out = make(name, {'quantum': 2.9e-3, **gains}).run(at, wrapped(measured))
         error[name] = np.abs(out.velocity - velocity)
         if name == 'edge_adaptive':
             inside = np.mean((error[name] < 1.96 * out.velocity_stddev)[half + 100 :])
@@ -180,7 +180,7 @@ def test_a_vibration_of_hardly_more_than_a_count_is_noticed(rate, period, quanta
     """Its third differences are quantisation; that its speed goes from sample to sample is not."""
     at, measured, velocity = shaking(rate, period, quanta)
     half = len(at) // 2
-    out = make('edge_adaptive', {'quantum': 2.9e-3}).run(at, wrapped(measured), fast=False)
+    out = make('edge_adaptive', {'quantum': 2.9e-3}).run(at, wrapped(measured))
     swing = 2.0 * np.cos(2.0 * np.arange(len(at)) / rate)
     error = np.abs(out.velocity - velocity)
     assert rms(error[half + 100 :]) < 0.8 * rms((velocity - swing)[half + 100 :])
@@ -195,11 +195,7 @@ def test_a_blow_is_not_overshot(noise):
         blow = 2.0 + phase / 300.0
         angle = -2.0 * t + np.where(t > blow, 5.0 * (t - blow), 0.0)
         angle = angle + np.random.default_rng(3).normal(0.0, noise, len(t))
-        v = (
-            make('edge_adaptive')
-            .run(stamps(len(t), 1.0 / 300.0), wrapped(angle), fast=False)
-            .velocity
-        )
+        v = make('edge_adaptive').run(stamps(len(t), 1.0 / 300.0), wrapped(angle)).velocity
         assert np.max(v[600:]) < 3.0 + 0.6 * 5.0
         assert np.max(np.abs(v[612:] - 3.0)) < 1.5
 
@@ -209,7 +205,7 @@ def test_a_rare_blow_leaves_no_noise():
     t = np.arange(1, 6001) / 1000.0
     true = 5.0 + 20.0 * (t % 4.0 >= 2.0)
     angle = np.cumsum(true) / 1000.0 + np.random.default_rng(1).normal(0.0, 1e-3, len(t))
-    error = make('edge_adaptive').run(stamps(len(t)), wrapped(angle), fast=False).velocity - true
+    error = make('edge_adaptive').run(stamps(len(t)), wrapped(angle)).velocity - true
     since = np.where(t > 2.0, t % 2.0, math.inf)
     assert rms(error[since < 0.02]) < 6.0
     after = error[(since >= 0.05) & (since < 0.25)]
@@ -241,7 +237,7 @@ def test_the_noise_is_learnt_from_flicker(noise):
     way = 0.02 * np.arange(30_000) * 1e-4
     one = joint()
     flicker = noise * QUANTUM * np.random.default_rng(3).normal(size=len(way))
-    one.run(stamps(len(way), 1e-4), read(way + flicker), fast=False)
+    one.run(stamps(len(way), 1e-4), read(way + flicker))
     assert math.sqrt(one._track[6][3][1]) == pytest.approx(noise * QUANTUM, rel=0.35)
 
 
@@ -254,7 +250,7 @@ def test_a_glitch_leaves_no_trace(speed, size):
     angle = speed * np.arange(5000) * DT + 0.4e-3
     measured = read(angle)
     measured[3000] = wrapped(measured[3000] + size)
-    out = joint().run(stamps(5000), measured, fast=False)
+    out = joint().run(stamps(5000), measured)
     error = np.abs(out.velocity - speed)
     assert np.max(error[3010:]) * 0.01 < QUANTUM
     assert np.max(error[3000:]) < 1.0
@@ -273,7 +269,7 @@ def test_glitches_are_not_taken_for_noise(seed):
     wrong[at] += random.uniform(0.05, 2.5, len(at)) * random.choice([-1.0, 1.0], len(at))
     errors = []
     for angle in (clean, wrong):
-        out = make('edge_adaptive').run(stamps(4000, 2e-3), wrapped(angle), fast=False)
+        out = make('edge_adaptive').run(stamps(4000, 2e-3), wrapped(angle))
         errors.append(rms((out.velocity - 3.0 * np.cos(2.0 * time))[600:]))
     assert errors[1] < 1.25 * errors[0]
 
@@ -294,7 +290,7 @@ def test_a_glitch_of_half_a_radian_leaves_less_than_a_count_with_any_encoder(cou
     angle = 2.0 * np.arange(4000) * DT + 0.4e-3
     measured = read(angle, quantum)
     measured[3000] = read(angle[3000] + 0.5, quantum)
-    out = joint(quantum=quantum).run(stamps(4000), measured, fast=False)
+    out = joint(quantum=quantum).run(stamps(4000), measured)
     assert np.max(np.abs(out.velocity - 2.0)[3010:]) * 0.01 < 0.1 * quantum
 
 
@@ -336,7 +332,7 @@ def test_misplaced_edges_keep_the_gain_at_creep():
     count += angle - (count + 1) * QUANTUM >= edges[(count + 1) % 4096]
     error = {}
     for name in ('edge_adaptive', 'kalman'):
-        out = make(name, {'quantum': QUANTUM}).run(stamps(8000), count * QUANTUM, fast=False)
+        out = make(name, {'quantum': QUANTUM}).run(stamps(8000), count * QUANTUM)
         error[name] = rms(out.velocity[1000:] - 0.02)
     assert error['edge_adaptive'] * 50.0 < error['kalman']
 
@@ -349,17 +345,17 @@ def test_a_quantum_four_times_too_large_is_reported_and_mended_within_a_second()
     w = 4.0 * math.pi
     measured = read(5.0 / w * np.sin(w * t))
     one = joint(quantum=4.0 * QUANTUM)
-    one.run(stamps(3000)[:1000], measured[:1000], fast=False)
+    one.run(stamps(3000)[:1000], measured[:1000])
     assert 'too large' in one.why() and f'{QUANTUM:.4g}' in one.why()
-    out = one.run(stamps(3000)[1000:], measured[1000:], fast=False)
-    right = joint().run(stamps(3000), measured, fast=False)
+    out = one.run(stamps(3000)[1000:], measured[1000:])
+    right = joint().run(stamps(3000), measured)
     assert np.allclose(out.velocity, right.velocity[1000:], atol=0.05)
 
 
 @pytest.mark.parametrize('speed', [0.05, 1.0, 200.0])
 def test_a_quantum_too_small_is_reported_and_mended(speed):
     one = joint(quantum=QUANTUM / 16.0)
-    out = one.run(stamps(4000), read(speed * np.arange(4000) * DT), fast=False)
+    out = one.run(stamps(4000), read(speed * np.arange(4000) * DT))
     assert 'too small' in one.why()
     assert rms(out.velocity[2500:] - speed) < 5e-3
 
@@ -372,10 +368,10 @@ def test_a_quantum_of_half_the_step_is_reported_and_mended(given):
     for speed in (0.05, 0.3, 2.0, 10.0, 50.0, 200.0, 201.0):
         reading = read(speed * np.arange(4000) * DT)
         one = joint(quantum=given * QUANTUM)
-        out = one.run(stamps(4000), reading, fast=False)
+        out = one.run(stamps(4000), reading)
         assert 'too small' in one.why() and f'{QUANTUM:.4g}' in one.why(), speed
         assert one._track[6][3][0] == pytest.approx(QUANTUM, rel=1e-6)
-        right = joint().run(stamps(4000), reading, fast=False)
+        right = joint().run(stamps(4000), reading)
         ratios.append(np.median(out.velocity_stddev[3000:] / right.velocity_stddev[3000:]))
     # where the density was raised by the wrong quantum it falls again in many seconds
     assert 0.95 < min(ratios) < 1.05 and max(ratios) < 1.5
@@ -401,8 +397,8 @@ def test_a_step_that_nothing_repeats_is_forgotten(stray, given):
     w = 4.0 * math.pi
     clean = np.floor(5.0 / w * np.sin(w * t) / QUANTUM) * QUANTUM
     one = joint(quantum=given * QUANTUM)
-    out = one.run(stamps(len(t)), wrapped(clean + QUANTUM * STRAY[stray](t)), fast=False)
-    twin = joint().run(stamps(len(t)), wrapped(clean), fast=False)
+    out = one.run(stamps(len(t)), wrapped(clean + QUANTUM * STRAY[stray](t)))
+    twin = joint().run(stamps(len(t)), wrapped(clean))
     later = t > 3.0
     assert one._track[6][3][0] == pytest.approx(QUANTUM, rel=1e-6)
     assert ('too' in one.why()) == (given not in (0.0, 1.0))
@@ -415,7 +411,7 @@ def test_a_step_that_nothing_repeats_is_forgotten(stray, given):
 @pytest.mark.parametrize('speed', [0.05, 2.0, 200.0])
 def test_a_quantum_off_by_a_third_is_reported_and_mended(speed, given):
     one = joint(quantum=given * QUANTUM)
-    one.run(stamps(4000), read(speed * np.arange(4000) * DT), fast=False)
+    one.run(stamps(4000), read(speed * np.arange(4000) * DT))
     assert ('too large' if given > 1.0 else 'too small') in one.why()
     assert one._track[6][3][0] == pytest.approx(QUANTUM, rel=1e-6)
 
@@ -427,14 +423,14 @@ def test_readings_without_a_step_are_not_taken_for_counts(given):
     for noise in (0.0, 1e-5, 1e-3):
         angle = np.sin(3.0 * t) + noise * np.random.default_rng(2).normal(size=len(t))
         one = joint(quantum=given)
-        one.run(stamps(len(t)), wrapped(angle), fast=False)
+        one.run(stamps(len(t)), wrapped(angle))
         assert one._track[6][3][0] < max(0.05 * noise, 2e-6), noise
 
 
 @pytest.mark.parametrize('speed', [0.02, 2.0, 200.0, 1000.0])
 def test_a_right_quantum_is_not_doubted(speed):
     one = joint()
-    one.run(stamps(3000), read(speed * np.arange(3000) * DT), fast=False)
+    one.run(stamps(3000), read(speed * np.arange(3000) * DT))
     assert one.why() == ''
 
 
@@ -445,7 +441,7 @@ def test_the_quantum_is_found_where_it_is_not_given(speed, narrow):
     if narrow:
         measured = measured.astype(np.float32).astype(float)
     one = joint(quantum=0.0)
-    out = one.run(stamps(6000), measured, fast=False)
+    out = one.run(stamps(6000), measured)
     found = one._track[6][3][0]
     assert found == pytest.approx(QUANTUM, rel=1e-3)
     assert rms(out.velocity[3000:] - speed) < 2e-3
@@ -495,7 +491,7 @@ def test_readings_far_off_are_held_against_and_a_lasting_jump_starts_again():
 def test_a_stream_that_repeats_every_second_reading_is_followed(speed):
     measured = read(speed * np.arange(4000) * DT)
     measured[1::2] = measured[::2]
-    out = joint().run(stamps(4000), measured, fast=False)
+    out = joint().run(stamps(4000), measured)
     assert np.all(out.verdict[1501::2] == REPEATED)
     assert np.all(np.abs(out.velocity[1500::2] - speed) < 0.01 * speed)
 
@@ -512,7 +508,7 @@ def test_prismatic_and_multi_turn_readings_are_followed_without_wrapping():
     angle = 40.0 * np.arange(3000) * DT
     for period in (0.0, 2.0 * math.pi):
         one = make('edge_adaptive', {'quantum': QUANTUM}, wrap_period=period)
-        out = one.run(stamps(3000), np.floor(angle / QUANTUM) * QUANTUM, fast=False)
+        out = one.run(stamps(3000), np.floor(angle / QUANTUM) * QUANTUM)
         assert np.all(np.abs(out.velocity[500:] - 40.0) < 0.05)
         assert np.all(np.abs(out.position - angle)[500:] < 1.01 * QUANTUM)
 
@@ -524,7 +520,7 @@ def test_nothing_depends_on_the_unit_of_the_angle(scale):
     motion = np.floor((3.0 * t * t + np.sin(8.0 * t)) / QUANTUM) * QUANTUM
     of = [
         make('edge_adaptive', {'quantum': factor * QUANTUM}, wrap_period=0.0).run(
-            stamps(3000), factor * motion, fast=False
+            stamps(3000), factor * motion
         )
         for factor in (1.0, scale)
     ]
@@ -548,11 +544,7 @@ def test_drawn_columns_differ_in_phase_and_speed_and_are_repeatable():
 
 def test_the_table_of_draws_says_how_often_the_yardstick_is_better():
     found = bench_accuracy.drawn(
-        [bench_accuracy.YARDSTICK, Entry('slow', 'pll')],
-        (BY_NAME['sine'],),
-        draws=2,
-        duration=2.0,
-        fast=False,
+        [bench_accuracy.YARDSTICK, Entry('slow', 'pll')], (BY_NAME['sine'],), draws=2, duration=2.0
     )
     rows = {row['observer']: row for row in found['rows']}
     assert rows['kalman acceleration']['worst_ratio'] == 1.0
@@ -646,7 +638,7 @@ def test_no_stream_makes_it_fail_or_say_what_is_no_number():
     """After a start the speed may be 10^10 times as uncertain as the angle: nothing may cancel."""
     for seed in range(60):
         at, angle, given, period = wild(seed)
-        out = make('edge_adaptive', given, wrap_period=period).run(at, angle, fast=False)
+        out = make('edge_adaptive', given, wrap_period=period).run(at, angle)
         used = out.verdict == 0
         assert np.count_nonzero(used) > 100
         assert np.all(np.isfinite(out.velocity[used])), seed
@@ -671,7 +663,7 @@ def error_of(reading, velocity, at=None, **settings):
     """(rms, largest) error of the velocity [rad/s]."""
     gains = settings.pop('gains')
     out = make('edge_adaptive', gains, **settings).run(
-        stamps(len(reading)) if at is None else at, reading, fast=False
+        stamps(len(reading)) if at is None else at, reading
     )
     error = out.velocity - velocity
     return rms(error), float(np.max(np.abs(error)))
@@ -740,7 +732,7 @@ def test_a_late_stamp_is_no_motion(delay, burst, known):
     error = {}
     for name in ('edge_adaptive', 'kalman'):
         gains = {'quantum': quantum} if known or name == 'kalman' else {}
-        out = make(name, gains).run(at, reading, fast=False)
+        out = make(name, gains).run(at, reading)
         used = (t > 1.0) & (out.verdict < 5)
         error[name] = (out.velocity - velocity)[used]
     assert np.max(np.abs(error['edge_adaptive'])) < 0.2  # it was 176 rad/s
@@ -781,7 +773,7 @@ def test_late_stamps_at_random_cost_little(rate, way, frequency, counts, delay, 
     for late in (0.0, delay):
         at = randomly_late(t, np.random.default_rng(seed), late / rate, jitter / rate)
         out = make('edge_adaptive', {'quantum': quantum}).run(
-            stamps(1)[0] + np.rint(at * 1e9).astype(np.int64), reading, fast=False
+            stamps(1)[0] + np.rint(at * 1e9).astype(np.int64), reading
         )
         used = (t > 1.0) & (out.verdict < 5)
         # where the joint turns round, the reading fits the time of a late stamp as well as its own
@@ -883,7 +875,7 @@ def test_once_found_a_quantum_is_worth_what_a_given_one_is(counts, rate, speed):
         first = int(np.argmax(reading != reading[0]))
         errors = [
             make('edge_adaptive', gains)
-            .run(stamps(len(reading), 1.0 / rate), reading, fast=False)
+            .run(stamps(len(reading), 1.0 / rate), reading)
             .velocity[first + 2 :]
             - velocity[first + 2 :]
             for gains in ({'quantum': quantum}, {})
@@ -897,7 +889,7 @@ def test_smooth_multiples_of_one_step_are_floats():
     name = '100 Hz, point to point, floats'
     stream = next(each for each in streams(0.0) if each.name == name)
     one = make('edge_adaptive', {})
-    one.run(stream.samples.stamps, stream.samples.angle, fast=False)
+    one.run(stream.samples.stamps, stream.samples.angle)
     assert one.state[3][0] < 1e-5  # 5e-4 before
 
 
@@ -919,7 +911,7 @@ def test_a_jump_is_neither_noise_nor_vibration(speed, rate, counts, known):
         reading, velocity, quantum = jump(speed, None, rate, counts, phase, 7.0 * phase % 1.0)
         first = int(np.argmax(reading != reading[0]))
         out = make('edge_adaptive', {'quantum': quantum} if known else {}).run(
-            stamps(len(reading), 1.0 / rate), reading, fast=False
+            stamps(len(reading), 1.0 / rate), reading
         )
         errors.append((out.velocity - velocity)[first + 10 : first + 100])
     assert rms(errors) < 0.05 * quantum * rate  # it was 0.2 to 0.41
@@ -948,7 +940,7 @@ def test_sigma_covers_every_start_from_the_first_changed_reading_on(name, known)
         angle, velocity, _ = STARTS[name](t + phase)
         reading = read(angle)
         out = make('edge_adaptive', {'quantum': QUANTUM} if known else {}).run(
-            stamps(len(t)), reading, fast=False
+            stamps(len(t)), reading
         )
         assert np.min(out.velocity_stddev[1:]) > 0.0
         changed = np.diff(reading, prepend=reading[0]) != 0.0
@@ -963,7 +955,7 @@ def test_sigma_covers_every_start_from_the_first_changed_reading_on(name, known)
 
 def test_without_a_quantum_nothing_is_known_until_the_first_step():
     one = make('edge_adaptive')
-    out = one.run(stamps(600), np.where(np.arange(600) < 500, 0.0, QUANTUM), fast=False)
+    out = one.run(stamps(600), np.where(np.arange(600) < 500, 0.0, QUANTUM))
     assert np.all(np.isinf(out.velocity_stddev[:500])) and np.all(out.velocity[:500] == 0.0)
     assert np.all(np.isfinite(out.velocity_stddev[500:]))
     assert np.all(out.status[10:] == TRACKING)
@@ -979,7 +971,7 @@ def test_after_a_gap_sigma_covers_a_joint_that_stands(quantum, gap, after):
     angle = np.where(t < 2.0, 8.0 * t, 16.0 + 0.3 * quantum + after * (t - t[2000]))
     at = stamps(1)[0] + np.rint(t * 1e9).astype(np.int64)
     for gains in ({'quantum': quantum}, {}):
-        out = make('edge_adaptive', gains).run(at, read(angle, quantum), fast=False)
+        out = make('edge_adaptive', gains).run(at, read(angle, quantum))
         error = np.abs(out.velocity - after)[2000:]
         assert np.all(error < 3.0 * out.velocity_stddev[2000:])
 
@@ -988,7 +980,7 @@ def test_noise_at_a_start_is_no_vibration():
     """At rest in noise of three quanta, quantum given: few third differences last by chance."""
     random = np.random.default_rng(4)
     reading = np.rint(3.0 * random.standard_normal(1500)) * QUANTUM
-    out = make('edge_adaptive', {'quantum': QUANTUM}).run(stamps(1500, 2e-3), reading, fast=False)
+    out = make('edge_adaptive', {'quantum': QUANTUM}).run(stamps(1500, 2e-3), reading)
     assert np.sqrt(np.mean(out.velocity[500:] ** 2)) < 0.02
 
 
@@ -1000,5 +992,5 @@ def test_a_start_whose_second_stamp_comes_too_soon_begins_again():
     at[1] += 1_100_000
     read = np.floor(1.2 * np.sin(3.0 * math.pi * time) / quantum) * quantum
     joint = make('edge_adaptive', {'quantum': quantum})
-    velocity = joint.run(at, read, fast=False).velocity
+    velocity = joint.run(at, read).velocity
     assert np.max(np.abs(velocity[3:])) < 20.0
