@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import make
+from observer_cases import make, stamps, wrapped
 from quantum_starts import Start, compare, starts, states, stream
 
 from estimator_pkg.observers.angle.edge.past import fits
@@ -38,9 +38,12 @@ def test_once_found_the_state_is_that_with_the_quantum_given():
         assert other == pytest.approx(one, rel=1e-6)
 
 
+SLOW = Start('motor', 0.2, 100.0, 4000.0, 512, 0.3, 0.6)  # many readings do not change
+
+
 @pytest.mark.parametrize('chunk', [7, 1000])
 def test_readings_in_blocks_and_compiled_count_again_as_live(chunk):
-    for start, _ in WORST[:2]:
+    for start in (SLOW, *(start for start, _ in WORST)):
         at, read, _ = stream(start)
         _, live = states(start, {})
         joint = make('edge_adaptive', {})
@@ -71,6 +74,16 @@ def test_the_past_is_bounded_and_ends_with_the_search_and_at_a_gap():
     joint = make('edge_adaptive', {}, wrap_period=0.0)
     assert lengths(joint, noise[:20])[-1] == 19
     assert lengths(joint, noise[:1] + 30.0, 2 * 10**9) == [0]
+
+
+def test_readings_that_are_no_counts_are_not_taken_in_again():
+    random = np.random.default_rng(3)
+    angle = np.where(np.arange(300) < 50, 0.0, 0.02 * np.arange(-50, 250))
+    readings = wrapped(angle + random.normal(0.0, 1e-3, 300))
+    one, without = make('edge_adaptive'), make('edge_adaptive')
+    without._past = None
+    found, expected = (each.run(stamps(300), readings, fast=False) for each in (one, without))
+    np.testing.assert_array_equal(found.velocity, expected.velocity)
 
 
 def test_only_steps_that_are_multiples_fit():
