@@ -185,15 +185,15 @@ class VelocityEstimator:
         verdict = found.verdict
         answered = (verdict < DUPLICATE) | (verdict == MISCONFIGURED)
         status = np.where(verdict == MISCONFIGURED, STATUS_MISCONFIGURED, found.status)
-        # row 0 is the last estimate before these samples; a dropped sample repeats the row before
-        row = np.maximum.accumulate(np.where(answered, np.arange(1, len(stamps) + 1), 0))
-        columns = (stamps, *found[:5], np.array(STATUS_NAMES)[status])
-        rows: Any = [
-            np.concatenate((np.array([before]), column))[row]
-            for before, column in zip(self._last, columns)
-        ]
+        rows: list[Any] = [stamps, *found[:5], np.array(STATUS_NAMES)[status]]
+        if not answered.all():  # a dropped sample repeats the row before; row 0: the last estimate
+            row = np.maximum.accumulate(np.where(answered, np.arange(1, len(stamps) + 1), 0))
+            rows = [
+                np.concatenate((np.array([before]), column))[row]
+                for before, column in zip(self._last, rows)
+            ]
         out = EstimateArrays._make([*rows, verdict < DUPLICATE, REASONS[verdict]])
-        if len(row):
+        if len(stamps):
             self._last = Estimate(*(column[-1].item() for column in out))
         return out
 
