@@ -246,7 +246,13 @@ class Joint:
         return False
 
     def _again(self, before: tuple, track: tuple, past: tuple, verdict: int) -> tuple[tuple, Past]:
-        """Return the track and the past after a sample, `before` it the track was another."""
+        """Return the track and the past (see `Functions.again`) after one sample.
+
+        Parameters
+        ----------
+        before : the track before the sample.
+        track : after it.
+        """
         again, state = self.functions.again, _state(track)
         if again is None or len(track) > FIELDS:  # a sensor that is known so well
             return track, None

@@ -20,9 +20,10 @@ from estimator_pkg.observers.angle.edge.start import SETTLES, first_state
 from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.contract import Past
 
-Row = tuple[float, float, float]  # (sample time [s], reading [rad], known input [rad])
+# A past is (Start, Row, Row, ...), or () before a start.
 # (reading before the start [rad], time since the first motion of all and since this start [s])
 Start = tuple[float, float, float]
+Row = tuple[float, float, float]  # (sample time [s], reading [rad], known input [rad])
 
 
 def make_again(
