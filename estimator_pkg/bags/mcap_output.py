@@ -207,7 +207,10 @@ class McapOutput:
 
 
 def frame(block: Block) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Return the message records of a block, one after the other, and the start of each."""
+    """Return the message records of a block, one after the other, and the start of each.
+
+    The records are bytes, shape (size,); a start is an index of them, shape (n,).
+    """
     lengths = block.end - block.start
     heads = np.zeros(len(block), MESSAGE)
     heads['opcode'] = Opcode.MESSAGE

@@ -6,7 +6,7 @@
 See `sensor_map` for the equations. A learner gets the samples that an observer used, in blocks, and
 only while the joint turns round. It costs about 0.3 us a sample then. Where nothing is proven in
 `TRIED` turns it sleeps for many. What it does depends on the samples alone, so live equals replay.
-Angles are in rad, times in s.
+Angles are in rad, times in s, stamps in ns; arrays of samples have shape (n,).
 """
 
 from __future__ import annotations

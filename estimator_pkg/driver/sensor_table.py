@@ -70,6 +70,7 @@ class Table:
 
         Parameters
         ----------
+        error : shape (marks,), of each mark [rad].
         pace : speed [marks/s].
         speed : in its unit, less 1; 0: b is not learnt.
         left : mean error that cannot be attributed to the sensor [rad].

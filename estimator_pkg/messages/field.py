@@ -305,7 +305,7 @@ class _Layout:
         self._numbers = struct.Struct(f'{self.order}{self._count}{code}')
 
     def deciding(self) -> NDArray[np.bool_]:
-        """See `estimator_pkg.messages.layouts.LayoutLike`."""
+        """Return True for each byte that decides the layout, shape (length,)."""
         mask = np.zeros(self.length, bool)
         for where, _ in self._fixed:
             mask[where] = True

@@ -5,7 +5,7 @@
 
 At random configurations and velocities: M is symmetric and positive definite; calM is M^-1 Psi^-T;
 the momenta Psi^T M v are partially linear (PLvCC); the Coriolis forces belong to M. Derivatives are
-central differences.
+central differences. All is in SI units: q and v of shape (n,), matrices (n, n).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def check(mechanics: Mechanics) -> None:
 
 
 def random_states(mechanics: Mechanics) -> list[tuple[Array, Array]]:
-    """Return random (q, v) within the model's region and domain.
+    """Return `STATES` random (q, v) within the model's region and domain.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def inverse_factors(mechanics: Mechanics, q: Array, v: Array) -> None:
 
 
 def slopes(mechanics: Mechanics, function: Callable[[Array], Array], q: Array) -> list[Array]:
-    """Return the derivatives of `function` by each position, as central differences."""
+    """Return the derivatives of `function` by each position: n arrays of its result's shape."""
     found = []
     for index, reach in enumerate(mechanics.reach):
         step = np.zeros(mechanics.degrees)

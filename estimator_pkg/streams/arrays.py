@@ -222,7 +222,14 @@ def _written(
 def patterns(
     shown: NDArray[np.bool_],
 ) -> Iterator[tuple[NDArray[np.bool_] | slice, NDArray[np.bool_]]]:
-    """Yield (rows, joints) of every set of joints that are published together."""
+    """Yield (rows, joints) of every set of joints that are published together.
+
+    Both are masks, shape (n,) and (m,); rows are a slice if all messages publish all joints.
+
+    Parameters
+    ----------
+    shown : shape (n, m), True where a message publishes a joint.
+    """
     if shown.all():
         if len(shown):
             yield slice(None), np.ones(shown.shape[1], bool)

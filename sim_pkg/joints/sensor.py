@@ -160,7 +160,10 @@ class Episodes:
         self._until = 0  # sample at which the latest episode ends
 
     def ends(self, first: int, count: int) -> Whole:
-        """Return, for samples `first` on, the sample at which their episode ends; 0: no episode."""
+        """Return, for samples `first` on, the sample at which their episode ends; 0: no episode.
+
+        The result has shape (count,).
+        """
         ends = np.zeros(count, np.int64)
         if self._chance == 0.0:
             return ends

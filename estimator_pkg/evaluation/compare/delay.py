@@ -62,7 +62,10 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
 
 
 def noise_power(values: Array) -> float:
-    """Return the power [values^2] of white noise with the third differences of `values`, (n,)."""
+    """Return the power of white noise with the third differences of `values`, shape (n,).
+
+    Its unit is that of `values`, squared.
+    """
     return float(np.mean(np.diff(values, 3) ** 2)) / 20.0
 
 

@@ -97,6 +97,10 @@ def noise_at_constant_speed(
     """Return the rms deviation of the estimate from its mean while the truth is constant, else nan.
 
     Each stretch counts from its second block on: the settling before is not noise.
+
+    Parameters
+    ----------
+    time, estimate, truth : shape (n,), these and `truth_noise` as for `velocity`.
     """
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]

@@ -98,7 +98,7 @@ def estimates(seen: Readings, reference: Motion, entry: Entry, rows: NDArray) ->
 
     Parameters
     ----------
-    rows : the readings that it takes, in the order of their arrival.
+    rows : shape (k,), indices of the readings that it takes, in the order of their arrival.
     """
     more = {'quantum': seen.quantum} if seen.quantum else {}
     joint = entry.joint(wrap_period=seen.period, **more)
@@ -115,7 +115,8 @@ def answer(
 
     Parameters
     ----------
-    reference : its motion. rows : the readings from which that was made.
+    reference : its motion.
+    rows : shape (k,), indices of the readings from which that was made, as for `estimates`.
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
     """
     entries = {entry.label: entry for entry in candidates(1.0 / seen.step)}

@@ -35,7 +35,7 @@ def stamp_error(series: Series, run: NDArray[np.int64], period: float, count: fl
 
     Parameters
     ----------
-    series : the readings. run : indices of consecutive ones, sorted by stamp.
+    series : the readings. run : shape (k,), indices of consecutive ones, sorted by stamp.
     period : wrap period [rad]; 0: none. count : quantum [rad]; 0: none.
     """
     time = (series.stamps_ns[run] - series.stamps_ns[run[0]]) * 1e-9

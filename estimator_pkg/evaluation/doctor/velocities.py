@@ -35,7 +35,7 @@ LOW_PASS = declared(type(DIFFERENCE.joint().observer.gains()))['bandwidth_hz'].d
 def stretch(seen: Readings) -> Rows:
     """Return at most `LONGEST` consecutive readings without a jump, those that move most.
 
-    A reading that jumps and returns at once is left out.
+    They are indices, shape (k,). A reading that jumps and returns at once is left out.
     """
     jumps = np.flatnonzero(seen.leaps)
     alone = jumps[np.isin(jumps + 1, jumps) & ~np.isin(jumps - 1, jumps)] + 1
@@ -52,7 +52,12 @@ def stretch(seen: Readings) -> Rows:
 
 
 def reference(seen: Readings, rows: Rows) -> Motion | None:
-    """Return the motion that these readings show; None if they do not show it."""
+    """Return the motion that these readings show; None if they do not show it.
+
+    Parameters
+    ----------
+    rows : shape (k,), indices of the readings, as `stretch` returns them.
+    """
     if seen.at_rest or len(rows) < FEWEST:
         return None
     found = motion(seen.stamps_ns[rows], seen.position[rows], seen.period)

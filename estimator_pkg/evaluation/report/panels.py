@@ -134,7 +134,13 @@ def extremes_of_time(
 ) -> tuple[Array, Array, float]:
     """Return (lowest, highest) of each of `count` stretches of equal time, and their length [s].
 
-    nan where there is a gap; a stretch between two samples has the value before.
+    Both have shape (count,): nan where there is a gap; a stretch between two samples has the value
+    before.
+
+    Parameters
+    ----------
+    time, values : shape (n,), time increasing [s].
+    first, last : time range [s].
     """
     step = (last - first) / count
     starts = np.searchsorted(time, first + step * np.arange(count))

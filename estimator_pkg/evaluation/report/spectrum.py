@@ -18,10 +18,15 @@ FEW = 5  # bins of speed with fewer samples are skipped
 
 
 def density(time: Array, error: Array) -> tuple[Array, Array]:
-    """Return (frequency [Hz], root of the power density [(rad/s)/sqrt Hz]) of an error, (n,).
+    """Return (frequency [Hz], root of the power density [(rad/s)/sqrt Hz]) of an error.
 
     The samples are put on an even grid (the error is constant across gaps); Hann windows overlap by
-    half. Empty for too few samples.
+    half. Both have shape (k,), k = 0 for too few samples.
+
+    Parameters
+    ----------
+    time : shape (n,), increasing [s].
+    error : shape (n,) [rad/s]; nan: none.
     """
     good = np.isfinite(error)
     time, error = time[good], error[good]
@@ -66,7 +71,14 @@ def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
 
 
 def normalised(error: Array, stddev: Array) -> tuple[Array, Array]:
-    """Return (middles, density) of error / standard deviation; empty without the latter."""
+    """Return (middles, density) of error / standard deviation; empty without the latter.
+
+    Both have shape (CELLS,) or (0,), and no unit.
+
+    Parameters
+    ----------
+    error, stddev : shape (n,), in the same unit; nan: none.
+    """
     good = np.isfinite(error) & np.isfinite(stddev) & (stddev > 0.0)
     if not good.any():
         return np.zeros(0), np.zeros(0)

@@ -96,6 +96,8 @@ class Axis(NamedTuple):
 class Plot:
     """A plot that grows by lines, points and bars.
 
+    Arrays have shape (n,), in the units of the axes; the edges of n bars have shape (n + 1,).
+
     Parameters
     ----------
     styles : by estimate, see `styles`.

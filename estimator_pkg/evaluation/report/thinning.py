@@ -20,8 +20,8 @@ MOST, ROOM = 99.5, 2.5  # an outlier beyond ROOM times this percentile is marked
 def extremes(values: Array, points: int) -> NDArray[np.int64]:
     """Return the indices to draw: lowest and highest of each of `points` / 2 equal stretches.
 
-    Spikes stay visible, unlike with every n-th sample. Indices in ascending order; all of them if
-    there are at most `points`.
+    Spikes stay visible, unlike with every n-th sample. Indices, shape (k,), in ascending order; all
+    of those of `values`, shape (n,), if there are at most `points`.
     """
     count = len(values)
     if count <= points:
@@ -66,7 +66,10 @@ def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Arr
 
 
 def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
-    """Return the range to draw, in the lines' unit, if outliers would compress them; or None."""
+    """Return the range to draw, in the lines' unit, if outliers would compress them; or None.
+
+    Each line has shape (n,), with an n of its own; nan: none.
+    """
     some, least, most = [], np.inf, -np.inf
     for line in lines:  # one at a time: they may be long
         if np.isfinite(line).any():

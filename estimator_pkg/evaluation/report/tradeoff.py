@@ -203,7 +203,9 @@ def late_and_noisy(
 
     Parameters
     ----------
-    late : the delay, if it is known already.
+    time : shape (n,), increasing [s].
+    estimate, truth : shape (n,) [rad/s]; nan: none.
+    late : the delay [s], if it is known already.
     """
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]

@@ -149,7 +149,10 @@ def costs(results: Results | None, part: Part, weights: Weights) -> dict[str, fl
 
 
 def averaged(time: Array) -> int:
-    """Return the length of the moving-average window that separates noise from motion [samples]."""
+    """Return the length of the moving-average window that separates noise from motion [samples].
+
+    `time` has shape (n,), increasing [s].
+    """
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     return max(1, min(max(AVERAGE_SAMPLES, round(AVERAGE / step)), len(time) // 4))
 

@@ -103,7 +103,10 @@ def slowest_pole(matrix: Array) -> float:
 
 
 def longest_euler(matrices: list[Array]) -> float:
-    """Return the longest sample time [s] at which forward Euler is stable for all x' = matrix x."""
+    """Return the longest sample time [s] at which forward Euler is stable for all x' = matrix x.
+
+    Each matrix has shape (m, m), an m of its own, and poles in 1/s.
+    """
     longest = math.inf
     for matrix in matrices:
         for pole in np.linalg.eigvals(matrix):
@@ -114,7 +117,7 @@ def longest_euler(matrices: list[Array]) -> float:
 
 
 def euler_limit(matrices: list[Array]) -> Limits:
-    """Return `limits` of a forward Euler observer with one of these error systems [1/s], (m, m)."""
+    """Return `limits` of forward Euler with one of these error systems [1/s], shape (m, m)."""
     longest = longest_euler(matrices)
 
     def limits(dt: float) -> str | None:
@@ -129,10 +132,10 @@ def euler_limit(matrices: list[Array]) -> Limits:
 
 
 def exact_limit(matrices: list[Array], n: int) -> Limits:
-    """Return `limits` of the exact step of `flow` with one of these error systems [1/s], (m, m).
+    """Return `limits` of the exact step of `flow` with one of these error systems.
 
-    It refuses gains that are so fast for the sample rate that a step would take more than
-    `MOST_PARTS` parts.
+    They have shape (2 n, 2 n) or (3 n, 3 n) [1/s], n the number of positions. It refuses gains that
+    are so fast for the sample rate that a step would take more than `MOST_PARTS` parts.
     """
     longest = LARGEST_PART * MOST_PARTS / max(_pace(matrix, n) for matrix in matrices)
 

@@ -23,7 +23,7 @@ KEPT = 4096  # largest number of cached variances
 
 
 def exponential(matrix: Array) -> Array:
-    """Return exp(matrix) without unit, by scaling, Taylor series and squaring (small matrices)."""
+    """Return exp(matrix), shape (n, n), by scaling, Taylor series and squaring (small matrices)."""
     size = float(np.max(np.sum(np.abs(matrix), axis=1)))
     times = max(0, int(np.ceil(np.log2(max(size, 1e-300)))) + 2)
     part = matrix / 2.0**times
@@ -41,9 +41,11 @@ def discrete(
 ) -> tuple[Array, Array]:
     """Return (Phi, W) of the error over one sample: z+ = Phi z + W (y_k - y_{k-1}).
 
+    Their shapes are (m, m) and (m, n), in the units of z = (e, x, d) and of the measurement.
+
     Parameters
     ----------
-    matrix : A [1/s] of (e, x, d)' = A (e, x, d), with e' containing -rate of the measurement.
+    matrix : A [1/s] of z' = A z, shape (m, m), with e' containing -rate of the measurement.
     n : number of positions. dt : sample time [s].
     """
     size = len(matrix)

@@ -143,6 +143,11 @@ def linear_observer(
 ) -> MechanicalFunctions:
     """Return the functions of HGO (if E is None) or EHGO with these gains, see `linear_core`.
 
+    Parameters
+    ----------
+    L, K, E : gains [1/s, 1/s^2, 1/s^3], shape (n, n).
+    point : operating point, shape (n,) [rad or m].
+
     Raises
     ------
     UsageError : the error does not decay; the text is `complaint` with the slowest pole.
@@ -283,7 +288,8 @@ def describe_linear(L: Array, K: Array, matrices: list[Array], dt: float) -> dic
 
     Parameters
     ----------
-    matrices : from `matrices_over_range`.
+    L, K : gains [1/s, 1/s^2], shape (n, n).
+    matrices : error systems [1/s], shape (m, m), from `matrices_over_range`.
     dt : sample time [s].
     """
     return {

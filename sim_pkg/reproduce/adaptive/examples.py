@@ -27,7 +27,7 @@ FROZEN_FROM = 100.0  # when the parameters are frozen and the input changes [s]
 
 
 def rms(values: Array) -> float:
-    """Root mean square."""
+    """Return the root mean square of `values`, of any shape, in their unit."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -35,7 +35,7 @@ def rms(values: Array) -> float:
 
 
 def example_1() -> Array:
-    """The input of example 4.1, random and then square [V]."""
+    """Return the input of example 4.1 [V], random and then square; shape (140 s / RK4_STEP,)."""
     return np.concatenate([random_input(VELOCITY, RK4_STEP, FROZEN_FROM), square(RK4_STEP, 40.0)])
 
 
@@ -70,14 +70,23 @@ def a1_values() -> Values:
 
 
 def parallel_error(theta: Array) -> float:
-    """Return the rms angle error of the identified model under another input, 100 s [rad]."""
+    """Return the rms angle error of the identified model under another input, 100 s [rad].
+
+    `theta` has shape (4,), as in `Example`.
+    """
     example = IDENTIFICATION
     inputs = random_input(example, RK4_STEP, 100.0, seed=999)
     return rms(parallel(theta, inputs) - response(example, inputs, RK4_STEP)[0])
 
 
 def parallel(theta: Array, inputs: Array) -> Array:
-    """Return the angle of the identified model alone [rad], one longer than `inputs`."""
+    """Return the angle of the identified model alone [rad], shape (n + 1,).
+
+    Parameters
+    ----------
+    theta : shape (4,), as in `Example`.
+    inputs : shape (n,), u of `Example`, each constant for one RK4_STEP.
+    """
     first, last = IDENTIFICATION.model_poles
     matrix = np.zeros((3, 3))
     matrix[:2] = [

@@ -56,7 +56,7 @@ IDENTIFICATION = Example(
 
 
 def lcg(seed: int, count: int) -> Array:
-    """Return `count` uniform numbers of unit variance, the same on every machine; (count,)."""
+    """Return uniform numbers of unit variance, shape (count,), the same on every machine."""
     values = np.empty(count)
     for i in range(count):
         seed = (1664525 * seed + 1013904223) % 2**32
@@ -106,10 +106,13 @@ def _march(angle: Array, speed: Array, e: Array, inputs: Array) -> None:
 
 
 def response(example: Example, inputs: Array, dt: float, load: float = 0.0) -> tuple[Array, Array]:
-    """Return angle [rad] and velocity [rad/s] for a piecewise constant input (exact), (n + 1,).
+    """Return angle [rad] and velocity [rad/s] for a piecewise constant input (exact).
+
+    Both have shape (n + 1,).
 
     Parameters
     ----------
+    inputs : shape (n,), u of `Example`, each constant for one dt [s].
     load : constant acceleration in addition to that of the input [rad/s^2].
     """
     ratio = example.Kv / example.J
@@ -207,11 +210,11 @@ def continuous(
     injection_stays: bool = False,
     gamma: tuple[float, ...] | None = None,
 ) -> Continuous:
-    """Simulate plant and observer together by Runge-Kutta 4, from zero.
+    """Simulate plant and observer together by Runge-Kutta 4, from zero; n + 1 rows.
 
     Parameters
     ----------
-    inputs : each is constant for one RK4_STEP.
+    inputs : shape (n,), u of `Example`, each constant for one RK4_STEP.
     freeze : when the parameter law stops [s].
     injection_stays : keep the last term of (13) after `freeze`.
     """

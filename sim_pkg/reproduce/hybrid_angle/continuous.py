@@ -196,7 +196,7 @@ def _run(injection: str, gains: tuple[float, float, float], margin: float, noise
 
 
 def rms(values: Array) -> float:
-    """Root mean square."""
+    """Return the root mean square of `values`, of any shape, in their unit."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 

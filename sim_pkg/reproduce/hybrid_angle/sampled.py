@@ -70,7 +70,7 @@ def robust(
     order: int = 2,
     **gains: float,
 ) -> Run:
-    """Run ``form: robust`` from the first sample; parameters as for `algorithm_1`."""
+    """Run ``form: robust`` from the first sample; parameters and shapes as for `algorithm_1`."""
     return _run(
         angles,
         periods,
@@ -105,7 +105,7 @@ def _run(angles: Numbers, periods: float | Numbers, *, start: float | None, **ga
 
 
 def wrapped(angles: Numbers, quantum: float = 0.0) -> Array:
-    """Return angles [rad] in [-pi, pi), rounded to multiples of `quantum` if it is not 0."""
+    """Return angles [rad], shape (n,), in [-pi, pi), rounded to multiples of `quantum` if not 0."""
     exact = np.asarray(angles, float)
     if quantum > 0.0:
         exact = quantum * np.round(exact / quantum)
@@ -132,5 +132,5 @@ def rows(start: float, end: float) -> slice:
 
 
 def error_of(run: Run, velocity: Array) -> Array:
-    """Return true minus estimated velocity [rad/s]."""
+    """Return true minus estimated velocity [rad/s], shape (n,)."""
     return velocity - run.velocity

@@ -4,6 +4,7 @@
 """Rows of Algorithm 1 at 100 Hz: Figure 6, stability, noise, and its limits.
 
 The limits are ramps that it cannot follow, starts that do not lock, and tan.
+A `run` takes angles [rad], shape (n,), one every PERIOD.
 """
 
 from __future__ import annotations

@@ -69,13 +69,13 @@ def columns(
 def mean_of(
     cases: Iterator[dict[str, Array]], measure: Callable[[Array], float]
 ) -> dict[str, float]:
-    """The mean of a measure over the cases, by column."""
+    """Return the mean of a measure over the cases, by column; errors [rad/s] have shape (n,)."""
     found = [{column: measure(error) for column, error in case.items()} for case in cases]
     return {column: float(np.mean([case[column] for case in found])) for column in COLUMNS}
 
 
 def largest(error: Array) -> float:
-    """Largest absolute error."""
+    """Return the largest absolute error; `error` has shape (n,) [rad/s]."""
     return float(np.abs(error).max())
 
 
@@ -127,7 +127,7 @@ def measured() -> Iterator[tuple[str, dict[str, float]]]:
 
 
 def dropped(seed: int) -> NDArray[np.bool_]:
-    """Return which samples never arrive: 5 % of those after the start."""
+    """Return which samples never arrive, shape (COUNT,): 5 % of those after the start."""
     lost = splitmix.uniforms(seed, COUNT, 1.0) >= 0.9
     lost[:SETTLED] = False
     return lost

@@ -38,7 +38,10 @@ BOUNDS = (2.5, 10, 15, 21, 25, 50, 100, 400)
 
 
 def signal(t: Array) -> tuple[Array, Array, Array]:
-    """Return position, velocity and acceleration of the test signal."""
+    """Return position, velocity and acceleration of the test signal [rad, rad/s, rad/s^2].
+
+    All have shape (n,), that of the times t [s].
+    """
     w, u = math.pi, 2.6 * math.pi
     return (
         0.8 * np.sin(w * t) + 0.2 * np.sin(u * t),

@@ -24,11 +24,13 @@ GRIPS_AT = 2.0  # [s]
 
 
 class Run(NamedTuple):
-    """A run on the example; row i at times[i], before an event if one is there.
+    """A run on the example; row i at times[i] [s], before an event if one is there.
 
-    zeta_error : (n, 4): errors of zeta2, end of the first chain, zeta4, end of the second chain.
-    state, state_error : x and estimated minus true x, (n, 4). zeta, zeta_hat : (n, 4).
-    z, z_hat : true and estimated Z after each event, (EVENTS + 1, 3).
+    Arrays have shape (n, 4), but times (n,), and z and z_hat (events + 1, 3).
+
+    zeta_error : absolute errors of zeta2, end of the first chain, zeta4, end of the second chain.
+    state, state_error : x, and estimated minus true x.
+    z, z_hat : true and estimated Z at the start and after each event.
     """
 
     times: Array
@@ -54,7 +56,7 @@ class Run(NamedTuple):
 
     @property
     def discrete_error(self) -> Array:
-        """Largest entry of |Zhat - Z| after each event."""
+        """Largest entry of |Zhat - Z| at the start and after each event, shape (events + 1,)."""
         return np.abs(self.z_hat - self.z).max(axis=1)
 
 
@@ -62,7 +64,10 @@ class Run(NamedTuple):
 def plant(
     dt: float, start: tuple[float, ...] = (), events: int = EVENTS
 ) -> tuple[SwitchedModel, Array, Array, Array]:
-    """Return (model, times, states, Z) of the example, sampled every dt [s]; `start` sets Z(0)."""
+    """Return (model, times, states, Z) of the example, sampled every dt [s]; `start` sets Z(0).
+
+    The arrays have shape (n,) [s], (n, 4) and (n, 3).
+    """
     model = load('example')
     if start:
         model = replace(model, start=(model.start[0], start))

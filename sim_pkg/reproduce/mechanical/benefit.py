@@ -60,7 +60,7 @@ CASES = {
 
 @lru_cache
 def torque() -> Array:
-    """The torque at each sample [N m]."""
+    """Return the torque at each sample [N m], shape (COUNT,)."""
     phases = np.random.default_rng(PHASES).uniform(0.0, 2.0 * math.pi, len(SINES))
     time = DT * np.arange(COUNT)
     sines = np.sin(2.0 * math.pi * SINES * time[:, None] + phases)
@@ -69,7 +69,7 @@ def torque() -> Array:
 
 @lru_cache
 def truth(friction: float) -> tuple[Array, Array]:
-    """(positions, velocities) of the joint."""
+    """Return (positions [rad], velocities [rad/s]) of the joint, shape (COUNT, 1)."""
     joint = single_joint.build(
         single_joint.Parameters(coulomb=friction, coulomb_speed=WIDTH, **JOINT)
     )

@@ -1,7 +1,10 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Section 5.1: the normalised cart-pendulum, three observers, Table 1 (rows B); fast (rows H2)."""
+"""Section 5.1: the normalised cart-pendulum, three observers, Table 1 (rows B); fast (rows H2).
+
+Arrays have shape (COUNT, 2), pendulum and cart: positions [rad, m], velocities [rad/s, m/s].
+"""
 
 from __future__ import annotations
 
@@ -51,25 +54,25 @@ CASES = {
 
 @lru_cache
 def truth() -> tuple[Array, Array]:
-    """(positions, velocities) of the free motion."""
+    """Return (positions, velocities) of the free motion."""
     return move(normalised(), START, SPEED, np.zeros((COUNT, 1)), DT, 4)
 
 
 def measured(seed: int) -> Array:
-    """Noisy, then quantised."""
+    """Return the positions of `truth`, noisy, then quantised."""
     noise = np.random.default_rng(seed).standard_normal((COUNT, 2)) * NOISE
     return quantise(truth()[0] + noise, QUANTA)
 
 
 def estimate(name: str, readings: Array) -> Array:
-    """Velocities from readings; the estimate starts at the true position, at rest."""
+    """Return velocities from readings; the estimate starts at the true position, at rest."""
     case = CASES[name]
     functions = make(case.observer, 'cart_pendulum', cart_of(), **case.gains)
     return observe(functions, readings, np.zeros((COUNT, 1)), DT, start=START, parts=case.parts)
 
 
 def settling(error: Array) -> float:
-    """Time after which |error| stays below 5 % of its start [s]."""
+    """Return the time after which |error|, shape (n,), stays below 5 % of its start [s]."""
     outside = np.flatnonzero(np.abs(error) > 0.05 * abs(error[0]))
     return DT * float(outside[-1] + 1)
 

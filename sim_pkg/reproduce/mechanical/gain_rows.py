@@ -28,12 +28,15 @@ LEG_POINT = np.array([2.2, 1.8, 0.4])
 
 
 def radius(matrix: Array, dt: float) -> float:
-    """Spectral radius of forward Euler."""
+    """Return the spectral radius of forward Euler, at dt [s], of x' = matrix x, shape (n, n)."""
     return float(max(abs(np.linalg.eigvals(np.eye(len(matrix)) + dt * matrix))))
 
 
 def of_channel(*gains: float) -> Array:
-    """The error of one channel: e' = x - g1 e, x' = s - g2 e, ..."""
+    """Return A of the error of one channel: e' = x - g1 e, x' = s - g2 e, ...; shape (n, n).
+
+    The n gains are in 1/s, 1/s^2, ...
+    """
     size = len(gains)
     matrix = np.zeros((size, size))
     matrix[:, 0] = [-gain for gain in gains]
@@ -42,7 +45,10 @@ def of_channel(*gains: float) -> Array:
 
 
 def with_lqr(sign: float) -> Array:
-    """The upright cart-pendulum under u = sign * (104 q1 + 21 q2 + 20 v1 + 23 v2) [N]."""
+    """Return A of the upright cart-pendulum under u = sign * (104 q1 + 21 q2 + 20 v1 + 23 v2) [N].
+
+    Its shape is (4, 4): (q1, q2, v1, v2)' = A (q1, q2, v1, v2), in rad and m.
+    """
     mechanics = cart_pendulum.build(cart_pendulum.Parameters())
     step = 1e-6
 
@@ -61,7 +67,10 @@ def with_lqr(sign: float) -> Array:
 
 
 def remark_5(weight: Array) -> float:
-    """Largest real part of the error's poles with the injection Gamma calM^T weight e."""
+    """Return the largest real part of the error's poles with the injection Gamma calM^T weight e.
+
+    `weight` has shape (2, 2); Gamma is 1, the result in 1/s.
+    """
     matrix = np.block([[-L5, CALM5], [-CALM5.T @ weight, np.zeros((2, 2))]])
     return -mechanical_gains.slowest_pole(matrix)
 

@@ -1,7 +1,11 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Section 6.2: the laboratory cart-pendulum in open loop, Table 5 (rows D, H3, H4)."""
+"""Section 6.2: the laboratory cart-pendulum in open loop, Table 5 (rows D, H3, H4).
+
+Arrays of n samples have shape (n, 2), pendulum and cart: positions and readings [rad, m],
+velocities [rad/s, m/s]; inputs are currents, shape (n, 1) [A].
+"""
 
 from __future__ import annotations
 
@@ -42,7 +46,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def current(time: Array, amplitude: float = AMPLITUDE) -> Array:
-    """The excitation [A]: a chirp, a rest, a square wave."""
+    """Return the excitation at the times [s], shape (n,) [A]: a chirp, a rest, a square wave."""
     chirp = amplitude * np.sin(2.0 * math.pi * (2.0 * time + 0.7 * time**2))
     square = np.where(np.floor(2.0 * 2.0 * (time - 6.0) + 1e-9) % 2 == 0, 0.8, -0.8)
     return np.where(time < 5.0, chirp, np.where(time < 6.0, 0.0, square))
@@ -71,13 +75,13 @@ MASS = 0.30  # m_p [kg], Table 3
 
 @lru_cache
 def truth(kind: str, amplitude: float = AMPLITUDE) -> tuple[Array, Array, Array]:
-    """(positions, velocities, currents)."""
+    """Return (positions, velocities, inputs), n = COUNT."""
     inputs = current(DT * np.arange(COUNT, dtype=float), amplitude)[:, None]
     return *move(plant(kind), (math.pi, 0.0), (0.0, 0.0), inputs, DT, PARTS_PLANT), inputs
 
 
 def measured(positions: Array, scenario: str, seed: int) -> Array:
-    """Quantised with an encoder offset; in LPM every reading is held for two samples."""
+    """Return readings, quantised with an encoder offset; in LPM each is held for two samples."""
     quanta = np.array(QUANTA[scenario])
     offset = np.random.default_rng(seed).uniform(-0.5, 0.5, 2) * quanta
     readings = quantise(positions + offset, quanta) - offset
@@ -91,7 +95,7 @@ def estimate(
     inputs: Array,
     parameters: dict[str, Any] | None = None,
 ) -> Array:
-    """Velocities from readings; the observers keep their state in single precision."""
+    """Return velocities from readings; the observers keep their state in single precision."""
     observer, gains = case
     functions = make(
         observer, 'cart_pendulum', KNOWN if parameters is None else parameters, **gains
@@ -107,7 +111,7 @@ def three(
     amplitude: float = AMPLITUDE,
     parameters: dict[str, Any] | None = None,
 ) -> Array:
-    """(ME1, MSE1, ME2), the mean over encoder offsets."""
+    """Return THREE, the first of `metrics`, shape (3,): their mean over encoder offsets."""
     q, v, inputs = truth(kind, amplitude)
     return np.mean(
         [
@@ -119,7 +123,10 @@ def three(
 
 
 def largest_accelerations(amplitude: float) -> Array:
-    """Largest |q''|: central differences of the true velocities at the samples."""
+    """Return the largest |q''|, shape (2,) [rad/s^2, m/s^2].
+
+    They are central differences of the true velocities at the samples.
+    """
     return np.max(np.abs(np.gradient(truth('nominal', amplitude)[1], DT, axis=0)), axis=0)
 
 

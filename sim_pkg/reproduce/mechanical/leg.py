@@ -1,7 +1,10 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Section 5.2: the robotic leg, three observers, Table 2 (rows C); retuned (rows H1)."""
+"""Section 5.2: the robotic leg, three observers, Table 2 (rows C); retuned (rows H1).
+
+Arrays have shape (COUNT, 3): positions [m, rad, rad], velocities [m/s, rad/s, rad/s].
+"""
 
 from __future__ import annotations
 
@@ -39,20 +42,20 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 @lru_cache
 def run() -> tuple[Array, Array, Array]:
-    """(positions, velocities, inputs)."""
+    """Return (positions, velocities, inputs); the inputs have shape (COUNT, 2) [N, N m]."""
     time = DT * np.arange(COUNT)
     inputs = np.column_stack([0.0535 * np.cos(10.0 * time), 0.067 * np.sin(10.0 * time)])
     return *move(leg(), START, (0.0,) * 3, inputs, DT, 4), inputs
 
 
 def measured(seed: int, variance: float = VARIANCE) -> Array:
-    """Noisy, then quantised."""
+    """Return the positions of `run`, noisy, then quantised."""
     noise = np.random.default_rng(seed).standard_normal((COUNT, 3)) * math.sqrt(variance)
     return quantise(run()[0] + noise, QUANTA)
 
 
 def estimate(name: str, readings: Array, start: Any = GUESS) -> Array:
-    """Velocities from readings."""
+    """Return velocities from readings; the estimate starts at `start`, shape (3,), at rest."""
     observer, gains = CASES[name]
     functions = make(observer, 'robotic_leg', {'margin': 1e-9}, **gains)
     return observe(functions, readings, run()[2], DT, start=start)

@@ -61,7 +61,12 @@ ONE_SIZE = Circle(0.0, False)  # no wrapping: the runs stay on one turn, or coun
 
 
 def quantise(values: Array, quantum: Any) -> Array:
-    """Return Q(x) = d floor(x/d + 1/2), with a d for each column."""
+    """Return Q(x) = d floor(x/d + 1/2), in the shape and units of `values`.
+
+    Parameters
+    ----------
+    values : shape (N, n). quantum : d, one number or one for each column.
+    """
     d = np.asarray(quantum, float)
     return d * np.floor(values / d + 0.5)
 
@@ -195,7 +200,10 @@ def move(
 
 
 def metrics(errors: Array) -> list[float]:
-    """Return ME x 1e2 and MSE x 1e4 of each column, in turn: (23)."""
+    """Return ME x 1e2 and MSE x 1e4 of each column, in turn: (23).
+
+    `errors` has shape (N, n); the units are that of a column, and its square.
+    """
     values = []
     for column in errors.T:
         values += [float(np.mean(np.abs(column))) * 1e2, float(np.mean(column**2)) * 1e4]

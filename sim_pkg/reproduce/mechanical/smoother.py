@@ -6,7 +6,7 @@
 The cubic smoothing spline is the paper's own: the least mean square acceleration with a residual of
 the mean square of the quantisation (the discrepancy principle). The smoother for white jerk is the
 reference of ``evaluate``, with the variance of the readings given and its density of jerk the most
-likely one.
+likely one. Arrays have shape (n,), one position [rad or m] and its velocity; times are in s.
 """
 
 from __future__ import annotations

@@ -40,7 +40,10 @@ BAD_SPEEDS = (1714.2857, 3428.5714, 5142.8571, 6857.1429)  # rpm: 1, 2, 3, 4 tur
 
 
 def noisy(rpm: float, seed: int) -> tuple[Signals, NDArray[np.float64]]:
-    """Truth and samples (n + 1, 4) at constant speed, noisy and quantised."""
+    """Return truth and samples at constant speed, with noisy and quantised currents.
+
+    Samples have shape (n + 1, 4): two currents [A], two mean voltages [V].
+    """
     times = np.arange(round(DURATION * RATE) + 1, dtype=np.float64) / RATE
     truth = signals(times, profile=Profile([(1.0, rpm, rpm)]))
     half = 0.5 * rpm * RPM * POLE_PAIRS / RATE
@@ -52,7 +55,10 @@ def noisy(rpm: float, seed: int) -> tuple[Signals, NDArray[np.float64]]:
 
 
 def count_fires(x: NDArray[np.float64]) -> int:
-    """Count the replacements of xi_hat: steps too large for the flow within a sample."""
+    """Return the number of replacements of xi_hat: steps too large for the flow within a sample.
+
+    `x` is xi_hat after each sample, shape (n,) [1/Wb].
+    """
     return int((np.abs(np.diff(x)) > 2.0 * math.sqrt(GAMMA)).sum())
 
 

@@ -59,7 +59,10 @@ def reduced(angle: Array, xi: Array, step: float, steps: int) -> tuple[Array, Ar
 
 
 def unstable_manifold() -> list[tuple[Array, Array]]:
-    """Both branches of the curve from which (6) runs into the saddle (pi, 0), backwards in time."""
+    """Return both branches of the curve from which (6) runs into the saddle (pi, 0), backwards.
+
+    A branch is (angle [rad], xi error [1/Wb]), shape (n,); nan: out of the picture.
+    """
     # linearised at the saddle: d(angle) = chi xi + k chi angle, d(xi) = gamma chi angle
     slow = 0.5 * (K_ETA - math.sqrt(K_ETA**2 + 4.0 * GAMMA))
     direction = np.array([slow, GAMMA]) / math.hypot(slow, GAMMA)
@@ -74,7 +77,7 @@ def unstable_manifold() -> list[tuple[Array, Array]]:
 
 
 def wrapped(angle: Array) -> Array:
-    """In [-pi, pi), with a nan where it jumps, so that no line is drawn across."""
+    """Return the angle in [-pi, pi), shape (n,) [rad]; a nan where it jumps interrupts the line."""
     shown = np.mod(angle + math.pi, 2.0 * math.pi) - math.pi
     shown[1:][np.abs(np.diff(shown)) > math.pi] = np.nan
     return shown

@@ -119,6 +119,8 @@ def start_state(
 
     Parameters
     ----------
+    first : shape (4,), the first sample: two currents [A], two voltages [V].
+    z, x, h : frame, xi_hat [1/Wb] and back-EMF [V].
     seen : electrical speed [rad/s] that the watch has observed for long; 0: no observation, and
         the robust form searches for the rotor first.
     """
@@ -204,7 +206,12 @@ class Verdict(NamedTuple):
 
 
 def judge(log: Log, theta: NDArray[np.float64], speed: NDArray[np.float64], dt: float) -> Verdict:
-    """Compare a log with the true electrical angle [rad] and mechanical speed [rad/s]."""
+    """Compare a log with the true electrical angle [rad] and mechanical speed [rad/s].
+
+    Parameters
+    ----------
+    theta, speed : shape (n,), after each sample of the log. dt : sample time [s].
+    """
     error = np.abs(np.angle(np.exp(1j * (log.angle - theta))))
     tracking = log.status == TRACKING
     good = error <= math.radians(10.0)

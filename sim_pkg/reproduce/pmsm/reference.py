@@ -271,6 +271,11 @@ def settling(
     """Return the first log time [ms] from which |error| <= bound to the end; nan: never.
 
     nan also if that is less than `least` [s] before the end.
+
+    Parameters
+    ----------
+    times : shape (n,), increasing [s].
+    error : shape (n,), in the unit of `bound`.
     """
     with np.errstate(invalid='ignore'):
         outside = np.flatnonzero(~(np.abs(error) <= bound))

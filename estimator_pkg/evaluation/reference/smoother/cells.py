@@ -13,7 +13,9 @@ quantum^2/12.
 
 A site is (precision, pull), relative to the centre of its cell: exp(-precision u^2/2 + pull u).
 A message is a state of `smoother.steps` without the site of its own reading. The backward message
-is the filter of the reversed record, in which only the sign of the speed differs.
+is the filter of the reversed record, in which only the sign of the speed differs. For n cells
+`gaps` [s] has shape (n + 1,), `centres` [rad] (n,), `sites` [1/rad^2, 1/rad] (n, 2) and `messages`
+(n, 9).
 """
 
 from __future__ import annotations
@@ -235,8 +237,10 @@ def used(
 
     Parameters
     ----------
-    rows : filled with the n indices of the cells; nan is not a cell.
-    gaps : filled with the n + 1 times of `sweep`.
+    readings : shape (c,), middles of the cells [rad]; nan is not a cell.
+    steps : shape (c,), time from the reading before [s]; the first is not used.
+    rows : shape (c,), its first n filled with the indices of the cells.
+    gaps : shape (c + 1,), its first n + 1 filled with the times of `sweep` [s].
     """
     count, found = len(readings), 0
     first, since = 0, 0.0

@@ -123,7 +123,9 @@ class Stretch:
 def find_sites(
     part: Piece, quantum: float, blur: float, jerk: float, sweeps: int = SWEEPS
 ) -> tuple[Array, float]:
-    """Return (sites, log of the probability) of a stretch of cells; see `smoother.cells.sweep`.
+    """Return (sites, log of the probability) of a stretch of n cells; see `smoother.cells.sweep`.
+
+    The sites have shape (n, 2) [1/rad^2, 1/rad]; they are 0 for cells that are not used.
 
     Parameters
     ----------
