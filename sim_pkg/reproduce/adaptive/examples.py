@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator_pkg.observers.mechanism.noise import exponential
 from sim_pkg.reproduce.adaptive.plant import (
     IDENTIFICATION,
     RK4_STEP,
     VELOCITY,
     Array,
     continuous,
-    exponential,
     held,
     random_input,
     response,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.observers.mechanism.noise import exponential
 
 Array = NDArray[np.floating[Any]]
 
@@ -80,19 +81,6 @@ def square(dt: float, duration: float) -> Array:
     return held(
         np.where(np.arange(math.ceil(duration / 5.0) + 1) % 2 == 0, 1.0, -1.0), 5.0, dt, duration
     )
-
-
-def exponential(matrix: Array) -> Array:
-    """Return exp(matrix), shape (n, n), by scaling and a Taylor series."""
-    halvings = max(0, math.ceil(math.log2(max(1e-300, float(np.abs(matrix).sum())))) + 2)
-    scaled = matrix / 2.0**halvings
-    whole = term = np.eye(len(matrix))
-    for j in range(1, 20):
-        term = term @ scaled / j
-        whole = whole + term
-    for _ in range(halvings):
-        whole = whole @ whole
-    return whole
 
 
 def _march(angle: Array, speed: Array, e: Array, inputs: Array) -> None:
