@@ -15,7 +15,6 @@ KNOWN = {
     '30 Hz, point to point, floats': 2.4,
     '10 Hz, point to point, floats': 1.8,
     '10 Hz, point to point, noise': 1.75,
-    '10 Hz, point to point, counts': 1.45,
     '10 Hz, slow sine, floats': 1.5,
     '10 Hz, slow sine, noise': 2.0,
 }

@@ -323,8 +323,8 @@ def rescaled(
     used, noise, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
     density, low, variance, up, down, up_time, down_time, squares, quiet = band
     scale = quantum * quantum / (used * used)
-    if scale > 1.0 and noise > PLAIN * used * used:  # what is known stays as it was in noise
-        scale = max(1.0, quantum * quantum / (used * used + 12.0 * noise))
+    if noise > PLAIN * used * used:  # what is known stays as it was in noise
+        scale = (quantum * quantum + 12.0 * noise) / (used * used + 12.0 * noise)
     band = (density * scale, low, variance, up, down, up_time, down_time, squares, quiet)
     if first:
         noise *= scale

@@ -884,6 +884,13 @@ def test_once_found_a_quantum_is_worth_what_a_given_one_is(counts, rate, speed):
     assert min(ratios) > 0.95 and max(ratios) < 1.05  # it was 0.68 to 1.5
 
 
+def test_a_finer_step_in_noise_leaves_the_bandwidth():
+    """Of floats in noise any step may be the finest yet: an error of 0.04 rad/s for 8 readings."""
+    stream = next(each for each in streams(0.0) if each.name == '10 Hz, slow sine, noise')
+    out = make('edge_adaptive').run(stream.samples.stamps, stream.samples.angle)
+    assert np.max(np.abs(out.velocity - stream.samples.velocity)[30:]) < 0.02
+
+
 def test_smooth_multiples_of_one_step_are_floats():
     """At 100 Hz a ramp of 10 rad/s^2 moves by multiples of 0.5 mrad, which is no quantum."""
     name = '100 Hz, point to point, floats'
