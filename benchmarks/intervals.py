@@ -26,9 +26,7 @@ from benchmarks.accuracy import interval_score
 from benchmarks.columns import Column
 from benchmarks.recordings import recorded
 from benchmarks.signals import Samples, encoder
-from estimator_pkg.driver import batch as batches
 from estimator_pkg.driver.batch import Estimates, make_batch
-from estimator_pkg.driver.guard import limits
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.track import make_track
 from estimator_pkg.errors import UserError
@@ -214,19 +212,12 @@ def _after(time: Array, begins: Mask, length: float) -> Mask:
 
 def uncalibrated(joint: Joint, samples: Samples, fast: bool) -> Estimates:
     """Return the estimates with the standard deviation as the observer makes it."""
-    functions, settings = joint.functions, joint.settings
-    track = make_track(functions, settings.wrap_period, calibrated=False)
-    design = functions.design()
-    _, out = batches.run(
-        make_batch(track),
-        track.blank(design),
-        design,
-        limits(settings, joint.longest_dt),
-        samples.stamps,
-        samples.angle,
-        fast=fast,
-    )
-    return out
+    alone = Joint(joint.observer, joint.gains, joint.settings)
+    alone.learner = None
+    track = make_track(alone.functions, alone.settings.wrap_period, calibrated=False)
+    alone._ways = 2 * ((*track, make_batch(track)),)
+    alone._choose()
+    return alone.run(samples.stamps, samples.angle, fast=fast)
 
 
 def run(
