@@ -34,6 +34,7 @@ from estimator_pkg.messages.block import Block, rows
 MAGIC = b'\x89MCAP0\r\n'
 _RECORD = struct.Struct('<BQ')  # opcode, length of the body
 _CHUNK = struct.Struct('<QQQII')  # start, end, size, checksum, length of the next text
+LAST = np.uint64(2**63 - 1)  # [ns] later times than in 2262 are wrong
 MESSAGE = np.dtype(
     [
         ('opcode', 'u1'),
@@ -313,8 +314,8 @@ class McapFile:
 
     def _block(self, data: NDArray[np.uint8], offsets: NDArray[np.int64]) -> Block:
         heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
-        log_ns = heads['log_ns'].astype(np.int64)
-        publish_ns = heads['publish_ns'].astype(np.int64)
+        log_ns = np.minimum(heads['log_ns'], LAST).astype(np.int64)
+        publish_ns = np.minimum(heads['publish_ns'], LAST).astype(np.int64)
         start = offsets + MESSAGE.itemsize
         known = np.zeros(CHANNELS, bool)
         known[list(self.channels)] = True

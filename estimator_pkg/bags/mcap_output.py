@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import BinaryIO
 
 import numpy as np
@@ -153,6 +154,7 @@ class McapOutput:
         index_offsets: dict[int, int] = {}
         start_ns = end_ns = 0
         if block is not None:
+            block = replace(block, log_ns=np.maximum(block.log_ns, 0))  # as of a damaged bag
             messages, starts = frame(block)
             starts += len(data)
             data += messages.tobytes()

@@ -197,6 +197,7 @@ class Joint:
         self._structure(gains, twin)
         if _quantum(gains) != quantum:  # another sensor: its map is another one
             self._track = self._track[:FIELDS]
+            self._past = None if self.functions.again is None else ()
             self._choose()
             self._begin_to_learn()
         # no sample time is 0 ns, so the next sample computes the coefficients anew
@@ -366,9 +367,10 @@ class Joint:
 
         def run(end: int) -> tuple[tuple, Past]:
             """Fill the rows from `at` to `end`; return the track and the past after them."""
-            track, past, i = self._track, self._past, at
+            track, past, i, waits = self._track, self._past, at, False
             while past is not None and i < end:
-                if past == () and measurements[i] == _reading(track):  # no start before it changes
+                same = bool(measurements[i] == _reading(track))
+                if waits and same:  # no start before it changes
                     change = np.searchsorted(changes, i, side='right')
                     until = end if change == len(changes) else min(end, int(changes[change]))
                     track, i = take(track, slice(i, until), fast), until
@@ -385,6 +387,7 @@ class Joint:
                         columns, (position, velocity, acceleration, *deviations, status)
                     ):
                         column[i] = value
+                waits = same and past == () and out.verdict[i] == USED
                 i += 1
             return take(track, slice(i, end), fast), past
 

@@ -10,6 +10,7 @@ import pytest
 from observer_cases import make, stamps, wrapped
 from quantum_starts import Start, compare, starts, states, stream
 
+from estimator_pkg import VelocityEstimator
 from estimator_pkg.observers.angle.edge.past import fits
 from estimator_pkg.observers.angle.edge.quantum import SEARCH
 
@@ -57,6 +58,19 @@ def test_readings_in_blocks_and_compiled_count_again_as_live(chunk):
             for i in range(0, len(at), chunk)
         ]
         np.testing.assert_allclose(np.concatenate(found), velocity, rtol=1e-9, atol=1e-12)
+
+
+def test_a_quantum_that_is_taken_back_is_searched_for_live_and_in_blocks():
+    at, read = irregular(1)
+    live, blocks = VelocityEstimator(quantum=0.01), VelocityEstimator(quantum=0.01)
+    velocity = [live.update(*each).velocity for each in zip(at[:40].tolist(), read[:40].tolist())]
+    found = blocks.run(at[:40], read[:40], fast=False).velocity.tolist()
+    for each in (live, blocks):
+        each.set(quantum=0.0)
+    assert live._joint._past == blocks._joint._past == ()
+    velocity += [live.update(*each).velocity for each in zip(at[40:].tolist(), read[40:].tolist())]
+    found += blocks.run(at[40:], read[40:], fast=False).velocity.tolist()
+    assert found == velocity
 
 
 def lengths(joint, readings, at=10**9):
