@@ -19,6 +19,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
 from estimator_pkg.bags.reader import natural, open_bag
+from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
 
@@ -132,6 +133,22 @@ def test_files_of_a_split_bag_that_overlap_come_in_log_order(tmp_path):
         assert sorted(found) == sorted(messages)
         if part == 'mcap':
             assert [item[1] for item in found] == [item[1] for item in messages]
+
+
+@pytest.mark.parametrize('kind, at', [('mcap folder', 2**63), ('sqlite3', -5)])
+def test_a_time_that_cannot_be_is_read_and_written(kind, at, tmp_path):
+    """It ended with a traceback when the new bag was written."""
+    content = make.content(4)
+    topic, _, *rest = content[2]
+    content[2] = (topic, at, *rest)
+    path = make.KINDS[kind](tmp_path / 'bag', content)
+    assert sorted(raw for _, _, raw in read(path)) == sorted(raw for _, _, raw in content)
+    with BagWriter(tmp_path / 'new') as new:
+        new.add_topic('/all', 'std_msgs/msg/String')
+        for _, log_ns, raw in read(path):
+            new.write('/all', log_ns, raw)
+    wrong = max(0, min(at, 2**63 - 1))
+    assert wrong in {log_ns for _, log_ns, _ in read(tmp_path / 'new')}
 
 
 def test_both_times_are_kept(tmp_path):
@@ -468,7 +485,6 @@ def test_require_says_what_is_there(tmp_path):
 
 
 def test_topics_without_messages_are_known(tmp_path):
-    from estimator_pkg.bags.writer import BagWriter
 
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic(STATES, TYPE)
