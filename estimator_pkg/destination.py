@@ -90,12 +90,12 @@ def _within(path: Path, bag: Path) -> bool:
 
 
 def _joins(path: Path, bag: Path) -> bool:
-    """Return True if a new file would belong to the bag at this path.
+    """Return True if a new file or bag would belong to the bag at this path.
 
     In a folder without metadata another bag may lie next to a file, and gets no metadata either.
     """
     whole = bag.is_dir() or (bag.parent / METADATA).exists() or path.name == METADATA
-    return whole and _of_bag(path) and _below(path, bag)
+    return whole and (_of_bag(path) or not path.suffix) and _below(path, bag)
 
 
 def _below(path: Path, bag: Path) -> bool:

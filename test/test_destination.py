@@ -134,6 +134,7 @@ def test_no_output_overwrites_the_bag_that_is_read(words, tmp_path, monkeypatch,
 @pytest.mark.parametrize(
     'words',
     [
+        ['replay', 'B', '--observer', 'pll', '--out', 'B/new'],
         ['evaluate', 'B', '--html', 'B/x.mcap'],
         ['evaluate', 'B/B_0.mcap', '--data', 'B/B_1.mcap'],
         ['replay', 'B', '--out', 'B/x.mcap'],
