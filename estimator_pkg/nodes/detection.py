@@ -227,6 +227,12 @@ class Detector:
         if new['messages_dropped.malformed']:
             where, why = stream.complaint
             found['malformed'] = say('malformed', topic=where, why=why)
+        empty = new.get('messages_dropped.empty', 0)
+        if empty > OFTEN * new['messages_received']:
+            received = new['messages_received']
+            found['empty'] = say(
+                'empty', count=empty, received=received, topic=topic, why=stream.EMPTY
+            )
         if new.get('messages_dropped.mismatched'):
             found['mismatched'] = say('mismatched', topic=topic, why=stream.MISMATCH)
         if new['dropped.refused']:

@@ -57,6 +57,7 @@ TEXTS: Mapping[str, str] = {
     'jump': 'the clock of the measurements jumped (a looping bag, a restarted simulation{several}):'
     ' its {kept}s are reset',
     'malformed': 'messages on {topic} are malformed and dropped: {why}',
+    'empty': '{count} of {received} messages on {topic} {why}',
     'mismatched': 'messages on {topic} are dropped: {why}',
     'refused': "{count} samples on {topic} are beyond joints_max (newest name: '{name}'; "
     "{joints} joints exist): name the required joints in 'joints', or raise 'joints_max'",

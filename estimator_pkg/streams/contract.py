@@ -193,8 +193,9 @@ class Stream(ABC):
     SEPARATE : each joint can be estimated without the others.
     IN_ARRAYS : `run` takes all samples of a joint at once.
     USUAL : usual topics of the family in a bag.
-    KEPT, MISMATCH, NO_STAMP, WRONG : texts: the word for a joint, why messages are mismatched, the
-        advice for missing stamps, and descriptions of further counters.
+    KEPT, EMPTY, MISMATCH, NO_STAMP, WRONG : texts: the word for a joint, what empty messages lack,
+        why messages are mismatched, the advice for missing stamps, and descriptions of further
+        counters.
     wanted : True for each output that is to be made.
     received, malformed : numbers of messages by port. answered : messages with an estimate.
     skip : True if a message with a joint that has no estimate is not answered.
@@ -214,6 +215,10 @@ class Stream(ABC):
     IN_ARRAYS: ClassVar[bool] = False
     USUAL: ClassVar[tuple[str, ...]] = ('/joint_states',)
     KEPT: ClassVar[str] = 'joint'
+    EMPTY: ClassVar[str] = (
+        'carry no position and are dropped: publish positions, or remap the input to a topic that '
+        'has them'
+    )
     MISMATCH: ClassVar[str] = 'their names and positions differ in number'
     NO_STAMP: ClassVar[str] = "start the node with 'stamp_source: publisher'"
     WRONG: ClassVar[Mapping[str, str]] = {}

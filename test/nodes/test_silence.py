@@ -403,6 +403,16 @@ class ZeroStamps(Case):
         self.send(stamp_ns=0)
 
 
+class NoPositions(Case):
+    """messages without positions"""
+
+    report = r'\d+ of \d+ messages on SPACE/joint_states carry no position .*remap the input'
+
+    def tick(self):
+        raw = self.encode(time.time_ns(), '', self.names, [], [0.1] * len(self.names), [])
+        self.publishers[0].publish(raw)
+
+
 class AnotherClock(Case):
     """stamps of another clock"""
 
