@@ -177,8 +177,11 @@ def meant(name: str, known: Iterable[str], of_joints: Container[str]) -> str:
     name : what the user wrote. known : the plain names. of_joints : those that joints may have.
     """
     group, _, rest = name.partition('.')
-    if rest.rpartition('.')[2] in of_joints:
+    joint, _, parameter = rest.rpartition('.')
+    if parameter in of_joints:
         like = get_close_matches(group, [OVERRIDES, FORMERLY]) and '.' in rest
+        if like and not joint:
+            return f"name the joint, as in '{OVERRIDES}.JOINT.{parameter}'"
         return f"did you mean '{OVERRIDES}.{rest if like else name}'?"
     return suggestion(name, known)
 

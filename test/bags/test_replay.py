@@ -509,6 +509,7 @@ def refused():
         ([*PLL, '--set', 'bandwidth_hz=-3'], "'bandwidth_hz' = -3 is outside", 2),
         ([*PLL, '--set', 'bandwidth_hz=fast'], 'must be a number', 2),
         (['--set', 'bandwidth_hz'], 'is not key=value', 2),
+        (['--set', 'per_joint..prefer=fast'], "the joint, as in 'per_joint.JOINT.prefer'", 2),
         (['--set', 'per_joint.a.bandwith_hz=3'], "did you mean 'bandwidth_hz'?", 2),
         (
             [*PLL, '--set', 'perjoint.a.bandwidth_hz=3'],

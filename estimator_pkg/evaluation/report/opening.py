@@ -69,8 +69,8 @@ def words(
     found = []
     for source, joints in by_source.items():
         rows = [chosen[joint] for joint in joints if chosen[joint].source == source]
-        values = changed(entries.get(source))
-        if len(values) > SHOWN:
+        values, *others = [changed(entries.get(source), joint) for joint in joints]
+        if len(values) > SHOWN or any(each != values for each in others):
             how = ' with the parameters below'
         elif values:
             how = ' with ' + ', '.join(f'{name} {text}' for name, text in values.items())

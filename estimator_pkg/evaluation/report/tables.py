@@ -18,6 +18,7 @@ from estimator_pkg.evaluation.compare.description import describe_smoother, desc
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.text import error, fixed, number
 from estimator_pkg.parameters import declared
+from estimator_pkg.params_file import override
 from estimator_pkg.printable import escaped
 
 HEADER = (
@@ -109,9 +110,7 @@ def table(
         f'<th{_left(i)}>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
         for i, (name, unit) in enumerate(zip(HEADER, UNITS))
     )
-    lines = ''.join(
-        _line(row, chosen.get(row.joint) is row, gains(row.source, entries)) for row in rows
-    )
+    lines = ''.join(_line(row, chosen.get(row.joint) is row, gains(row, entries)) for row in rows)
     notes = ['Bold: the estimate that the verdict names. Best first.']
     if any(row.reference_cannot_tell for row in comparison.rows):
         notes.append("* The error is below the reference's own error.")
@@ -121,13 +120,13 @@ def table(
     )
 
 
-def gains(source: str, entries: Mapping[str, Entry]) -> str:
+def gains(row: Row, entries: Mapping[str, Entry]) -> str:
     """Return the gains of an estimate: those that were set, else the main one; '' if unknown."""
-    entry = entries.get(source)
-    name = source if entry is None else entry.observer
+    entry = entries.get(row.source)
+    name = row.source if entry is None else entry.observer
     if name not in registry.names(registry.OBSERVERS):
         return ''
-    values = changed(entry)
+    values = changed(entry, row.joint)
     if values:
         shown = [f'{name} {text}' for name, text in list(values.items())[:SHOWN]]
         return ', '.join(shown + ['...'] * (len(values) > SHOWN))
@@ -139,14 +138,20 @@ def gains(source: str, entries: Mapping[str, Entry]) -> str:
     return f'{main} {"automatic" if default is None else _gain(default)} (default)'
 
 
-def changed(entry: Entry | None) -> dict[str, str]:
-    """Return the gains that are not at their defaults, as text."""
+def changed(entry: Entry | None, joint: str) -> dict[str, str]:
+    """Return the gains of a joint that are not at their defaults, as text."""
     if entry is None:
         return {}
     known = declared(registry.find(registry.OBSERVERS, entry.observer).gains)
+    own = {name: override(name) for name, _ in entry.values}
+    values = {name: value for name, value in entry.values if own[name] is None}
+    for name, value in entry.values:
+        of, parameter = own[name] or ('', '')
+        if of == joint and parameter:
+            values[parameter] = value
     return {
         name: _gain(value)
-        for name, value in entry.values
+        for name, value in values.items()
         if name in known and value != known[name].default
     }
 

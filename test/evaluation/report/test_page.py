@@ -25,7 +25,7 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import findings, opening, panels, spectrum, tradeoff
 from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
-from estimator_pkg.evaluation.report.tables import Overview
+from estimator_pkg.evaluation.report.tables import Overview, changed
 from estimator_pkg.evaluation.report.thinning import broken, changes, extremes, limits
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.streams.angle import AngleSettings
@@ -542,3 +542,10 @@ def test_jumps_that_no_joint_can_make_are_a_finding():
     assert look(time, angle).jumps == ''
     angle[2000:] += 3.0
     assert look(time, angle).jumps.startswith('1 jump that no joint can make, up to 3 rad')
+
+
+def test_the_gains_of_a_joint_are_its_own():
+    values = (('bandwidth_hz', 20.0), ('per_joint.a.b.bandwidth_hz', 64.0))
+    entry = Entry('kalman', 'kalman', values)
+    assert changed(entry, 'a.b') == {'bandwidth_hz': '64'}
+    assert changed(entry, 'a') == {'bandwidth_hz': '20'}
