@@ -76,6 +76,9 @@ def test_errors_of_the_edges_are_most_of_what_is_left_at_speed():
         ('20250616-speed-cycle', 0.4, 0.6),
     ):
         (found,) = (each for each in moteus.captures(HALL) if each.name == name)
-        shaft, edges = moteus.mapped(found, fast=True)
-        assert least < moteus.judge(found, edges)['square'] < most
-        assert moteus.judge(found, edges)['square'] < moteus.judge(found, shaft)['square']
+        joint = Entry('', 'edge_adaptive').joint(quantum=moteus.QUANTUM)
+        readings = found.counts.astype(np.float64) * moteus.QUANTUM
+        shaft = joint.run(found.stamps, readings, fast=True).velocity / moteus.QUANTUM
+        edges = moteus.judge(found, moteus.of_edges(found, fast=True))['square']
+        assert least < edges < most
+        assert edges < moteus.judge(found, shaft)['square']
