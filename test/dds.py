@@ -62,7 +62,7 @@ class NodeProcess:
         return '\n'.join(self._lines)
 
     def prints(self, text: str, times: int = 1) -> None:
-        """Wait until `text` is in its output, so many times."""
+        """Wait until its output contains `text`, at least `times` times."""
         until(lambda: self.output.count(text) >= times or self._child.poll() is not None)
         self._reader.join(1.0 if self._child.poll() is not None else 0.0)
         assert self.output.count(text) >= times, f'{text!r} is not in: {self.output}'

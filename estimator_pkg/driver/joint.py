@@ -153,11 +153,12 @@ class Joint:
     def _begin(self) -> None:
         """Start as if no sample had come."""
         self._track = self._blank(self._design)
-        self._past: Past = None if self.functions.again is None else ()
         self._choose()
         self._begin_to_learn()
 
     def _begin_to_learn(self) -> None:
+        """Learn the sensor from the next sample on: its quantum, and its errors."""
+        self._past: Past = None if self.functions.again is None else ()
         period = self.settings.wrap_period
         learns = period and getattr(self.settings, 'sensor_map', NONE) == LEARN
         self.learner = (
@@ -197,7 +198,6 @@ class Joint:
         self._structure(gains, twin)
         if _quantum(gains) != quantum:  # another sensor: its map is another one
             self._track = self._track[:FIELDS]
-            self._past = None if self.functions.again is None else ()
             self._choose()
             self._begin_to_learn()
         # no sample time is 0 ns, so the next sample computes the coefficients anew
@@ -378,15 +378,10 @@ class Joint:
                 taken = take(track, slice(i, i + 1), False)
                 track, past = self._again(track, taken, past, int(out.verdict[i]))
                 if track is not taken:
-                    position, velocity, acceleration, status = self._read(
+                    estimate = self._read(
                         track, self._design, self._limits, float(measurements[i]), 0.0
                     )
-                    deviations = self._deviation(track, self._design)
-                    columns: tuple[NDArray, ...] = out
-                    for column, value in zip(
-                        columns, (position, velocity, acceleration, *deviations, status)
-                    ):
-                        column[i] = value
+                    out.put(i, estimate, self._deviation(track, self._design))
                 waits = same and past == () and out.verdict[i] == USED
                 i += 1
             return take(track, slice(i, end), fast), past

@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.compare.description import describe_smoother, desc
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.text import error, fixed, number
 from estimator_pkg.parameters import declared
-from estimator_pkg.params_file import override
+from estimator_pkg.params_file import split
 from estimator_pkg.printable import escaped
 
 HEADER = (
@@ -143,12 +143,8 @@ def changed(entry: Entry | None, joint: str) -> dict[str, str]:
     if entry is None:
         return {}
     known = declared(registry.find(registry.OBSERVERS, entry.observer).gains)
-    own = {name: override(name) for name, _ in entry.values}
-    values = {name: value for name, value in entry.values if own[name] is None}
-    for name, value in entry.values:
-        of, parameter = own[name] or ('', '')
-        if of == joint and parameter:
-            values[parameter] = value
+    common, overrides = split(dict(entry.values))
+    values = {**common, **overrides.get(joint, {})}
     return {
         name: _gain(value)
         for name, value in values.items()

@@ -49,15 +49,26 @@ def irregular(seed):
 @pytest.mark.parametrize('chunk', [7, 1000])
 def test_readings_in_blocks_and_compiled_count_again_as_live(chunk):
     for at, read in (*(stream(start)[:2] for start, _ in WORST), *map(irregular, range(5))):
-        live, blocks, velocity = make('edge_adaptive'), make('edge_adaptive'), []
+        live, blocks, expected = make('edge_adaptive'), make('edge_adaptive'), []
         for stamp, reading in zip(at.tolist(), read.tolist()):
             live.update(stamp, reading)
-            velocity.append(live.estimate()[1])
+            position, velocity, acceleration, _ = live.estimate()
+            expected.append((position, velocity, acceleration, *live.stddev()))
         found = [
-            blocks.run(at[i : i + chunk], read[i : i + chunk], fast=True).velocity
+            np.stack(blocks.run(at[i : i + chunk], read[i : i + chunk], fast=True)[:5], axis=1)
             for i in range(0, len(at), chunk)
         ]
-        np.testing.assert_allclose(np.concatenate(found), velocity, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(np.concatenate(found), expected, rtol=1e-7, atol=1e-9)
+        assert (live._past is None) == (blocks._past is None)
+
+
+@pytest.mark.parametrize('given', [0.0, 0.01])
+def test_a_rest_ends_the_past_alike_live_and_in_blocks(given):
+    live, blocks = (make('edge_adaptive', {'quantum': given}) for _ in range(2))
+    for stamp in stamps(10).tolist():
+        live.update(stamp, 0.3)
+    blocks.run(stamps(10), np.full(10, 0.3), fast=False)
+    assert live._past == blocks._past == (None if given else ())
 
 
 def test_a_quantum_that_is_taken_back_is_searched_for_live_and_in_blocks():
