@@ -215,7 +215,11 @@ def make_mapped(bare: TrackFunctions, period: float) -> TrackFunctions:
         if doubt == 0.0 or slope == 0.0:
             return position, velocity
         _, speed, _, _ = bare_read(whole[:FIELDS], design, ANY, reading + correction, 0.0)
-        return math.hypot(position, doubt * correction), math.hypot(velocity, doubt * slope * speed)
+        of_angle, of_speed = doubt * correction, doubt * slope * speed
+        return (
+            math.sqrt(position * position + of_angle * of_angle),
+            math.sqrt(velocity * velocity + of_speed * of_speed),
+        )
 
     return TrackFunctions(bare_blank, advance, read, deviation)
 

@@ -3,14 +3,17 @@
 
 """What is compiled, and what its digest depends on; without Numba."""
 
+import dis
 import math
 import sys
 import types
 
 import pytest
+from motors import made as motor_functions
+from observer_cases import found, label, make, variants
 
 from estimator_pkg.driver import compiled
-from estimator_pkg.driver.drive import empty
+from estimator_pkg.driver.drive import empty, make_drive_batch
 from estimator_pkg.observers.maths.seldom import seldom
 
 SOURCE = """
@@ -89,6 +92,7 @@ def compiler(monkeypatch):
         return twin
 
     monkeypatch.setitem(sys.modules, 'numba', types.SimpleNamespace(njit=njit))
+    monkeypatch.setattr(compiled, '_compiler', lambda: None)
     monkeypatch.setattr(compiled, '_twins', {})
     monkeypatch.setattr(compiled, '_keep_on_disk', lambda *given: None)
     compiled.available.cache_clear()
@@ -160,3 +164,63 @@ def test_estimates_of_a_drive_name_their_columns():
     assert found.electrical_angle.tolist() == [0.0, 4.0]
     assert found.electrical_speed.tolist() == [1.0, 5.0]
     assert found.flux_linkage.tolist() == [2.0, 6.0]
+
+
+def batches(variant):
+    """The loops of this observer that are compiled."""
+    name, gains = variant
+    if name == 'pmsm':
+        return [make_drive_batch(motor_functions())]
+    return [way[-1] for way in make(name, gains)._ways]
+
+
+def called(value, seen):
+    """Every function that this one reaches by its closure and its globals, itself included."""
+    if isinstance(value, types.FunctionType) and value not in seen:
+        seen.add(value)
+        for cell in value.__closure__ or ():
+            called(cell.cell_contents, seen)
+        for name in compiled.global_names(value.__code__):
+            called(value.__globals__.get(name), seen)
+    return seen
+
+
+def rounds_otherwise(code):
+    """What the compiler computes in another way, with another last bit than plain Python."""
+    before = None
+    for each in dis.get_instructions(code):
+        if each.opname == 'BINARY_POWER' or (each.opname == 'BINARY_OP' and each.argrepr == '**'):
+            if isinstance(before, (int, float)) and (2.0 * before).is_integer():
+                yield f'** {before}'  # products, or a square root
+        elif each.argval == 'hypot':
+            yield 'hypot'
+        before = each.argval if each.opname in ('LOAD_CONST', 'LOAD_SMALL_INT') else None
+
+
+@pytest.mark.parametrize(
+    'variant',
+    [*variants(), *((name, {}) for name in ('adaptive', 'pmsm') if name in found())],
+    ids=label,
+)
+def test_nothing_that_is_compiled_rounds_otherwise(variant):
+    for batch in batches(variant):
+        functions = called(batch, set())
+        assert len(functions) > 10
+        where = {each.__qualname__: list(rounds_otherwise(each.__code__)) for each in functions}
+        assert {name: found for name, found in where.items() if found} == {}
+
+
+@pytest.mark.parametrize(
+    'text, seen',
+    [
+        ('x**2', ['** 2']),
+        ('(x + 1.0) ** 2.0', ['** 2.0']),
+        ('x**0.5', ['** 0.5']),
+        ('x ** (1.0 / 3.0)', []),
+        ('x**y', []),
+        ('x * 2', []),
+        ('math.hypot(x, y)', ['hypot']),
+    ],
+)
+def test_what_rounds_otherwise_is_found(text, seen):
+    assert list(rounds_otherwise(compile(text, 'no file', 'eval'))) == seen

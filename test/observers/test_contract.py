@@ -5,6 +5,7 @@
 
 import dataclasses
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -61,13 +62,14 @@ def kinds(value):
 
 
 def assert_same(plain, twin):
-    """Bit for bit, or to 1e-12 where the C library's functions differ."""
+    """Bit for bit; to 1e-12 where Python has an erfc of its own."""
+    slack = 0.0 if sys.version_info >= (3, 11) else 1e-12
     assert kinds(plain) == kinds(twin)
     for a, b in zip(flat(plain), flat(twin)):
         assert (
             a == b
             or (math.isnan(a) and math.isnan(b))
-            or (abs(a - b) <= 1e-12 * max(abs(a), abs(b)))
+            or (abs(a - b) <= slack * max(abs(a), abs(b)))
         ), (plain, twin)
 
 

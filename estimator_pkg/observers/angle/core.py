@@ -515,7 +515,8 @@ def _make_scaled(
         if clock > 0.0:
             of_position += recent
             _, speed, _ = estimate(inner)
-            of_velocity += of_start(start, speed, dt) ** 2
+            since_start = of_start(start, speed, dt)
+            of_velocity += since_start * since_start
         sigma = scale * math.sqrt(of_velocity)
         if since > 0.0 and low_speed_bound > 0.0:
             sigma = clamped(sigma, inner, reading, coefficients, design)

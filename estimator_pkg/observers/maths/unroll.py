@@ -10,6 +10,7 @@ and executed. A vector is a tuple of floats, a matrix a tuple of rows.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -79,7 +80,7 @@ def algebra(size: int) -> Algebra:
         'def wider(m, x): return ' + ' or '.join(f'm[{i}][{i}] > x[{i}][{i}]' for i in index),
         'def limited(m, x, part):',
         *(
-            f'    s{i} = (x[{i}][{i}] / m[{i}][{i}]) ** 0.5 if m[{i}][{i}] > x[{i}][{i}] else 1.0'
+            f'    s{i} = sqrt(x[{i}][{i}] / m[{i}][{i}]) if m[{i}][{i}] > x[{i}][{i}] else 1.0'
             for i in index
         ),
         '    return ('
@@ -102,10 +103,10 @@ def algebra(size: int) -> Algebra:
                 lines += [
                     f'    d{j} = keep * m[{j}][{j}] - a * floor[{j}][{j}]{taken}',
                     f'    if not d{j} > 0.0: return False',
-                    f'    l{j}{j} = d{j} ** 0.5',
+                    f'    l{j}{j} = sqrt(d{j})',
                 ]
             else:
                 lines.append(f'    l{i}{j} = (m[{i}][{j}] - a * floor[{i}][{j}]{taken}) / l{j}{j}')
     lines.append('    return True')
-    names = written_out(lines, f'unrolled for {size}')
+    names = written_out(lines, f'unrolled for {size}', sqrt=math.sqrt)
     return Algebra(*(names[name] for name in Algebra._fields))

@@ -18,6 +18,7 @@ give the same exact result.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 
@@ -57,7 +58,7 @@ def make_flow(n: int, *, diagonal: bool, damped: bool, disturbed: bool) -> Calla
         lines += ['    ' + _matrix('s', n) + ' = psi', '    ' + _matrix('g', n) + ' = gain_d']
     trace = ' + '.join(f'm{i}{j} * b{j}{i}' for i in rows for j in rows)
     most = ' + '.join(f'abs(l{i})' if diagonal else f'abs(l{i}{i})' for i in rows)
-    lines += [f'    speed = {most} + abs({trace}) ** 0.5']
+    lines += [f'    speed = {most} + sqrt(abs({trace}))']
     if damped:
         lines.append('    speed += ' + ' + '.join(f'abs(w{i}{i})' for i in rows))
     lines += [
@@ -102,7 +103,7 @@ def make_flow(n: int, *, diagonal: bool, damped: bool, disturbed: bool) -> Calla
         lines += [f'        {state}{i} += {sum_}{i}' for i in rows]
     out = [_unpack(name, n) for name in ('e', 'p')] + [_unpack('d', n) if disturbed else 'd']
     lines.append(f'    return ({", ".join(out)}, True)')
-    return written_out(lines, f'flow of {n}')['flow']
+    return written_out(lines, f'flow of {n}', sqrt=math.sqrt)['flow']
 
 
 def _unpack(name: str, n: int) -> str:

@@ -36,6 +36,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     SHARE,
     SIGMAS,
 )
+from estimator_pkg.observers.angle.edge.covariance import jerk_density
 
 # (density of the jerk [(rad/s^3)^2 s]; low-passed innovation, its variance were it white;
 # cumulative sum of positive and of negative innovations; run time of either [s]; mean square of the
@@ -107,9 +108,8 @@ def follow_band(
 def after_manoeuvre(band: Band, beyond: float, date: float, noisy: bool, most: float) -> Band:
     """Return the band after a manoeuvre: the density expects more of its kind.
 
-    White jerk of density c moves the angle by c date^5/20, as a variance, within `date`. In noise
-    it is spread over the time since the last manoeuvre; where edges are times it is `EXPECTED` of
-    it, for after a real edge the next one is news anyway.
+    In noise what explains the manoeuvre is spread over the time since the last one; where edges are
+    times it is `EXPECTED` of it, for after a real edge the next one is news anyway.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def after_manoeuvre(band: Band, beyond: float, date: float, noisy: bool, most: f
     density, low, variance, up, down, up_time, down_time, squares, quiet = band
     if beyond > 0.0:
         share = date / max(date, quiet) if noisy else EXPECTED
-        explains = min(share * 20.0 * beyond * beyond / date**5, most)
+        explains = min(share * jerk_density(beyond * beyond, date), most)
         density = max(density, explains)
     return (density, low, variance, up, down, up_time, down_time, squares, 0.0)
 

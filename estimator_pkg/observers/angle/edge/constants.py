@@ -24,4 +24,5 @@ RATIO = {'smooth': 0.125, 'balanced': 1.0, 'fast': 8.0}  # of densities; see `pr
 ALARM = CONFIRMED * SIGMAS  # of the cumulative sums: four samples of twice the slack
 REPEATS = ALARM  # quanta: an unchanged reading of a shaft that moved by more is no reading
 FORGOTTEN = 8.0 * MEMORY  # samples in which evidence of another clock is forgotten
+CALM = LONGEST**-5  # [1/s^5] density of the jerk per angle's variance: the least there is
 PLAIN = 4.0 * BLUR * BLUR  # more noise than this is more than the blur of the edges [quanta^2]

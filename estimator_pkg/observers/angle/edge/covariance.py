@@ -15,6 +15,15 @@ import math
 Covariance = tuple[float, float, float, float, float, float]
 
 
+def jerk_density(variance: float, within: float) -> float:
+    """Return the density of white jerk [(rad/s^3)^2 s] that moves the angle by `variance` [rad^2].
+
+    `within` that time [s] a density c makes c within^5/20. No power: compiled, it may differ.
+    """
+    square = within * within
+    return 20.0 * variance / (square * square * within)
+
+
 def predicted(p: Covariance, density: float, coefficients: tuple) -> Covariance:
     """Return the covariance one sample later.
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 
 from estimator_pkg.observers.angle.edge.constants import BLUR, MEMORY
+from estimator_pkg.observers.angle.edge.covariance import jerk_density
 
 OUTLIER = 25.0  # largest weight of a square, in its expected value: 5 sigma
 # third differences after one wrong reading, over the one before each; how near one must be to it
@@ -153,8 +154,7 @@ def vibration(sensor: Sensor) -> float:
     _, _, _, _, _, _, _, _, _, lasting, pace = sensor
     if lasting <= 0.0:
         return 0.0
-    square = pace * pace
-    return 20.0 * lasting / (square * square * pace)
+    return jerk_density(lasting, pace)
 
 
 def follow_noise(noise: float, excess: float, scatter: float, quantum: float) -> float:

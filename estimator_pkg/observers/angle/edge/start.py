@@ -14,7 +14,7 @@ import math
 
 from estimator_pkg.observers.angle.edge.bandwidth import STEADY, Band, begin_band
 from estimator_pkg.observers.angle.edge.clock import Clock
-from estimator_pkg.observers.angle.edge.constants import BLUR, LONGEST, PLAIN, RESTED
+from estimator_pkg.observers.angle.edge.constants import BLUR, CALM, LONGEST, PLAIN, RESTED
 from estimator_pkg.observers.angle.edge.covariance import Covariance
 from estimator_pkg.observers.angle.edge.preference import ALIKE
 from estimator_pkg.observers.angle.edge.quantum import FIRST_STEPS, Steps, follow_steps, quantum_of
@@ -86,7 +86,7 @@ def started(
             0.5 * bend * rate * rate * rate,
             bend * rate * rate * rate * rate,
         ),
-        begin_band(quantum * quantum / LONGEST**5),
+        begin_band(CALM * quantum * quantum),
     )
 
 
@@ -225,7 +225,7 @@ def stood(quantum: float) -> tuple[Covariance, Band]:
     square = rate * rate
     return (
         (BLUR * BLUR * quantum * quantum, 0.0, 0.0, floor * square, 0.0, floor * square * square),
-        begin_band(quantum * quantum / LONGEST**5),
+        begin_band(CALM * quantum * quantum),
     )
 
 

@@ -21,13 +21,19 @@ from estimator_pkg.observers.angle.edge.bandwidth import (
 from estimator_pkg.observers.angle.edge.constants import (
     ALARM,
     BLUR,
-    LONGEST,
+    CALM,
     PLAIN,
     SIGMAS,
     SLACK,
     STRAY,
 )
-from estimator_pkg.observers.angle.edge.covariance import Covariance, corrected, manoeuvred, widened
+from estimator_pkg.observers.angle.edge.covariance import (
+    Covariance,
+    corrected,
+    jerk_density,
+    manoeuvred,
+    widened,
+)
 from estimator_pkg.observers.angle.edge.interval import HELD, interval, within
 from estimator_pkg.observers.angle.edge.preference import NOWHERE, Taken
 from estimator_pkg.observers.angle.edge.sensor import Sensor, follow_noise, vibration, with_noise
@@ -67,7 +73,7 @@ def explained(
         hidden = 0.5 * quantum  # a cell may hide it
         if noisy:
             hidden += SIGMAS * math.sqrt(scatter)
-        most = 20.0 * (scatter + quantum * quantum) / dt**5  # as in `vibration`
+        most = jerk_density(scatter + quantum * quantum, dt)
         band = after_manoeuvre(band, abs(d) - hidden, date, noisy, most)
     return manoeuvred(p, d, date), band
 
@@ -112,7 +118,7 @@ def update(
     if beyond:
         z = ALARM if z > 0.0 else -ALARM
     # slow law and fast law: the density is that of the longest memory, or of a vibration, at least
-    least = (quantum * quantum + 12.0 * noise) / LONGEST**5
+    least = CALM * (quantum * quantum + 12.0 * noise)
     if lasting > 0.0 and warm and not flickers:
         shaken = vibration(sensor)
         if shaken > least:
