@@ -175,6 +175,7 @@ def recording(tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_what_is_found_can_be_replayed_with(recording, tmp_path, capsys):
     out, reported = tmp_path / 'joint.yaml', tmp_path / 'found.json'
     assert (

@@ -544,6 +544,7 @@ def test_jumps_that_no_joint_can_make_are_a_finding():
     assert look(time, angle).jumps.startswith('1 jump that no joint can make, up to 3 rad')
 
 
+@pytest.mark.long
 def test_the_gains_of_a_joint_are_its_own():
     values = (('bandwidth_hz', 20.0), ('per_joint.a.b.bandwidth_hz', 64.0))
     entry = Entry('kalman', 'kalman', values)

@@ -107,6 +107,7 @@ TABLE = {  # (form, order): largest velocity error on 5..20 s at h = 0.1, 1, 5, 
 TOLERANCE = {'implicit': 0.01, 'matching': 0.05, 'taylor': 0.25, 'explicit': 0.25}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('form, order', TABLE)
 def test_table_of_errors(form, order):
     for dt, expected in zip((1e-4, 1e-3, 5e-3, 1e-2, 2e-2), TABLE[form, order]):
