@@ -107,10 +107,11 @@ class VelocityEstimator:
 
     def __init__(self, observer: str = observers.DEFAULT, /, **parameters: Any) -> None:
         self._observer = observers.find(str(observer))
-        if self._observer.kind != 'angle':
+        kind = observers.find(observers.DEFAULT).kind
+        if self._observer.kind != kind:
             raise UsageError(
                 f"observer '{observer}' needs more inputs than an angle: use its node "
-                f'or one of {", ".join(observers.of_kind("angle"))}'
+                f'or one of {", ".join(observers.of_kind(kind))}'
             )
         self._configuration = Configuration(self._observer, parameters)
         self._joint = self._make(self._configuration)

@@ -23,6 +23,7 @@ from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.observers.mechanism.gains import MEANINGS, in_words
+from estimator_pkg.observers.mechanism.parameters import MechanicalGains
 from estimator_pkg.parameters import Parameter, build, declared, parse_assignments
 from estimator_pkg.printable import printable
 
@@ -47,7 +48,7 @@ def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dic
     if not rate > 0.0:
         raise UsageError(f'--rate is {rate:g} Hz: it must be above 0')
     record = observers.find(name) if name in registry.names(registry.OBSERVERS) else None
-    if record is None or record.kind != 'mechanical':
+    if record is None or not issubclass(record.gains, MechanicalGains):
         if values:
             raise UsageError(
                 f"'--set' is for observers of mechanisms, and '{name}' is not one: omit it"

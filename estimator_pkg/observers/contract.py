@@ -72,6 +72,7 @@ class Functions:
     finite : (measurement) -> bool. False: the guard drops and counts the sample.
     blank : a measurement of the right type, for a state before the first sample.
     no_input : an input of the right type, used where the observer gets no input.
+    driven : a known input acts between two samples, so no sample may be dropped or taken later.
     jump : (state, event) -> state, for observers of switched systems.
     again : (past, state before, state, coefficients, design, measurement, input) -> (past, state).
         Called after a step while there is a past: `()` after a start or a gap, then what this
@@ -99,6 +100,12 @@ class Functions:
     late: Callable[[tuple], float] = never_late
     edges: bool = False
     again: Callable[..., tuple[Past, tuple]] | None = None
+    driven: bool = False
+
+    @property
+    def of_angles(self) -> bool:
+        """True if a sample is one angle alone, so that the driver can compare it with others."""
+        return isinstance(self.blank, float) and not self.driven
 
     @property
     def new_start(self) -> Callable[[tuple, tuple, tuple, Any], tuple]:

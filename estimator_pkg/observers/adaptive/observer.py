@@ -461,6 +461,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         lambda dt: 0.0,  # with the plant's parameters it has no delay
         is_angle,
         restart=restart,
+        driven=True,
     )
 
 
