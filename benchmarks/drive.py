@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 
 from estimator_pkg import registry
 from estimator_pkg.driver.compiled import available
-from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.evaluation.compare.timing import Side, interleave, not_run, ratio, row
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.parameters import build

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from estimator_pkg import observers
 from estimator_pkg.driver.compiled import available, compiled
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.evaluation.compare.timing import best_and_median, interleave, not_run, row
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.core import MechanicalFunctions

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from benchmarks.columns import Column
 from benchmarks.recorded import RAW
 from estimator_pkg import observers, registry
+from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.guard import DUPLICATE
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.switched import SwitchedJoint
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.observers.contract import COASTING, TRACKING

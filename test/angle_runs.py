@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
 from estimator_pkg.parameters import build
 

@@ -12,7 +12,8 @@ import numpy as np
 from estimator_pkg import observers
 from estimator_pkg.driver.batch import empty
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import build
 

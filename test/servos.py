@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from estimator_pkg.driver.adaptive import AdaptiveJoint
-from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.observers.adaptive.gains import Gains
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.parameters import build

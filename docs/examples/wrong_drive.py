@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from estimator_pkg import observers
 from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.parameters import build

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Bank, TakenOfJoints, taken
 from estimator_pkg.driver.batch import COMPILE_FROM, Estimates
-from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive.evidence import Evidence
 from estimator_pkg.observers.adaptive.gains import structure

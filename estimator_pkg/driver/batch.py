@@ -18,6 +18,9 @@ from estimator_pkg.driver.track import TrackFunctions
 from estimator_pkg.observers.contract import INITIALISING
 
 COMPILE_FROM = 400_000  # number of samples from which compiling (a few seconds) pays
+# estimate and standard deviations of a sample that was dropped
+NO_ESTIMATE = math.nan, math.nan, math.nan, INITIALISING
+NO_STDDEV = math.nan, math.nan
 
 
 class Estimates(NamedTuple):
@@ -45,14 +48,36 @@ class Estimates(NamedTuple):
         self.position[row], self.velocity[row], self.acceleration[row], self.status[row] = estimate
         self.position_stddev[row], self.velocity_stddev[row] = stddev
 
-    def part(self, rows: slice) -> Estimates:
-        """Return views of these rows."""
-        return Estimates._make(column[rows] for column in self)
-
 
 def empty(count: int) -> Estimates:
     """Return arrays for `count` samples; what they contain is arbitrary."""
     return Estimates._make(np.empty(count, kind) for kind in 5 * (np.float64,) + 2 * (np.int8,))
+
+
+class Samples(NamedTuple):
+    """Arrays of shape (n,), one row per received sample, and the estimates to fill.
+
+    stamps [ns], measurements [rad or m] and known_input [its unit].
+    """
+
+    stamps: NDArray[np.int64]
+    measurements: NDArray[np.float64]
+    known_input: NDArray[np.float64]
+    out: Estimates
+
+    def row(self, row: int) -> tuple[int, float, float]:
+        """Return the stamp, the measurement and the known input of one row."""
+        return int(self.stamps[row]), float(self.measurements[row]), float(self.known_input[row])
+
+    def part(self, rows: slice) -> Samples:
+        """Return views of these rows."""
+        stamps, measurements, known_input, out = self
+        return Samples(
+            stamps[rows],
+            measurements[rows],
+            known_input[rows],
+            Estimates._make(column[rows] for column in out),
+        )
 
 
 def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
@@ -83,9 +108,8 @@ def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
                 )
                 position_stddev[i], velocity_stddev[i] = deviation(state, design)
             else:
-                position[i] = velocity[i] = acceleration[i] = math.nan
-                position_stddev[i] = velocity_stddev[i] = math.nan
-                status[i] = INITIALISING
+                position[i], velocity[i], acceleration[i], status[i] = NO_ESTIMATE
+                position_stddev[i], velocity_stddev[i] = NO_STDDEV
         return state
 
     return batch
@@ -93,46 +117,26 @@ def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
 
 def run(
     batch: Callable[..., tuple],
-    state: tuple,
+    track: tuple,
     design: tuple,
     limits: tuple,
-    stamps: NDArray[np.int64],
-    measurements: NDArray[np.float64],
-    known_input: NDArray[np.float64] | None = None,
+    samples: Samples,
     *,
-    fast: bool | None = None,
-    out: Estimates | None = None,
-) -> tuple[tuple, Estimates]:
-    """Return the track's state after these samples, and the estimates.
+    fast: bool,
+) -> tuple:
+    """Fill the estimates of these samples; return the track after them.
 
     Parameters
     ----------
-    stamps : shape (n,), int64 nanoseconds.
-    measurements : shape (n,) [rad or m].
-    known_input : shape (n,), the known input; None: zero.
-    fast : compile or not; None: if it pays. Functions that Numba does not support (a user's own)
-        run as plain Python.
-    out : arrays to fill; None: new ones.
+    fast : compile. Functions that Numba does not support (a user's own) run as plain Python.
     """
-    count = len(stamps)
-    out = empty(count) if out is None else out
-    if known_input is None:
-        known_input = np.zeros(count)
-    if fast is None:
-        fast = count >= COMPILE_FROM
+    stamps, measurements, known_input, out = samples
     if fast:
         try:
-            return (
-                compiled(batch)(state, design, limits, stamps, measurements, known_input, *out),
-                out,
-            )
+            return compiled(batch)(track, design, limits, stamps, measurements, known_input, *out)
         except Exception as error:
             if not cannot_compile(error):
                 raise
     # lists contain Python floats, which are several times faster than numpy's
-    rows = (
-        np.asarray(stamps).tolist(),
-        np.asarray(measurements).tolist(),
-        np.asarray(known_input).tolist(),
-    )
-    return batch(state, design, limits, *rows, *out), out
+    rows = stamps.tolist(), measurements.tolist(), known_input.tolist()
+    return batch(track, design, limits, *rows, *out)

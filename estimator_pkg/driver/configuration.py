@@ -1,21 +1,55 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The observer and its gains for each joint: common values, and overrides per joint."""
+"""What is set for each joint: settings, gains, common values and overrides per joint."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg.driver.joint import JointSettings, SensorSettings
+from estimator_pkg.driver.guard import GuardSettings
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers import instead
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.parameters import Parameter, build, declared
+from estimator_pkg.parameters import Parameter, build, declared, structural
 
 # What to do to have another observer's gain, with {0} for its name.
 NAME_IT = "write 'observer: {0}' in the parameter file, or use --observer {0}"
+
+
+@dataclass(frozen=True)
+class JointSettings(GuardSettings):
+    """Parameters per joint in addition to the observer's gains."""
+
+    wrap_period: float = structural(
+        2.0 * math.pi,
+        unit='rad',
+        range=(0.0, 1e6),
+        description='period after which the reading repeats; 0: prismatic or multi-turn joint, '
+        'without wrapping',
+    )
+    unwrap: bool = structural(
+        False, description='count turns from the first sample and publish a multi-turn position'
+    )
+
+
+NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
+
+
+@dataclass(frozen=True)
+class SensorSettings(JointSettings):
+    """Parameters per joint of observers that take single angles."""
+
+    sensor_map: str = structural(
+        LEARN,
+        choices=(NONE, LEARN),
+        description='learn: errors of the sensor that repeat each turn (eccentricity, misplaced '
+        'edges, edges that come late) are learnt while the joint turns, and taken out of its '
+        'readings where that is proven to help',
+    )
 
 
 class Configuration:

@@ -19,15 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import available, cannot_compile, compiled
-from estimator_pkg.driver.guard import (
-    AFTER_GAP,
-    DUPLICATE,
-    LATE,
-    LATE_IN_A_ROW,
-    MISCONFIGURED,
-    VERDICTS,
-)
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.guard import AFTER_GAP, DUPLICATE, LATE, LATE_IN_A_ROW, MISCONFIGURED
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.track import make_track, newest, replaced, with_state
 from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, Observer
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
@@ -327,11 +321,6 @@ class DriveJoint(Joint):
         out.verdict[:] = verdict
         self._count(out.verdict)
         return out
-
-    def _count(self, verdicts: NDArray[np.int8]) -> None:
-        for verdict, count in enumerate(np.bincount(verdicts, minlength=len(VERDICTS)).tolist()):
-            self.counts[verdict] += count
-        self.verdict = int(verdicts[-1])
 
     def estimate(self) -> tuple[float, float, float, int]:
         """Return (position, velocity, nan, status), mechanical, at the last used sample."""

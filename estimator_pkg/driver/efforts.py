@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import parameter, structural
 

@@ -5,9 +5,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver import batch as batches
 from estimator_pkg.driver.compiled import longest_dt
+from estimator_pkg.driver.configuration import LEARN, NONE, JointSettings
 from estimator_pkg.driver.guard import (
     DROPPED,
     DUPLICATE,
@@ -23,15 +22,15 @@ from estimator_pkg.driver.guard import (
     SLOW_STREAM,
     USED,
     VERDICTS,
-    GuardSettings,
     limits,
 )
+from estimator_pkg.driver.queues import note_on_queue
+from estimator_pkg.driver.repeats import note_on_repeats
 from estimator_pkg.driver.sensor_map import FIELDS, correction_of, make_mapped, placed
 from estimator_pkg.driver.sensor_marks import Errors, Learner
 from estimator_pkg.driver.track import field_of, make_track, replaced
 from estimator_pkg.observers.circle import Circle, nearest_turn
 from estimator_pkg.observers.contract import STATUS_NAMES, Functions, Observer, Past
-from estimator_pkg.parameters import structural
 
 _is_running, _mean_dt, _state, _coefficients, _repeats, _queue, _last_ns, _reading = map(
     field_of,
@@ -46,38 +45,7 @@ SHARED = (
 )  # these depend on the gains and the wrap period
 
 
-@dataclass(frozen=True)
-class JointSettings(GuardSettings):
-    """Parameters per joint in addition to the observer's gains."""
-
-    wrap_period: float = structural(
-        2.0 * math.pi,
-        unit='rad',
-        range=(0.0, 1e6),
-        description='period after which the reading repeats; 0: prismatic or multi-turn joint, '
-        'without wrapping',
-    )
-    unwrap: bool = structural(
-        False, description='count turns from the first sample and publish a multi-turn position'
-    )
-
-
-NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
-IN_BURSTS = 0.5  # evidence of a queue that the status reports
 PART = 65_536  # samples after which a batch looks for what was learnt
-
-
-@dataclass(frozen=True)
-class SensorSettings(JointSettings):
-    """Parameters per joint of observers that take single angles."""
-
-    sensor_map: str = structural(
-        LEARN,
-        choices=(NONE, LEARN),
-        description='learn: errors of the sensor that repeat each turn (eccentricity, misplaced '
-        'edges, edges that come late) are learnt while the joint turns, and taken out of its '
-        'readings where that is proven to help',
-    )
 
 
 class Joint:
@@ -118,32 +86,23 @@ class Joint:
         self._known_input: Any = self.functions.no_input
 
     def _structure(self, gains: Any, twin: Joint | None) -> None:
-        self.gains = gains
-        if (
-            twin is not None
-            and twin.gains == gains
-            and all(
-                getattr(twin.settings, name) == getattr(self.settings, name)
-                for name in ('wrap_period', 'unwrap', 'sensor_map')
-                if hasattr(self.settings, name)
-            )
-        ):
+        self.gains, circle = gains, _circle(self.settings)
+        if twin is not None and twin.gains == gains and _circle(twin.settings) == circle:
             for name in SHARED:
                 setattr(self, name, getattr(twin, name))
-            self._limits = limits(self.settings, self.longest_dt)
-            self._choose()
-            return
-        self.functions = self.observer.build(
-            gains, Circle(self.settings.wrap_period, self.settings.unwrap)
-        )
-        period = self.settings.wrap_period if self.observer.kind == 'angle' else None
-        track = make_track(self.functions, period)
-        mapped = make_mapped(track, period) if period else track
-        self._ways = ((*track, batches.make_batch(track)), (*mapped, batches.make_batch(mapped)))
-        self._choose()
-        self._design = self.functions.design()
-        self.longest_dt = longest_dt(self.functions.limits)
+        else:
+            self.functions = self.observer.build(gains, circle)
+            period = circle.period if self.functions.of_angles else None
+            track = make_track(self.functions, period)
+            mapped = make_mapped(track, period) if period else track
+            self._ways = (
+                (*track, batches.make_batch(track)),
+                (*mapped, batches.make_batch(mapped)),
+            )
+            self._design = self.functions.design()
+            self.longest_dt = longest_dt(self.functions.limits)
         self._limits = limits(self.settings, self.longest_dt)
+        self._choose()
 
     def _choose(self) -> None:
         """Use the functions that fit the track."""
@@ -322,92 +281,81 @@ class Joint:
         known_input : shape (n,), known input; None: zero.
         fast : compile or not; None: if it pays.
         """
-        out = self._estimates(stamps, measurements, known_input, fast)
-        others = out.verdict[out.verdict != USED]
-        self.counts[USED] += len(stamps) - len(others)
-        for verdict, count in enumerate(np.bincount(others, minlength=len(VERDICTS))):
-            self.counts[verdict] += int(count)
-        if len(stamps):
-            self.verdict = int(out.verdict[-1])
-        if out.used.any():
-            last = len(stamps) - 1 - int(np.argmax(out.used[::-1]))
-            self.stamp_ns = int(stamps[last])
-            self._measurement = float(measurements[last])
-            self._known_input = (
-                self.functions.no_input if known_input is None else float(known_input[last])
-            )
-        return out
+        count = len(stamps)
+        fast = count >= batches.COMPILE_FROM if fast is None else fast
+        samples = batches.Samples(
+            stamps,
+            measurements,
+            np.zeros(count) if known_input is None else known_input,
+            batches.empty(count),
+        )
+        at = 0 if self._past is None else self._search(samples, fast)
+        while at < count:
+            at = self._block(samples, at, count, fast)
+        used = samples.out.used
+        if used.any():
+            last = count - 1 - int(np.argmax(used[::-1]))
+            self.stamp_ns, self._measurement, self._known_input = samples.row(last)
+        return samples.out
 
-    def _estimates(
-        self,
-        stamps: NDArray[np.int64],
-        measurements: NDArray[np.float64],
-        known_input: NDArray[np.float64] | None,
-        fast: bool | None,
-    ) -> batches.Estimates:
-        fast = len(stamps) >= batches.COMPILE_FROM if fast is None else fast
-        out, at, learner = batches.empty(len(stamps)), 0, self.learner
-        changes = np.empty(0, np.intp)  # rows whose reading differs from the one before
-        if self._past is not None:
-            changes = 1 + np.flatnonzero(measurements[1:] != measurements[:-1])
+    def _search(self, samples: batches.Samples, fast: bool) -> int:
+        """Take samples one by one while there is a past; return how many were taken.
 
-        def take(track: tuple, rows: slice, fast: bool) -> tuple:
-            """Fill these rows; return the track after them."""
-            return batches.run(
-                self._batch,
-                track,
-                self._design,
-                self._limits,
-                stamps[rows],
-                measurements[rows],
-                None if known_input is None else known_input[rows],
-                fast=fast,
-                out=out.part(rows),
-            )[0]
+        As long as a reading does not change no start begins at it, so these are taken in blocks.
+        """
+        out, readings = samples.out, samples.measurements
+        ends = np.append(1 + np.flatnonzero(readings[1:] != readings[:-1]), len(readings))
+        at, rests = 0, False
+        while self._past is not None and at < len(readings):
+            same = bool(readings[at] == _reading(self._track))
+            if rests and same:
+                end = int(ends[np.searchsorted(ends, at, side='right')])
+                at = self._block(samples, at, end, fast)
+                continue
+            if self.update(*samples.row(at)):
+                out.put(at, self.estimate(), self.stddev())
+            else:
+                out.put(at, batches.NO_ESTIMATE, batches.NO_STDDEV)
+            out.verdict[at] = self.verdict
+            rests = same and self._past == () and self.verdict == USED
+            at += 1
+        return at
 
-        def run(end: int) -> tuple[tuple, Past]:
-            """Fill the rows from `at` to `end`; return the track and the past after them."""
-            track, past, i, waits = self._track, self._past, at, False
-            while past is not None and i < end:
-                same = bool(measurements[i] == _reading(track))
-                if waits and same:  # no start before it changes
-                    change = np.searchsorted(changes, i, side='right')
-                    until = end if change == len(changes) else min(end, int(changes[change]))
-                    track, i = take(track, slice(i, until), fast), until
-                    continue
-                taken = take(track, slice(i, i + 1), False)
-                track, past = self._again(track, taken, past, int(out.verdict[i]))
-                if track is not taken:
-                    estimate = self._read(
-                        track, self._design, self._limits, float(measurements[i]), 0.0
-                    )
-                    out.put(i, estimate, self._deviation(track, self._design))
-                waits = same and past == () and out.verdict[i] == USED
-                i += 1
-            return take(track, slice(i, end), fast), past
+    def _block(self, samples: batches.Samples, at: int, end: int, fast: bool) -> int:
+        """Take the samples from `at` on in a batch; return the row after the last one.
 
-        while at < len(stamps):
-            end = len(stamps)
-            if learner is not None:
-                end = min(end, at + (learner.room if len(self._track) > FIELDS else PART))
-            track, past = run(end)
-            if learner is not None:
-                used = out.part(slice(at, end)).used
-                every = bool(used.all())
-                kept = slice(at, end) if every else at + np.flatnonzero(used)  # a slice is no copy
-                learner.left = self._left
-                count = learner.follow(
-                    stamps[kept], measurements[kept], out.verdict[kept], out.velocity[kept]
-                )
-                if 0 < count < np.count_nonzero(used):  # something else is taken out from there on
-                    end = at + (count if every else int(np.flatnonzero(used)[count - 1]) + 1)
-                    track, past = run(end)
-                track = placed(track, learner) if count else track
-                self._left = learner.left
-            self._track, self._past = track, past
-            self._choose()
-            at = end
-        return out
+        It ends at the latest at `end`, and where what is taken out of the readings changes.
+        """
+        learner, before = self.learner, self._track
+        if learner is not None:
+            learner.left = self._left
+            end = min(end, at + (learner.room if len(before) > FIELDS else PART))
+        part = samples.part(slice(at, end))
+        self._batched(part, fast)
+        if learner is not None:
+            out = part.out
+            count = learner.follow(part.stamps, part.measurements, out.verdict, out.velocity)
+            self._left = learner.left
+            if 0 < count < end - at:  # the rows after it are taken again, in the next block
+                self._track, part = before, samples.part(slice(at, at + count))
+                self._batched(part, fast)
+            if count:
+                self._track = placed(self._track, learner)
+                self._choose()
+        self._count(part.out.verdict)
+        return at + len(part.stamps)
+
+    def _batched(self, samples: batches.Samples, fast: bool) -> None:
+        """Take these samples in a batch."""
+        self._track = batches.run(
+            self._batch, self._track, self._design, self._limits, samples, fast=fast
+        )
+
+    def _count(self, verdicts: NDArray[np.int8]) -> None:
+        """Count the verdicts on the samples of a batch, shape (n,)."""
+        for verdict, count in enumerate(np.bincount(verdicts).tolist()):
+            self.counts[verdict] += count
+        self.verdict = int(verdicts[-1])
 
     @property
     def running(self) -> bool:
@@ -469,30 +417,20 @@ class Joint:
         status = self.estimate()[3]
         if STATUS_NAMES[status] == 'misconfigured':
             return self.functions.limits(self.mean_dt) or ''
-        said = self._repeating()
+        said = note_on_repeats(_repeats(self._track))
         if not said and self.functions.why is not None and self.running:
             said = self.functions.why(self.state, self._design)
         if not said and self.settings.unwrap and self._count_new_starts() > self._new_starts:
-            return 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
-        if not said and _queue(self._track) > IN_BURSTS:
-            return (
-                'stamps come in bursts: samples that waited in a queue are taken at the mean '
-                'sample time (stamp them where they are measured, or see stamp_repair)'
-            )
+            said = 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
+        said = said or note_on_queue(_queue(self._track))
         return said or ('' if self.learner is None else self.learner.text())
-
-    def _repeating(self) -> str:
-        """Return a note on repeated readings; '' without any."""
-        times, *_ = _repeats(self._track)
-        if not times:
-            return ''
-        return (
-            f'the stream repeats its readings (up to {times} times each): the repeated '
-            'ones are dropped'
-        )
 
     def _count_new_starts(self) -> int:
         return sum(self.counts[verdict] for verdict in NEW_STARTS)
+
+
+def _circle(settings: JointSettings) -> Circle:
+    return Circle(settings.wrap_period, settings.unwrap)
 
 
 def _quantum(gains: Any) -> float:

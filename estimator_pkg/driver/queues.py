@@ -23,6 +23,7 @@ QUEUED = 0.1  # mean sample times: a sample that comes sooner may have waited in
 SURELY = 16.0  # times that its stamp may explain its reading better if all before it had waited
 VOTES = 16.0  # samples over which the evidence is averaged
 EVIDENCE = 0.25  # at a start
+IN_BURSTS = 0.5  # evidence that the status reports
 
 
 def make_waited(functions: Functions, period: float) -> Callable[..., tuple[bool, float]]:
@@ -79,3 +80,13 @@ def never_waited(
 ) -> tuple[bool, float]:
     """Believe every stamp: replaces `make_waited` for measurements that are not a single angle."""
     return False, queue
+
+
+def note_on_queue(queue: float) -> str:
+    """Return a note for the status on samples that wait in a queue; '' if they do not."""
+    if queue <= IN_BURSTS:
+        return ''
+    return (
+        'stamps come in bursts: samples that waited in a queue are taken at the mean '
+        'sample time (stamp them where they are measured, or see stamp_repair)'
+    )

@@ -138,3 +138,13 @@ def changed(repeats: Repeats, passed_ns: int, change: float) -> Repeats:
         most += 1  # what was taken for a reading at rest was in the midst of the motion
     chain = (stamp_ns, spacing_ns, change, value, least, low, 0, 0, 0, 0, changes, patience, pace)
     return most, 0, chain
+
+
+def note_on_repeats(repeats: Repeats) -> str:
+    """Return a note on repeated readings for the status; '' without any."""
+    times, _, _ = repeats
+    if times == 0:
+        return ''
+    return (
+        f'the stream repeats its readings (up to {times} times each): the repeated ones are dropped'
+    )

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
+from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, DUPLICATE, USED
 from estimator_pkg.driver.sensor_ripple import SPAN, found, slower
 from estimator_pkg.driver.sensor_table import (
     COARSE,
@@ -150,13 +150,21 @@ class Learner:
         verdicts: NDArray[np.int8],
         velocities: Array,
     ) -> int:
-        """Take samples that were used, as `look` and `note` do, until `note` is True.
+        """Take those samples that were used, as `look` and `note` do, until `note` is True.
 
         Returns
         -------
-        count : of the samples that were taken then; 0: all, and it never was.
+        count : of the samples up to then; 0: it never was.
         """
+        used = verdicts < DUPLICATE
+        if not used.all():
+            kept = np.flatnonzero(used)
+            count = self.follow(stamps[kept], readings[kept], verdicts[kept], velocities[kept])
+            return int(kept[count - 1]) + 1 if count else 0
         at, count = 0, len(stamps)
+        if not self.awake and self.left >= count:
+            self.left -= count
+            return 0
         events = np.append(np.flatnonzero(verdicts != USED), count)
         while at < count:
             first = at + self.left

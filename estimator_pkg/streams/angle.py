@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.joint import Joint, SensorSettings
+from estimator_pkg.driver.configuration import Configuration, SensorSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError, UserError, plainly
 from estimator_pkg.messages.block import Block

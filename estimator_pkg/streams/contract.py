@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import params_file
-from estimator_pkg.driver.configuration import NAME_IT, Configuration
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import NAME_IT, Configuration, JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.block import Block

@@ -16,7 +16,8 @@ from estimator_pkg import cli, observers, registry, streams
 from estimator_pkg.bags.definitions import jazzy
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
 from estimator_pkg.observers.angle import pll

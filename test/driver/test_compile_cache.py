@@ -34,7 +34,7 @@ DRIVE = """
     from estimator_pkg import observers
     from estimator_pkg.driver import drive
     from estimator_pkg.driver.drive import DriveJoint
-    from estimator_pkg.driver.joint import JointSettings
+    from estimator_pkg.driver.configuration import JointSettings
     from estimator_pkg.parameters import build
     observer = observers.find('pmsm')
     gains = build(observer.gains, {'resistance': 0.2, 'inductance': 3e-4, 'pole_pairs': 4,

@@ -11,7 +11,8 @@ from motors import DT, MOTOR, angle_error, made, noisy
 
 from estimator_pkg.driver import drive, guard
 from estimator_pkg.driver.compiled import available, compiled
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.track import make_track
 from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.pmsm.gains import Gains

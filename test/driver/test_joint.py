@@ -91,9 +91,9 @@ def test_a_loop_that_numba_refuses_runs_as_plain_python():
     with pytest.raises(Exception, match='nopython') as refused:
         compiled(loop)(1.0, (), (), at, angles, angles, angles.copy())
     assert cannot_compile(refused.value)
-    state, out = batch.run(loop, 1.0, (), (), at, angles, fast=True)
-    assert state == 1.0
-    np.testing.assert_array_equal(out.position, angles)
+    samples = batch.Samples(at, angles, np.zeros(len(at)), batch.empty(len(at)))
+    assert batch.run(loop, 1.0, (), (), samples, fast=True) == 1.0
+    np.testing.assert_array_equal(samples.out.position, angles)
 
 
 def test_batch_in_parts_equals_the_whole():

@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator_pkg import observers, params_file
-from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.joint import SensorSettings
+from estimator_pkg.driver.configuration import Configuration, SensorSettings
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import MalformedMessageError

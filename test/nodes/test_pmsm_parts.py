@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 
 from estimator_pkg import listing, observers, params_file
 from estimator_pkg.driver import drive
-from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.driver.joint import JointSettings
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
 from estimator_pkg.observers.contract import INITIALISING, MISCONFIGURED, TRACKING
 from estimator_pkg.observers.maths.clarke import phases

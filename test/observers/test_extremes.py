@@ -10,7 +10,8 @@ import pytest
 from observer_cases import UNTUNED, angle_observers, make
 
 from estimator_pkg import observers
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import robust as hybrid_robust
 from estimator_pkg.observers.angle.hybrid.design import continuous_design

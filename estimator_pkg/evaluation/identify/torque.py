@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from estimator_pkg import observers
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.evaluation.compare.delay import delay
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.truth import truth

@@ -19,7 +19,7 @@ from typing import Any
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.adaptive import AdaptiveJoint
-from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.observers.adaptive.report import Report
 from estimator_pkg.parameters import build

@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.observers.angle.core import _make_relock
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING

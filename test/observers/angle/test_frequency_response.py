@@ -18,7 +18,8 @@ from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import brentq
 
 from estimator_pkg import observers
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.parameters import build
 
 DT = 1e-3

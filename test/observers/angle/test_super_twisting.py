@@ -11,7 +11,8 @@ import pytest
 from observer_cases import make as joint_of
 from observer_cases import stamps, wrapped
 
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.super_twisting import gains as tables
 from estimator_pkg.observers.angle.super_twisting import observer as super_twisting

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.maths.least_squares import LEAST_KEPT, kept, make_update

@@ -14,7 +14,8 @@ from mechanism_runs import FAST, MODELS, NAMES, driven, made, motion
 
 from estimator_pkg import observers
 from estimator_pkg.driver.compiled import available, compiled
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.models.load import load
 from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.mechanism.algebra import mechanical_algebra

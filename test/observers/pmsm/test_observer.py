@@ -22,7 +22,8 @@ from motors import (
     record,
 )
 
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import MISCONFIGURED, NOT_OBSERVABLE, TRACKING

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from estimator_pkg import observers
+from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.efforts import DrivenSettings
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.switched import SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models import gripper

@@ -12,7 +12,8 @@ from scipy.linalg import expm
 
 from estimator_pkg.cli import main
 from estimator_pkg.driver.adaptive import AdaptiveJoint
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers import find
 from estimator_pkg.parameters import build, declared

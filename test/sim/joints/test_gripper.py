@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from estimator_pkg.driver.joint import JointSettings
+from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.switched import SwitchedJoint
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.models import gripper as model

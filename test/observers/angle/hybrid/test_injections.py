@@ -9,7 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from estimator_pkg.driver.joint import Joint, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import injections
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
