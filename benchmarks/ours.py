@@ -193,7 +193,7 @@ def _switched(column: Column, value: float) -> Array:
     velocity = _nothing(column)
     for i, (stamp, angle, torque) in enumerate(_rows(column)):
         if joint.update(stamp, (angle,), (torque,)) and joint.estimate()[3] in PUBLISHED:
-            velocity[i] = functions.outputs(joint._track[6], (angle,))[0][1]
+            velocity[i] = functions.outputs(joint.state, (angle,))[0][1]
     return velocity
 
 

@@ -11,10 +11,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / 'estimator_pkg'
-FILES = sorted(
-    path for pattern in ('observers/**/*.py', 'driver/*.py') for path in PACKAGE.glob(pattern)
-) + [ROOT / 'benchmarks/peers.py', ROOT / 'docs/tools/edge_adaptive_figures.py']
+PLACES = (
+    'estimator_pkg/observers/**/*.py',
+    'estimator_pkg/driver/*.py',
+    'sim_pkg/pmsm/*.py',
+    'sim_pkg/reproduce/hybrid_angle/*.py',
+    'sim_pkg/reproduce/mechanical/*.py',
+    'benchmarks/peers.py',
+    'docs/tools/edge_adaptive_figures.py',
+)
+FILES = sorted(path for place in PLACES for path in ROOT.glob(place))
 # a number, or a constant that stands for one
 INDEX = re.compile(
     r'\b(?:design|state|coefficients|_?track|core|watch|out|clear|lock|convention'

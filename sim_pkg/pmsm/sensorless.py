@@ -16,7 +16,6 @@ from typing import Any
 from estimator_pkg.observers.contract import NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.pmsm.drive import DriveFunctions
 from estimator_pkg.observers.pmsm.equations import rotor_angle
-from estimator_pkg.observers.pmsm.state import CORE
 from sim_pkg.pmsm.parameters import PmsmParameters
 
 WAITING, FORCED, RUNNING = 0.0, 1.0, 2.0
@@ -47,7 +46,8 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
         if mode == RUNNING:
             if status != NOT_OBSERVABLE:
                 omega = velocity * poles
-                angle = rotor_angle(state[CORE][2], state[CORE][3])
+                (_, _, z, xi_hat, _, _), _, _, _, _, _, _ = state
+                angle = rotor_angle(z, xi_hat)
             else:  # extrapolated at the last speed until the observer has it again
                 angle += omega * dt
         elif mode == FORCED:

@@ -32,7 +32,6 @@ DAMPING = 0.46  # of the low-pass on the speed: little delay for its noise and -
 # out       : speed output [rad/s], its slope [rad/s^2] and travelled angle [rad], electrical
 # clear     : time [s] and rotation [rad] of y since it became large enough
 # voltages  : the last reported voltages, newest last
-CORE, CLOCK, REGISTERS, WATCH, OUT, CLEAR, VOLTAGES = range(7)
 State = tuple[tuple, tuple, tuple, tuple, tuple, tuple, tuple]
 
 

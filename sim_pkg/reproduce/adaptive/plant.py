@@ -118,21 +118,23 @@ def _flow(s: Array, u: float, p: Array, adapting: float, injecting: float, out: 
     s : q, w; x1, x2; theta (4); Upsilon row by row (8).
     p : k/J, b/J, Kv/J; a11, a21 of A_c; K (2); Gamma (4).
     """
-    y = s[0]
-    out[0] = s[1]
-    out[1] = -p[0] * s[0] - p[1] * s[1] + p[2] * u
-    e = y - s[2]
+    y, w, x1, x2 = s[0], s[1], s[2], s[3]
+    theta1, theta2, theta3, theta4 = s[4], s[5], s[6], s[7]
+    stiffness, damping, gain, a11, a21, k1, k2 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
+    out[0] = w
+    out[1] = -stiffness * y - damping * w + gain * u
+    e = y - x1
     moved1 = moved2 = 0.0
     for i in range(4):
         rate = p[7 + i] * s[8 + i] * e
         out[4 + i] = adapting * rate
         moved1 += s[8 + i] * rate
         moved2 += s[12 + i] * rate
-    out[2] = p[3] * s[2] + s[3] + y * s[4] + u * s[6] + p[5] * e + injecting * moved1
-    out[3] = p[4] * s[2] + y * s[5] + u * s[7] + p[6] * e + injecting * moved2
+    out[2] = a11 * x1 + x2 + y * theta1 + u * theta3 + k1 * e + injecting * moved1
+    out[3] = a21 * x1 + y * theta2 + u * theta4 + k2 * e + injecting * moved2
     for i in range(4):
-        out[8 + i] = (p[3] - p[5]) * s[8 + i] + s[12 + i]
-        out[12 + i] = (p[4] - p[6]) * s[8 + i]
+        out[8 + i] = (a11 - k1) * s[8 + i] + s[12 + i]
+        out[12 + i] = (a21 - k2) * s[8 + i]
     out[8] += y
     out[13] += y
     out[10] += u

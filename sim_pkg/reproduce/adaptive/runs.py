@@ -54,6 +54,12 @@ def gains(example: Example, **changes: Any) -> Gains:
     return replace(plain, **changes)
 
 
+def with_theta(state: tuple, theta: tuple) -> tuple:
+    """Return the observer's state with other parameters."""
+    inner, z, _, information, p, convention, scatter, signals, flags, evidence = state
+    return inner, z, theta, information, p, convention, scatter, signals, flags, evidence
+
+
 @lru_cache
 def _loop(step: Callable, output: Callable, size: int) -> Callable:
     add, scale = algebra(size).add, algebra(size).scale
@@ -73,14 +79,14 @@ def _loop(step: Callable, output: Callable, size: int) -> Callable:
             _, _, before, _, _, _, _, _, _, _ = state
             state = step(state, coefficients, design, angles[k], inputs[k - 1])
             if dead > 0.0:
-                unmoved = state[:2] + (before,) + state[3:]  # Numba does not unpack with *
+                unmoved = with_theta(state, before)
                 e = angles[k] - output(unmoved, coefficients, design, angles[k], inputs[k - 1])[0]
                 if -dead <= e <= dead:
                     state = unmoved
             elif leak > 0.0:
                 _, _, theta, _, _, _, _, _, _, _ = state
                 theta = add(scale(1.0 - leak, theta), leak, design.start)
-                state = state[:2] + (theta,) + state[3:]
+                state = with_theta(state, theta)
             if k % every == 0:
                 position, speed, acceleration, status = output(
                     state, coefficients, design, angles[k], inputs[k - 1]
@@ -123,7 +129,8 @@ def run(
     design = functions.design()
     state = functions.init(float(angles[0]), design)
     if from_zero:
-        state = (((0.0, 0.0),) * 4, (0.0, 0.0), *state[2:])
+        _, _, *others = state
+        state = (((0.0, 0.0),) * 4, (0.0, 0.0), *others)
     coefficients = functions.prepare(design, dt)
     count = len(inputs) // every
     _, _, theta, *_ = state

@@ -115,8 +115,9 @@ def make_simulation(name: str) -> Callable[..., None]:
         noise : measurement noise in each step, shape (n,) [rad].
         """
         half = 0.5 * step
+        _, l2, limit = gains
         true, position, speed_hat = 0.0, 0.0, 0.0
-        before = lyapunov(true - position, speed[0] - speed_hat, gains[1], gains[2])
+        before = lyapunov(true - position, speed[0] - speed_hat, l2, limit)
         for i in range(len(noise)):
             w = noise[i]
             v0, v1, v2 = speed[2 * i], speed[2 * i + 1], speed[2 * i + 2]
@@ -133,7 +134,7 @@ def make_simulation(name: str) -> Callable[..., None]:
             position += step / 6.0 * (p1 + 2.0 * p2 + 2.0 * p3 + p4)
             speed_hat += step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
-            after = lyapunov(true - position, v2 - speed_hat, gains[1], gains[2])
+            after = lyapunov(true - position, v2 - speed_hat, l2, limit)
             flow_change[i] = after - before
             before = after
             jumping = True
@@ -146,14 +147,14 @@ def make_simulation(name: str) -> Callable[..., None]:
                     position = first_jump(position)
                     jumping = True
                 if jumping:
-                    after = lyapunov(true - position, v2 - speed_hat, gains[1], gains[2])
+                    after = lyapunov(true - position, v2 - speed_hat, l2, limit)
                     wrap_change[i] = after - before
                     before = after
                 if in_second_jump_set(true + w - position, margin):
                     position = true + w
                     jumping = True
                     resets[i] += 1.0
-                    after = lyapunov(true - position, v2 - speed_hat, gains[1], gains[2])
+                    after = lyapunov(true - position, v2 - speed_hat, l2, limit)
                     reset_change[i] = after - before
                     before = after
 

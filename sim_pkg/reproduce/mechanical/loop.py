@@ -28,7 +28,7 @@ from sim_pkg.reproduce.mechanical.lab import (
     QUANTA,
     plant,
 )
-from sim_pkg.reproduce.mechanical.runs import make, make_rounded
+from sim_pkg.reproduce.mechanical.runs import make, make_in_single
 
 Array = NDArray[np.float64]
 
@@ -60,8 +60,7 @@ def make_loop(functions: MechanicalFunctions) -> Any:
     advance = functions.core.advance
     mechanics = plant('nominal')
     move = make_plant(mechanics)
-    rounded = make_rounded(2)
-    disturbed = len(functions.core.begin()[2]) > 0
+    in_single = make_in_single(functions)
     forward, backward, constant, limit = FORWARD, BACKWARD, CONSTANT, LIMIT
 
     def loop(
@@ -91,13 +90,11 @@ def make_loop(functions: MechanicalFunctions) -> Any:
                 core, good = advance(
                     core, coefficients, design, before, moved, y, (force / constant,)
                 )
-                d = core[2]
-                if disturbed:
-                    d = rounded(d)
-                core = (rounded(core[0]), rounded(core[1]), d, core[3])
+                core = in_single(core)
             before = y
             r, rate = triangle(k * dt)
-            force = balancing_force(y, core[3], r, rate, forward, backward)
+            _, _, _, velocity = core
+            force = balancing_force(y, velocity, r, rate, forward, backward)
             force = min(max(force, -limit), limit)
             out[k, 0] = q[0]
             out[k, 1] = q[1]

@@ -104,8 +104,7 @@ def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
     row, given, put = row_of(n), row_of(max(1, mechanics.inputs)), put_row(n)
     algebra = mechanical_algebra(n)
     minus, zeros_like = algebra.minus, algebra.zeros_like
-    disturbed = len(functions.core.begin()[2]) > 0
-    rounded = make_rounded(n)
+    in_single = make_in_single(functions)
 
     def run(
         core: tuple,
@@ -117,7 +116,8 @@ def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
         velocities: Any,
         single: bool,
     ) -> tuple:
-        put(velocities, 0, core[3])
+        _, _, _, velocity = core
+        put(velocities, 0, velocity)
         for k in range(1, len(measured)):
             before, now, u = row(measured, k - 1), row(measured, k), given(inputs, k - 1)
             moved = minus(now, before)
@@ -127,21 +127,30 @@ def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
                 )
             core, good = advance(core, coefficients, design, before, moved, now, u)
             if single:
-                d = core[2]
-                if disturbed:
-                    d = rounded(d)
-                core = (rounded(core[0]), rounded(core[1]), d, core[3])
-            put(velocities, k, core[3])
+                core = in_single(core)
+            _, _, _, velocity = core
+            put(velocities, k, velocity)
         return core
 
     return run
 
 
-def make_rounded(n: int) -> Callable[[tuple], tuple]:
-    """Return rounded(x), which rounds to single precision."""
+def make_in_single(functions: MechanicalFunctions) -> Callable[[tuple], tuple]:
+    """Return in_single(core), which rounds a core's state to single precision."""
+    n = functions.mechanics.degrees
+    _, _, disturbances, _ = functions.core.begin()
+    disturbed = len(disturbances) > 0
     entries = ''.join(f'float(single(x[{i}])), ' for i in range(n))
     lines = [f'def rounded(x): return ({entries})']
-    return written_out(lines, f'rounded for {n}', single=np.float32)['rounded']
+    rounded = written_out(lines, f'rounded for {n}', single=np.float32)['rounded']
+
+    def in_single(core: tuple) -> tuple:
+        e, x, d, v = core
+        if disturbed:
+            d = rounded(d)
+        return rounded(e), rounded(x), d, v
+
+    return in_single
 
 
 def observe(
@@ -165,7 +174,8 @@ def observe(
     core = functions.core.begin()
     if start is not None:
         offset = tuple((np.asarray(start, float) - measured[0]).tolist())
-        core = (offset, *core[1:])
+        _, *others = core
+        core = (offset, *others)
     velocities = np.zeros_like(measured)
     compiled(make_run(functions))(
         core,

@@ -42,8 +42,9 @@ def reduced(angle: Array, xi: Array, step: float, steps: int) -> tuple[Array, Ar
     """Trajectories of (6) from (angle, xi error), by RK4; shape (steps + 1, n), angle unwrapped."""
 
     def slope(state: Array) -> Array:
-        sine = np.sin(state[0])
-        return np.array([CHI * state[1] - K_ETA * CHI * sine, -GAMMA * CHI * sine])
+        angle, xi = state
+        sine = np.sin(angle)
+        return np.array([CHI * xi - K_ETA * CHI * sine, -GAMMA * CHI * sine])
 
     state = np.array([angle, xi], dtype=float)
     path = [state]

@@ -18,7 +18,6 @@ from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.pmsm.drive import DriveFunctions
 from estimator_pkg.observers.pmsm.gains import Gains
 from estimator_pkg.observers.pmsm.observer import build
-from estimator_pkg.observers.pmsm.state import CORE, OUT, WATCH
 from sim_pkg.reproduce.pmsm.reference import (
     FLUX,
     GAMMA,
@@ -82,9 +81,9 @@ def make_log(functions: DriveFunctions) -> Callable[..., tuple]:
             row = samples[k]
             sample = (row[0], row[1], row[2], row[3])
             state = step(state, coefficients, design, sample, 0.0)
-            i, out_h[k], out_z[k], out_x[k], current, y = state[CORE]
+            core, _, _, _, (speed[k], _, _), _, _ = state
+            _, out_h[k], out_z[k], out_x[k], _, _ = core
             position, velocity, spare, status[k] = output(state, coefficients, design, sample, 0.0)
-            speed[k] = state[OUT][0]
             reasons[k] = reasons_of(state)
         return state
 
@@ -127,12 +126,13 @@ def start_state(
     state: Any = functions.init(tuple(float(value) for value in first), functions.design())
     current = complex(first[0], first[1])
     y = z * complex(-h.imag, h.real)
-    watch = state[WATCH]
+    _, clock, registers, watch, *others = state
     if seen:
         chi = abs(seen) * FLUX
-        watch = (chi, complex(0.0, -chi), seen, 0.0, watch[4], 0.0, 1.0, 0)
+        _, _, _, _, power, _, _, _ = watch
+        watch = (chi, complex(0.0, -chi), seen, 0.0, power, 0.0, 1.0, 0)
     core = (z.conjugate() * current, h, z, float(x), current, y)
-    return (core, *state[1:WATCH], watch, *state[WATCH + 1 :])
+    return (core, clock, registers, watch, *others)
 
 
 def run_log(

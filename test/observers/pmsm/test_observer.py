@@ -29,7 +29,6 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import MISCONFIGURED, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.pmsm.gains import Gains, tuning
 from estimator_pkg.observers.pmsm.observer import OBSERVER, build
-from estimator_pkg.observers.pmsm.state import CLOCK, CORE, OUT
 from estimator_pkg.observers.pmsm.watch import (
     FLUX_RANGE,
     INCONSISTENT,
@@ -275,7 +274,8 @@ def test_while_not_observable_the_flux_is_frozen_and_the_registers_are_cleared()
     for row in stop.samples[1:].tolist():
         state = functions.step(state, coefficients, design, tuple(row), 0.0)
         if functions.reasons(state) & LOW_EMF:
-            blind.append((state[CORE][3], state[CLOCK][3], state[OUT][0]))
+            (*_, xi_hat, _, _), (_, _, _, ticks), _, _, (speed, _, _), _, _ = state
+            blind.append((xi_hat, ticks, speed))
     xs, ticks, speeds = np.array(blind[40:]).T
     assert len(xs) > 2000
     assert np.all(xs == xs[0])
