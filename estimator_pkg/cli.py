@@ -156,6 +156,11 @@ def parser_of(command: Command, prog: str) -> argparse.ArgumentParser:
     return parser
 
 
+def add_set(parser: argparse.ArgumentParser, help: str) -> None:
+    """Add the option ``--set KEY=VALUE``, whose values `parse_assignments` reads."""
+    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], help=help)
+
+
 def _broken(line: str) -> list[str]:
     """Return a command line for a shell in lines of 80 columns."""
     found = textwrap.wrap(

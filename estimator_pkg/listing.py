@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg import observers, registry, streams
-from estimator_pkg.cli import Command
+from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.observers.circle import Circle
@@ -358,13 +358,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--markdown', action='store_true', help='the parameter tables as in docs/parameters.md'
     )
-    parser.add_argument(
-        '--set',
-        metavar='KEY=VALUE',
-        action='append',
-        default=[],
-        help='for an observer of mechanisms: show the effect of these gains',
-    )
+    add_set(parser, 'for an observer of mechanisms: show the effect of these gains')
     parser.add_argument(
         '--rate',
         metavar='HZ',

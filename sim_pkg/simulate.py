@@ -11,7 +11,7 @@ from collections import Counter
 from typing import Any
 
 from estimator_pkg import registry
-from estimator_pkg.cli import Command
+from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import build, declared, parse_assignments
 from estimator_pkg.printable import show
@@ -36,13 +36,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--seed', metavar='N', type=int, help=f'random seed (default {RunSettings().seed})'
     )
     parser.add_argument('--params', metavar='YAML', help='parameter file of its node')
-    parser.add_argument(
-        '--set',
-        metavar='KEY=VALUE',
-        action='append',
-        default=[],
-        help='set a parameter (may be repeated)',
-    )
+    add_set(parser, 'set a parameter (may be repeated)')
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from estimator_pkg.bags.feeding import Encoded, answers
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.wiring import Setup, parameters, requested, wired
 from estimator_pkg.bags.writer import BagWriter
-from estimator_pkg.cli import Command
+from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.block import Block
 from estimator_pkg.parameters import parse_assignments
@@ -108,13 +108,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         f'{AngleSettings.observer}, or a drive observer if the bag has only drive topics',
     )
     parser.add_argument('--params', metavar='YAML', help='parameter file of the node')
-    parser.add_argument(
-        '--set',
-        metavar='KEY=VALUE',
-        action='append',
-        default=[],
-        help='set a parameter (may be repeated)',
-    )
+    add_set(parser, 'set a parameter (may be repeated)')
     parser.add_argument(
         '--joint',
         metavar='NAME',

@@ -52,6 +52,22 @@ class Options:
     motion_hz: float | None = None
 
 
+def angle_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--angle``, see `Options`."""
+    parser.add_argument(
+        '--angle',
+        metavar='TOPIC:FIELD',
+        help='the measurement is a number in messages of any type, as in replay',
+    )
+
+
+def truth_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--truth``, see `Options`."""
+    parser.add_argument(
+        '--truth', metavar='TOPIC', help=f'JointState with the true velocities (default {TRUTH})'
+    )
+
+
 def joint_arguments(parser: argparse.ArgumentParser) -> None:
     """Add options that describe the joints to a command that ranks estimates."""
     parser.add_argument(

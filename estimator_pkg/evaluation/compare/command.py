@@ -14,7 +14,7 @@ from typing import Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags import unpacking
-from estimator_pkg.cli import Command
+from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
@@ -25,10 +25,11 @@ from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
     SMOOTHER,
-    TRUTH,
     Options,
+    angle_argument,
     check_joints,
     joint_arguments,
+    truth_argument,
 )
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import FullData
@@ -53,14 +54,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='JointState with the measured positions (default: the only one '
         f'that is neither truth nor estimate, else {MEASUREMENT})',
     )
-    parser.add_argument(
-        '--angle',
-        metavar='TOPIC:FIELD',
-        help='the measurement is a number in messages of any type, as in replay',
-    )
-    parser.add_argument(
-        '--truth', metavar='TOPIC', help=f'JointState with the true velocities (default {TRUTH})'
-    )
+    angle_argument(parser)
+    truth_argument(parser)
     parser.add_argument(
         '--estimate',
         metavar='TOPIC',
@@ -83,13 +78,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='parameter file of the node of the --observer; one that names an observer applies to '
         'that one only',
     )
-    parser.add_argument(
-        '--set',
-        metavar='KEY=VALUE',
-        action='append',
-        default=[],
-        help='set a parameter of every --observer that has it; repeatable',
-    )
+    add_set(parser, 'set a parameter of every --observer that has it; repeatable')
     parser.add_argument(
         '--skip', type=float, default=0.0, metavar='S', help='ignore the first S seconds'
     )

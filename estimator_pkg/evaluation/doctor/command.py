@@ -21,7 +21,7 @@ from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.selection import MADE, TRUTH
 from estimator_pkg.bags.wiring import wired
-from estimator_pkg.cli import Command
+from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report
@@ -29,7 +29,7 @@ from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
 from estimator_pkg.evaluation.doctor.readings import Readings
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
-from estimator_pkg.evaluation.options import check_joints, joint_arguments
+from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
 from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
@@ -59,20 +59,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help='JointState with the measured positions (default: the only one, else /joint_states)',
     )
-    parser.add_argument(
-        '--angle',
-        metavar='TOPIC:FIELD',
-        help='the measurement is a number in messages of any type, as in replay',
-    )
+    angle_argument(parser)
     parser.add_argument(
         '--params', metavar='YAML', help='motor data of a drive: parameter file of pmsm_observer'
     )
-    parser.add_argument(
-        '--set',
-        metavar='KEY=VALUE',
-        action='append',
-        default=[],
-        help='a parameter of joint_observer, such as counts_per_revolution, or of pmsm_observer, '
+    add_set(
+        parser,
+        'a parameter of joint_observer, such as counts_per_revolution, or of pmsm_observer, '
         'such as resistance; repeatable',
     )
     joint_arguments(parser)

@@ -16,7 +16,7 @@ from estimator_pkg import destination, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measurement_topic
-from estimator_pkg.cli import Command
+from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.identify.data import recording
 from estimator_pkg.evaluation.identify.fit import DELAY, ROUNDS, Found, fit
@@ -56,13 +56,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--measurement', metavar='TOPIC', help='joint states with positions and efforts'
     )
-    parser.add_argument(
-        '--set',
-        metavar='KEY=VALUE',
-        action='append',
-        default=[],
-        help='fix a parameter of the model at a known value',
-    )
+    add_set(parser, 'fix a parameter of the model at a known value')
     parser.add_argument(
         '--start',
         metavar='KEY=VALUE',

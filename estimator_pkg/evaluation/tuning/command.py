@@ -14,7 +14,7 @@ from typing import Any
 from estimator_pkg import destination, interrupts, streams, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.cli import Command
+from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.options import (
@@ -23,7 +23,9 @@ from estimator_pkg.evaluation.options import (
     SMOOTHER,
     TRUTH,
     Options,
+    angle_argument,
     joint_arguments,
+    truth_argument,
 )
 from estimator_pkg.evaluation.report.plot import check
 from estimator_pkg.evaluation.tuning import any_observer, live, output, picture
@@ -84,13 +86,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='YAML',
         help="parameter file of the observer's node: its parameters are fixed",
     )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        metavar='KEY=VALUE',
-        help='fix this parameter; repeatable',
-    )
+    add_set(parser, 'fix this parameter; repeatable')
     parser.add_argument(
         '--joint', action='append', default=[], metavar='NAME', help='only this joint; repeatable'
     )
@@ -127,14 +123,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help=f"topic of the measurement (default {MEASUREMENT}, or the observer's own)",
     )
-    parser.add_argument(
-        '--angle',
-        metavar='TOPIC:FIELD',
-        help='the measurement is a number in messages of any type, as in replay',
-    )
-    parser.add_argument(
-        '--truth', metavar='TOPIC', help=f'JointState with the true velocities (default {TRUTH})'
-    )
+    angle_argument(parser)
+    truth_argument(parser)
     parser.add_argument(
         '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as in evaluate'
     )
