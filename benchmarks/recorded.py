@@ -23,7 +23,8 @@ from typing import Any
 
 import yaml
 
-from estimator_pkg.bags.reader import METADATA, open_bag
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.entries import Entry, at_defaults

@@ -25,6 +25,7 @@ import yaml
 
 from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags import unpacking
+from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block, compact, from_messages, join
 from estimator_pkg.optional import Lazy
@@ -40,7 +41,6 @@ mcap_file = Lazy('estimator_pkg.bags.mcap_file')
 sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
 zstandard = Lazy('zstandard')
 
-METADATA = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'
 CDR = 'cdr'
 ROS1 = b'#ROSBAG'
@@ -300,32 +300,7 @@ class Bag:
 
     def _open_folder(self) -> None:
         information = self._metadata()
-        listed = _names_of_files(information)
-        if listed:
-            files = [self.path / name for name in listed]
-            missing = [file.name for file in files if not file.is_file()]
-            if len(missing) == len(files):
-                raise UserError(f'{self.path}: {missing[0]}, listed in {METADATA}, is missing')
-            if missing:
-                self.warn(
-                    f'{self.path}: {", ".join(missing)}, listed in {METADATA}, is missing: '
-                    'its messages are skipped'
-                )
-            files = [file for file in files if file.is_file()]
-        else:
-            files = sorted(
-                (file for file in self.path.iterdir() if file.suffix in ('.mcap', '.db3', '.zstd')),
-                key=natural,
-            )
-            if not files:
-                raise UserError(
-                    f'{self.path} is not a bag: it has no {METADATA} and no .mcap or .db3 files'
-                )
-            if not (self.path / METADATA).exists():
-                self.warn(
-                    f'{self.path} has no {METADATA} (was its recorder killed?): '
-                    f'reading {len(files)} file{"s" if len(files) > 1 else ""}'
-                )
+        files = self._files(information)
         mode = str(information.get('compression_mode') or '').lower()
         self._unpack_messages = mode == 'message'
         packed = information.get('compression_format')
@@ -345,24 +320,57 @@ class Bag:
         for problem in problems:
             self.warn(f'{problem}; it is skipped')
         for about in _described(information):
-            name, type_name = about.get('name'), about.get('type')
-            if not (isinstance(name, str) and name and isinstance(type_name, str)):
+            self._add_described(about)
+
+    def _files(self, information: Mapping[str, Any]) -> list[Path]:
+        """Return the files of the folder: those that its metadata list, else those it has."""
+        listed = _names_of_files(information)
+        if listed:
+            files = [self.path / name for name in listed]
+            missing = [file.name for file in files if not file.is_file()]
+            if len(missing) == len(files):
+                raise UserError(f'{self.path}: {missing[0]}, listed in {METADATA}, is missing')
+            if missing:
                 self.warn(
-                    f'{self.path / METADATA}: the description of a topic is damaged and is skipped'
+                    f'{self.path}: {", ".join(missing)}, listed in {METADATA}, is missing: '
+                    'its messages are skipped'
                 )
-                continue
-            type_hash, format_ = (
-                about.get('type_description_hash'),
-                about.get('serialization_format'),
+            return [file for file in files if file.is_file()]
+        files = sorted(
+            (file for file in self.path.iterdir() if file.suffix in ('.mcap', '.db3', '.zstd')),
+            key=natural,
+        )
+        if not files:
+            raise UserError(
+                f'{self.path} is not a bag: it has no {METADATA} and no .mcap or .db3 files'
             )
-            self._add(
-                name,
-                type_name,
-                0,
-                qos_profiles.parse(about.get('offered_qos_profiles')),
-                type_hash=type_hash if isinstance(type_hash, str) else '',
-                serialization=CDR if format_ in (None, '') else str(format_),
+        if not (self.path / METADATA).exists():
+            self.warn(
+                f'{self.path} has no {METADATA} (was its recorder killed?): '
+                f'reading {len(files)} file{"s" if len(files) > 1 else ""}'
             )
+        return files
+
+    def _add_described(self, about: Mapping[str, Any]) -> None:
+        """Add a topic as the metadata describe it; its messages are counted in the files."""
+        name, type_name = about.get('name'), about.get('type')
+        if not (isinstance(name, str) and name and isinstance(type_name, str)):
+            self.warn(
+                f'{self.path / METADATA}: the description of a topic is damaged and is skipped'
+            )
+            return
+        type_hash, serialization = (
+            about.get('type_description_hash'),
+            about.get('serialization_format'),
+        )
+        self._add(
+            name,
+            type_name,
+            0,
+            qos_profiles.parse(about.get('offered_qos_profiles')),
+            type_hash=type_hash if isinstance(type_hash, str) else '',
+            serialization=CDR if serialization in (None, '') else str(serialization),
+        )
 
     def _metadata(self) -> dict[str, Any]:
         file = self.path / METADATA

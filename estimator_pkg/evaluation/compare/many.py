@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from estimator_pkg.bags.reader import METADATA
+from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.workers import Map
 from estimator_pkg.printable import show
