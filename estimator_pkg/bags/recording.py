@@ -25,7 +25,7 @@ from estimator_pkg.messages.drive_samples import Batch
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.messages.joint_state_block import decode_block
 from estimator_pkg.observers.contract import VALID
-from estimator_pkg.streams.contract import PUBLISHER, Answers, Stream, counts_of
+from estimator_pkg.streams.contract import PUBLISHER, Answers, Stream
 from estimator_pkg.streams.history import History
 from estimator_pkg.streams.sources import FieldSamples
 
@@ -175,7 +175,7 @@ class PositionRecording(Recording):
                 out.position[valid],
                 out.velocity[valid],
                 out.velocity_stddev[valid],
-                counts_of(joint),
+                joint.samples(),
                 history.seconds(),
                 series.stamps_ns[used],
                 out.status[used],
@@ -339,7 +339,7 @@ class _Collected:
                 position,
                 velocity,
                 stddev,
-                counts_of(joint)
+                joint.samples()
                 if joint
                 else {'received': len(stamps), 'used': len(stamps), 'dropped': {}},
                 dict(history.seconds()) if history else {},

@@ -8,6 +8,7 @@ Stamps stay int64 nanoseconds until two are subtracted. Numba can compile `judge
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,6 +43,15 @@ VERDICTS = (
 )
 NEW_STARTS = (AFTER_CLOCK_JUMP, AFTER_OUTAGE)  # turns may have been lost in them
 DROPPED = VERDICTS[DUPLICATE:]
+
+WHY_DROPPED = {
+    'duplicate': 'repeated stamps: the driver publishes faster than it stamps',
+    'late': 'stamps older than the previous one: messages overtake each other',
+    'zero_stamp': "no stamp: use 'stamp_source: publisher'",
+    'non_finite': 'NaN or infinite positions',
+    'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz',
+    'repeated': 'repeated readings: the sensor is slower than its driver',
+}
 
 LATE_IN_A_ROW = 3  # this many late stamps in a row mean that the clock jumped
 SLOW_STREAM = 4.0  # a gap is at least this many mean sample times: slow streams have none
@@ -129,3 +139,17 @@ def judge(
     if ahead < -reorder_ns or late + 1 >= LATE_IN_A_ROW:
         return AFTER_CLOCK_JUMP
     return LATE
+
+
+def why_dropped(received: int, dropped: Mapping[str, int]) -> str:
+    """Return why one cause dropped more than half of the samples; '' if none did.
+
+    Parameters
+    ----------
+    received : number of samples. dropped : their numbers by cause.
+    """
+    for kind, count in dropped.items():
+        if 2 * count > received:
+            how_many = 'every sample' if count == received else f'{count} of {received} samples'
+            return f'{how_many} dropped: {WHY_DROPPED.get(kind, kind)}'
+    return ''

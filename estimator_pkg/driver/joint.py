@@ -404,6 +404,10 @@ class Joint:
         """Return the number of dropped samples by reason; reasons without any are omitted."""
         return {kind: count for kind, count in zip(DROPPED, self.counts[DUPLICATE:]) if count}
 
+    def samples(self) -> dict[str, Any]:
+        """Return the numbers of samples: received, used, dropped by reason."""
+        return {'received': self.received, 'used': self.used, 'dropped': self.dropped()}
+
     def events(self) -> dict[str, int]:
         """Return the number of gaps, outages, clock jumps and stray stamps before used samples."""
         return {

@@ -52,9 +52,8 @@ from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, DUPLICATE, 
 from estimator_pkg.driver.sensor_marks import Learner
 from estimator_pkg.driver.sensor_table import BACKWARD, FORWARD, MOTIONS, RISES
 from estimator_pkg.driver.track import Track, TrackFunctions
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.circle import LARGEST, wrap
 
-LARGEST = 1e9  # [rad] no reading is larger
 FADING = 0.1  # part of the ripple's correction that is put back at each mark
 FADED = 2.0  # turns after which an offset has faded
 GONE = 1e-4  # of a cell: a smaller correction of the ripple is none

@@ -330,7 +330,7 @@ class Learner:
         if len(cells):
             self.speed = marks / float(whole[-1])
         cells = np.append(self.cells, cells)
-        table = self.tables[1 if self.kind == COARSE and self.heading < 0 else 0]
+        table = self._table(self.heading)
         while len(cells) >= marks:
             first = self.front - half + 1 - len(cells)
             turn = np.empty(marks)
@@ -342,10 +342,18 @@ class Learner:
                 table.fastest = max(self.speed, table.fastest)
                 turn -= turn.mean()
                 error = self.size * (np.cumsum(turn) - turn)
-                speed = self.speed / self.unit - 1.0 if self.kind == COARSE else 0.0
+                speed = self._relative_speed()
                 least = self.open * (RESOLVED_EDGES if self.kind == COARSE else RESOLVED)
                 table.learn(error - error.mean(), self.speed, speed, least)
         self.cells = cells
+
+    def _table(self, heading: int) -> Table:
+        """Return what is learnt in this direction; a fine sensor has one table for both."""
+        return self.tables[1 if self.kind == COARSE and heading < 0 else 0]
+
+    def _relative_speed(self) -> float:
+        """Return what `b` of a table is multiplied by; a fine sensor has no late edges."""
+        return self.speed / self.unit - 1.0 if self.kind == COARSE else 0.0
 
     def _lower(self, along: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the cells that begin at marks counted along the heading."""
@@ -386,11 +394,9 @@ class Learner:
 
     def _errors(self, heading: int) -> Array:
         """Return what is taken out at each mark [rad], shape (n,)."""
-        number = 1 if self.kind == COARSE and heading < 0 else 0
-        table, other = self.tables[number], self.tables[1 - number]
+        table, other = self._table(heading), self._table(-heading)
         if table.in_use:
-            speed = self.speed / self.unit - 1.0 if self.kind == COARSE else 0.0
-            return table.a + speed * table.b
+            return table.a + self._relative_speed() * table.b
         if self.kind == COARSE and not table.learnt and other.in_use:
             return other.a.copy()
         return np.zeros(len(table.a))
@@ -442,7 +448,7 @@ class Learner:
         Both are arrays of shape (n,) [rad, rad/s], and so is what the function returns: the error
         of the mark next to each angle.
         """
-        table = self.tables[1 if self.kind == COARSE and heading < 0 else 0]
+        table = self._table(heading)
         a, b, used = table.a.copy(), table.b.copy(), table.in_use
         size, unit, here, reading = self.size, self.size * self.unit, self.at, self.reading
 

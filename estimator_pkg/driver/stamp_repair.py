@@ -27,7 +27,7 @@ from itertools import accumulate, pairwise
 from statistics import median
 
 from estimator_pkg.driver.stamp_grid import NEAR, Message, numbers_of
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.circle import LARGEST, wrap
 
 FIRST = 64  # messages before the first fit,
 FEW, SLOW_NS = 16, 2_000_000_000  # or these, if they took so long [ns]
@@ -68,7 +68,6 @@ ENOUGH = 30.0  # messages in motion that allow to use it
 FASTER, SLOWER = 0.7, 1.6  # mean number of periods per message that shows another period
 NOMINAL = 1e-3  # a rate so close to a whole number of Hz is meant to be that
 BATCHES = 1000  # messages for which equal stamps are remembered not to be one message
-LARGEST = 1e9  # [rad or m] a larger reading is none
 REMEMBERED = 8  # stamps that are known again when their message comes twice
 
 COLLECTING, LEFT_ALONE, REPAIRED = 'fitting', 'left alone', 'repaired'

@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+LARGEST = 1e9  # beyond it [rad] a double does not resolve 1e-7 rad: no reading, but garbage
+
 
 class Circle(NamedTuple):
     """A joint's position format: wrap period [rad], 0 for no wrap; whether turns are counted."""
@@ -27,6 +29,11 @@ def wrap(angle: float, period: float) -> float:
     if period > 0.0:
         return angle - period * math.floor(angle / period + 0.5)
     return angle
+
+
+def is_angle(measurement: float) -> bool:
+    """Return False for NaN, infinities and numbers that no encoder gives [rad or m]."""
+    return -LARGEST < measurement < LARGEST
 
 
 def nearest_turn(angle: float, near: float, period: float) -> float:

@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 
 from estimator_pkg import params_file
 from estimator_pkg.driver.configuration import NAME_IT, Configuration, JointSettings
+from estimator_pkg.driver.guard import why_dropped
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.field import Field
-from estimator_pkg.observers import instead
+from estimator_pkg.observers import find, instead
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import Parameter, build, declared, parameter, structural
@@ -38,14 +39,6 @@ TYPICAL_DT = 1e-3  # [s]
 NO_NUMBERS = 'numbers become too large or too small for these gains'
 PUBLISHER = 'publisher'  # of the parameter stamp_source
 NAN, SKIP = 'nan', 'skip'  # of the parameter no_estimate
-WHY_DROPPED = {
-    'duplicate': 'repeated stamps: the driver publishes faster than it stamps',
-    'late': 'stamps older than the previous one: messages overtake each other',
-    'zero_stamp': "no stamp: use 'stamp_source: publisher'",
-    'non_finite': 'NaN or infinite positions',
-    'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz',
-    'repeated': 'repeated readings: the sensor is slower than its driver',
-}
 
 Values = Mapping[str, Any]
 Answer = dict[int, bytes]  # CDR bytes by number of the output; one left out has nothing to say
@@ -247,7 +240,8 @@ class Stream(ABC):
     @classmethod
     def parameters(cls, observer: str | Observer) -> dict[str, Parameter]:
         """Return all parameters except `SETTINGS` by name: gains first; raise UsageError."""
-        return cls.configure(_found(observer), None, {}, {}).parameters()
+        found = find(observer) if isinstance(observer, str) else observer
+        return cls.configure(found, None, {}, {}).parameters()
 
     @classmethod
     def configure(
@@ -505,7 +499,7 @@ class Stream(ABC):
     def _summary_of(self, name: str, joint: Joint) -> dict[str, Any]:
         history = (self.history or {}).get(name)
         return {
-            **counts_of(joint),
+            **joint.samples(),
             'events': joint.events(),
             'status_s': dict(history.seconds()) if history else {},
             'rate_hz': 1.0 / joint.mean_dt if joint.mean_dt > 0.0 else None,
@@ -554,28 +548,3 @@ class Stream(ABC):
     def recognises(cls, has: Callable[[str], bool], joints: bool) -> bool:
         """Return True if a bag is only for this family; `joints`: it has measured joint states."""
         return False
-
-
-def _found(observer: str | Observer) -> Observer:
-    from estimator_pkg import observers
-
-    return observers.find(observer) if isinstance(observer, str) else observer
-
-
-def why_dropped(received: int, dropped: Mapping[str, int]) -> str:
-    """Return why one cause dropped more than half of the samples; '' if none did.
-
-    Parameters
-    ----------
-    received : number of samples. dropped : their numbers by cause.
-    """
-    for kind, count in dropped.items():
-        if 2 * count > received:
-            how_many = 'every sample' if count == received else f'{count} of {received} samples'
-            return f'{how_many} dropped: {WHY_DROPPED.get(kind, kind)}'
-    return ''
-
-
-def counts_of(joint: Joint) -> dict[str, Any]:
-    """Return a joint's samples: received, used, dropped by kind."""
-    return {'received': joint.received, 'used': joint.used, 'dropped': joint.dropped()}

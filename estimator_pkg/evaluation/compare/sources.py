@@ -27,7 +27,7 @@ from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleSettings
-from estimator_pkg.streams.contract import Request, Stream, counts_of
+from estimator_pkg.streams.contract import Request, Stream
 from estimator_pkg.streams.drive import DriveStream
 
 Array = NDArray[np.float64]
@@ -220,4 +220,4 @@ def _samples(estimates: Series, measurement: Series | None) -> dict[str, Any]:
         return {'received': count, 'used': count, 'dropped': {}}
     joint = COUNTER.joint()
     joint.run(measurement.stamps_ns, measurement.position)
-    return counts_of(joint)
+    return joint.samples()

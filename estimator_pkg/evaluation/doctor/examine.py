@@ -22,7 +22,7 @@ from estimator_pkg.evaluation.doctor import angles, stamps, velocities
 from estimator_pkg.evaluation.doctor.choice import Answer, answer
 from estimator_pkg.evaluation.doctor.readings import FAIL, Finding, Readings
 from estimator_pkg.messages.joint_state import TYPE
-from estimator_pkg.observers.angle.core import LARGEST
+from estimator_pkg.observers.circle import LARGEST
 from estimator_pkg.streams.contract import PUBLISHER, Request
 from estimator_pkg.streams.drive import DriveStream
 

@@ -23,7 +23,6 @@ from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.report.svg import Axis, Plot, Style
 from estimator_pkg.observers.contract import VALID
 from estimator_pkg.parameters import declared
-from estimator_pkg.streams.contract import counts_of
 
 Array = NDArray[np.float64]
 
@@ -114,7 +113,7 @@ def _run(
         time[good],
         out.velocity[valid][good],
         out.velocity_stddev[valid][good],
-        counts_of(joint),
+        joint.samples(),
     )
 
 

@@ -40,8 +40,8 @@ from estimator_pkg.observers.adaptive.gains import GRADIENT, PAPER, SETTLED, Gai
 from estimator_pkg.observers.adaptive.law import ADAPTING, GATED, INIT, law
 from estimator_pkg.observers.adaptive.motion import as_rows, gramian, motion
 from estimator_pkg.observers.adaptive.theta import unrolled_theta
-from estimator_pkg.observers.angle.core import LARGEST, is_angle, variance_floor
-from estimator_pkg.observers.circle import Circle, wrap
+from estimator_pkg.observers.angle.core import variance_floor
+from estimator_pkg.observers.circle import LARGEST, Circle, is_angle, wrap
 from estimator_pkg.observers.contract import (
     COASTING,
     INITIALISING,

@@ -28,7 +28,7 @@ from estimator_pkg.observers.angle.starts import (
     linear_pace,
     make_start,
 )
-from estimator_pkg.observers.circle import Circle, wrap
+from estimator_pkg.observers.circle import Circle, is_angle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
@@ -38,7 +38,6 @@ STILL = 8.0  # equal readings in a row that show that the noise is less than a q
 SURELY = 4.0  # standard deviations of noise that may have kept a reading unchanged
 FRESH = 4.0  # samples that the power weighs when a start has settled
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no noise: lock is doubted
-LARGEST = 1e9  # beyond it [rad] a double does not resolve 1e-7 rad: no reading, but garbage
 CONFIRMED = 3.5  # a lock takes more samples than these
 # A fifth of the velocity error where a ramp begins or ends, in acceleration/pace: order 3 ...
 LAG_3 = 0.2
@@ -137,11 +136,6 @@ class AngleCore:
     restarts: bool = True
     pace: Pace | None = None
     lag: float = LAG_3
-
-
-def is_angle(measurement: float) -> bool:
-    """Return False for NaN, infinities and numbers that no encoder gives [rad or m]."""
-    return -LARGEST < measurement < LARGEST
 
 
 def variance_floor(quantum: float) -> float:

@@ -14,11 +14,9 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.circle import LARGEST, wrap
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.observers.maths.unroll import written_out
-
-LARGEST = 1e9  # a measurement beyond it [rad or m] is garbage
 
 
 class MechanicalAlgebra(NamedTuple):

@@ -120,6 +120,11 @@ class MechanicalFunctions(Functions):
     why: Callable[[tuple, tuple], str]
 
 
+def prepare_dt(design: tuple, dt: float) -> tuple[float, float]:
+    """Return (dt [s], 1 / dt [1/s]): the coefficients of a core that needs no others."""
+    return (dt, 1.0 / dt)
+
+
 def around(
     core: MechanicalCore,
     gains: MechanicalGains,

@@ -27,7 +27,12 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.tracking import natural_frequency
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
 from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
-from estimator_pkg.observers.mechanism.core import MechanicalCore, MechanicalFunctions, around
+from estimator_pkg.observers.mechanism.core import (
+    MechanicalCore,
+    MechanicalFunctions,
+    around,
+    prepare_dt,
+)
 from estimator_pkg.observers.mechanism.flow import make_flow
 from estimator_pkg.observers.mechanism.friction import is_resisted, make_resistance
 from estimator_pkg.observers.mechanism.gains import Tuning
@@ -166,9 +171,6 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         Gamma = tuple_of(np.diag(tuned.Gamma)) if simple else tuple_of(tuned.Gamma)
         return (mechanics.values, L, Gamma, tuple_of(tuned.P0), tuple_of(tuned.E))
 
-    def prepare(design: tuple, dt: float) -> tuple:
-        return (dt, 1.0 / dt)
-
     def begin() -> tuple:
         return (zeros, zeros, zeros, zeros)
 
@@ -265,7 +267,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
 
     core = MechanicalCore(
         design=design,
-        prepare=prepare,
+        prepare=prepare_dt,
         begin=begin,
         advance=advance,
         carry=carry,

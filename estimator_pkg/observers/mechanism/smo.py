@@ -32,7 +32,12 @@ from estimator_pkg.observers.maths.twisting import implicit_step, injections
 from estimator_pkg.observers.maths.unroll import written_out
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
 from estimator_pkg.observers.mechanism.algebra import column, mechanical_algebra
-from estimator_pkg.observers.mechanism.core import MechanicalCore, MechanicalFunctions, around
+from estimator_pkg.observers.mechanism.core import (
+    MechanicalCore,
+    MechanicalFunctions,
+    around,
+    prepare_dt,
+)
 from estimator_pkg.observers.mechanism.noise import NoiseGains
 from estimator_pkg.observers.mechanism.parameters import (
     LINEAR,
@@ -275,9 +280,6 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
             float(gains.mu2),
         )
 
-    def prepare(design: tuple, dt: float) -> tuple:
-        return (dt, 1.0 / dt)
-
     def begin() -> tuple:
         return (zeros, zeros, zeros, zeros)
 
@@ -372,7 +374,7 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
 
     core = MechanicalCore(
         design=design,
-        prepare=prepare,
+        prepare=prepare_dt,
         begin=begin,
         advance=advance,
         carry=carry,

@@ -20,7 +20,12 @@ from estimator_pkg.models import check
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
 from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
-from estimator_pkg.observers.mechanism.core import MechanicalCore, MechanicalFunctions, around
+from estimator_pkg.observers.mechanism.core import (
+    MechanicalCore,
+    MechanicalFunctions,
+    around,
+    prepare_dt,
+)
 from estimator_pkg.observers.mechanism.flow import make_flow
 from estimator_pkg.observers.mechanism.friction import is_resisted, make_resistance
 from estimator_pkg.observers.mechanism.parameters import (
@@ -211,9 +216,6 @@ def linear_core(
             tuple_of(np.eye(n)),
         )
 
-    def prepare(design: tuple, dt: float) -> tuple:
-        return (dt, 1.0 / dt)
-
     def begin() -> tuple:
         return (zeros, zeros, zeros, zeros)
 
@@ -258,7 +260,7 @@ def linear_core(
 
     return MechanicalCore(
         design=design,
-        prepare=prepare,
+        prepare=prepare_dt,
         begin=begin,
         advance=advance,
         carry=carry,

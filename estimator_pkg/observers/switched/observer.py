@@ -26,8 +26,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from estimator_pkg.observers.angle.core import is_angle
-from estimator_pkg.observers.circle import Circle, wrap
+from estimator_pkg.observers.circle import Circle, is_angle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.observers.maths.scatter import begin_scatter, follow_scatter, resume_scatter

@@ -28,7 +28,7 @@ from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.residual import unexplained
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.steps import backward, forward
-from estimator_pkg.observers.angle.core import LARGEST
+from estimator_pkg.observers.circle import LARGEST
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from estimator_pkg.observers.angle.core import LOST_AFTER, OUTSIDE, is_angle
+from estimator_pkg.observers.angle.core import LOST_AFTER, OUTSIDE
 from estimator_pkg.observers.angle.edge.bandwidth import STEADY, follow_sway
 from estimator_pkg.observers.angle.edge.clock import (
     BELIEVED,
@@ -80,7 +80,7 @@ from estimator_pkg.observers.angle.edge.start import (
     straight_line,
 )
 from estimator_pkg.observers.angle.edge.update import update
-from estimator_pkg.observers.circle import Circle, wrap
+from estimator_pkg.observers.circle import Circle, is_angle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions, Observer
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
