@@ -162,10 +162,7 @@ class Learner:
             count = self.follow(stamps[kept], readings[kept], verdicts[kept], velocities[kept])
             return int(kept[count - 1]) + 1 if count else 0
         at, count = 0, len(stamps)
-        if not self.awake and self.left >= count:
-            self.left -= count
-            return 0
-        events = np.append(np.flatnonzero(verdicts != USED), count)
+        events = NOTHING
         while at < count:
             first = at + self.left
             if not self.awake:
@@ -176,6 +173,8 @@ class Learner:
                 looks = self.look(stamps[due].tolist(), velocities[due].tolist())
                 at = first + 1 + (looks - 1) * (LOOK + 1)
                 continue
+            if not len(events):
+                events = np.append(np.flatnonzero(verdicts != USED), count)
             event = int(events[np.searchsorted(events, at)])
             if self.paused and first < event:
                 event = first

@@ -20,7 +20,6 @@ from estimator_pkg.messages.cdr import MalformedMessageError
 TYPE = multi_array.TYPE
 LABELS = ('sample', 'channel')
 CHANNELS = ('sec', 'nanosec', 'i_alpha', 'i_beta', 'u_alpha', 'u_beta')
-ESTIMATES = ('sec', 'nanosec', 'electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 SECOND = 1_000_000_000  # [ns]
 LONGEST = 2.0**31  # largest seconds of a stamp [s]
 

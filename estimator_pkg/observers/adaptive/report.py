@@ -148,7 +148,7 @@ def report(
         for i, name in enumerate(made.names)
     ]
     parameters = [
-        Identified(name, value, float(s), _unit(name, gains.order), good)
+        Identified(name, value, float(s), _unit(name), good)
         for name, value, s, good in zip(made.names, theta, sigma, known)
     ]
     for name, (place, offset, sign, unit) in ratios.items():
@@ -325,7 +325,7 @@ def _doubt(
     return ''
 
 
-def _unit(name: str, order: int) -> str:
+def _unit(name: str) -> str:
     power = int(name[1:])
     per = '1/s' if power == 1 else f'1/s^{power}'
     if name[0] == 'l':
