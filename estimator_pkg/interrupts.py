@@ -63,11 +63,6 @@ def came() -> int:
     return _State.number
 
 
-def note(number: int) -> None:
-    """Let `came` return this signal, which another handler has received."""
-    _State.number = _State.number or number
-
-
 def forget() -> None:
     """Forget the received signal: it ended only a part of the command."""
     _State.number = 0

@@ -11,12 +11,12 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from estimator_pkg.cli import Command
+from estimator_pkg.cli import INTERRUPTED, Command
 from estimator_pkg.cli import main as velocity_estimator
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers import DEFAULT
@@ -75,8 +75,6 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """
     if not 0.5 <= parsed.duration <= 3600.0:
         raise UsageError(f'--duration {parsed.duration:g} is not between 0.5 and 3600 s')
-    from sim_pkg.demo.processes import ended_on_any_signal
-
     prepare_environment()
     environment = os.environ | {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
@@ -88,27 +86,32 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     name = time.strftime('run_%Y%m%d_%H%M%S')
     bag, plot = folder / name, folder / f'{name}.png'
-    with ended_on_any_signal() as check:
-        count = _watch(parsed, bag, environment, check)
-        print(f'\n{count} estimates in {parsed.duration:g} s. The error, from the recorded bag:\n')
-        with TemporaryDirectory(prefix='velocity_estimator_') as scratch:
-            found = Path(scratch) / 'result.json'
-            code = velocity_estimator(
-                [
-                    'evaluate',
-                    str(bag),
-                    *('--estimate', ESTIMATE),
-                    *('--observer', DIFFERENCE),
-                    *('--skip', '1'),
-                    *('--plot', str(plot)),
-                    *('--json', str(found)),
-                ]
-            )
-            said = verdict(json.loads(found.read_text()), parsed.observer) if code == 0 else ''
-    show('', f'bag   {bag}', f'plot  {plot}')
+    count = _watch(parsed, bag, environment)
+    print(f'\n{count} estimates in {parsed.duration:g} s. The error, from the recorded bag:\n')
+    with TemporaryDirectory(prefix='velocity_estimator_') as scratch:
+        found = Path(scratch) / 'result.json'
+        code = velocity_estimator(
+            [
+                'evaluate',
+                str(bag),
+                *('--estimate', ESTIMATE),
+                *('--observer', DIFFERENCE),
+                *('--skip', '1'),
+                *('--plot', str(plot)),
+                *('--json', str(found)),
+            ]
+        )
+        said = verdict(json.loads(found.read_text()), parsed.observer) if code == 0 else ''
+    show('', f'bag   {bag}')
     if said:
-        print('\n' + '\n'.join(wrapped(said)))
-    return {'ok': code == 0 and count > 0, 'bag': str(bag), 'plot': str(plot), 'estimates': count}
+        show(f'plot  {plot}', '', *wrapped(said))
+    return {
+        'ok': code == 0 and count > 0,
+        'interrupted': code > INTERRUPTED,
+        'bag': str(bag),
+        'plot': str(plot),
+        'estimates': count,
+    }
 
 
 def verdict(result: Mapping[str, Any], observer: str) -> str:
@@ -137,9 +140,7 @@ def verdict(result: Mapping[str, Any], observer: str) -> str:
     )
 
 
-def _watch(
-    parsed: argparse.Namespace, bag: Path, environment: dict[str, str], check: Callable[[], None]
-) -> int:
+def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str]) -> int:
     """Start the processes, show their values, end them; return the number of estimates."""
     from sim_pkg.demo.processes import Child
 
@@ -171,11 +172,11 @@ def _watch(
             child = Child(name, module, words, environment)
             stack.callback(child.end)
             children.append(child)
-        return _show(parsed, children, check)
+        return _show(parsed, children)
 
 
-def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None]) -> int:
-    """Show the table until the time is up or a signal arrives; return the number of estimates."""
+def _show(parsed: argparse.Namespace, children: list) -> int:
+    """Show the table until the time is up; return the number of estimates."""
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
@@ -183,7 +184,7 @@ def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None])
     from sim_pkg.demo.listener import Topics, listen
     from sim_pkg.demo.table import FRAME, Display
 
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C stays KeyboardInterrupt
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # signals stay ours
     try:
         topics = Topics()
         node, spin = listen(
@@ -194,7 +195,6 @@ def _show(parsed: argparse.Namespace, children: list, check: Callable[[], None])
         with Display(title) as display:
             begun, started, frame = time.monotonic(), math.inf, 0.0
             while time.monotonic() < started + parsed.duration:
-                check()
                 spin(FRAME / 4.0)
                 now = time.monotonic()
                 if now < frame:

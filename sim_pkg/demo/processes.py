@@ -11,9 +11,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from estimator_pkg import interrupts
 from estimator_pkg.errors import UserError
 
 PATIENCE = 5.0  # time that a process has to end after each signal [s]
@@ -64,33 +63,3 @@ class Child:
                 self._process.wait(PATIENCE)
         self._log.close()
         return self._process.wait()
-
-
-@contextlib.contextmanager
-def ended_on_any_signal() -> Iterator[Callable[[], None]]:
-    """Turn SIGTERM and SIGHUP into KeyboardInterrupt, so that children are ended for them too.
-
-    Yields a function for loops to call: it raises KeyboardInterrupt if a signal has arrived. Python
-    drops a KeyboardInterrupt that is raised during clean-up (in a lock of an import, say).
-    """
-    came: list[int] = []
-
-    def interrupt(number: int, frame: object) -> None:
-        came.append(number)
-        interrupts.note(number)
-        raise KeyboardInterrupt
-
-    def check() -> None:
-        if came:
-            raise KeyboardInterrupt
-
-    before = {
-        number: signal.signal(number, interrupt)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        if signal.getsignal(number) != signal.SIG_IGN
-    }  # as in a job in the background
-    try:
-        yield check
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import time
-import weakref
 from pathlib import Path
 
 import psutil
@@ -23,8 +22,8 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.ros import domain
 from estimator_pkg.ros.domain import free_domain
+from sim_pkg.demo import command
 from sim_pkg.demo.listener import Snapshot
-from sim_pkg.demo.processes import ended_on_any_signal
 from sim_pkg.demo.table import Display
 
 pytestmark = pytest.mark.dds
@@ -97,6 +96,7 @@ def test_shows_records_and_judges(tmp_path):
         (signal.SIGINT, 0.0),  # while it imports
         pytest.param(signal.SIGINT, 3.0, marks=pytest.mark.slow),  # as TERM then
         (signal.SIGTERM, 3.0),
+        pytest.param(signal.SIGHUP, 3.0, marks=pytest.mark.slow),
     ],
 )
 def test_an_interrupt_ends_every_process(tmp_path, number, after):
@@ -128,24 +128,16 @@ def test_an_interrupt_of_an_import_is_an_interrupt(monkeypatch, capsys):
     assert capsys.readouterr().err == 'velocity_estimator demo: interrupted\n'
 
 
-@pytest.mark.filterwarnings('ignore::pytest.PytestUnraisableExceptionWarning')
-def test_a_signal_that_python_drops_is_reported_to_the_loop():
-    """A KeyboardInterrupt in a callback of a weak reference goes nowhere. (A job in the background
-    ignores SIGINT, so it is SIGTERM here.)"""
+def test_an_interrupt_of_the_evaluation_is_an_interrupt(monkeypatch, tmp_path, capsys):
+    def interrupted(words):
+        return cli.guarded(lambda: os.kill(os.getpid(), signal.SIGTERM), 'evaluate')
 
-    class Thing:
-        pass
-
-    with ended_on_any_signal() as check:
-        check()
-        thing = Thing()
-        watching = weakref.ref(
-            thing, lambda _: (os.kill(os.getpid(), signal.SIGTERM), time.sleep(0.01))
-        )
-        del thing
-        assert watching() is None
-        with pytest.raises(KeyboardInterrupt):
-            check()
+    monkeypatch.setenv('ROS_DOMAIN_ID', os.environ.get('ROS_DOMAIN_ID', '0'))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setattr(command, '_watch', lambda *_: 1)
+    monkeypatch.setattr(command, 'velocity_estimator', interrupted)
+    assert cli.main(['demo', '--out', str(tmp_path)]) == 128 + signal.SIGTERM
+    assert 'plot' not in capsys.readouterr().out  # there is none
 
 
 def test_a_nonsense_duration_is_one_line(tmp_path):
