@@ -47,7 +47,7 @@ DROPPED = VERDICTS[DUPLICATE:]
 WHY_DROPPED = {
     'duplicate': 'repeated stamps: the driver publishes faster than it stamps',
     'late': 'stamps older than the previous one: messages overtake each other',
-    'zero_stamp': "no stamp: use 'stamp_source: publisher'",
+    'zero_stamp': 'no time stamp',
     'non_finite': 'NaN or infinite positions',
     'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz',
     'repeated': 'repeated readings: the sensor is slower than its driver',
@@ -141,15 +141,17 @@ def judge(
     return LATE
 
 
-def why_dropped(received: int, dropped: Mapping[str, int]) -> str:
+def why_dropped(received: int, dropped: Mapping[str, int], stamp_remedy: str) -> str:
     """Return why one cause dropped more than half of the samples; '' if none did.
 
     Parameters
     ----------
     received : number of samples. dropped : their numbers by cause.
+    stamp_remedy : what to do about missing stamps.
     """
     for kind, count in dropped.items():
         if 2 * count > received:
             how_many = 'every sample' if count == received else f'{count} of {received} samples'
-            return f'{how_many} dropped: {WHY_DROPPED.get(kind, kind)}'
+            remedy = f': {stamp_remedy}' if kind == 'zero_stamp' else ''
+            return f'{how_many} dropped: {WHY_DROPPED.get(kind, kind)}{remedy}'
     return ''

@@ -21,7 +21,7 @@ from estimator_pkg.nodes.faults import Faults, listed, of_joints, say
 from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import JointWatch
 from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
-from estimator_pkg.streams.contract import PUBLISHER, Stream
+from estimator_pkg.streams.contract import PUBLISHER, Stream, stamp_remedy
 
 INPUT_PATIENCE = 2.5  # time after the start in which publishers appear [s]
 JOINT_PATIENCE = 1.0  # time after the first joint in which the others appear too [s]
@@ -272,7 +272,7 @@ class Detector:
         if new['dropped.zero_stamp'] and (ran or not simulated):
             count = new['dropped.zero_stamp']
             found['zero_stamp'] = say(
-                'zero_stamp', count=count, topic=topic, remedy=stream.NO_STAMP
+                'zero_stamp', count=count, topic=topic, remedy=stamp_remedy(stream.source_of_stamps)
             )
         offset, self._offset = self._offset, math.inf
         if simulated and not node.count_publishers(node.resolve_topic_name('/clock')):

@@ -37,7 +37,7 @@ from estimator_pkg.streams.history import History
 
 TYPICAL_DT = 1e-3  # [s]
 NO_NUMBERS = 'numbers become too large or too small for these gains'
-PUBLISHER = 'publisher'  # of the parameter stamp_source
+HEADER, PUBLISHER = 'header', 'publisher'  # of the parameter stamp_source
 NAN, SKIP = 'nan', 'skip'  # of the parameter no_estimate
 
 Values = Mapping[str, Any]
@@ -186,9 +186,8 @@ class Stream(ABC):
     SEPARATE : each joint can be estimated without the others.
     IN_ARRAYS : `run` takes all samples of a joint at once.
     USUAL : usual topics of the family in a bag.
-    KEPT, EMPTY, MISMATCH, NO_STAMP, WRONG : texts: the word for a joint, what empty messages lack,
-        why messages are mismatched, the advice for missing stamps, and descriptions of further
-        counters.
+    KEPT, EMPTY, MISMATCH, WRONG : texts: the word for a joint, what empty messages lack, why
+        messages are mismatched, and descriptions of further counters.
     wanted : True for each output that is to be made.
     received, malformed : numbers of messages by port. answered : messages with an estimate.
     skip : True if a message with a joint that has no estimate is not answered.
@@ -213,7 +212,6 @@ class Stream(ABC):
         'has them'
     )
     MISMATCH: ClassVar[str] = 'their names and positions differ in number'
-    NO_STAMP: ClassVar[str] = "start the node with 'stamp_source: publisher'"
     WRONG: ClassVar[Mapping[str, str]] = {}
 
     def __init__(
@@ -476,12 +474,18 @@ class Stream(ABC):
         """Return the names of a joint's (or mechanism's) joints in the estimates."""
         return (name,)
 
+    @property
+    def source_of_stamps(self) -> str:
+        """The parameter `stamp_source`; '' for families without it."""
+        return getattr(self.settings, 'stamp_source', '')
+
     def why(self) -> str:
         """Return a note for the user if there are no estimates."""
         joints: dict[str, list[str]] = {}
+        remedy = stamp_remedy(self.source_of_stamps)
         for name, joint in self.bank.joints.items():
             dropped = joint.dropped()
-            said = why_dropped(joint.received, dropped) or joint.why()
+            said = why_dropped(joint.received, dropped, remedy) or joint.why()
             if 'misconfigured' in dropped:  # the joint knows the parameter
                 said = joint.why() or said
             joints.setdefault(said, []).extend(self.names_of(name))
@@ -548,3 +552,9 @@ class Stream(ABC):
     def recognises(cls, has: Callable[[str], bool], joints: bool) -> bool:
         """Return True if a bag is only for this family; `joints`: it has measured joint states."""
         return False
+
+
+def stamp_remedy(source: str) -> str:
+    """Return what to do about samples without a stamp, by the present value of `stamp_source`."""
+    driver = 'stamp each sample in the driver'
+    return f"{driver}, or set 'stamp_source: publisher'" if source == HEADER else driver

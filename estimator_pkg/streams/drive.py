@@ -147,7 +147,6 @@ class DriveStream(Stream):
     OVERRIDES = False
     WRAPS = False
     USUAL: ClassVar[tuple[str, ...]] = ('/drive_samples', '/current', '/voltage')
-    NO_STAMP = 'every sample needs its own'
     EMPTY = 'have no row and are dropped: publish at least one sample in each'
     WRONG: ClassVar[Mapping[str, str]] = {
         'messages_dropped.unpaired': 'currents or voltages without their partner',

@@ -16,6 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from estimator_pkg import interrupts
 from estimator_pkg.cli import INTERRUPTED, Command
 from estimator_pkg.cli import main as velocity_estimator
 from estimator_pkg.errors import UsageError, UserError
@@ -195,7 +196,10 @@ def _show(parsed: argparse.Namespace, children: list) -> int:
         with Display(title) as display:
             begun, started, frame = time.monotonic(), math.inf, 0.0
             while time.monotonic() < started + parsed.duration:
-                spin(FRAME / 4.0)
+                with interrupts.gently():  # rclpy prints what is raised in a callback
+                    spin(FRAME / 4.0)
+                if interrupts.came():
+                    raise KeyboardInterrupt
                 now = time.monotonic()
                 if now < frame:
                     continue

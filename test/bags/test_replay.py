@@ -337,7 +337,13 @@ def test_a_stray_stamp_is_no_gap(size):
 @pytest.mark.parametrize(
     ('stamp', 'names', 'positions', 'why'),
     [
-        (0, ['a'], [0.1], "a: every sample dropped: no stamp: use 'stamp_source: publisher'"),
+        (
+            0,
+            ['a'],
+            [0.1],
+            'a: every sample dropped: no time stamp: stamp each sample in the driver, '
+            "or set 'stamp_source: publisher'",
+        ),
         (1, ['a'], [math.nan], 'a: every sample dropped: NaN or infinite'),
         (1, ['a', 'b'], [math.nan] * 2, 'a, b: every sample dropped: NaN or infinite'),
         (-1, ['a'], [0.1], 'a: 8 of 9 samples dropped: repeated stamps'),
@@ -355,6 +361,14 @@ def test_why_there_is_no_estimate(stamp, names, positions, why, tmp_path, capsys
     replay(bag, code=1)
     said = capsys.readouterr().err
     assert f'{bag}: no estimate was made: {why}' in said and said.count('\n') == 1
+
+
+def test_advice_that_was_taken_is_not_repeated(tmp_path, capsys):
+    raws = [Encoder().encode(0, '', ['a'], [0.1]) for _ in range(9)]
+    bag = make.ours(tmp_path / 'bag', [(STATES, 0, raw) for raw in raws])
+    replay(bag, '--set', 'stamp_source=publisher', code=1)
+    said = capsys.readouterr().err
+    assert 'no time stamp: stamp each sample in the driver\n' in said
 
 
 def test_only_the_named_joints(recording, tmp_path):

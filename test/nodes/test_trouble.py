@@ -253,7 +253,7 @@ def test_a_drive_without_stamps_gets_no_advice_on_a_parameter_it_lacks(own, capf
     motor.take(samples, good, good.replace(b'channel', b'columns'))
     entry = motor.reported()
     said = capfd.readouterr().err
-    assert '5 samples on /drive_samples have no time stamp and are dropped: every' in said
+    assert '5 samples on /drive_samples have no time stamp and are dropped: stamp' in said
     assert 'stamp_source' not in said
     assert "malformed and dropped: a dimension has the label 'columns', not 'channel'" in said
     assert "1 malformed messages (a dimension has the label 'columns'" in entry.message

@@ -21,7 +21,7 @@ from estimator_pkg.driver.guard import why_dropped
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.compare.matching import match
-from estimator_pkg.evaluation.compare.sources import Estimate, measured, sources
+from estimator_pkg.evaluation.compare.sources import Estimate, measured, source_of_stamps, sources
 from estimator_pkg.evaluation.compare.truth import Truth, check_common, truth
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
@@ -31,6 +31,7 @@ from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
+from estimator_pkg.streams.contract import stamp_remedy
 from estimator_pkg.streams.drive import ELECTRICAL
 
 MMAP_THRESHOLD = -3  # glibc's malloc.h
@@ -245,6 +246,7 @@ def compared(
     notes = list(true.notes)
     starts = {joint: _start(series) for joint, series in {**true.series, **measurement}.items()}
     candidates = {joint: _Candidates() for joint in true.motions}
+    clocks = {entry.label: source_of_stamps(entry) for entry in options.observers}
     with progress(path, steps) as advance:
         for source, estimates in found:
             advance(1)
@@ -261,7 +263,8 @@ def compared(
                 if not known:
                     notes.append(f"joint '{joint}' has no truth")
                 elif not len(estimate.stamps):
-                    why = why_dropped(estimate.samples['received'], estimate.samples['dropped'])
+                    samples, remedy = estimate.samples, stamp_remedy(clocks.get(source, ''))
+                    why = why_dropped(samples['received'], samples['dropped'], remedy)
                     notes.append(
                         f"{source}: joint '{joint}' has no valid estimate{why and f' ({why})'}"
                     )

@@ -82,16 +82,18 @@ def _without_truth(bag: Bag, options: Options) -> bool:
 
 def _check_clocks(observers: Sequence[Entry]) -> None:
     """Raise UsageError unless all observers, which share a reference, use the same clock."""
-    clocks = {
-        dict(entry.values).get(STAMP_SOURCE, AngleSettings.stamp_source)
-        for entry in observers
-        if STAMP_SOURCE in declared(_stream(entry).SETTINGS)
-    }
+    clocks = {source for entry in observers if (source := source_of_stamps(entry))}
     if len(clocks) > 1:
         raise UsageError(
             f"the observers have different '{STAMP_SOURCE}' ({', '.join(sorted(clocks))}): "
             'set one for all with --set'
         )
+
+
+def source_of_stamps(entry: Entry) -> str:
+    """Return the `stamp_source` of an observer; '' for families without it."""
+    declares = STAMP_SOURCE in declared(_stream(entry).SETTINGS)
+    return dict(entry.values).get(STAMP_SOURCE, AngleSettings.stamp_source) if declares else ''
 
 
 def _stream(entry: Entry) -> type[Stream]:

@@ -17,6 +17,7 @@ from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.compare.matching import match
+from estimator_pkg.evaluation.compare.sources import source_of_stamps
 from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.reference import reference
 from estimator_pkg.evaluation.reference.back_emf import of_angles
@@ -27,6 +28,7 @@ from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
+from estimator_pkg.streams.contract import PUBLISHER
 from estimator_pkg.streams.drive import ELECTRICAL, DriveStream
 
 Array = NDArray[np.float64]
@@ -105,6 +107,15 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
     series = {joint: each for joint, each in series.items() if len(each.stamps_ns)}
     if not series:
         raise UserError(f'{path}: {topic} has no velocities: name another topic with --truth')
+    if not any((each.stamps_ns > 0).any() for each in series.values()):
+        raise UserError(
+            f'{path}: {topic} has no stamps: '
+            + (
+                "compare with an off-line reference, '--reference smoother'"
+                if measurement
+                else 'name another topic with --truth'
+            )
+        )
     found = Truth(topic, series, {})
     for joint, each in series.items():
         known = _reference(each, measurement.get(joint), options.wrap_period)
@@ -169,9 +180,9 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
             )
             found.references[joint] = reference.from_smoother(moved.uncertainty)
     if not any((each.stamps_ns > 0).any() for each in measurement.values()):
-        raise UserError(
-            f'{path}: no truth, and readings without a stamp: use --set stamp_source=publisher'
-        )
+        by_publisher = PUBLISHER in map(source_of_stamps, options.observers)
+        remedy = 'the bag has no times' if by_publisher else 'use --set stamp_source=publisher'
+        raise UserError(f'{path}: no truth, and readings without a stamp: {remedy}')
     return found
 
 

@@ -29,6 +29,7 @@ from estimator_pkg.evaluation.doctor.readings import (
     times,
 )
 from estimator_pkg.evaluation.doctor.stamp_error import spacing_error, stamp_error
+from estimator_pkg.streams.contract import HEADER, PUBLISHER, stamp_remedy
 
 WINDOWS, IN_WINDOW = 20, 100  # windows of the rate; samples of one at least
 OTHER_RATE = 1.3  # ratio of the rates of two windows that is a change
@@ -176,7 +177,7 @@ def missing_stamps(seen: Readings) -> Finding:
         'missing stamps',
         seen.count(ZERO_STAMP),
         'have no time stamp and are dropped',
-        "set header.stamp in the driver, or use 'stamp_source: publisher'",
+        stamp_remedy(HEADER if np.any(seen.arrival_ns > 0) else PUBLISHER),
     )
 
 

@@ -428,6 +428,26 @@ def test_samples_without_a_stamp(tmp_path, capsys):
     assert replayed['velocity'] == found['estimates']['pll']['joints']['a']['velocity']
 
 
+@pytest.mark.parametrize('drops', [True, False])
+def test_a_truth_without_stamps_leads_to_what_works(drops, tmp_path, capsys):
+    """The publishers' times would not help: the truth has none that compare with them."""
+    path = tmp_path / 'bag'
+    with BagWriter(path) as bag:
+        for topic in (MEASUREMENT, TRUTH):
+            bag.add_topic(topic, TYPE)
+        for stamp, names, positions, _ in coarse(stamps_of(), TURN / 4096):
+            for topic, own in ((MEASUREMENT, 0 if drops else stamp), (TRUTH, 0)):
+                raw = Encoder().encode(own, '', names, positions, [1.0] * len(names))
+                bag.write(topic, stamp, raw)
+    words = [str(path), '--observer', 'pll']
+    assert '--reference smoother' in fails(capsys, *words)
+    words += ['--reference', 'smoother']
+    if drops:
+        assert '--set stamp_source=publisher' in fails(capsys, *words)
+        words += ['--set', 'stamp_source=publisher']
+    assert main(['evaluate', *words]) == 0
+
+
 def test_one_reference_is_for_one_clock(good, tmp_path, capsys):
     file = tmp_path / 'pll.yaml'
     file.write_text('/**:\n  ros__parameters: {observer: pll, stamp_source: publisher}\n')
