@@ -21,6 +21,7 @@ from estimator_pkg.nodes.faults import Faults, listed, of_joints, say
 from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import JointWatch
 from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
+from estimator_pkg.params_file import OVERRIDES
 from estimator_pkg.streams.contract import PUBLISHER, Stream, stamp_remedy
 
 INPUT_PATIENCE = 2.5  # time after the start in which publishers appear [s]
@@ -110,7 +111,7 @@ class Detector:
         found.update(self._of_names(now))
         found.update(self._of_silence(now))
         found.update(self._of_messages(new))
-        if 'missing' in found:  # this is why
+        if any(kind.startswith('missing') for kind in found):  # this is why
             found.pop('mismatched', None)
         mixed = any(kind.startswith('twice') for kind in found)
         found.update(self._of_stamps(new, mixed, now))
@@ -159,13 +160,27 @@ class Detector:
                     'twice', names=names, topic=each.topic_name, who=who
                 )
         if missing and self.first_input and now - self.first_input >= JOINT_PATIENCE:
-            found['missing'] = self._absent(missing, now, "set 'joints' to names of the topic")
+            found.update(self._missing(missing, now))
         return found
 
-    def _absent(self, missing: list[str], now: float, otherwise: str) -> str:
-        each = self.inputs[0]
-        carried = each.senders.recent(now - RECENT) or set(self._stream.bank.joints)
-        return faults.absent(missing, each.topic_name, carried, otherwise)
+    def _missing(self, missing: list[str], now: float) -> dict[str, str]:
+        """Return the texts about joints that have never come, by the parameters that name them."""
+        each, overrides = self.inputs[0], self._stream.overrides
+        names = each.senders.recent(now - RECENT) or each.senders.recent(-math.inf)
+        carried = names if each.type == JOINT_STATE else set(self._stream.bank.joints)
+        selected = [name for name in missing if name not in overrides]
+        overridden = [name for name in missing if name in overrides]
+        correct = listed(
+            (f'{OVERRIDES}.{name}.{key}' for name in overridden for key in overrides[name]), "'"
+        )
+        return {
+            kind: faults.absent(joints, each.topic_name, carried, otherwise, always)
+            for kind, joints, otherwise, always in (
+                ('missing', selected, "set 'joints' to names of the topic", ''),
+                ('missing override', overridden, '', f'correct {correct}'),
+            )
+            if joints
+        }
 
     def _note_arrivals(self, now: float) -> None:
         """Note which inputs have new messages, and report those that are back."""
@@ -210,7 +225,9 @@ class Detector:
             what = f'no sample of {listed(gone, chr(39))} on {measured.topic_name}'
             ended = self._ended(measured, what, max(self._watch.silent.values()), now)
             found['silent'] = (
-                ended if 'ended;' in ended else self._absent(gone, now, 'check its publisher')
+                ended
+                if 'ended;' in ended
+                else faults.absent(gone, measured.topic_name, carried, 'check its publisher')
             )
         return found
 

@@ -92,12 +92,14 @@ def publishers(names: Sequence[str]) -> str:
     return f'several of the publishers {listed(names)}'
 
 
-def absent(missing: Sequence[str], topic: str, carried: Collection[str], otherwise: str) -> str:
+def absent(
+    missing: Sequence[str], topic: str, carried: Collection[str], otherwise: str, always: str = ''
+) -> str:
     """Return the text about joints that a topic does not carry.
 
     Parameters
     ----------
-    otherwise : remedy, if no name of the topic is similar.
+    otherwise : remedy, if no name of the topic is similar. always : remedy in both cases.
     """
     hints = [suggestion(name, carried) for name in missing]
     near = [hint for hint in hints if hint.startswith('did you mean')]
@@ -106,7 +108,7 @@ def absent(missing: Sequence[str], topic: str, carried: Collection[str], otherwi
         names=of_joints(missing, 'joint', ('is', 'are')),
         topic=topic,
         carried=listed(sorted(carried)) or 'no names',
-        hint=' '.join(near[:NAMED]) or otherwise,
+        hint=' '.join([*near[:NAMED], *filter(None, [always])]) or otherwise,
     )
 
 

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg import observers
+from estimator_pkg import observers, params_file
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration, SensorSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
-from estimator_pkg.errors import UsageError, UserError, plainly
+from estimator_pkg.errors import UsageError, UserError, plainly, suggestion
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.field import Field
 from estimator_pkg.observers.contract import Observer
@@ -333,8 +333,9 @@ class AngleStream(Stream):
                 f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has {there}"
             )
         return [
-            f"parameters are set for joint '{name}', which never appeared; {topic} has {there}"
-            for name in self.bank.configuration.overrides
+            f"'{params_file.OVERRIDES}.{name}' is for joint '{name}', which never appeared on "
+            f'{topic}: {suggestion(name, seen)}'
+            for name in self.overrides
             if name not in seen
         ]
 

@@ -433,9 +433,15 @@ class Stream(ABC):
         """Return what is estimated, as text."""
         return ', '.join(sorted(self.bank.only)) or f'every {self.KEPT}'
 
+    @property
+    def overrides(self) -> Mapping[str, Values]:
+        """Parameters of single joints by joint."""
+        found: Mapping[str, Values] = self.bank.configuration.overrides if self.OVERRIDES else {}
+        return found
+
     def needed(self) -> set[str]:
         """Return the joints that the measurement must contain because the parameters name them."""
-        return {*self.bank.only, *self.bank.configuration.overrides}
+        return {*self.bank.only, *self.overrides}
 
     def about(self, name: str) -> Mapping[str, Any]:
         """Return further values for the status of a joint."""

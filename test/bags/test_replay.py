@@ -582,7 +582,10 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
 
 def test_overrides_of_joints_that_never_come_are_reported(recording, capsys):
     replay(recording, '--set', 'per_joint.zz.bandwidth_hz=3', '--observer', 'finite_difference')
-    assert "joint 'zz', which never appeared" in capsys.readouterr().err
+    assert (
+        "'per_joint.zz' is for joint 'zz', which never appeared on /joint_states: known: "
+        in capsys.readouterr().err
+    )
 
 
 def test_names_of_the_last_release_are_read_with_one_warning(recording, tmp_path, capsys):

@@ -307,7 +307,10 @@ class OtherNamesInAnOverride(Case):
     """a joint of `per_joint` that the messages do not carry"""
 
     parameters = ('per_joint.elbow_jiont.gap_max:=0.3',)
-    report = r"joint 'elbow_jiont' is not in SPACE/joint_states.*did you mean 'elbow_joint'\?"
+    report = (
+        r"joint 'elbow_jiont' is not in SPACE/joint_states.*did you mean 'elbow_joint'\? "
+        "correct 'per_joint.elbow_jiont.gap_max'"
+    )
     estimates = True
 
 

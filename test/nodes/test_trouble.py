@@ -21,6 +21,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models import gripper
+from estimator_pkg.nodes.detection import JOINT_PATIENCE
 from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
 from estimator_pkg.observers.contract import LOST, MISCONFIGURED, TRACKING
@@ -242,6 +243,41 @@ def test_publishers_of_another_type_are_reported(own, capfd):
     ) in said
     stranger.destroy_node()
     rclpy.shutdown(context=context)
+
+
+def test_what_a_topic_carries_is_what_came_last(own):
+    """Two publishers, so that names are noted all the time."""
+    from sensor_msgs.msg import JointState
+
+    live = own(AngleStream, joints=['a', 'b'], timeout=0.05, gap_max=0.05)
+    one, _ = live.publisher(JointState, 'joint_states'), live.publisher(JointState, 'joint_states')
+    for k in range(150):
+        names = ('a', 'b') if k < 20 else ('a', 'a')
+        live.take(one, live.encode(BEGIN + k * MS, '', names, (0.1, 0.2)))
+        time.sleep(0.01)
+        if k in (5, 19, 140):
+            live.reported()
+        live.node.health.look()
+    said = live.reported().message
+    assert "joint 'b' is not in /joint_states, which carries a: " in said
+
+
+@pytest.mark.parametrize(
+    ('joint', 'advice'),
+    [
+        ('elbow_jiont', "did you mean 'elbow'? correct 'per_joint.elbow_jiont.gap_max'"),
+        ('zz', "correct 'per_joint.zz.gap_max'"),
+    ],
+)
+def test_a_joint_of_an_override_that_never_comes(joint, advice, own):
+    from sensor_msgs.msg import JointState
+
+    live = own(AngleStream, **{f'per_joint.{joint}.gap_max': 0.3})
+    states = live.publisher(JointState, 'joint_states')
+    live.take(states, live.encode(BEGIN, '', ('elbow', 'wrist'), (0.1, 0.2)))
+    live.node.health._detector.first_input -= JOINT_PATIENCE
+    expected = f"joint '{joint}' is not in /joint_states, which carries elbow, wrist: {advice}"
+    assert expected in live.reported().message and "'joints'" not in live.reported().message
 
 
 def test_a_drive_without_stamps_gets_no_advice_on_a_parameter_it_lacks(own, capfd):
