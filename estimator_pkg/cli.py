@@ -23,7 +23,7 @@ from typing import Any
 
 from estimator_pkg import __version__, destination, interrupts, registry, whole_file
 from estimator_pkg.destination import STDOUT
-from estimator_pkg.errors import UserError, suggestion
+from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.optional import missing
 from estimator_pkg.printable import PrintableStream, printable, show
 
@@ -173,17 +173,31 @@ def run(command: Command, words: Sequence[str], prog: str) -> int:
     """Parse the arguments of a command and run it; returns the exit code."""
     parser = parser_of(command, prog)
     parsed = parser.parse_args(words)
+    _check_filled(parser, parsed)
     to_stdout = parsed.json == STDOUT
     destination.check_distinct(parsed)
     if parsed.json is not None and not to_stdout:
         destination.check(parsed.json)
-    with contextlib.redirect_stdout(sys.stderr) if to_stdout else contextlib.nullcontext():
+    shown = sys.stderr if to_stdout else sys.stdout
+    with contextlib.redirect_stdout(shown), destination.reporting_replaced(parsed):
         result = command.run(parsed)
-    if parsed.json is not None:
-        _write_json(parsed.json, result)
+        if parsed.json is not None and not to_stdout:
+            _write_json(parsed.json, result)
+    if to_stdout:
+        _write_json(STDOUT, result)
     if result and result.get('interrupted'):
         return INTERRUPTED + (interrupts.came() or signal.SIGINT)
     return 1 if result and result.get('ok') is False else 0
+
+
+def _check_filled(parser: argparse.ArgumentParser, parsed: argparse.Namespace) -> None:
+    """Raise UsageError for an empty argument, as of a variable that a shell does not know."""
+    for action in parser._actions:
+        value = getattr(parsed, action.dest, None)
+        if value != action.default and (value == '' or (isinstance(value, list) and '' in value)):
+            raise UsageError(
+                f'{(action.option_strings or [action.metavar])[-1]} is empty: give a name'
+            )
 
 
 def _give_up_output() -> None:

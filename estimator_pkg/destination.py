@@ -1,16 +1,18 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Output files: checked before the work, never an input."""
+"""Output files: checked before the work, never an input, and reported if they are replaced."""
 
 from __future__ import annotations
 
 import argparse
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.printable import show
 
 STDOUT = '-'  # instead of a file name
 OUTPUTS = ('out', 'html', 'data', 'plot', 'json')  # options with output files
@@ -39,15 +41,7 @@ def check(path: str | Path) -> None:
 
 
 def check_distinct(parsed: argparse.Namespace) -> None:
-    """Raise UsageError if two outputs of a command are the same file, or one is of an input bag.
-
-    So does an empty name, as of a variable that a shell does not know.
-    """
-    for name in (*OUTPUTS, *INPUTS):
-        value = getattr(parsed, name, None)
-        if value == '' or (isinstance(value, list) and '' in value):
-            option = 'BAG' if name in INPUTS[:2] else f'--{name}'
-            raise UsageError(f'the name of {option} is empty: give a name')
+    """Raise UsageError if two outputs of a command are the same file, or one is of an input bag."""
     outputs = [
         (f'--{name}', Path(value))
         for name in OUTPUTS
@@ -69,6 +63,28 @@ def check_distinct(parsed: argparse.Namespace) -> None:
                     raise UsageError(
                         f'{option} {path} would become a part of the bag {read}: name another file'
                     )
+
+
+@contextmanager
+def reporting_replaced(parsed: argparse.Namespace) -> Iterator[None]:
+    """Print the names of the output files that existed before and are written in this context."""
+    names = [value for name in OUTPUTS if isinstance(value := getattr(parsed, name, None), str)]
+    before = {name: state for name in names if (state := _state(name))}
+    try:
+        yield
+    finally:
+        replaced = [name for name, state in before.items() if _state(name) != state]
+        if replaced:
+            show(f'replaced: {", ".join(replaced)}')
+
+
+def _state(path: str) -> tuple[int, ...]:
+    """Return what changes if a file is written; () without a file."""
+    with suppress(OSError, ValueError):
+        if os.path.isfile(path):
+            found = os.stat(path)
+            return found.st_ino, found.st_size, found.st_mtime_ns
+    return ()
 
 
 def _same(one: Path, other: Path) -> bool:

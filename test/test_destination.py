@@ -179,6 +179,12 @@ def test_no_output_overwrites_a_file_of_any_bag(option, name, tmp_path, capsys):
         ['tune', 'BAG', '--out', 'x', '--judge', ''],
         ['list', '--json', ''],
         ['record', '--out', 'x', '--recover', ''],
+        ['replay', 'BAG', '--joint', ''],
+        ['tune', 'BAG', '--out', 'x', '--joint', ''],
+        ['identify', 'BAG', '--model', 'single_joint', '--out', 'x', '--joint', ''],
+        ['evaluate', 'BAG', '--estimate', ''],
+        ['doctor', 'BAG', '--measurement', ''],
+        ['watch', ''],
     ],
 )
 def test_an_empty_name_is_a_usage_error(words, tmp_path, monkeypatch, capsys):
@@ -186,14 +192,42 @@ def test_an_empty_name_is_a_usage_error(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main([str(BAG) if word == 'BAG' else word for word in words]) == 2
     said = capsys.readouterr().err
-    assert 'is empty: give a name' in said and said.count('\n') == 1
+    assert 'is empty: give a name\n' in said and said.count('\n') == 1
 
 
 def test_a_result_may_stand_in_the_folder_of_its_bag(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', 'encoder', '--duration', '0.5', '--out', 'B']) == 0
-    for _ in range(2):  # and be replaced
+    for said in ('', 'replaced: B/result.json\n'):
+        capsys.readouterr()
         assert main(['evaluate', 'B', *SHORT, '--json', 'B/result.json']) == 0
+        out = capsys.readouterr().out
+        assert out.endswith(said) and ('replaced' in out) == bool(said)
+
+
+def test_an_output_that_existed_is_reported(tmp_path, capsys):
+    page, gains, result = (str(tmp_path / name) for name in ('page', 'gains', 'result'))
+    words = ['doctor', str(BAG), '--html', page, '--out', gains, '--json']
+    for last, before in (('-', []), (result, [gains, page]), (result, [gains, page, result])):
+        assert main([*words, last]) == 0
+        said = capsys.readouterr()
+        shown = said.err if last == '-' else said.out
+        lines = [f'replaced: {", ".join(before)}'] if before else []
+        assert [line for line in shown.splitlines() if 'replaced:' in line] == lines
+    assert main([*words[:3], str(tmp_path), '--out', gains]) == 1  # nothing is written
+    assert 'replaced' not in capsys.readouterr().out
+
+
+def test_replaced_files_are_reported_by_every_command(tmp_path, capsys):
+    for command in ('list', 'tune'):
+        file = tmp_path / command
+        file.write_text('before')
+        words = {
+            'list': ['--json', str(file)],
+            'tune': [str(BAG), *SHORT, '--trials', '1', '--out', str(file)],
+        }
+        assert main([command, *words[command]]) == 0
+        assert f'replaced: {file}\n' in capsys.readouterr().out
 
 
 def test_a_file_is_replaced_as_a_whole(tmp_path):

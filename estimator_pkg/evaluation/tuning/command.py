@@ -150,14 +150,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--study',
-        default='velocity_estimator',
         metavar='NAME',
-        help='name of the study in the storage; an existing one continues',
+        help='name of the study in the --storage (default: velocity_estimator); an existing one '
+        'continues',
     )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Search, validate on held-out data, write; return the results."""
+    if parsed.study is not None and parsed.storage is None:
+        raise UsageError('--study needs --storage: name where to keep it, as in sqlite:///study.db')
+    parsed.study = parsed.study or 'velocity_estimator'
     any_linear = parsed.observer is None and _usual(parsed) == any_observer.DEFAULT
     tuning = tune_settings(parsed)
     out = Path(parsed.out)

@@ -257,6 +257,9 @@ def test_a_study_of_something_else_is_not_gone_on(tmp_path, capsys):
     ]
     run('tune', bag, '--observer', 'pll', *words)
     run('tune', bag, '--observer', 'pll', *words)
+    assert '--study needs --storage' in fails(
+        capsys, bag, '--study', 'mine', '--out', tmp_path / 'gains.yaml', code=2
+    )
     for changed in (['--observer', 'hybrid_angle'], ['--observer', 'pll', '--prefer', 'fast']):
         assert '--study' in fails(capsys, bag, *changed, *words)
     run('tune', bag, '--observer', 'pll', '--prefer', 'fast', '--study', 'other', *words)
