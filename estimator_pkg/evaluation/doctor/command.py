@@ -27,7 +27,7 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
-from estimator_pkg.evaluation.doctor.readings import Readings
+from estimator_pkg.evaluation.doctor.readings import FAIL, Readings
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
 from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
 from estimator_pkg.evaluation.text import wrapped
@@ -47,7 +47,12 @@ COMPILED_FROM = 2_000_000  # estimates that are worth compiling the observers fo
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument('bag', nargs='?', metavar='BAG', help='bag folder, .mcap or .db3 file')
+    parser.add_argument(
+        'bag',
+        nargs='?',
+        metavar='BAG',
+        help='bag folder, .mcap or .db3 file; the exit code is 1 if a check FAILs',
+    )
     parser.add_argument(
         '--live',
         type=float,
@@ -121,8 +126,12 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
                 'verdict': None if found.verdict is None else found.verdict.as_dict(),
             }
         },
-        'ok': True,
+        'ok': _passed(examined),
     }
+
+
+def _passed(examined: Sequence[Examined]) -> bool:
+    return not any(finding.level == FAIL for each in examined for finding in each.findings)
 
 
 def _write(
@@ -190,7 +199,7 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
             }
             for each in examined
         },
-        'ok': any(len(each.readings.rows) for each in examined),
+        'ok': _passed(examined),
     }
 
 

@@ -160,7 +160,7 @@ def test_an_observer_that_is_worse_for_one_joint_is_not_taken():
 
 def test_without_stamps_the_arrival_is_used(tmp_path, capsys):
     path = bag(tmp_path / 'bare', {'elbow': lambda t: 0.5}, seconds=1.0, stamped=False)
-    assert main(['doctor', path]) == 0
+    assert main(['doctor', path]) == 1  # a check FAILs
     out = capsys.readouterr().out
     assert 'FAIL  missing stamps' in out and '250 of 250 samples have no time stamp' in out
     assert 'PASS  rate               250 Hz' in out
