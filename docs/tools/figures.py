@@ -11,7 +11,8 @@ An entry of docs/tools/figures.yaml names a page, the commands to run and one of
 
 - ``text``: a text of the page, in which ``{{expression:format}}`` replaces a number;
 - ``lines: true``: each line of the output that is also on the page, except for its numbers, in the
-  same order; ``lines: expression``: the same with the lines of the expression.
+  same order; ``lines: expression``: the same with the lines of the expression. An indented block
+  that has a line of the output must have no other line, except for ``...`` and commands.
 
 Numbers agree within ``tolerance`` (relative, 0.02 if unset) or the rounding of the last printed
 digit; at tolerance 0 they must be equal. In expressions ``r`` is the JSON of the last command and
@@ -44,6 +45,8 @@ from sim_pkg.reproduce.command import PAPERS
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r'(?<![\w.#/])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w/])')
 PLACE = re.compile(r'\{\{(.+?)(?::([^:{}]+))?\}\}')
+QUOTED = re.compile(r'(?:^(?: {4}.*)?\n)+', re.MULTILINE)  # indented lines, and empty ones
+COMMAND = re.compile(r'\s*(?:velocity_estimator|python|ros2|make) ')
 TOLERANCE = 0.02
 BENCHMARKS = ['python', '-m', 'benchmarks']
 
@@ -199,7 +202,20 @@ def _lines(page: str, printed: str, tolerance: float) -> tuple[str, list[str]]:
         ]
         differ += wrong
         lines[place] = line[: len(line) - len(line.lstrip())] + new.strip()
+    differ += _unprinted(page, printed)
     return '\n'.join(lines), differ if met else ['the page has no line of the output']
+
+
+def _unprinted(page: str, printed: str) -> list[str]:
+    """Return the lines that a quoted output has on the page, but the command does not print."""
+    known, found = {skeleton(line) for line in printed.splitlines()}, []
+    for block in QUOTED.findall(page):
+        parts = [part for part in block.split('\n\n') if not COMMAND.match(part)]
+        lines = [line for line in '\n'.join(parts).splitlines() if line.strip(' .')]
+        other = [line.strip() for line in lines if skeleton(line) not in known]
+        if 0 < len(other) < len(lines):
+            found += [f'not in the output: {line}' for line in other]
+    return found
 
 
 def main() -> int:

@@ -39,7 +39,7 @@ def commands(bag, words, out):
 
 def fits(bag, words, capsys):
     for command in commands(str(BAGS / bag), words, 'gains.yaml'):
-        assert main(command) == 0
+        assert main(command) in ((0, 1) if command[0] == 'doctor' else (0,))  # 1: a check FAILs
         assert narrow(capsys.readouterr().out) == []
     text = Path('gains.yaml').read_text()
     assert [line for line in narrow(text) if line.startswith('#')] == []

@@ -295,6 +295,21 @@ def test_a_drive_without_stamps_gets_no_advice_on_a_parameter_it_lacks(own, capf
     assert "1 malformed messages (a dimension has the label 'columns'" in entry.message
 
 
+def test_batches_without_a_row_are_reported(own, capfd):
+    from std_msgs.msg import Float64MultiArray
+
+    motor = own(DriveStream, **MOTOR)
+    samples = motor.publisher(Float64MultiArray, 'drive_samples')
+    nothing = drive_samples.encode(np.zeros(0, np.int64), np.zeros((0, 4)))
+    one = drive_samples.encode(np.array([BEGIN]), np.zeros((1, 4)))
+    text = ' messages on /drive_samples have no row and are dropped: publish at least one sample'
+    motor.take(samples, one, one)
+    assert text not in motor.reported().message
+    motor.take(samples, one, nothing, nothing)
+    assert f'2 of 3{text}' in motor.reported().message
+    assert f'2 of 3{text}' in capfd.readouterr().err
+
+
 @dataclasses.dataclass(frozen=True)
 class FragileSettings(AngleSettings):
     """Their observer gives no numbers at a bandwidth of 123 Hz, and a longer state at 124 Hz."""
