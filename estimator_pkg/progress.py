@@ -22,7 +22,7 @@ def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
     label : name of the work.
     total : number of all steps; None: not known.
     """
-    if not sys.stderr.isatty() or not is_there('rich'):
+    if sys.stderr is None or not sys.stderr.isatty() or not is_there('rich'):
         yield lambda steps: None
         return
     from rich import progress as rich

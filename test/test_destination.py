@@ -5,6 +5,8 @@
 
 import os
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -228,6 +230,15 @@ def test_replaced_files_are_reported_by_every_command(tmp_path, capsys):
         }
         assert main([command, *words[command]]) == 0
         assert f'replaced: {file}\n' in capsys.readouterr().out
+
+
+@pytest.mark.long
+def test_a_closed_stderr_stops_no_command(tmp_path):
+    bag = BAG.parent / 'sine_12bit'
+    for words in (f'evaluate {bag} --json -', f'tune {bag} --observer pll --trials 1 --out gains'):
+        command = f'{sys.executable} -m estimator_pkg.cli {words} 2>&-'
+        done = subprocess.run(['sh', '-c', command], stdout=subprocess.PIPE, cwd=tmp_path)
+        assert done.returncode == 0 and done.stdout
 
 
 def test_a_file_is_replaced_as_a_whole(tmp_path):

@@ -24,6 +24,7 @@ from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import show
 from estimator_pkg.ros.domain import free_domain
 from estimator_pkg.ros.runtime import prepare_environment
+from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.watch import wrapped
 
 COUNTS = 4096
@@ -71,11 +72,12 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
     Raises
     ------
-    UsageError : a duration outside 0.5 to 3600 s.
+    UsageError : a duration outside 0.5 to 3600 s, or no observer of single angles.
     UserError : a process failed; the message contains its last line of output.
     """
     if not 0.5 <= parsed.duration <= 3600.0:
         raise UsageError(f'--duration {parsed.duration:g} is not between 0.5 and 3600 s')
+    AngleSettings(observer=parsed.observer).find_observer()
     prepare_environment()
     environment = os.environ | {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',

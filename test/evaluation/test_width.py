@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from estimator_pkg.cli import main
-from estimator_pkg.evaluation.text import WIDTH, wrapped
+from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.tuning import output
 
+WIDTH = 80  # columns, as the documents promise
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 YAW = '/vicon/Group466CF/Group466CF/pose:pose.orientation.yaw'
 EVERY = [

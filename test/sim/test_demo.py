@@ -148,6 +148,14 @@ def test_a_nonsense_duration_is_one_line(tmp_path):
     assert '--duration' in text
 
 
+@pytest.mark.parametrize('observer', ['nope', 'pmsm'])
+def test_an_observer_that_cannot_run_is_a_usage_error(observer, tmp_path, capsys):
+    assert cli.main(['demo', '--observer', observer, '--out', str(tmp_path / 'out')]) == 2
+    said = capsys.readouterr()
+    assert f"observer '{observer}'" in said.err and said.err.count('\n') == 1
+    assert not said.out and not any(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize('terminal', [False, True])
 def test_what_is_not_known_yet_is_a_dash(terminal):
     shown = io.StringIO()

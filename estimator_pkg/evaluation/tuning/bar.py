@@ -18,7 +18,7 @@ from estimator_pkg.printable import printable, terminal
 @contextmanager
 def bar(label: str, trials: int) -> Iterator[Callable[[int, Search], None]]:
     """Yield a function to call after each batch: (number of trials, search so far)."""
-    if not sys.stderr.isatty() or not is_there('rich'):
+    if sys.stderr is None or not sys.stderr.isatty() or not is_there('rich'):
         yield lambda count, found: None
         return
     from rich import progress as rich
