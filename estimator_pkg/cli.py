@@ -195,9 +195,8 @@ def _check_filled(parser: argparse.ArgumentParser, parsed: argparse.Namespace) -
     for action in parser._actions:
         value = getattr(parsed, action.dest, None)
         if value != action.default and (value == '' or (isinstance(value, list) and '' in value)):
-            raise UsageError(
-                f'{(action.option_strings or [action.metavar])[-1]} is empty: give a name'
-            )
+            name = action.option_strings[-1] if action.option_strings else action.metavar
+            raise UsageError(f'{name} is empty: give a name')
 
 
 def _give_up_output() -> None:
