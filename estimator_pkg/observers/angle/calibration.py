@@ -39,11 +39,14 @@ FOUND = 1.5  # of the expected mean square at this spacing: a larger one is wort
 LEAP = 4.0  # quanta; a larger change after a rest is no creep
 MOVING = 3  # of the four intervals, in which the reading has changed
 READINGS = 32.0  # pairs of steps over which the noise is averaged
+FOURTHS = 96.0  # the same by fourth differences; neighbouring ones share four of five readings
 UNEVEN = 2.5  # a step of time, or between instants, longer by this factor is a hole
 RESIDUE = 1e-9  # [rad] smaller differences are rounding, as are
 ROUNDING = 2.0**-22  # those below this part of the reading
 OF_DERIVATIVE = 130.0 / 144.0  # (1 + 64 + 64 + 1)/12^2: variance of the derivative, of the noise's
-RESOLVED = 10.0 * 70.0  # a fourth difference beyond 10 (1 + 16 + 36 + 16 + 1) of it is motion
+OF_FOURTH = 70.0  # 1 + 16 + 36 + 16 + 1: variance of the fourth difference, of the noise's
+SHAKES = 2.0  # a variance by second differences beyond this part of that by fourth is no chance
+RESOLVED = 10.0 * OF_FOURTH  # a square of it beyond this is motion
 LEAST = 1e-100  # a smaller standard deviation cannot be scaled
 
 BROKEN = -1  # due: the instants before the next sample are void
@@ -63,13 +66,14 @@ Chain = tuple[
     tuple[float, float, float, float],
 ]
 # (mean square of the errors; spacing [ns]; instants since it changed, and their mean square, noise
-# included; instants at rest; variance of the noise [rad^2]; smallest step [rad])
-Learnt = tuple[float, int, int, float, int, float, float]
+# included; instants at rest; variance of the noise by second and by fourth differences [rad^2];
+# smallest step [rad])
+Learnt = tuple[float, int, int, float, int, float, float, float]
 Calibration = tuple[float, Learnt, Chain]  # scale of the standard deviation, ...
 Interval = tuple[int, Calibration]  # stamp from which the next sample is due [ns], ...
 
 NO_CHAIN: Chain = (0, (0, 0, 0, 0), 0.0, (0.0, 0.0, 0.0), 0.0, (0, 0, 0), (0.0, 0.0, 0.0, 0.0))
-FIRST_INTERVAL: Interval = (BROKEN, (1.0, (1.0, SHORTEST, 0, 0.0, 0, 0.0, math.inf), NO_CHAIN))
+FIRST_INTERVAL: Interval = (BROKEN, (1.0, (1.0, SHORTEST, 0, 0.0, 0, 0.0, 0.0, math.inf), NO_CHAIN))
 
 
 class Sample(NamedTuple):
@@ -113,7 +117,7 @@ def make_calibrate(
             chain = NO_CHAIN
         if known:
             scale, learnt, chain = follow(scale, learnt, chain, sample, speed, sigma)
-        _, spacing_ns, _, _, _, _, _ = learnt
+        _, spacing_ns, _, _, _, _, _, _ = learnt
         # the sample next to it
         return stamp_ns + spacing_ns - passed_ns // 2, (scale, learnt, chain)
 
@@ -179,7 +183,7 @@ def _make_follow(period: float) -> Callable[..., Calibration]:
         sample : the fields of `Sample`.
         speed, sigma : as published, without the scale [rad/s].
         """
-        mean, spacing_ns, waited, level, still, variance, quantum = learnt
+        mean, spacing_ns, waited, level, still, variance, fourths, quantum = learnt
         count, (t1, t2, t3, t4), last, (rate, second, third), fourth, (c1, c2, c3), told = chain
         stamp_ns, measurement, reading, earlier, passed_ns, before_ns = sample
         v1, s1, v2, s2 = told
@@ -222,15 +226,21 @@ def _make_follow(period: float) -> Callable[..., Calibration]:
                         spacing_ns, still = 2 * spacing_ns, 0
                 else:
                     still = 0
-                    noise = quantum * quantum / 12.0 if quantum < math.inf else 0.0
-                    if variance > noise:
-                        noise = variance
+                    if fourths == 0.0:
+                        fourths = variance
+                    least = quantum * quantum / 12.0 if quantum < math.inf else 0.0
+                    # both contain motion; q^2/6 is that of single steps
+                    noise = fourths if fourths > 2.0 * least else 2.0 * least
+                    if variance < SHAKES * noise:
+                        noise = variance if variance > least else least
                     noise /= width * width
                     most = RESOLVED * noise
                     shorter = spacing_ns > SHORTEST and spacing_ns > passed_ns
                     if shorter and (fourth * fourth > most or bend * bend > most):
                         spacing_ns, waited, level, count = spacing_ns // 2, 0, 0.0, 0
                     else:
+                        bent = fourth * width
+                        fourths += (bent * bent / OF_FOURTH - fourths) / FOURTHS
                         # the derivative at t2 of the polynomial through the five readings
                         to_0, to_1, to_3 = t2 - stamp_ns, t2 - t1, t2 - t3
                         of_third = 1e-18 * to_0 * to_1
@@ -256,7 +266,8 @@ def _make_follow(period: float) -> Callable[..., Calibration]:
             (c0, c1, c2),
             (speed, sigma, v1, s1),
         )
-        return scale, (mean, spacing_ns, waited, level, still, variance, quantum), chain
+        learnt = (mean, spacing_ns, waited, level, still, variance, fourths, quantum)
+        return scale, learnt, chain
 
     return follow
 

@@ -483,9 +483,9 @@ def _make_scaled(
         state: tuple, coefficients: tuple, design: Design, scale: float
     ) -> tuple[float, float]:
         inner, convention, reading, (power, count), _, start, (_, taken_dt, _, _) = state
-        _, since, _, recent = reading
+        _, since, smallest, recent = reading
         clock, _, _, _, _, _ = start
-        _, _, variance, floor, _, low_speed_bound, _ = design
+        _, quantum, variance, floor, _, low_speed_bound, _ = design
         if taken_dt != 0.0:
             coefficients = prepare(design, taken_dt)
         of_core, dt = coefficients
@@ -505,13 +505,15 @@ def _make_scaled(
             if surge > 0.0:  # the innovation shows a lag now
                 variance += surge
         of_position *= variance
-        of_velocity *= variance
-        if clock > 0.0:
+        of_velocity *= variance * scale * scale
+        if clock > 0.0:  # its terms contain the lag, which is what the scale is for elsewhere
             of_position += recent
             _, speed, _ = estimate(inner)
-            since_start = of_start(start, speed, dt)
+            if quantum == 0.0:
+                quantum = smallest
+            since_start = of_start(start, speed, dt, quantum)
             of_velocity += since_start * since_start
-        sigma = scale * math.sqrt(of_velocity)
+        sigma = math.sqrt(of_velocity)
         if since > 0.0 and low_speed_bound > 0.0:
             sigma = clamped(sigma, inner, reading, coefficients, design)
         return math.sqrt(of_position), sigma

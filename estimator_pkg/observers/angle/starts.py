@@ -29,6 +29,7 @@ BAND = 10.0  # (3.2)^2: times the power of the innovations; a larger distance is
 LARGEST_GAIN = 8.0  # of innovations over readings, in noise power, but for a few first samples
 SHOWN = 12.0  # samples at least without a larger distance, after which a rest has shown its noise
 SLOW = 4.0  # (2)^2: times the variance of the speed's noise; a faster joint is not at rest
+FIVE = 25.0  # (5)^2: five standard deviations cover an error
 FURTHER = 1.001  # times the largest distance within a rest: a reading beyond it ends the rest
 
 # (clock [s], anchor [rad], reach [rad], decay, travelled [rad], kept [rad/s])
@@ -50,7 +51,8 @@ class StartFunctions(NamedTuple):
     at_rest : (start, measurement, moved, since, power, coefficients, inner) -> start, after a
         reading that `moved` [rad], unchanged for `since` [s] before, while no start is in force.
     in_force : (start, moved, since, power, coefficients, inner) -> start, while one is in force.
-    deviation : (start, speed, dt) -> standard deviation of the speed that a start adds [rad/s].
+    deviation : (start, speed, dt, quantum) -> standard deviation of the speed that a start adds
+        [rad/s].
 
     `power` is the recent one of the innovations [rad^2], `inner` the state of the core,
     `coefficients` is (those of the core, dt [s]).
@@ -58,7 +60,7 @@ class StartFunctions(NamedTuple):
 
     at_rest: Callable[..., Start]
     in_force: Callable[..., Start]
-    deviation: Callable[[Start, float, float], float]
+    deviation: Callable[[Start, float, float, float], float]
 
 
 def first_start(measurement: float) -> Start:
@@ -178,10 +180,10 @@ def _make_in_force(
     return in_force
 
 
-def _make_deviation(lag: float) -> Callable[[Start, float, float], float]:
+def _make_deviation(lag: float) -> Callable[[Start, float, float, float], float]:
     bent = 2.0 * lag
 
-    def deviation(start: Start, speed: float, dt: float) -> float:
+    def deviation(start: Start, speed: float, dt: float, quantum: float) -> float:
         clock, _, _, decay, travelled, kept = start
         mean = travelled / (clock - (BEGUN if clock > dt else FIRST) * dt)
         scale = 2.0 * abs(mean)
@@ -190,9 +192,20 @@ def _make_deviation(lag: float) -> Callable[[Start, float, float], float]:
         # docs/coverage.md (1): what is left of a step of the speed
         left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL * decay)
         # docs/coverage.md (2): what a ramp of the speed leaves
-        bend = bent * abs(speed - mean)
+        change = abs(speed - mean)
+        if decay > LEARNT:  # the first term no longer covers a motion that began earlier
+            change += abs(mean) * BEGUN * dt / clock
+        bend = bent * change
         if decay > 1.0:
             bend /= decay
-        return math.sqrt(left * left + bend * bend)
+        square = left * left + bend * bend
+        # docs/coverage.md (5): a ramp through a whole number of quanta per sample
+        if decay > LEARNT and quantum > 0.0:
+            repeats = 4.0 * quantum * change / clock
+            even = quantum / dt
+            beyond = speed - even * math.floor(speed / even + 0.5)
+            if beyond * beyond < repeats < (quantum * decay / clock) ** 2:
+                square += repeats / FIVE
+        return math.sqrt(square)
 
     return deviation

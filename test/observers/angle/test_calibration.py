@@ -29,6 +29,7 @@ from estimator_pkg.observers.contract import TRACKING
 
 DT = 1e-3
 TURN = 2.0 * math.pi
+QUANTUM = TURN / 4096.0
 
 
 def moving(motion, count=6000, noise=1e-3, seed=1):
@@ -72,6 +73,18 @@ def test_a_lag_that_sigma_does_not_contain_is_learnt(name, least):
     alone = uncalibrated(joint, samples, fast=False)
     assert covered(alone, alone.velocity_stddev, samples.velocity) < 0.5
     assert covered(out, out.velocity_stddev, samples.velocity) > least
+
+
+@pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'super_twisting'])
+def test_a_vibration_of_a_sixth_of_the_rate_is_no_noise_of_the_readings(name):
+    """60 Hz at 300 Hz: second differences of the readings are mostly motion."""
+    time = np.arange(3000) / 300.0
+    swing = 0.01 * (time % 0.5 < 0.25)
+    angle = 3.0 * time + swing * np.sin(120.0 * math.pi * time)
+    velocity = 3.0 + swing * 120.0 * math.pi * np.cos(120.0 * math.pi * time)
+    read = wrapped(np.rint(angle / QUANTUM) * QUANTUM)
+    out = make(name).run(stamps(3000, 1.0 / 300.0), read, fast=False)
+    assert covered(out, out.velocity_stddev, velocity) > 0.85
 
 
 @pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'finite_difference'])
@@ -152,8 +165,8 @@ def test_the_derivative_is_exact_for_a_polynomial_of_order_four(error):
         speed = ((1.2 * t - 3.0) * t + 4.0) * t - 1.5
         sample = (at, position, position, position, passed, passed)  # no step shows noise
         scale, learnt, chain = follow(scale, learnt, chain, sample, speed + error, 0.1)
-        mean, _, _, _, still, _, _ = learnt
-        learnt = (mean, SHORTEST, 0, 0.0, still, 1e-20, 1e-9)  # the readings have no noise
+        mean, _, _, _, still, *_ = learnt
+        learnt = (mean, SHORTEST, 0, 0.0, still, 1e-20, 1e-20, 1e-9)  # the readings have no noise
     assert mean == pytest.approx(max(FEWEST, (error / 0.1) ** 2), rel=0.02)
     assert scale == pytest.approx(math.sqrt(max(1.0, mean - under_test.CHANCE)))
 

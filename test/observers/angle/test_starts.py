@@ -11,6 +11,7 @@ import pytest
 from observer_cases import label, make, stamps, tunable_variants, variants, wrapped
 from sigma_starts import MOTIONS, Case, measure, readings_of_error, stream
 
+from estimator_pkg.driver.track import newest
 from estimator_pkg.observers.contract import TRACKING
 
 QUANTUM = 2.0 * math.pi / 4096.0
@@ -66,6 +67,39 @@ def test_sigma_is_below_twice_its_steady_value_soon_after_a_start(variant, known
     name, gains = variant
     calm = measure(name, gains, Case('steps 40 rad/s^2', known=known)).calm
     assert calm <= 20 or calm <= 1.5 * readings_of_error(name, gains, known)
+
+
+@pytest.mark.parametrize(
+    'name, gains, motion, bits, seed',
+    [
+        # a motion that began earlier in its sample than assumed
+        ('pll', {}, 'chirp', 17, 3),  # 5.8 before
+        ('finite_difference', {}, 'random', 17, 3),  # 5.1
+        ('hybrid_angle', {'order': 2}, 'random', 17, 3),  # 5.8
+        ('hybrid_angle', {'form': 'paper', 'bandwidth_hz': 20.0}, 'chirp', 17, 3),  # 9.6
+        ('hybrid_angle', {'form': 'paper', 'bandwidth_hz': 20.0}, 'sine', 17, 3),  # 5.1
+        # six counts in each sample, and none where the motion turns round
+        ('kalman', {}, 'chirp', 12, 7),  # 5.5
+        ('kalman', {}, 'random', 12, 6),  # 5.1
+    ],
+)
+def test_a_ramp_late_in_a_start_is_covered(name, gains, motion, bits, seed):
+    for known in (False, True):
+        assert measure(name, gains, Case(motion, bits=bits, known=known, seed=seed)).worst < 5.0
+
+
+@pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'pll'])
+def test_the_scale_does_not_widen_what_a_start_covers_itself(name):
+    """In the first readings of a start sigma is that of (1), which contains the observer's lag."""
+    at, read, _, begins = stream(Case('steps at once'))
+    joint = make(name)
+    for stamp, angle in zip(at[: begins + 4].tolist(), read[: begins + 4].tolist()):
+        joint.update(stamp, angle)
+    _, coefficients, state = newest(joint._track)
+    functions = joint.functions
+    _, alone = functions.scaled_stddev(state, coefficients, functions.design(), 1.0)
+    _, scaled = functions.scaled_stddev(state, coefficients, functions.design(), 5.0)
+    assert alone < scaled < 1.1 * alone
 
 
 AT_ONCE = ('steps at once', 'trapezoid at once', 'constant', 'sine', 'chirp', 'figure_4')

@@ -153,10 +153,14 @@ has the mean M, the mean square of the observer's own error in units of σ². M 
 weighted by $`(M/(M + \operatorname{var} \hat v/\sigma^2))^2`$, because the noise of (3) hides small errors. One z
 counts at most 9 of its means. The published σ is multiplied by $`\sqrt{M - 0.25}`$ where that exceeds 1. It is
 never made smaller than the observer's own, nor larger than the low-speed bound where it applies. Chance rarely makes
-M exceed 1.25 when σ is right.
+M exceed 1.25 when σ is right. The terms (1), (2) and (5) of a start are not scaled, because they contain the lag.
 
 - **R** is the mean of $`(\Delta y_k - \Delta y_{k-1})^2/6`$ over pairs of neighbouring samples, and at least
-  quantum²/12. The quantum is the smallest step, or the smallest difference of two, that was seen.
+  quantum²/12. The quantum is the smallest step, or the smallest difference of two, that was seen. These differences
+  contain motion: a vibration of 60 Hz sampled at 300 Hz looks like noise of 0.4 times its amplitude, in fourth
+  differences 0.16 times. So R is at most the mean of $`(\Delta^4 y)^2/70`$ over 96 sets of five instants, if
+  that is less than half. White noise has the same mean in both. The fourth differences do not lower R below
+  quantum²/6, which single steps of a slow joint show.
 - **h** is between 4 and 256 ms, and at least a sample time. It is doubled after 8 instants if var v̂ exceeds
   0.3 M σ². It is halved where the fourth difference of the readings exceeds 10 times its part from noise: there,
   five readings do not resolve the motion. It is doubled after 8 instants in which the reading hardly changes, and
@@ -233,10 +237,23 @@ accelerations over w. Five times
 ```
 
 cover it, with λ = 0.2 for order 3, 0.36 for order 2, 0.4 for the low-pass. The paper's form has the pace of its
-slowest pole, and λ is 0.36 times its lag behind a ramp.
+slowest pole, and λ is 0.36 times its lag behind a ramp. From x = 6 on, (1) no longer covers that the motion may
+have begun up to 0.75 sample times earlier than assumed (below). This changes c/t by 0.75 Δt/t of itself, which is
+added to the difference in (2). Without it, (2) was nearly zero when v passed c/t.
+
+A ramp may pass a speed of a whole number of quanta q per sample. The readings then repeat one step, and the
+observer follows that speed. With the acceleration a, its error is $`\sqrt{2 q a}`$ when the missing quantum comes.
+From x = 6 on,
+
+```math
+\sigma_3 = \frac{1}{5} \sqrt{2 q a} = \frac{1}{5} \sqrt{\frac{4 q}{t} \left\lvert v - \frac{c}{t} \right\rvert} \tag{5}
+```
+
+is added where v is nearer to such a speed than this error, if the error is less than q w. The difference is that of (2). In a faster ramp the steps change
+within two time constants of the observer, which averages them like noise.
 The motion may have begun anywhere in the last sample time before the first changed reading, so t starts
-there at a quarter of a sample time, and at a twentieth at the first reading, which shows no speed. The published variance is that of the noise, plus the squares of (1)
-and (2), until x = 10 and t = 0.25 s.
+there at a quarter of a sample time, and at a twentieth at the first reading, which shows no speed. The published variance is that of the noise, plus the squares of (1),
+(2) and (5), until x = 10 and t = 0.25 s.
 
 The pace w follows from the noise gain: a loop with all poles at w lets through a velocity variance
 proportional to w³ Δt. For `super_twisting` it is that of its error dynamics, (L/|e|)^(1/(n+1)),
