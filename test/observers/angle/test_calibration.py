@@ -76,7 +76,7 @@ def test_a_lag_that_sigma_does_not_contain_is_learnt(name, least):
 
 
 @pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'super_twisting'])
-def test_a_vibration_of_a_sixth_of_the_rate_is_no_noise_of_the_readings(name):
+def test_a_vibration_of_a_fifth_of_the_rate_is_no_noise_of_the_readings(name):
     """60 Hz at 300 Hz: second differences of the readings are mostly motion."""
     time = np.arange(3000) / 300.0
     swing = 0.01 * (time % 0.5 < 0.25)

@@ -249,8 +249,8 @@ From x = 6 on,
 \sigma_3 = \frac{1}{5} \sqrt{2 q a} = \frac{1}{5} \sqrt{\frac{4 q}{t} \left\lvert v - \frac{c}{t} \right\rvert} \tag{5}
 ```
 
-is added where v is nearer to such a speed than this error, if the error is less than q w. The difference is that of (2). In a faster ramp the steps change
-within two time constants of the observer, which averages them like noise.
+is added where v is nearer to such a speed than this error, if the error is less than q w. The difference is that
+of (2). In a faster ramp the steps change within two time constants of the observer, which averages them like noise.
 The motion may have begun anywhere in the last sample time before the first changed reading, so t starts
 there at a quarter of a sample time, and at a twentieth at the first reading, which shows no speed. The published variance is that of the noise, plus the squares of (1),
 (2) and (5), until x = 10 and t = 0.25 s.
@@ -269,10 +269,10 @@ start, in steady standard deviations:
 
 | observer | at reading 20 | largest after it (the end of the ramp) | above 2 until reading | sigma above 2 until reading |
 |---|---|---|---|---|
-| `kalman`, quantum found | 2.1 | 11.4 | 74 | 81 |
-| `kalman`, quantum set | 1.6 | 9.7 | 71 | 70 |
-| `super_twisting`, both | 1.4 | 3.6 | 58 | 48 |
-| `hybrid_angle`, form: paper, both | 7.8 | 8.1 | 55 | 81 |
+| `kalman`, quantum found | 2.1 | 11.4 | 74 | 80 |
+| `kalman`, quantum set | 1.6 | 9.7 | 71 | 69 |
+| `super_twisting`, both | 1.4 | 3.6 | 58 | 49 |
+| `hybrid_angle`, form: paper, both | 7.8 | 8.1 | 55 | 62 |
 
 No reading shows the end of the ramp before it comes. With a standard deviation of 2 before it, the error of
 `kalman` would be 5.7 of them (quantum found) and 4.8 (quantum set). `super_twisting` does not need its
