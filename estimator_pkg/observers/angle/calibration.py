@@ -40,6 +40,7 @@ LEAP = 4.0  # quanta; a larger change after a rest is no creep
 MOVING = 3  # of the four intervals, in which the reading has changed
 READINGS = 32.0  # pairs of steps over which the noise is averaged
 FOURTHS = 96.0  # the same by fourth differences; neighbouring ones share four of five readings
+BEGINS = 2.0  # of the variance by second differences, which has seen few readings itself
 UNEVEN = 2.5  # a step of time, or between instants, longer by this factor is a hole
 RESIDUE = 1e-9  # [rad] smaller differences are rounding, as are
 ROUNDING = 2.0**-22  # those below this part of the reading
@@ -227,7 +228,7 @@ def _make_follow(period: float) -> Callable[..., Calibration]:
                 else:
                     still = 0
                     if fourths == 0.0:
-                        fourths = variance
+                        fourths = BEGINS * variance
                     least = quantum * quantum / 12.0 if quantum < math.inf else 0.0
                     # both contain motion; q^2/6 is that of single steps
                     noise = fourths if fourths > 2.0 * least else 2.0 * least

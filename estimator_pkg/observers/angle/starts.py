@@ -201,11 +201,11 @@ def _make_deviation(lag: float) -> Callable[[Start, float, float, float], float]
         square = left * left + bend * bend
         # docs/coverage.md (5): a ramp through a whole number of quanta per sample
         if decay > LEARNT and quantum > 0.0:
-            repeats = 4.0 * quantum * change / clock
-            even = quantum / dt
-            beyond = speed - even * math.floor(speed / even + 0.5)
-            if beyond * beyond < repeats < (quantum * decay / clock) ** 2:
-                square += repeats / FIVE
+            repeats, pace = 4.0 * quantum * change / clock, quantum * decay / clock
+            if repeats < pace * pace:
+                beyond = wrap(speed, quantum / dt)
+                if beyond * beyond < repeats:
+                    square += repeats / FIVE
         return math.sqrt(square)
 
     return deviation

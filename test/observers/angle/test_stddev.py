@@ -159,8 +159,9 @@ M exceed 1.25 when σ is right. The terms (1), (2) and (5) of a start are not sc
   quantum²/12. The quantum is the smallest step, or the smallest difference of two, that was seen. These differences
   contain motion: a vibration of 60 Hz sampled at 300 Hz looks like noise of 0.4 times its amplitude, in fourth
   differences 0.16 times. So R is at most the mean of $`(\Delta^4 y)^2/70`$ over 96 sets of five instants, if
-  that is less than half. White noise has the same mean in both. The fourth differences do not lower R below
-  quantum²/6, which single steps of a slow joint show.
+  that is less than half. White noise has the same mean in both. The fourth begins at twice the mean of the second
+  differences, which few readings do not show, and does not lower R below quantum²/6, which single steps of a slow
+  joint show.
 - **h** is between 4 and 256 ms, and at least a sample time. It is doubled after 8 instants if var v̂ exceeds
   0.3 M σ². It is halved where the fourth difference of the readings exceeds 10 times its part from noise: there,
   five readings do not resolve the motion. It is doubled after 8 instants in which the reading hardly changes, and
