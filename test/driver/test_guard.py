@@ -17,6 +17,7 @@ from estimator_pkg.driver.guard import (
     AFTER_GAP,
     AFTER_OUTAGE,
     AFTER_STRAY_STAMP,
+    DROPPED,
     DUPLICATE,
     FIRST,
     LATE,
@@ -25,6 +26,7 @@ from estimator_pkg.driver.guard import (
     USED,
     VERDICTS,
     ZERO_STAMP,
+    why_dropped,
 )
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
 
@@ -423,3 +425,25 @@ def test_a_hole_too_long_for_the_gains_is_passed_over_as_a_gap():
     assert joint.estimate()[3] == COASTING
     assert feed(now + 151 * MS) == USED
     assert joint.dropped() == {}
+
+
+def test_a_second_stamp_far_ahead_is_a_stray_one():
+    joint = make('kalman')
+    for after in (0, 2000, 10, 20):
+        joint.update(START + after * MS, 0.0)
+    assert joint.events() == {'stray_stamp': 1} and joint.mean_dt == pytest.approx(0.01)
+
+
+def test_of_two_holes_in_a_row_the_shorter_one_shows_the_rate():
+    joint = make('kalman')
+    for after in (*range(0, 500, 10), 990, 2990):
+        joint.update(START + after * MS, 0.0)
+    assert joint.mean_dt == pytest.approx(0.5)
+
+
+def test_only_missing_stamps_have_the_remedy_for_stamps():
+    for kind in DROPPED:
+        said = why_dropped(10, {kind: 10}, 'stamp them')
+        assert said.startswith('every sample dropped: ')
+        assert said.endswith(': stamp them') is (kind == 'zero_stamp')
+    assert why_dropped(10, {'late': 5}, 'stamp them') == ''

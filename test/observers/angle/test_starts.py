@@ -175,6 +175,19 @@ def test_super_twisting_of_order_1_covers_a_ramp_of_few_samples():
         assert measure('super_twisting', {'order': 1}, case).worst < 5.0, case
 
 
+@pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'pll'])
+def test_a_rest_at_the_wrap_is_a_rest(name):
+    """Noise takes the readings from one end of the turn to the other."""
+    time = np.arange(1100) * 1e-3 - 0.8
+    angle = np.where(time > 0.0, 20.0 * time * time, 0.0)
+    read = angle + np.random.default_rng(1).normal(0.0, 1e-3, len(time))
+    deviations = []
+    for middle in (0.0, math.pi):
+        out = make(name).run(stamps(len(time)), wrapped(read + middle), fast=False)
+        deviations.append(out.velocity_stddev[3:])
+    np.testing.assert_allclose(*deviations, rtol=1e-9)
+
+
 @pytest.mark.parametrize('name', ['hybrid_angle', 'kalman', 'super_twisting'])
 def test_a_slow_motion_in_noise_is_no_rest(name):
     """Readings that only go one way are a motion, however much the innovations scatter."""

@@ -39,6 +39,19 @@ def test_once_found_the_state_is_that_with_the_quantum_given():
         assert other == pytest.approx(one, rel=1e-6)
 
 
+@pytest.mark.parametrize('start', [start for start, _ in WORST])
+def test_once_found_the_start_is_as_old_as_with_the_quantum_given(start):
+    (given, _), (unknown, _) = (states(start, gains) for gains in ({'quantum': start.quantum}, {}))
+    ages = []
+    for (*_, one, _, _), (_, _, _, (used, *_), *_, other, _, _) in zip(given, unknown):
+        if used == pytest.approx(start.quantum, rel=1e-6):
+            _, _, *one_since, _, _ = one
+            _, _, *other_since, _, _ = other
+            assert other_since == pytest.approx(one_since, abs=1e-9)
+            ages += other_since
+    assert 0.2 < max(ages) < 0.26
+
+
 def irregular(seed):
     """(stamps, readings) of a joint that rests, and then moves by 0, 6 or 9 counts of 4096."""
     counts = np.random.default_rng(seed).choice([0, 6, 9], 300)
@@ -58,7 +71,7 @@ def test_readings_in_blocks_and_compiled_count_again_as_live(chunk):
             np.stack(blocks.run(at[i : i + chunk], read[i : i + chunk], fast=True)[:5], axis=1)
             for i in range(0, len(at), chunk)
         ]
-        np.testing.assert_allclose(np.concatenate(found), expected, rtol=1e-7, atol=1e-9)
+        np.testing.assert_array_equal(np.concatenate(found), expected)
         assert (live._past is None) == (blocks._past is None)
 
 
