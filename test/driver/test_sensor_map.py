@@ -11,7 +11,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from estimator_pkg.driver.sensor_map import FIELDS
+from estimator_pkg.driver.sensor_map import FIELDS, NOWHERE, entered
+from estimator_pkg.driver.sensor_table import Maps
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.smoother import Smoother
 
@@ -84,6 +85,66 @@ def test_misplaced_edges_cost_at_most_a_third(speed):
     off, on, learning = both('edge_adaptive', stamps, readings, velocity, 0.7)
     assert on < off / 3.0
     assert learning.learner.text()
+
+
+@pytest.mark.parametrize('speed', [20.0, -20.0])
+def test_a_hall_sensor_of_six_edges_is_learnt(speed):
+    stamps, angle, velocity = sampled(speed, 6.0)
+    readings = read_by(misplaced(6), angle)
+    off, on, _ = both('kalman', stamps, readings, velocity, 0.7, quantum=TURN / 6)
+    assert on < 0.6 * off  # the rest is the quantum's
+
+
+def test_a_new_map_begins_without_a_jump():
+    stamps, angle, velocity = sampled(40.0, 2.0)
+    off, on = (
+        joint('kalman', each, quantum=TURN / 4096).run(stamps, eccentric(angle), fast=False)
+        for each in ('none', 'learn')
+    )
+    worst, usual = (np.max(np.abs(out.velocity - velocity)[600:]) for out in (on, off))
+    assert not np.array_equal(on.velocity, off.velocity)
+    assert worst < 1.05 * usual
+
+
+def test_a_map_that_no_longer_helps_is_given_up():
+    """The error goes on with another wheel, and the turn before predicts it no more."""
+    stamps, angle, _ = sampled(24.0, 7.5)
+    learning, n = joint('kalman', quantum=TURN / 4096), 3000
+    learning.run(stamps[:n], eccentric(angle[:n], 0.01), fast=False)
+    assert learning.why()
+    learning.run(stamps[n:], wrapped(angle + 0.03 * np.sin(1.41 * angle))[n:], fast=False)
+    assert not learning.why()
+    assert learning.learner.awake
+    assert len(learning._track) == FIELDS  # as if there had never been one
+
+
+@pytest.mark.parametrize('coarse', [True, False])
+@pytest.mark.parametrize('step', [1, -1])
+def test_readings_that_wrap_are_no_motion(coarse, step):
+    size = TURN / 8
+    tables = np.vstack([np.random.default_rng(2).normal(0.0, 0.1, (2, 8)), np.zeros((2, 8))])
+    place = (0.0, size, *NOWHERE[2:])
+    maps = tuple(Maps(coarse, size, 0.5 * size, 0.0, 0, tables))
+    reading = (step + 0.25) * size
+    _, *plain = entered(place, maps, reading, TURN)
+    for turns in (-1, 1):
+        _, *wraps = entered(place, maps, reading + turns * TURN, TURN)
+        assert wraps[-1] == plain[-1]
+        assert wraps[:-1] == pytest.approx(plain[:-1])
+
+
+def test_a_ripple_is_foreseen_from_cell_to_cell_and_one_way():
+    """A shaft that turns back, or that skips a cell, passes the cell as it likes."""
+    size = TURN / 8
+    tables = np.vstack([np.zeros((2, 8)), np.full((2, 8), -0.2)])
+    place = (0.0, size, *NOWHERE[2:])
+    for way, cells, foreseen in ((1, 1, -0.2), (-1, -1, -0.2), (1, -1, 0.0), (1, 2, 0.0)):
+        maps = tuple(Maps(True, size, size, 0.0, way, tables))
+        *_, further, _, _, _, _, _, (_, _, rise, motion) = entered(
+            place, maps, (cells + 0.5) * size, TURN
+        )
+        assert (rise, motion) == (foreseen, foreseen)
+        assert further == 0.0  # no cell is larger
 
 
 def test_a_map_of_one_direction_serves_the_other():
@@ -179,6 +240,32 @@ def test_a_cogging_torque_is_dropped_at_another_speed():
     assert learning.why()
     learning.run(stamps[6000:], eccentric(angle[6000:], 0.0), fast=False)
     assert not learning.why()
+
+
+def test_a_cogging_torque_that_was_dropped_is_no_surer_at_the_faster_speed():
+    angle, _ = cogging(np.repeat([12.0, 20.0], [5000, 8000]))
+    stamps = START_NS + 1_000_000 * np.arange(len(angle))
+    learning = joint('kalman', quantum=TURN / 4096)
+    for part, dropped in (
+        (slice(5000), False),
+        (slice(5000, 9000), True),
+        (slice(9000, None), False),
+    ):
+        learning.run(stamps[part], eccentric(angle[part], 0.0), fast=False)
+        assert (learning.why() == '') is dropped
+    assert 'or motion' in learning.why()
+
+
+def test_what_may_be_motion_widens_the_interval_by_as_much():
+    stamps, angle, _ = sampled(12.0, 5.0)
+    learning, knowing = (
+        joint('kalman', each, quantum=TURN / 4096).run(stamps, eccentric(angle, size), fast=False)
+        for each, size in (('learn', 0.01), ('none', 0.0))
+    )
+    for of, rms in (('velocity_stddev', 0.01 * 12.0), ('position_stddev', 0.01)):
+        wide, usual = (getattr(out, of)[4000:] for out in (learning, knowing))
+        more = np.sqrt(np.mean(wide**2 - usual**2))
+        assert more == pytest.approx(rms / math.sqrt(2.0), rel=0.1)
 
 
 @pytest.mark.parametrize('observer', ['edge_adaptive', 'hybrid_angle'])
@@ -329,6 +416,16 @@ def test_a_ripple_of_a_slow_shaft_is_foreseen():
     follows = joint('pll', quantum=TURN / 12)
     follows.run(stamps, readings, fast=False)
     assert 'ripple' not in follows.why()
+
+
+def test_a_ripple_comes_in_over_one_period_of_it():
+    stamps, readings, _ = rippled(1000.0)
+    learning, shares = joint(quantum=TURN / 12), set()
+    for part in np.split(np.arange(10_000), 200):
+        learning.run(stamps[part], readings[part], fast=False)
+        shares.add(learning.learner.share)
+    assert {0.0, 1.0} < shares
+    assert min(shares - {0.0}) < 0.6
 
 
 def test_the_smoothed_velocity_has_no_errors_that_are_learnt():

@@ -362,6 +362,20 @@ def test_time_never_goes_back_while_it_is_repaired():
     assert np.max(np.abs(np.diff(times[2000:]) - MS)) < 50_000
 
 
+def test_messages_that_are_lost_again_and_again_are_known_while_nothing_moves():
+    """The first ones are taken for delays until the stamps stay late, a period too early."""
+    k = np.arange(2500)
+    angle = 0.5 * np.sin(0.02 * np.minimum(k, 1000))
+    arrives = (k < 1100) | (k % 40 != 0)
+    stamps = START + MS * k + np.random.default_rng(3).integers(0, 520_000, len(k))
+    times, states, _ = repaired(stamps[arrives], angle[arrives])
+    late = (times - START - MS * k[arrives]) / MS
+    late = (late - np.median(late))[1:][np.diff(k[arrives]) > 1]
+    assert states[-1] == REPAIRED
+    assert late[0] < -0.9
+    assert np.max(np.abs(late[10:])) < 0.1
+
+
 def test_stamps_that_are_none_pass():
     repair = StampRepair(lambda name: TURN)
     assert repair(0, ('joint',), (0.1,)) == 0
