@@ -1001,3 +1001,17 @@ def test_a_start_whose_second_stamp_comes_too_soon_begins_again():
     joint = make('edge_adaptive', {'quantum': quantum})
     velocity = joint.run(at, read).velocity
     assert np.max(np.abs(velocity[3:])) < 20.0
+
+
+@pytest.mark.parametrize('counts', [4, 6, 7])
+@pytest.mark.parametrize('given', [False, True])
+def test_a_turn_of_few_counts_is_followed(counts, given):
+    """Each count is further than the eighth of a turn beyond which no reading is believed."""
+    quantum = 2.0 * math.pi / counts
+    time = np.arange(3000) * 1e-3
+    for speed in (5.0, -20.0):
+        read = wrapped(np.floor((speed * time + 0.1) / quantum) * quantum)
+        joint = make('edge_adaptive', {'quantum': quantum} if given else {})
+        out = joint.run(stamps(len(time)), read, fast=False)
+        assert out.velocity[2000:] == pytest.approx(speed, rel=0.05)
+        assert set(out.status[2000:]) == {TRACKING}
