@@ -207,6 +207,7 @@ def test_a_result_may_stand_in_the_folder_of_its_bag(tmp_path, monkeypatch, caps
         assert out.endswith(said) and ('replaced' in out) == bool(said)
 
 
+@pytest.mark.long
 def test_an_output_that_existed_is_reported(tmp_path, capsys):
     page, gains, result = (str(tmp_path / name) for name in ('page', 'gains', 'result'))
     words = ['doctor', str(BAG), '--html', page, '--out', gains, '--json']

@@ -151,6 +151,7 @@ def test_peers_get_clean_samples_and_their_estimates_stand_at_their_stamps():
     assert np.isnan(column.at_rows(rows, np.ones(2))).tolist() == [False, True, True, False, True]
 
 
+@pytest.mark.long
 def test_forward_alone_sees_no_future():
     pytest.importorskip('pynumdiff')
     forward = next(each for each in peers.peers()[0] if each.name == 'PyNumDiff kalman_filter')

@@ -82,6 +82,7 @@ def test_it_has_at_most_half_the_error_of_the_difference_at_1_khz(measured, obse
     assert own <= 0.5 * difference
 
 
+@pytest.mark.long
 def test_at_rest_the_reference_cannot_tell_and_the_row_says_so(measured):
     at_rest = [row for (case, _), row in measured.items() if case.startswith('at_rest')]
     assert all(

@@ -197,6 +197,7 @@ def test_a_joint_that_does_not_turn_is_never_corrected():
     assert not learning.learner.awake
 
 
+@pytest.mark.long
 def test_an_edge_that_comes_late_by_a_time_is_learnt_at_any_speed():
     counts, late = 12, 8e-3  # every second edge, forward
     size = TURN / counts

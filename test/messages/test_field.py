@@ -209,6 +209,7 @@ def test_the_header_of_an_element_gives_its_stamp():
     assert (stamp, frame) == (7 * 10**9 + 7, 'frame_2')
 
 
+@pytest.mark.long
 @settings(max_examples=80, deadline=None)
 @given(cut=st.integers(0, 700), noise=st.binary(max_size=40))
 def test_bytes_that_are_no_message_are_malformed(cut, noise):

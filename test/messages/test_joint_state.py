@@ -144,6 +144,7 @@ def test_a_stream_keeps_its_layout_whatever_is_in_the_padding():
         assert exact(decoder.decode(raw)) == exact(message)
 
 
+@pytest.mark.long
 @settings(max_examples=100, deadline=None)
 @given(messages, st.sampled_from('<>'))
 @example(SEVEN, '<')

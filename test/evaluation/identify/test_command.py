@@ -276,6 +276,7 @@ def test_a_usage_error_is_one_line(recording, words, message, capsys):
     assert message in error and error.count('\n') == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'bag, message',
     [

@@ -304,6 +304,7 @@ def test_starts_frozen_with_saved_parameters():
     assert all(item.stddev == 0.0 for item in named(made).values())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('ahead', [10**10, -(10**10)])
 def test_an_outage_and_a_jump_of_the_clock_keep_parameters_and_no_speed(ahead):
     u = excited(20000)
