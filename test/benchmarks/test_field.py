@@ -160,6 +160,7 @@ def test_forward_alone_sees_no_future():
     assert forward.run(column, 1e7)[:800] == pytest.approx(forward.run(cut, 1e7))
 
 
+@pytest.mark.long
 def test_recordings_are_columns_with_their_reference():
     found, refused = recorded(BAGS)
     by_name = {column.name: column for column in found}

@@ -211,6 +211,7 @@ def test_an_edge_that_comes_late_by_a_time_is_learnt_at_any_speed():
     assert np.abs(np.diff(errors)) == pytest.approx(np.full(counts - 1, 20.0 * late), rel=0.05)
 
 
+@pytest.mark.long
 def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
     edges = misplaced(12)
     stamps, angle, velocity = sampled(60.0, 8.0, 4000.0)

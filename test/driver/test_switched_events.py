@@ -187,6 +187,7 @@ def test_an_event_at_zero_is_used_after_the_clock_jumped_to_it(first):
     assert made.event_counts.keys() <= {APPLIED, LATE} and made.event_counts.total() == 1
 
 
+@pytest.mark.long
 def test_events_without_samples_are_not_kept_for_ever():
     made = system()
     sampled(made, 0, 2)

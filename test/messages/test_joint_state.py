@@ -112,6 +112,7 @@ def test_decodes_what_rclpy_serialises(message):
         assert exact(decoder.decode(raw)) == exact(message)  # the layout is known now
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(messages)
 @example(SEVEN)
@@ -125,6 +126,7 @@ def test_rclpy_deserialises_what_we_encode(message):
         assert exact(shared.decode(raw)) == exact(message)
 
 
+@pytest.mark.long
 @settings(max_examples=200, deadline=None)
 @given(messages, messages, st.binary(min_size=1, max_size=1), st.sampled_from('<>'))
 def test_padding_and_byte_order_do_not_matter(first, second, padding, order):
@@ -177,6 +179,7 @@ def test_random_bytes_are_decoded_or_malformed_and_nothing_else(raw):
         assert outcome(shared, head + raw) == outcome(Decoder(), head + raw)
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(
     messages,

@@ -218,6 +218,7 @@ def test_stamps_within_the_tolerance_pair_whatever_comes_first():
     assert pairs.nearest_ns is None and pairs.unpaired == 0
 
 
+@pytest.mark.long
 @given(
     st.sets(st.integers(0, 99)),
     st.sets(st.integers(0, 99)),

@@ -161,6 +161,7 @@ def pendulum(u, push=0.0, hold=()):
     return np.array(rows).T
 
 
+@pytest.mark.long
 def test_gravity_is_a_known_regressor_over_the_whole_circle():
     u = excited(15000, hold=300, size=1.5)
     angles, velocity = pendulum(u)
@@ -193,6 +194,7 @@ def test_a_knock_is_not_learnt_from():
     assert errors[5.0] < 0.1 < 1.0 < errors[0.0]
 
 
+@pytest.mark.long
 def test_nothing_is_learnt_below_a_speed():
     u = excited(15000, hold=300, size=1.5)
     angles, velocity = pendulum(u)
@@ -243,6 +245,7 @@ def test_blocks_merge_and_forget():
     assert not whole.blocks
 
 
+@pytest.mark.long
 def test_saved_parameters_keep_their_deviation_and_doubt(tmp_path):
     """Frozen on what was not trusted, a joint does not present it as good."""
     path = str(tmp_path / 'motor.yaml')

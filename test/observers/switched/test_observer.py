@@ -88,6 +88,7 @@ def run(joint, angles, torques, events=(), offset=0.0):
     return rows
 
 
+@pytest.mark.long
 def test_a_new_load_is_known_within_half_a_second():
     angles, velocities, torques = gripped()
     joint = made(quantum=QUANTUM)
@@ -251,6 +252,7 @@ def test_the_fifo_of_n_intervals_and_the_prediction_of_n_plus_1_steps(steps):
         assert converged and shown == pytest.approx(true, abs=0.05)
 
 
+@pytest.mark.long
 def test_the_acceleration_is_right_at_once_after_a_known_event():
     """Z jumps, and with it what ends the chains: in the example by 6 of their 10 units. With
     `reset: all` the published acceleration jumps along before the stages could have settled.

@@ -51,6 +51,7 @@ def test_the_motion_is_that_of_the_equation():
     assert w[-1] == pytest.approx(x[1], abs=1e-9)
 
 
+@pytest.mark.long
 def test_the_effort_acted_since_the_sample_before():
     _, _, efforts, q, w = run(2.0, hold=0.05)
     changes = np.flatnonzero(np.diff(efforts))

@@ -27,6 +27,7 @@ def test_the_table_of_the_specification_is_whole():
     assert len({reference.id for reference in REPRODUCTION.references()}) == 297
 
 
+@pytest.mark.long
 def test_the_inferred_joint_gives_numbers_it_was_not_fitted_to():
     """Section 7 of the specification also prints these two, which are no rows of its table."""
     case = mechanical_benefit.Case
