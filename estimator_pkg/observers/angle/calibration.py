@@ -40,13 +40,12 @@ LEAP = 4.0  # quanta; a larger change after a rest is no creep
 MOVING = 3  # of the four intervals, in which the reading has changed
 READINGS = 32.0  # pairs of steps over which the noise is averaged
 FOURTHS = 96.0  # the same by fourth differences; neighbouring ones share four of five readings
-BEGINS = 2.0  # of the variance by second differences, which has seen few readings itself
 UNEVEN = 2.5  # a step of time, or between instants, longer by this factor is a hole
 RESIDUE = 1e-9  # [rad] smaller differences are rounding, as are
 ROUNDING = 2.0**-22  # those below this part of the reading
 OF_DERIVATIVE = 130.0 / 144.0  # (1 + 64 + 64 + 1)/12^2: variance of the derivative, of the noise's
 OF_FOURTH = 70.0  # 1 + 16 + 36 + 16 + 1: variance of the fourth difference, of the noise's
-SHAKES = 2.0  # a variance by second differences beyond this part of that by fourth is no chance
+SHAKES = 2.0  # times that by fourth differences: a larger variance by second ones has motion in it
 RESOLVED = 10.0 * OF_FOURTH  # a square of it beyond this is motion
 LEAST = 1e-100  # a smaller standard deviation cannot be scaled
 
@@ -228,7 +227,7 @@ def _make_follow(period: float) -> Callable[..., Calibration]:
                 else:
                     still = 0
                     if fourths == 0.0:
-                        fourths = BEGINS * variance
+                        fourths = SHAKES * variance  # few readings do not show it
                     least = quantum * quantum / 12.0 if quantum < math.inf else 0.0
                     # both contain motion; q^2/6 is that of single steps
                     noise = fourths if fourths > 2.0 * least else 2.0 * least
