@@ -9,6 +9,8 @@ import math
 from typing import NamedTuple
 
 LARGEST = 1e9  # beyond it [rad] a double does not resolve 1e-7 rad: no reading, but garbage
+FURTHER = 1.5  # quanta by which a reading may be off where a turn has few
+WHOLE = 0.01  # quanta by which a turn may differ from a whole number of them
 
 
 class Circle(NamedTuple):
@@ -29,6 +31,16 @@ def wrap(angle: float, period: float) -> float:
     if period > 0.0:
         return angle - period * math.floor(angle / period + 0.5)
     return angle
+
+
+def is_next_count(off: float, quantum: float, period: float) -> bool:
+    """Return True if a reading may be `off` [rad] because a turn has few counts: it is the next.
+
+    Parameters
+    ----------
+    quantum : smallest step of the reading [rad], of which a turn must be a whole number.
+    """
+    return abs(off) <= FURTHER * quantum and abs(wrap(period, quantum)) <= WHOLE * quantum
 
 
 def is_angle(measurement: float) -> bool:

@@ -28,7 +28,7 @@ from estimator_pkg.observers.angle.starts import (
     linear_pace,
     make_start,
 )
-from estimator_pkg.observers.circle import Circle, is_angle, wrap
+from estimator_pkg.observers.circle import Circle, is_angle, is_next_count, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
@@ -340,6 +340,9 @@ def _make_step(
                 of_core, dt = coefficients
         square, usual = innovation * innovation, recent
         inside = -outside <= innovation <= outside
+        if not inside:
+            quantum = design.quantum if design.quantum > 0.0 else smallest
+            inside = quantum > 0.0 and is_next_count(innovation, quantum, period)
         if inside:
             recent += (square - recent) / RECENT
         if measurement == last:
@@ -382,7 +385,8 @@ def _make_step(
             if inside:
                 power += (square - power) / FRESH
             count = FRESH
-        inner, lock = relock(lock, before, inner, abs(innovation), dt, mean_dt, design, measurement)
+        size = 0.0 if inside else abs(innovation)
+        inner, lock = relock(lock, before, inner, size, dt, mean_dt, design, measurement)
         return (inner, convention, reading, (power, count), lock, start, stamps)
 
     return step

@@ -57,6 +57,35 @@ def covered(name, gains, profile, seed, count=40_000):
     return float(np.mean(error < 1.96 * out.velocity_stddev[tracked])), int(tracked.sum())
 
 
+def few_counts(name, gains, counts, speed):
+    """The errors [rad/s] and what sigma covers at a constant speed, `counts` per turn, 1 kHz."""
+    quantum, count = 2.0 * math.pi / counts, 2000
+    read = wrapped(np.floor((speed * DT * np.arange(count) + 0.1) / quantum) * quantum)
+    out = make(name, gains).run(stamps(count, DT), read)
+    error = np.abs(out.velocity - speed)[count // 2 :]
+    return error, np.mean(error < 1.96 * out.velocity_stddev[count // 2 :])
+
+
+LEAST_OF_FEW = {'kalman': 0.5, 'super_twisting': 0.35}  # their errors last from edge to edge
+
+
+@pytest.mark.parametrize('counts', [4, 6])
+@pytest.mark.parametrize('speed', [20.0, 200.0])
+@pytest.mark.parametrize('variant', variants(), ids=label)
+def test_an_edge_further_than_an_eighth_of_a_turn_is_no_outlier(variant, speed, counts):
+    """The interval covers the speed of a Hall sensor: most were covered never or to 15 %."""
+    name, gains = variant
+    _, part = few_counts(name, gains, counts, speed)
+    assert part > LEAST_OF_FEW.get(name, 0.8)
+
+
+@pytest.mark.parametrize('counts', [4, 7])
+def test_the_hybrid_observer_follows_few_counts_that_it_is_told(counts):
+    """It held its speed at each edge before, and was wrong by 370 to 520 rad/s."""
+    error, _ = few_counts('hybrid_angle', {'quantum': 2.0 * math.pi / counts}, counts, 200.0)
+    assert np.sqrt(np.mean(error * error)) < 50.0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize('given', [True, False], ids=['noise given', 'noise estimated'])
 @pytest.mark.parametrize('variant', tunable_variants(), ids=label)

@@ -80,13 +80,11 @@ from estimator_pkg.observers.angle.edge.start import (
     straight_line,
 )
 from estimator_pkg.observers.angle.edge.update import update
-from estimator_pkg.observers.circle import Circle, is_angle, wrap
+from estimator_pkg.observers.circle import Circle, is_angle, is_next_count, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions, Observer
 from estimator_pkg.observers.convention import begin, follow, present
 from estimator_pkg.parameters import parameter
 
-FURTHER = 1.5  # quanta by which a reading may be off where a turn has few
-WHOLE = 0.01  # quanta by which a turn may differ from a whole number of them
 HASTY = 4.0  # first sample times: where the second is longer, the stamps of the first were wrong
 # (status, samples since a start, a gap or a doubt, time [s] for which the readings were far off)
 Lock = tuple[int, float, float]
@@ -225,10 +223,6 @@ def _make_step(period: float) -> Callable[..., tuple]:
     half_turn = 0.5 * period if period > 0.0 else math.inf
     outside = OUTSIDE * period if period > 0.0 else math.inf
 
-    def few_counts(off: float, quantum: float) -> bool:
-        """Return True if a reading is that far off because a turn has so few counts."""
-        return abs(off) <= FURTHER * quantum and abs(wrap(period, quantum)) <= WHOLE * quantum
-
     def step(
         state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
     ) -> tuple:
@@ -328,7 +322,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
             doubt, begins = stirred(doubt, sensor, p, rested, dt, first, period)
             starting = starting and not begins
         # An eighth of a turn off: no reading of this shaft, or not of this speed
-        if (off > outside or off < -outside) and not few_counts(off, quantum):
+        if (off > outside or off < -outside) and not is_next_count(off, quantum, period):
             astray += dt
             p00, _, _, _, _, _ = p
             if astray > LOST_AFTER or SIGMAS * SIGMAS * p00 > outside * outside:

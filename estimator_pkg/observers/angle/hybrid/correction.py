@@ -13,7 +13,8 @@ Against Algorithm 1 of Brentari et al. (2018):
   down to the steady ones. The speed is right from the second sample on.
 * A sample that is off by more than an eighth of a turn, at once, is not injected: one kick could
   carry the speed to another that fits the samples as well (v + n 2 pi/T). The speed is held. If
-  the next samples fit again it was an outlier; if they do not, a new start is made from them.
+  the next samples fit again it was an outlier; if they do not, a new start is made from them. Where
+  a turn has so few counts that the next one is further, `quantum` says so: 1.5 of them then.
 
 State and coefficients are those of `robust`. The innovation is the error that the last correction
 left plus the motion that was not predicted.
@@ -25,15 +26,25 @@ import math
 from collections.abc import Callable
 
 from estimator_pkg.observers.angle.hybrid.injections import Injection
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.circle import FURTHER, wrap
 
-DOUBTFUL = 0.125  # of a turn: a larger innovation is doubtful
+DOUBTFUL = 0.125  # of a turn: a larger innovation is doubtful, unless a turn has few counts
 # Doubtful samples do not correct the speed for HOLD [s] and HOLD_SAMPLES samples; then comes a new
 # start.
 HOLD = 0.02
 HOLD_SAMPLES = 3
 
 Correct = Callable[[tuple, tuple, float], tuple[tuple, float]]
+
+
+def doubtful(quantum: float, period: float) -> float:
+    """Return the innovation [rad] beyond which one is doubtful; inf where there is no circle.
+
+    Parameters
+    ----------
+    quantum : as the user gave it [rad]; 0: not known.
+    """
+    return max(DOUBTFUL * period, FURTHER * quantum) if period > 0.0 else math.inf
 
 
 def clamped(velocity: float, fastest: float) -> float:
@@ -53,14 +64,13 @@ def make_correct_2(injection: Injection, linear: bool, period: float) -> Correct
     linear : the injection is the wrapped error itself (saw).
     period : of the circle [rad]; 0: none.
     """
-    doubtful = DOUBTFUL * period if period > 0.0 else math.inf
 
     def start(
         state: tuple, coefficients: tuple, measurement: float, innovation: float
     ) -> tuple[tuple, float]:
         """Return the state one sample further: expanding memory of a straight line."""
         last, _, velocity, phase = state
-        alpha, beta, dt, _, _, fastest = coefficients
+        alpha, beta, dt, _, doubtful, _, fastest = coefficients
         if phase > 1.0 and not -doubtful <= innovation <= doubtful:
             velocity = wrap(measurement - last, period) / dt
             return (measurement, 0.0, clamped(velocity, fastest), 2.0), innovation
@@ -81,7 +91,7 @@ def make_correct_2(injection: Injection, linear: bool, period: float) -> Correct
     ) -> tuple[tuple, float]:
         """Return the state after an outlier, or the sample after one: the speed is held."""
         last, _, velocity, phase = state
-        _, _, dt, _, _, fastest = coefficients
+        _, _, dt, _, doubtful, _, fastest = coefficients
         innovation = wrap(innovation, period)
         if -doubtful <= innovation <= doubtful and -doubtful <= unpredicted <= doubtful:
             return (measurement, innovation, velocity, 0.0), innovation
@@ -93,7 +103,7 @@ def make_correct_2(injection: Injection, linear: bool, period: float) -> Correct
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
         last, error, velocity, phase = state
-        alpha, beta, dt, reset_from, saturation, fastest = coefficients
+        alpha, beta, dt, reset_from, doubtful, saturation, fastest = coefficients
         unpredicted = measurement - last - velocity * dt
         strange = False
         if not -doubtful <= unpredicted <= doubtful:
@@ -121,14 +131,13 @@ def make_correct_2(injection: Injection, linear: bool, period: float) -> Correct
 
 def make_correct_3(injection: Injection, linear: bool, period: float) -> Correct:
     """Return `correct` of the third order; parameters as for `make_correct_2`."""
-    doubtful = DOUBTFUL * period if period > 0.0 else math.inf
 
     def start(
         state: tuple, coefficients: tuple, measurement: float, innovation: float
     ) -> tuple[tuple, float]:
         """Return the same: a straight line through two samples, then a parabola."""
         last, _, velocity, acceleration, phase = state
-        alpha, beta, gamma, dt, _, _, fastest, _ = coefficients
+        alpha, beta, gamma, dt, _, doubtful, _, fastest, _ = coefficients
         if phase < 2.0:
             velocity = clamped(velocity + innovation / dt, fastest)
             return (measurement, 0.0, velocity, 0.0, 2.0), 0.0  # speed not known: no innovation
@@ -161,7 +170,7 @@ def make_correct_3(injection: Injection, linear: bool, period: float) -> Correct
     ) -> tuple[tuple, float]:
         """Return the state after an outlier, or the sample after one: the speed is held."""
         last, _, velocity, acceleration, phase = state
-        _, _, _, dt, _, _, fastest, _ = coefficients
+        _, _, _, dt, _, doubtful, _, fastest, _ = coefficients
         innovation = wrap(innovation, period)
         velocity = clamped(velocity + acceleration * dt, fastest)
         if -doubtful <= innovation <= doubtful and -doubtful <= unpredicted <= doubtful:
@@ -174,7 +183,7 @@ def make_correct_3(injection: Injection, linear: bool, period: float) -> Correct
 
     def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
         last, error, velocity, acceleration, phase = state
-        alpha, beta, gamma, dt, reset_from, saturation, fastest, _ = coefficients
+        alpha, beta, gamma, dt, reset_from, doubtful, saturation, fastest, _ = coefficients
         gained = acceleration * dt
         unpredicted = measurement - last - (velocity + 0.5 * gained) * dt
         strange = False

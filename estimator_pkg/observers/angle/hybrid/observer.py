@@ -167,12 +167,13 @@ def _robust(
 ) -> AngleCore:
     reset_from = 0.5 * period - margin if period > 0.0 else math.inf
     fastest = math.inf if gains.max_speed is None else gains.max_speed
-    values = robust.sampled_design(design, reset_from, gains.M, fastest)
+    doubtful = correction.doubtful(gains.quantum, period)
+    values = robust.sampled_design(design, reset_from, doubtful, gains.M, fastest)
     linear = gains.injection == 'saw'
     if len(design.k) == 2:
 
         def group_delay(dt: float) -> float:
-            alpha, rate, _, _, _, _ = robust.prepare_2(values, dt)
+            alpha, rate, _, _, _, _, _ = robust.prepare_2(values, dt)
             return alpha / rate - 0.5 * dt
 
         return AngleCore(

@@ -31,6 +31,7 @@ class SampledDesign(NamedTuple):
     decay: float  # of the pair [1/s]
     discriminant: float  # of the pair [1/s^2]
     reset_from: float  # errors from here on are reset (J2) instead of injected [rad]
+    doubtful: float  # innovations beyond it are [rad], see `correction`
     saturation: float  # M [rad]
     fastest: float  # speed limit [rad/s]
 
@@ -70,7 +71,7 @@ def resume_3(state: tuple, measurement: float) -> tuple:
 
 
 def sampled_design(
-    design: Design, reset_from: float, saturation: float, fastest: float
+    design: Design, reset_from: float, doubtful: float, saturation: float, fastest: float
 ) -> SampledDesign:
     """Return what `prepare` needs of a continuous design; arguments as its fields."""
     # real ones first, so that a complex pair comes last; of three real ones any two are a pair
@@ -82,6 +83,7 @@ def sampled_design(
         0.5 * (one + other).real,
         (half_difference * half_difference).real,
         reset_from,
+        doubtful,
         saturation,
         fastest,
     )
@@ -90,16 +92,25 @@ def sampled_design(
 def prepare_2(design: SampledDesign, dt: float) -> tuple:
     """Return the coefficients of the second order.
 
-    (alpha, beta/dt, dt, reset_from, saturation, fastest)
+    (alpha, beta/dt, dt, reset_from, doubtful, saturation, fastest)
     """
     alpha, beta = matched(design.decay, design.discriminant, dt)
-    return (alpha, beta / dt, dt, design.reset_from, design.saturation, design.fastest)
+    return (
+        alpha,
+        beta / dt,
+        dt,
+        design.reset_from,
+        design.doubtful,
+        design.saturation,
+        design.fastest,
+    )
 
 
 def prepare_3(design: SampledDesign, dt: float) -> tuple:
     """Return the coefficients of the third order.
 
-    (alpha, beta/dt, gamma/dt^2, dt, reset_from, saturation, fastest, z of the single pole)
+    (alpha, beta/dt, gamma/dt^2, dt, reset_from, doubtful, saturation, fastest, z of the single
+    pole)
 
     With p, v, a the prediction and e the innovation, x = p + alpha e, v += beta/dt e,
     a += gamma/dt^2 e have the z-polynomial
@@ -116,6 +127,7 @@ def prepare_3(design: SampledDesign, dt: float) -> tuple:
         gamma / (dt * dt),
         dt,
         design.reset_from,
+        design.doubtful,
         design.saturation,
         design.fastest,
         1.0 - d,
@@ -124,7 +136,7 @@ def prepare_3(design: SampledDesign, dt: float) -> tuple:
 
 def prepare_triple(design: SampledDesign, dt: float) -> tuple:
     """Return the same as `prepare_3` for a triple real pole, whose z is one exponential."""
-    single, _, _, reset_from, saturation, fastest = design
+    single, _, _, reset_from, doubtful, saturation, fastest = design
     z = math.exp(-single * dt)
     rate = (1.0 - z) / dt
     slope = (1.0 - z) * rate
@@ -134,6 +146,7 @@ def prepare_triple(design: SampledDesign, dt: float) -> tuple:
         slope * rate,
         dt,
         reset_from,
+        doubtful,
         saturation,
         fastest,
         z,
@@ -142,13 +155,13 @@ def prepare_triple(design: SampledDesign, dt: float) -> tuple:
 
 def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
     """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise."""
-    alpha, beta_rate, dt, _, _, _ = coefficients
+    alpha, beta_rate, dt, _, _, _, _ = coefficients
     return noise_of_two(alpha, beta_rate * dt, dt)
 
 
 def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
     """Return the same as `noise_gains_2`, third order, any poles."""
-    alpha, beta_rate, gamma_rate, dt, _, _, _, _ = coefficients
+    alpha, beta_rate, gamma_rate, dt, _, _, _, _, _ = coefficients
     return noise_of_three(alpha, beta_rate * dt, gamma_rate * dt * dt, dt)
 
 
@@ -158,7 +171,7 @@ def noise_gains_triple(state: tuple, coefficients: tuple) -> tuple[float, float,
     With d = 1 - z: d (1 + 6 z + 16 z^2 + 24 z^3 + 19 z^4), d^3 (13 + 50 z + 49 z^2)/(2 dt^2) and
     20 + 10 z + 2 z^2, all over (1 + z)^5.
     """
-    _, _, _, dt, _, _, _, z = coefficients
+    _, _, _, dt, _, _, _, _, z = coefficients
     d = 1.0 - z
     rate = d / dt
     one = 1.0 + z
