@@ -472,8 +472,9 @@ class Learner:
         at = math.degrees(at % (self.size * self.marks))
         turn = f'{math.degrees(self.size * self.marks):.4g} deg'
         # coarsely, because a status that changes is published and logged
+        largest = float(f'{math.degrees(errors.max()):.1g}')
         taken = (
-            f'sensor errors of up to {math.degrees(errors.max()):.1g} deg that repeat each '
+            f'sensor errors of up to {largest:g} deg that repeat each '
             f'{"turn" if self.marks == self.turn else turn} are taken out '
             f'(largest near {10.0 * round(0.1 * at):.0f} deg)'
         )

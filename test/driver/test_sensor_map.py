@@ -91,8 +91,9 @@ def test_misplaced_edges_cost_at_most_a_third(speed):
 def test_a_hall_sensor_of_six_edges_is_learnt(speed):
     stamps, angle, velocity = sampled(speed, 6.0)
     readings = read_by(misplaced(6), angle)
-    off, on, _ = both('kalman', stamps, readings, velocity, 0.7, quantum=TURN / 6)
+    off, on, learning = both('kalman', stamps, readings, velocity, 0.7, quantum=TURN / 6)
     assert on < 0.6 * off  # the rest is the quantum's
+    assert re.search('errors of up to [1-9]0? deg', learning.why())
 
 
 def test_a_new_map_begins_without_a_jump():
