@@ -29,6 +29,7 @@ from estimator_pkg.driver.repeats import note_on_repeats
 from estimator_pkg.driver.sensor_map import FIELDS, correction_of, make_mapped, placed
 from estimator_pkg.driver.sensor_marks import Errors, Learner
 from estimator_pkg.driver.track import field_of, make_track, replaced
+from estimator_pkg.driver.turns import Turns
 from estimator_pkg.observers.circle import Circle, nearest_turn
 from estimator_pkg.observers.contract import STATUS_NAMES, Functions, Observer, Past
 
@@ -37,12 +38,7 @@ _is_running, _mean_dt, _state, _coefficients, _repeats, _queue, _last_ns, _readi
     ('running', 'mean_dt', 'state', 'coefficients', 'repeats', 'queue', 'last_ns', 'reading'),
 )
 
-SHARED = (
-    'functions',
-    '_ways',
-    '_design',
-    'longest_dt',
-)  # these depend on the gains and the wrap period
+SHARED = ('functions', '_ways', '_design', 'longest_dt')  # these depend on gains and circle
 
 
 PART = 65_536  # samples after which a batch looks for what was learnt
@@ -79,6 +75,8 @@ class Joint:
         self.reset_count = 0
         self._new_starts = 0  # their number at the last reset
         self._track: tuple = ()
+        self._circle = _circle(settings)
+        self._turns: Turns | None = None
         self._structure(gains, twin)
         self._begin()
         self.verdict = DUPLICATE
@@ -86,15 +84,16 @@ class Joint:
         self._known_input: Any = self.functions.no_input
 
     def _structure(self, gains: Any, twin: Joint | None) -> None:
-        self.gains, circle = gains, _circle(self.settings)
-        if twin is not None and twin.gains == gains and _circle(twin.settings) == circle:
+        self.gains, circle = gains, self._circle
+        if twin is not None and twin.gains == gains and twin._circle == circle:
             for name in SHARED:
                 setattr(self, name, getattr(twin, name))
         else:
             self.functions = self.observer.build(gains, circle)
             period = circle.period if self.functions.of_angles else None
             track = make_track(self.functions, period)
-            mapped = make_mapped(track, period) if period else track
+            turn = self.settings.wrap_period if self.functions.of_angles else 0.0
+            mapped = make_mapped(track, turn) if turn else track
             self._ways = (
                 (*track, batches.make_batch(track)),
                 (*mapped, batches.make_batch(mapped)),
@@ -111,6 +110,12 @@ class Joint:
 
     def _begin(self) -> None:
         """Start as if no sample had come."""
+        circle = _circle(self.settings)
+        if circle != self._circle:
+            self._circle = circle
+            self._structure(self.gains, None)
+        wraps = self.functions.turns and circle.period > 0.0 and not circle.unwrap
+        self._turns = Turns(circle.period) if wraps else None
         self._track = self._blank(self._design)
         self._choose()
         self._begin_to_learn()
@@ -186,6 +191,8 @@ class Joint:
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample; return True if it was used, False if it was dropped (and counted)."""
+        if self._turns is not None and not self._turns.idle(measurement):
+            self._follow_turns(self._turns.after(stamp_ns, measurement))
         before = self._track
         self._track, verdict = self._advance(
             before, self._design, self._limits, stamp_ns, measurement, known_input
@@ -204,6 +211,15 @@ class Joint:
                 self._learn(stamp_ns, measurement, verdict)
             return True
         return False
+
+    def _follow_turns(self, turns: Turns) -> None:
+        """Go on without a circle where the sensor counts turns, and with one where it does not."""
+        known, self._turns = self._turns, None if turns.wraps else turns
+        if known is None or turns.counts == known.counts:
+            return
+        self._circle = Circle(0.0) if turns.counts else _circle(self.settings)
+        self._structure(self.gains, None)
+        self._track = replaced(self._track, dt_ns=0)  # the next sample computes the coefficients
 
     def _again(self, before: tuple, track: tuple, past: tuple, verdict: int) -> tuple[tuple, Past]:
         """Return the track and the past (see `Functions.again`) after one sample.
@@ -326,10 +342,16 @@ class Joint:
 
         It ends at the latest at `end`, and where what is taken out of the readings changes.
         """
-        learner, before = self.learner, self._track
+        learner, before, known = self.learner, self._track, self._turns
         if learner is not None:
             learner.left = self._left
             end = min(end, at + (learner.room if len(before) > FIELDS else PART))
+        if known is not None:
+            turns, rows = known.after_all(samples.stamps[at:end], samples.measurements[at:end])
+            if rows == 0:
+                self._follow_turns(turns)
+                return at
+            end = at + rows
         part = samples.part(slice(at, end))
         self._batched(part, fast)
         if learner is not None:
@@ -343,6 +365,8 @@ class Joint:
                 self._track = placed(self._track, learner)
                 self._choose()
         self._count(part.out.verdict)
+        if known is not None:
+            self._follow_turns(known.after_all(part.stamps, part.measurements)[0])
         return at + len(part.stamps)
 
     def _batched(self, samples: batches.Samples, fast: bool) -> None:

@@ -73,6 +73,8 @@ class Functions:
     blank : a measurement of the right type, for a state before the first sample.
     no_input : an input of the right type, used where the observer gets no input.
     driven : a known input acts between two samples, so no sample may be dropped or taken later.
+    turns : it goes on without a circle where the sensor counts turns, see `driver.turns`: its state
+        fits both, and it needs no circle to tell an outlier.
     jump : (state, event) -> state, for observers of switched systems.
     again : (past, state before, state, coefficients, design, measurement, input) -> (past, state).
         Called after a step while there is a past: `()` after a start or a gap, then what this
@@ -101,6 +103,7 @@ class Functions:
     edges: bool = False
     again: Callable[..., tuple[Past, tuple]] | None = None
     driven: bool = False
+    turns: bool = False
 
     @property
     def of_angles(self) -> bool:

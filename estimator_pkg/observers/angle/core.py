@@ -116,6 +116,7 @@ class AngleCore:
     resume : (state, measurement) -> state with this position and the same speed.
     noise_gains : (state, coefficients) -> variances of position, velocity and innovation, each per
         unit variance of white measurement noise.
+    turns : see `Functions`.
     restarts : False where the core must be left alone whatever becomes of its lock.
     pace : (state, coefficients, dt) -> how fast errors of a start decay [1/s]; None: that of a
         linear loop, see `linear_pace`.
@@ -133,6 +134,7 @@ class AngleCore:
     noise_gains: NoiseGains
     limits: Callable[[float], str | None]
     group_delay: Callable[[float], float]
+    turns: bool = False
     restarts: bool = True
     pace: Pace | None = None
     lag: float = LAG_3
@@ -241,6 +243,7 @@ def around(core: AngleCore, gains: AngleGains, circle: Circle) -> Functions:
         restart=_make_restart(init, period),
         scaled=scaled,
         late=late,
+        turns=core.turns,
     )
 
 

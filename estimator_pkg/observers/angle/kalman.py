@@ -282,6 +282,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             noise_gains=noise_gains,
             limits=lambda dt: None,
             group_delay=group_delay,
+            turns=True,
             lag=LAG_2 if order == 2 else LAG_3,
         ),
         gains,

@@ -120,6 +120,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
             noise_gains=noise_gains,
             limits=lambda dt: None,
             group_delay=group_delay,
+            turns=True,
             lag=LAG_2,
         ),
         gains,

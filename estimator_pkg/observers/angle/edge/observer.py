@@ -210,6 +210,7 @@ def build(gains: Gains, circle: Circle) -> Functions:
         scaled=scaled,
         late=late,
         again=make_again(prepare, step, period),
+        turns=True,
     )
 
 
