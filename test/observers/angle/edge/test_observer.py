@@ -61,7 +61,7 @@ def check(rows):
         assert row['worst_ratio'] <= TIMES_KALMAN, name
     assert ours['noise']['worst_ratio'] > 0.5  # the yardstick was there
     if rows[0]['draws'] == bench_accuracy.DRAWS:
-        for name in MOVING:  # a shaft that rests or creeps at times is known better than white noise
+        for name in MOVING:  # a shaft at rest is known better than by a variance
             most = 0.985 if name in ('trapezoid', 'steps', 'reversal') else 0.98
             assert 0.93 <= ours[name]['coverage'] <= most, name
 
