@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -59,9 +60,18 @@ def parse(text: Any) -> list[Qos]:
     ----------
     text : YAML text of a channel, or the list in metadata.yaml.
     """
+    return list(_of_text(text)) if isinstance(text, str) else _profiles(text)
+
+
+@lru_cache(64)  # each topic has them, mostly the same; YAML takes milliseconds
+def _of_text(text: str) -> tuple[Qos, ...]:
+    return tuple(_profiles(text))
+
+
+def _profiles(given: Any) -> list[Qos]:
     from rosbags.rosbag2.metadata import parse_qos
 
     try:
-        return parse_qos(text)
+        return parse_qos(given)
     except Exception:  # of other recorders: unreadable profiles count as missing
         return []
