@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import cannot_compile, compiled
+from estimator_pkg.driver.compiled import cannot_compile, compiled, is_compiled
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.track import TrackFunctions
 from estimator_pkg.observers.contract import INITIALISING
 
 COMPILE_FROM = 400_000  # number of samples from which compiling (a few seconds) pays
+READY_FROM = 1000  # number of samples from which a loop that is compiled already is quicker
 # estimate and standard deviations of a sample that was dropped
 NO_ESTIMATE = math.nan, math.nan, math.nan, INITIALISING
 NO_STDDEV = math.nan, math.nan
@@ -115,6 +116,11 @@ def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
     return batch
 
 
+def pays(batch: Callable[..., tuple], count: int) -> bool:
+    """Return True if `count` samples take less time in compiled code."""
+    return count >= COMPILE_FROM or (count >= READY_FROM and is_compiled(batch))
+
+
 def run(
     batch: Callable[..., tuple],
     track: tuple,
@@ -133,7 +139,13 @@ def run(
     stamps, measurements, known_input, out = samples
     if fast:
         try:
-            return compiled(batch)(track, design, limits, stamps, measurements, known_input, *out)
+            # of one type each: a view or a constant array would be compiled for again
+            given = (
+                np.require(stamps, np.int64, 'CW'),
+                np.require(measurements, np.float64, 'CW'),
+                np.require(known_input, np.float64, 'CW'),
+            )
+            return compiled(batch)(track, design, limits, *given, *out)
         except Exception as error:
             if not cannot_compile(error):
                 raise

@@ -114,6 +114,12 @@ def compiled(function: Callable) -> Callable:
     return _twin(function)
 
 
+def is_compiled(function: Callable) -> bool:
+    """Return True if this process has compiled the function, or loaded its twin from disk."""
+    twin: Any = _twins.get((_key(function), False))
+    return twin is not None and bool(twin.overloads)
+
+
 def cannot_compile(error: Exception) -> bool:
     """Return True if `error` is Numba's refusal of a function outside its subset of Python."""
     return type(error).__module__.startswith('numba.')

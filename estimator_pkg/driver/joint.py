@@ -298,7 +298,7 @@ class Joint:
         fast : compile or not; None: if it pays.
         """
         count = len(stamps)
-        fast = count >= batches.COMPILE_FROM if fast is None else fast
+        fast = batches.pays(self._batch, count) if fast is None else fast
         samples = batches.Samples(
             stamps,
             measurements,

@@ -107,8 +107,9 @@ class Estimation:
         times : when the readings of each group were taken [ns], shape (n,); None: at their stamps.
         """
         width_of_first = len(groups[0].names) if groups else 0
-        if self._fast is None:  # once for the whole bag: speed must not depend on blocks
-            self._fast = available() and expected * max(width_of_first, 1) >= COMPILE_FROM
+        long = expected * max(width_of_first, 1) >= COMPILE_FROM
+        if self._fast is None and long and available():
+            self._fast = True  # for the whole bag: speed must not depend on blocks
         results = []
         parts: dict[str, list[tuple[int, int]]] = {}
         for index, group in enumerate(groups):

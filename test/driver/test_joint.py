@@ -61,6 +61,32 @@ def test_live_equals_batch(variant):
 
 
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
+def test_a_loop_that_is_compiled_already_is_used_from_a_thousand_samples():
+    joint = make('kalman')
+    joint.run(*stream(5, 1000), fast=True)
+    assert batch.pays(joint._batch, 1000) and not batch.pays(joint._batch, 999)
+
+    def never_compiled():
+        pass
+
+    assert not batch.pays(never_compiled, 399_999) and batch.pays(never_compiled, 400_000)
+
+
+@pytest.mark.skipif(not available(), reason='Numba is not installed')
+def test_views_and_constant_arrays_are_not_compiled_for_again():
+    joint = make('kalman')
+    at, angles = stream(5, 2000)
+    plain = make('kalman').run(at, angles, fast=False)
+    constant = np.frombuffer(angles.tobytes())
+    view = np.stack([at, at], axis=1)[:, 0]
+    joint.run(at[:2], angles[:2], fast=True)
+    signatures = compiled(joint._batch).signatures
+    joint.reset()
+    assert_equal(plain, joint.run(view, constant, fast=True))
+    assert compiled(joint._batch).signatures == signatures
+
+
+@pytest.mark.skipif(not available(), reason='Numba is not installed')
 @pytest.mark.parametrize('name', ['kalman', 'hybrid_angle'])
 def test_batch_equals_compiled_batch(name):
     at, angles = stream(5, 5000)

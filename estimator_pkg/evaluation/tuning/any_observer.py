@@ -44,7 +44,7 @@ def usual(path: str, unpack_limit: int) -> str:
     return DEFAULT
 
 
-def best_linear(seen: Sequence[Record], tuning: TuneSettings, fast: bool) -> str:
+def best_linear(seen: Sequence[Record], tuning: TuneSettings, fast: bool | None) -> str:
     """Return the linear observer whose defaults cost least, relative to the default observer.
 
     Parameters
@@ -70,7 +70,7 @@ def against_default(
     groups: Mapping[str, Sequence[Record]],
     judged: Sequence[Record],
     tuning: TuneSettings,
-    fast: bool,
+    fast: bool | None,
 ) -> tuple[bool, dict[str, str]]:
     """Return whether the tuned observer replaces the default as it is, and why, by group.
 

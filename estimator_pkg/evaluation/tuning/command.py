@@ -202,7 +202,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         _check_disjoint(seen, judged)
         groups = _groups(seen, tuning, parsed.per_joint)
         usable = [record for record in seen if not record.why]
-        fast = sum(each.seen.recording.size() for each in usable) * parsed.trials >= COMPILE_FROM
+        size = sum(each.seen.recording.size() for each in usable)
+        fast = size * parsed.trials >= COMPILE_FROM or None
         any_linear = any_linear and bool(usable)
         if any_linear:
             parsed.observer = any_observer.best_linear(usable, tuning, fast)

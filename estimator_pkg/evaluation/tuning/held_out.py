@@ -49,7 +49,7 @@ def compared(
     observer: str,
     gains: Mapping[str, Any],
     weights: Weights,
-    fast: bool,
+    fast: bool | None,
     other: str = '',
 ) -> Compared | None:
     """Return the comparison over these parts; None if the gains or the defaults do not work.

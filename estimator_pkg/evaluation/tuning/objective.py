@@ -87,7 +87,9 @@ class Result(NamedTuple):
 Results = dict[str, Result]  # by joint
 
 
-def measure(part: Part, observer: str, values: Mapping[str, Any], fast: bool) -> Results | None:
+def measure(
+    part: Part, observer: str, values: Mapping[str, Any], fast: bool | None
+) -> Results | None:
     """Return the results of an observer with these values on a part; None if they do not work."""
     try:
         found = part.recording.run(observer, values, fast)

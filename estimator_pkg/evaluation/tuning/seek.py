@@ -61,7 +61,7 @@ def seek(
     """
     observer, weights = tuning.entry.observer, tuning.weights
     seen = [record.seen for record in chosen]
-    fast = sum(part.recording.size() for part in seen) * trials >= COMPILE_FROM
+    fast = sum(part.recording.size() for part in seen) * trials >= COMPILE_FROM or None
     first = list(run_many(measure, [(part, observer, {}, fast) for part in seen]))
     units = [
         {
