@@ -63,7 +63,7 @@ def test_locks_from_every_angle_and_says_so(form, speed):
     count = round((WITHIN + 0.5) / DT)
     fast = form == 'default'  # other tests compile this loop, too
     failed = []
-    for sign, start in zip(72 * (1.0, -1.0), ANGLES):
+    for sign, start in zip(12 * (1.0, -1.0), ANGLES[::3]):
         truth = sign * speed
         out = run(start + truth * DT * np.arange(count), fast=fast, **DEFAULTS[form])
         wrong = np.abs(out.velocity - truth) > 0.1 * speed

@@ -22,7 +22,6 @@ from estimator_pkg.observers.contract import TRACKING
 
 TABLE = Path(__file__).parents[3] / 'docs' / 'coverage.md'
 NOISE = 1e-3
-SEEDS = (1, 2, 3)
 
 
 def constant(t):
@@ -92,11 +91,11 @@ def test_the_hybrid_observer_follows_few_counts_that_it_is_told(counts):
 def test_interval_covers_at_constant_speed(variant, given):
     name, gains = variant
     gains = {**gains, 'noise': NOISE} if given else gains
-    # estimates are alike over about ten samples: 120 000 of them stand for 10 000 free ones,
-    # which know the coverage to 0.2 %
-    parts = [covered(name, gains, constant, seed) for seed in SEEDS]
-    assert all(tracked > 39_000 for _, tracked in parts)
-    assert 0.93 <= np.mean([part for part, _ in parts]) <= 0.97
+    # estimates are alike over about ten samples: 40 000 of them are worth 4000 independent ones,
+    # which know the coverage to 0.35 %
+    part, tracked = covered(name, gains, constant, seed=1)
+    assert tracked > 39_000
+    assert 0.93 <= part <= 0.97
 
 
 @pytest.mark.parametrize(
