@@ -55,7 +55,7 @@ def test_wrap_stays_in_its_interval_and_takes_whole_turns(angle, period):
 @pytest.mark.long
 @pytest.mark.parametrize('convention', CONVENTIONS)
 @pytest.mark.parametrize('name', OBSERVERS)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(motion=motions())
 @example(motion=np.arange(400) * 0.05)
 @example(motion=math.pi - np.arange(400) * 0.05)
@@ -92,7 +92,7 @@ def test_position_is_right_where_the_motion_is_smooth(name):
 @pytest.mark.long
 @pytest.mark.parametrize('convention', CONVENTIONS)
 @pytest.mark.parametrize('name, lag', [('finite_difference', 1e-9), ('hybrid_angle', 2.0)])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(motion=motions())
 def test_unwrap_counts_turns_from_the_first_sample(name, lag, convention, motion):
     joint = make(name, unwrap=True)
@@ -118,7 +118,7 @@ def test_unwrap_counts_on_over_a_gap_the_short_way():
 
 @pytest.mark.long
 @pytest.mark.parametrize('name', OBSERVERS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(motion=motions(), step=st.floats(-50.0, 50.0))
 def test_prismatic_joints_never_wrap(name, motion, step):
     """A step is a step, however long: the estimate passes through all between."""

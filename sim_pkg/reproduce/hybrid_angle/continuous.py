@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.observers.angle.hybrid import injections
 from estimator_pkg.observers.circle import wrap
 from sim_pkg.joints import profiles
@@ -191,8 +192,11 @@ def _run(injection: str, gains: tuple[float, float, float], margin: float, noise
     speed = profiles.figure_4()(half_steps)[1]
     out = [np.zeros(STEPS) for _ in range(5)]
     out += [np.full(STEPS, np.nan), np.full(STEPS, np.nan), np.zeros(STEPS)]
-    # lists contain Python floats, which are several times faster than numpy's
-    make_simulation(injection)(gains, margin, STEP, speed.tolist(), noise.tolist(), *out)
+    simulate = make_simulation(injection)
+    if available():
+        compiled(simulate)(gains, margin, STEP, speed, noise, *out)
+    else:  # lists contain Python floats, which are several times faster than numpy's
+        simulate(gains, margin, STEP, speed.tolist(), noise.tolist(), *out)
     return Trace(half_steps[:-1:2], speed[:-1:2], *out)
 
 

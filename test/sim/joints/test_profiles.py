@@ -57,10 +57,10 @@ def test_derivatives_fit_numeric_differentiation(name, profile):
 @pytest.mark.long
 @pytest.mark.parametrize(('name', 'profile'), list(profiles()))
 def test_position_is_continuous_and_any_time_can_be_asked_for(name, profile):
-    time = np.linspace(0.0, 40.0, 400_001)
+    time = np.linspace(0.0, 40.0, 100_001)
     position, velocity, _ = profile(time)
     travelled = np.diff(position)
-    assert np.abs(travelled).max() <= 1.001e-4 * np.abs(velocity).max() + 1e-9
+    assert np.abs(travelled).max() <= 4.004e-4 * np.abs(velocity).max() + 1e-9
     backwards = [column[::-1] for column in profile(time[::-1])]
     np.testing.assert_array_equal(position, backwards[0])
     np.testing.assert_array_equal(velocity, backwards[1])
