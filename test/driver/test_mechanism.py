@@ -4,6 +4,7 @@
 """Mechanisms without ROS: inputs over time, joints gathered by stamp, wrong settings, replay."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -282,23 +283,29 @@ CASES = [  # simulator, observer, parameters, largest rms of each joint
 ]
 
 
+@pytest.fixture(scope='module')
+def simulated(tmp_path_factory):
+    @lru_cache
+    def bag(plant):
+        path = str(tmp_path_factory.mktemp('mechanisms') / plant)
+        words = ['simulate', plant, '--duration', '8', '--seed', '3', '--out', path]
+        assert cli.main(words) == 0
+        return path
+
+    return bag
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     'plant, observer, values, bounds', CASES, ids=[f'{case[0]}-{case[1]}' for case in CASES]
 )
-def test_errors_stay_within_two_sided_bounds(plant, observer, values, bounds, tmp_path):
-    assert (
-        cli.main(
-            ['simulate', plant, '--duration', '8', '--seed', '3', '--out', str(tmp_path / 'bag')]
-        )
-        == 0
-    )
+def test_errors_stay_within_two_sided_bounds(plant, observer, values, bounds, simulated, tmp_path):
     words = [word for value in values for word in ('--set', value)]
     assert (
         cli.main(
             [
                 'replay',
-                str(tmp_path / 'bag'),
+                simulated(plant),
                 '--observer',
                 observer,
                 *words,

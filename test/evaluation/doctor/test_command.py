@@ -3,6 +3,8 @@
 
 """`doctor` on bags and on a running topic: report, parameter file, page, exit codes."""
 
+import contextlib
+import io
 import json
 import math
 import os
@@ -55,17 +57,10 @@ def swing(t, count=2.0 * math.pi / 4096):
 def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp('doctor')
     path = bag(folder / 'arm', {'elbow': swing, 'wrist': lambda t: 0.25})
-    out = folder / 'out.txt'
     words = ['--out', str(folder / 'params.yaml'), '--html', str(folder / 'page.html')]
-    with out.open('w') as stream:
-        code = subprocess.run(
-            [sys.executable, '-m', 'estimator_pkg.cli', 'doctor', path, *words]
-            + ['--json', str(folder / 'result.json')],
-            stdout=stream,
-            check=False,
-        ).returncode
-    assert code == 0
-    return folder, out.read_text(), json.loads((folder / 'result.json').read_text())
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        assert main(['doctor', path, *words, '--json', str(folder / 'result.json')]) == 0
+    return folder, out.getvalue(), json.loads((folder / 'result.json').read_text())
 
 
 @pytest.mark.long

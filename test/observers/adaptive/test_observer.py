@@ -145,7 +145,7 @@ def test_the_paper_form_keeps_the_matrix_regressor():
     ],
 )
 def test_parameters_and_velocity_on_jittered_stamps_and_a_wrapped_angle(gains):
-    u = excited(20000)
+    u = excited(12000)
     dt = 1e-3 * np.random.default_rng(2).uniform(0.5, 1.5, len(u))
     load = 3.0 if gains.get('load') else 0.0
     angles, velocity = servo(2.0, 5.0, 30.0, u, dt, load)
@@ -159,7 +159,7 @@ def test_parameters_and_velocity_on_jittered_stamps_and_a_wrapped_angle(gains):
         assert found[name].value == pytest.approx(value, rel=5e-4)
     if load:
         assert found['load/J'].value == pytest.approx(load, rel=1e-3)
-    late = slice(10000, None)
+    late = slice(8000, None)
     assert out.status[-1] == TRACKING
     assert np.max(np.abs(out.velocity - velocity)[late]) < 1e-3 * np.std(velocity)
     assert np.max(np.abs(out.position - wrapped)[late]) < 1e-3
@@ -249,10 +249,14 @@ def test_a_load_held_at_rest_moves_no_parameter_through_the_gate(gains, seconds)
     assert made.report().phase == 'GATED'
     for value, true in zip(made._track[6][2], (3.99, 3.45, 0.0, 0.2)):
         assert value == pytest.approx(true, rel=5e-3)
-    without = trained(law='gradient', gate='none')
-    feed(without, np.full(3, -0.2 / 0.3), np.zeros(2))
-    rest_with_load(without, 60.0)
-    assert named(without)['k/J'].value < 0.1  # 0.3 is right: spec A5e, "plain"
+
+
+@pytest.mark.long
+def test_a_load_held_at_rest_moves_the_parameters_without_a_gate():
+    made = trained(law='gradient', gate='none')
+    feed(made, np.full(3, -0.2 / 0.3), np.zeros(2))
+    rest_with_load(made, 60.0)
+    assert named(made)['k/J'].value < 0.1  # 0.3 is right: spec A5e, "plain"
 
 
 def test_without_excitation_nothing_is_presented_as_good():
