@@ -139,13 +139,16 @@ def run(
     stamps, measurements, known_input, out = samples
     if fast:
         try:
-            # of one type each: a view or a constant array would be compiled for again
-            given = (
-                np.require(stamps, np.int64, 'CW'),
-                np.require(measurements, np.float64, 'CW'),
-                np.require(known_input, np.float64, 'CW'),
+            # copies of one type each: a view or a constant array would be compiled for again
+            return compiled(batch)(
+                track,
+                design,
+                limits,
+                np.array(stamps, np.int64),
+                np.array(measurements, np.float64),
+                np.array(known_input, np.float64),
+                *out,
             )
-            return compiled(batch)(track, design, limits, *given, *out)
         except Exception as error:
             if not cannot_compile(error):
                 raise
