@@ -123,6 +123,16 @@ def gently(background: bool = False) -> Iterator[None]:
                 signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+@contextmanager
+def held() -> Iterator[None]:
+    """Raise a signal that comes within this context at its end: what it makes is complete."""
+    before = _State.number
+    with gently():
+        yield
+    if _State.number != before:
+        raise Interrupted
+
+
 def finish() -> None:
     """Ignore a first signal from now on: the command has its result, or has caught the signal."""
     _State.gentle += 1

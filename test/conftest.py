@@ -10,6 +10,7 @@ import gc
 import importlib.util
 import os
 import re
+import signal
 import sys
 import tempfile
 import zlib
@@ -28,6 +29,10 @@ settings.load_profile('shared')
 ROOT = Path(__file__).parents[1]
 gc.disable()  # until all tests are collected: nearly everything that they allocate stays
 sys.path.append(str(ROOT))  # benchmarks and docs.tools; the packages are the installed ones
+
+# A shell ignores Ctrl-C for what it runs in the background, and processes of tests inherit that.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Processes of tests import the installed packages, too (Python 3.10 finds the checkout first).
 os.environ['PYTHONSAFEPATH'] = '1'

@@ -347,9 +347,10 @@ class Joint:
             learner.left = self._left
             end = min(end, at + (learner.room if len(before) > FIELDS else PART))
         if known is not None:
-            turns, rows = known.after_all(samples.stamps[at:end], samples.measurements[at:end])
+            ahead = samples.stamps[at:end], samples.measurements[at:end]
+            turns, rows, change = known.after_all(*ahead)
             if rows == 0:
-                self._follow_turns(turns)
+                self._follow_turns(change)
                 return at
             end = at + rows
         part = samples.part(slice(at, end))
@@ -366,7 +367,9 @@ class Joint:
                 self._choose()
         self._count(part.out.verdict)
         if known is not None:
-            self._follow_turns(known.after_all(part.stamps, part.measurements)[0])
+            if len(part.stamps) < rows:  # fewer were taken
+                turns, _, _ = known.after_all(part.stamps, part.measurements)
+            self._follow_turns(turns)
         return at + len(part.stamps)
 
     def _batched(self, samples: batches.Samples, fast: bool) -> None:

@@ -74,13 +74,12 @@ class Turns(NamedTuple):
 
     def after_all(
         self, stamps: NDArray[np.int64], readings: NDArray[np.float64]
-    ) -> tuple[Turns, int]:
-        """Return what is known after a block of samples, and how many of them there are.
+    ) -> tuple[Turns, int, Turns]:
+        """Return what is known after samples of a block, their number, and what the next one shows.
 
         Parameters
         ----------
-        stamps, readings : shape (n,); n is returned, or the number before the one at which `counts`
-            changes.
+        stamps, readings : shape (n,), the block; all are taken but where `counts` changes next.
         """
         now, at, count = self, 0, len(readings)
         while at < count and not now.wraps:
@@ -92,15 +91,18 @@ class Turns(NamedTuple):
                 break
             later = now.after(int(stamps[at]), float(readings[at]))
             if later.counts != now.counts:
-                return later, at
+                return now, at, later
             now, at = later, at + 1
-        return now, count
+        return now, count, now
 
     def _within(self, readings: NDArray[np.float64], at: int) -> tuple[Turns, int]:
         """Return what is known from row `at` on, to that with which the span is too large."""
-        rest = np.where(np.isfinite(readings[at:]), readings[at:], math.nan)
-        low, high = float(np.fmin.reduce(rest)), float(np.fmax.reduce(rest))
-        low, high, row = min(self.low, low), max(self.high, high), len(readings)
+        rest, row = readings[at:], len(readings)
+        low, high = float(np.min(rest)), float(np.max(rest))
+        if not math.isfinite(high - low):
+            rest = np.where(np.isfinite(rest), rest, math.nan)
+            low, high = float(np.fmin.reduce(rest)), float(np.fmax.reduce(rest))
+        low, high = min(self.low, low), max(self.high, high)
         if high - low > SPAN * self.period:
             lows = np.fmin(np.fmin.accumulate(rest), self.low)
             highs = np.fmax(np.fmax.accumulate(rest), self.high)

@@ -172,8 +172,9 @@ def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str]) -
             ),
             ('encoder_sim', 'sim_pkg.nodes.executables', ['encoder_sim', *ros]),
         ):
-            child = Child(name, module, words, environment)
-            stack.callback(child.end)
+            with interrupts.held():  # else it might leave a process that nobody ends
+                child = Child(name, module, words, environment)
+                stack.callback(child.end)
             children.append(child)
         return _show(parsed, children)
 

@@ -111,6 +111,24 @@ def test_an_interrupt_ends_every_process(tmp_path, number, after):
     assert 'Traceback' not in text and 'Exception' not in text
     _, alive = psutil.wait_procs(children, timeout=10)
     assert not alive
+    assert not [each for each in psutil.process_iter(['cwd']) if each.info['cwd'] == str(tmp_path)]
+
+
+def test_an_interrupt_leaves_no_process_that_has_just_begun(monkeypatch, tmp_path):
+    """The signal comes while the process is made: six of 40 early interrupts left one."""
+    begun = []
+
+    def popen(*words, **named):
+        begun.append(made(*words, **named))
+        os.kill(os.getpid(), signal.SIGINT)
+        return begun[-1]
+
+    made = subprocess.Popen
+    monkeypatch.setenv('ROS_DOMAIN_ID', os.environ.get('ROS_DOMAIN_ID', '0'))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setattr(subprocess, 'Popen', popen)
+    assert cli.main(['demo', '--out', str(tmp_path)]) == 130
+    assert [process.poll() is None for process in begun] == [False]
 
 
 def test_an_interrupt_of_an_import_is_an_interrupt(monkeypatch, capsys):
