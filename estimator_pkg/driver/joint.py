@@ -116,6 +116,7 @@ class Joint:
             self._structure(self.gains, None)
         wraps = self.functions.turns and circle.period > 0.0 and not circle.unwrap
         self._turns = Turns(circle.period) if wraps else None
+        self._low, self._high = Turns(circle.period).usual  # readings that show no turns
         self._track = self._blank(self._design)
         self._choose()
         self._begin_to_learn()
@@ -191,7 +192,7 @@ class Joint:
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample; return True if it was used, False if it was dropped (and counted)."""
-        if self._turns is not None and not self._turns.idle(measurement):
+        if self._turns is not None and not self._low <= measurement <= self._high:
             self._follow_turns(self._turns.after(stamp_ns, measurement))
         before = self._track
         self._track, verdict = self._advance(
@@ -215,6 +216,7 @@ class Joint:
     def _follow_turns(self, turns: Turns) -> None:
         """Go on without a circle where the sensor counts turns, and with one where it does not."""
         known, self._turns = self._turns, None if turns.wraps else turns
+        self._low, self._high = turns.usual
         if known is None or turns.counts == known.counts:
             return
         self._circle = Circle(0.0) if turns.counts else _circle(self.settings)

@@ -45,9 +45,12 @@ class Turns(NamedTuple):
     reading: float = math.nan
     rate: float = math.nan
 
-    def idle(self, reading: float) -> bool:
-        """Return True if a reading is as those before, so that `after` changes nothing."""
-        return self.low <= reading <= self.high and self.beyond == 0 and not self.counts
+    @property
+    def usual(self) -> tuple[float, float]:
+        """Lowest and highest reading with which `after` changes nothing; nan: there is none."""
+        if self.wraps:
+            return -math.inf, math.inf
+        return (math.nan, math.nan) if self.counts or self.beyond else (self.low, self.high)
 
     def after(self, stamp_ns: int, reading: float) -> Turns:
         """Return what is known with one more sample, which its observer has not taken yet."""
@@ -116,6 +119,12 @@ class Turns(NamedTuple):
         self, stamps: NDArray[np.int64], readings: NDArray[np.float64], at: int
     ) -> tuple[Turns, int]:
         """Return the same, to the row of a jump by whole turns."""
+        rest, half = readings[at:], 0.5 * self.period
+        if abs(rest[0] - self.reading) < half and np.abs(np.diff(rest)).max(initial=0.0) < half:
+            now = self  # no jump: only the last two samples count
+            if len(rest) > 1:
+                now = now._replace(stamp_ns=int(stamps[-2]), reading=float(rest[-2]), rate=math.nan)
+            return now._counted(int(stamps[-1]), float(rest[-1])), len(readings)
         rows = at + np.flatnonzero(np.isfinite(readings[at:]))
         times = np.append(self.stamp_ns, stamps[rows])
         angles = np.append(self.reading, readings[rows])
