@@ -66,10 +66,8 @@ class Shared(Joint):
     Another loop takes as long to compile as a million samples in plain Python.
     """
 
-    def run(self, stamps, measurements, known_input=None, *, fast=None):
-        if fast is None:
-            fast = len(stamps) >= FEW and compiled(self._batch) in shared_loops()
-        return super().run(stamps, measurements, known_input, fast=fast)
+    def _pays(self, count):
+        return count >= FEW and compiled(self._batch) in shared_loops()
 
 
 @lru_cache(1)

@@ -300,7 +300,6 @@ class Joint:
         fast : compile or not; None: if it pays.
         """
         count = len(stamps)
-        fast = batches.pays(self._batch, count) if fast is None else fast
         samples = batches.Samples(
             stamps,
             measurements,
@@ -316,7 +315,7 @@ class Joint:
             self.stamp_ns, self._measurement, self._known_input = samples.row(last)
         return samples.out
 
-    def _search(self, samples: batches.Samples, fast: bool) -> int:
+    def _search(self, samples: batches.Samples, fast: bool | None) -> int:
         """Take samples one by one while there is a past; return how many were taken.
 
         As long as a reading does not change no start begins at it, so these are taken in blocks.
@@ -339,7 +338,7 @@ class Joint:
             at += 1
         return at
 
-    def _block(self, samples: batches.Samples, at: int, end: int, fast: bool) -> int:
+    def _block(self, samples: batches.Samples, at: int, end: int, fast: bool | None) -> int:
         """Take the samples from `at` on in a batch; return the row after the last one.
 
         It ends at the latest at `end`, and where what is taken out of the readings changes.
@@ -356,6 +355,7 @@ class Joint:
                 return at
             end = at + rows
         part = samples.part(slice(at, end))
+        fast = self._pays(len(samples.stamps)) if fast is None else fast
         self._batched(part, fast)
         if learner is not None:
             out = part.out
@@ -373,6 +373,10 @@ class Joint:
                 turns, _, _ = known.after_all(part.stamps, part.measurements)
             self._follow_turns(turns)
         return at + len(part.stamps)
+
+    def _pays(self, count: int) -> bool:
+        """Return True if this many samples take less time in compiled code."""
+        return batches.pays(self._batch, count)
 
     def _batched(self, samples: batches.Samples, fast: bool) -> None:
         """Take these samples in a batch."""

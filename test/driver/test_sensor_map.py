@@ -11,7 +11,6 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.sensor_map import FIELDS, NOWHERE, entered
 from estimator_pkg.driver.sensor_table import Maps
 from estimator_pkg.evaluation.entries import Entry
@@ -62,7 +61,7 @@ def error(out, velocity, start):
 
 def both(observer, stamps, readings, velocity, start=0.5, **values):
     """Return the errors without and with a map, and the joint with it."""
-    off = joint(observer, 'none', **values).run(stamps, readings, fast=available())
+    off = joint(observer, 'none', **values).run(stamps, readings)
     learning = joint(observer, **values)
     on = learning.run(stamps, readings, fast=False)
     return error(off, velocity, start), error(on, velocity, start), learning

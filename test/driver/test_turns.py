@@ -7,8 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import label, make, variants, wrapped
+from observer_cases import joint, label, make, variants, wrapped
 
+from estimator_pkg.driver import batch as batches
 from estimator_pkg.driver.turns import CONFIRMED, Turns
 from estimator_pkg.observers.contract import TRACKING
 
@@ -131,3 +132,13 @@ def test_a_reset_looks_anew_and_what_needs_a_circle_keeps_it():
         joint = make(name, {}, unwrap=name == 'kalman')
         joint.run(stamps, readings)
         assert joint._circle.period == TURN
+
+
+def test_a_short_stream_that_counts_turns_compiles_nothing(monkeypatch):
+    """Also where the loop on the circle is compiled already: the other one takes seconds."""
+    asked = []
+    monkeypatch.setattr(batches, 'is_compiled', lambda batch: asked.append(batch) or len(asked) < 2)
+    monkeypatch.setattr(batches, 'compiled', lambda batch: batch)
+    stamps, readings, _ = motor()
+    joint('kalman').run(stamps, readings)
+    assert len({*asked}) == 2
