@@ -28,6 +28,7 @@ def test_the_first_messages_of_a_stream_are_answered(probe, order):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)  # 280 to 310 s on a slow machine
 @pytest.mark.parametrize('order', ORDERS)
 def test_of_100_starts_none_loses_a_message(probe, order):
     check(probe, order, 100)
