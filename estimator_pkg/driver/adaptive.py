@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Bank, TakenOfJoints, taken
-from estimator_pkg.driver.batch import Estimates, pays
+from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
@@ -72,7 +72,7 @@ class AdaptiveJoint(Joint):
         """
         pieces: list[Estimates] = []
         begin = 0
-        fast = pays(self._batch, len(stamps)) if fast is None else fast
+        fast = self._pays(len(stamps)) if fast is None else fast
         while begin < len(stamps) or not pieces:
             length_ns = round(PIECE * self.evidence.length * 1e9)
             end = len(stamps) and begin + 1 + int(

@@ -139,16 +139,10 @@ def run(
     stamps, measurements, known_input, out = samples
     if fast:
         try:
-            # copies of one type each: a view or a constant array would be compiled for again
-            return compiled(batch)(
-                track,
-                design,
-                limits,
-                np.array(stamps, np.int64),
-                np.array(measurements, np.float64),
-                np.array(known_input, np.float64),
-                *out,
-            )
+            # of one type each: a view or a constant array would be compiled for again
+            kinds = zip((stamps, measurements, known_input), (np.int64, np.float64, np.float64))
+            plain = [np.require(array, kind, ['C', 'A', 'W']) for array, kind in kinds]
+            return compiled(batch)(track, design, limits, *plain, *out)
         except Exception as error:
             if not cannot_compile(error):
                 raise

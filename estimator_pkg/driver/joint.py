@@ -114,9 +114,10 @@ class Joint:
         if circle != self._circle:
             self._circle = circle
             self._structure(self.gains, None)
+        turns = Turns(circle.period)
         wraps = self.functions.turns and circle.period > 0.0 and not circle.unwrap
-        self._turns = Turns(circle.period) if wraps else None
-        self._low, self._high = Turns(circle.period).usual  # readings that show no turns
+        self._turns = turns if wraps else None
+        self._low, self._high = turns.usual  # readings that show nothing new
         self._track = self._blank(self._design)
         self._choose()
         self._begin_to_learn()

@@ -21,7 +21,7 @@ COUNT = 1500
 def motor(seed=1, counter=math.inf, jitter=0.002, fastest=75.0):
     """A motor at 50 Hz that turns at 40 rad/s or at its fastest and stops at once, over and over.
 
-    Returns (stamps, readings, velocity). The counter begins anew after so many turns.
+    Return (stamps, readings, velocity). The reading wraps after `counter` turns.
     """
     random = np.random.default_rng(seed)
     time = 0.02 * np.arange(COUNT) + random.uniform(0.0, jitter, COUNT)

@@ -72,7 +72,7 @@ LEAST_OF_FEW = {'kalman': 0.5, 'super_twisting': 0.35}  # their errors last from
 @pytest.mark.parametrize('speed', [20.0, 200.0])
 @pytest.mark.parametrize('variant', variants(), ids=label)
 def test_an_edge_further_than_an_eighth_of_a_turn_is_no_outlier(variant, speed, counts):
-    """The interval covers the speed of a Hall sensor: most were covered never or to 15 %."""
+    """The interval of hybrid_angle never covered the speed of such a sensor, at 20 rad/s."""
     name, gains = variant
     _, part = few_counts(name, gains, counts, speed)
     assert part > LEAST_OF_FEW.get(name, 0.8)
