@@ -20,10 +20,13 @@ less than half of the mean square error, in several turns in a row. Noise does n
 passes; neither does a joint that does not turn. The corrections come and go over a turn, mark by
 mark on the far side of the shaft, so that the corrected reading does not jump.
 
-A cogging torque makes the speed itself repeat each turn. At one speed it cannot be
-distinguished from an error of the sensor, and the standard deviation covers both. But it shrinks
-with the square of the speed. So what was learnt from it predicts no faster turn, and is dropped
-there; what predicts one is the sensor's. Slower turns are not learnt from.
+A torque that depends on the angle makes the speed itself repeat each turn. At one speed it cannot
+be distinguished from an error of a fine sensor. But an eccentric sensor errs with the turn and half
+of it, and poles and slots ripple faster: so only the first two harmonics are taken out at one
+speed, and only if they are most of what repeats. The standard deviation covers what may be motion.
+That shrinks with the square of the speed. So no faster turn is corrected until one has shown that
+it is predicted: then the errors are the sensor's, and its other harmonics if they are predicted,
+too. What predicts no faster turn is dropped there. Slower turns are not learnt from.
 
 What repeats in slower turns of a coarse sensor beyond these errors is a ripple of the speed. No
 filter can follow it: it is over before its edges have shown it. But the time in each cell is as

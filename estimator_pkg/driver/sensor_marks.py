@@ -90,7 +90,7 @@ class Learner:
         self.block = EDGES if kind == COARSE else BLOCK
         self.at = 0.5 if kind in (UNKNOWN, LOOSE) else 0.5 * self.quantum / self.size  # [cells]
         self.marks = turn if kind in (FINE, LOOSE) else 0  # after which errors repeat; 0: not known
-        self.tables = [Table(self.marks), Table(self.marks)]
+        self._make_tables()
         self.unit = self.speed = self.open = 0.0  # [marks/s], and what a sample leaves open [rad]
         self.lag, self.share = 0, 0.0  # of a ripple: its period [marks], and how much is foreseen
         self.foreseen = 0  # period of the last ripple
@@ -99,6 +99,10 @@ class Learner:
         self.since = 0.0  # time of the newest turn that was learnt
         self.heading = 0
         self._interrupt()
+
+    def _make_tables(self) -> None:
+        fine = self.kind in (FINE, LOOSE)
+        self.tables = [Table(self.marks, fine), Table(self.marks, fine)]
 
     def _interrupt(self) -> None:
         self.times, self.cells, self.pairs = NOTHING, NOTHING, NOTHING
@@ -210,7 +214,7 @@ class Learner:
         self.blocks += 1
         if self.active:
             self.travelled = 0.0
-            proven = self.kind != COARSE and self.tables[0].good > KEPT
+            proven = self.tables[0].sure and self.tables[0].good > KEPT
             if proven and self.blocks >= BLOCKS:
                 self.blocks, self.paused, self.left = 0, True, PAUSE * self.block * self.stride
         elif self.travelled > TRIED:
@@ -388,14 +392,15 @@ class Learner:
         self.marks = turn
         if squares.min() < STRIKING * squares.mean():
             self.marks = int(lags[squares <= ALIKE * squares.min()].min())
-        self.tables = [Table(self.marks), Table(self.marks)]
+        self._make_tables()
         self.travelled = 0.0
 
     def _errors(self, heading: int) -> Array:
         """Return what is taken out at each mark [rad], shape (n,)."""
         table, other = self._table(heading), self._table(-heading)
         if table.in_use:
-            return table.a + self._relative_speed() * table.b
+            known = not table.doubtful(self.speed)
+            return table.taken_out(self._relative_speed()) if known else np.zeros(self.marks)
         if self.kind == COARSE and not table.learnt and other.in_use:
             return other.a.copy()
         return np.zeros(len(table.a))
@@ -448,7 +453,7 @@ class Learner:
         of the mark next to each angle.
         """
         table = self._table(heading)
-        a, b, used = table.a.copy(), table.b.copy(), table.in_use
+        a, b, used = table.taken_out(0.0).copy(), table.b.copy(), table.in_use
         size, unit, here, reading = self.size, self.size * self.unit, self.at, self.reading
 
         def errors(angles: Array, speeds: Array) -> Array:
@@ -465,9 +470,9 @@ class Learner:
         if self.foreseen:
             period = math.degrees(self.size * self.foreseen)
             ripple = f'a ripple of the speed that repeats each {period:.4g} deg is foreseen'
-        if not any(table.in_use for table in self.tables):
-            return ripple
         errors = np.maximum(np.abs(self._errors(1)), np.abs(self._errors(-1)))
+        if not errors.any():
+            return ripple
         at = self.reading + (float(np.argmax(errors)) - self.at) * self.size
         at = math.degrees(at % (self.size * self.marks))
         turn = f'{math.degrees(self.size * self.marks):.4g} deg'

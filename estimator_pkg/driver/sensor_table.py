@@ -26,6 +26,7 @@ SLOWLY = 4.0  # turns over which these errors are averaged
 WILD = 4.0  # times its mean: a mean squared error counts no more
 KEPT = 12.0  # turns over which the map is averaged
 FASTER, SURE = 1.4, 0.2  # sure: a turn that many times as fast leaves less of its squared error
+FEW = 2  # harmonics of a fine sensor's turn that are taken out before another speed has shown more
 # kinds: not known yet; marks are edges; marks are edges of some counts; marks are no edges
 UNKNOWN, COARSE, FINE, LOOSE = 0, 1, 2, 3
 
@@ -52,10 +53,28 @@ class Maps(NamedTuple):
 FORWARD, BACKWARD, RISES, MOTIONS = range(4)  # rows of the tables
 
 
-class Table:
-    """Errors of the marks as learnt in one direction, and the proof that they help."""
+def few(errors: Array) -> Array:
+    """Return the first harmonics of errors over a turn, shape (marks,)."""
+    spectrum = np.fft.rfft(errors)
+    spectrum[FEW + 1 :] = 0.0
+    return np.fft.irfft(spectrum, len(errors))
 
-    def __init__(self, marks: int) -> None:
+
+def mean_square(errors: Array) -> float:
+    """Return the mean square of an array."""
+    return float(np.mean(errors * errors))
+
+
+class Table:
+    """Errors of the marks as learnt in one direction, and the proof that they help.
+
+    Parameters
+    ----------
+    marks : of a turn. fine : they are no edges, and the errors may be motion.
+    """
+
+    def __init__(self, marks: int, fine: bool) -> None:
+        self.fine = fine
         self.a, self.b = np.zeros(marks), np.zeros(marks)  # error = a + b (speed - 1)
         self.learnt = 0  # turns
         self.without, self.within = 0.0, 0.0  # mean squared errors without and with the map
@@ -63,7 +82,7 @@ class Table:
         self.in_use = False
         self.fastest = 0.0  # highest speed [marks/s]
         self.pace = 0.0  # mean speed of the turns that the map is from [marks/s]
-        self.sure = False  # these are errors of the sensor, not motion
+        self.sure = self.all_sure = False  # few harmonics, and the others, are the sensor's
 
     def learn(self, error: Array, pace: float, speed: float, left: float) -> None:
         """Learn from the errors of one turn, and decide whether the map is used.
@@ -76,13 +95,16 @@ class Table:
         left : mean error that cannot be attributed to the sensor [rad].
         """
         missed = error - self.a - speed * self.b
-        without, within = float(np.mean(error * error)), float(np.mean(missed * missed))
+        without, within = mean_square(error), mean_square(error - self.taken_out(speed))
         share = 1.0 / (min(self.learnt + 1.0, KEPT) * (1.0 + speed * speed))
         if self.learnt > 1 and within > self.within:  # less steady than other turns: counts less
             share *= self.within / within
         self.a += share * missed
         self.b += share * speed * missed
-        self.sure |= pace > FASTER * self.pace > 0.0 and within < SURE * without
+        if self.fine and pace > FASTER * self.pace > 0.0:
+            shown, left_over = few(error), few(missed)
+            self.sure |= mean_square(left_over) < SURE * mean_square(shown)
+            self.all_sure |= mean_square(missed - left_over) < SURE * mean_square(error - shown)
         self.pace += share * (pace - self.pace)
         self.learnt += 1
         if self.learnt == 1:
@@ -96,12 +118,22 @@ class Table:
         if not self.in_use:
             self.in_use = self.good >= self.required and self.within < BETTER * self.without
         elif self.within > WORSE * self.without:
-            self.in_use, self.sure, self.learnt = False, False, 1
+            self.in_use, self.sure, self.all_sure, self.learnt = False, False, False, 1
             self.required = min(2 * self.required, LONGEST)
+
+    def taken_out(self, speed: float) -> Array:
+        """Return the errors that readings are corrected by [rad]; `speed` as in `learn`."""
+        if not self.fine:
+            return self.a + speed * self.b
+        return self.a if self.all_sure else few(self.a)
+
+    def doubtful(self, pace: float) -> bool:
+        """Whether at this speed [marks/s] the errors may be of a motion that is none there."""
+        return self.fine and not self.sure and pace > FASTER * self.pace
 
     def copied(self) -> Table:
         """Return a table of the other direction that begins with the errors of this one."""
-        other = Table(len(self.a))
+        other = Table(len(self.a), self.fine)
         vars(other).update(vars(self), a=self.a.copy(), b=np.zeros(len(self.a)), learnt=1)
         return other
 

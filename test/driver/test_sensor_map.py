@@ -224,14 +224,57 @@ def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
     assert 'repeat each 48 deg' in learning.why()
 
 
-def cogging(mean, rate=1000.0):
-    """Return (angle, velocity) of a shaft whose torque depends on its angle."""
+def cogging(mean, rate=1000.0, times=2.0):
+    """Return (angle, velocity) of a shaft whose torque repeats so many times a turn."""
     angle, angles, velocities = 0.0, [], []
     for speed in mean:
-        velocities.append(speed * (1.0 + 5.0 / speed**2 * math.cos(4.0 * angle)))
+        velocities.append(speed * (1.0 + 5.0 / speed**2 * math.cos(times * angle)))
         angle += velocities[-1] / rate
         angles.append(angle)
     return np.array(angles), np.array(velocities)
+
+
+@pytest.mark.parametrize('times', [4.0, 12.0])
+def test_a_cogging_torque_of_many_poles_is_no_error_of_the_sensor(times):
+    """Not at one speed: an eccentric sensor's error has few harmonics."""
+    angle, velocity = cogging(np.full(6000, 12.0), times=times)
+    stamps = START_NS + 1_000_000 * np.arange(len(angle))
+    off, on, learning = both('kalman', stamps, eccentric(angle, 0.0), velocity)
+    assert on == off
+    assert learning.why() == ''
+
+
+def test_many_harmonics_are_taken_out_once_another_speed_has_shown_that_they_are_the_sensors():
+    stamps, angle, velocity = sampled(lambda t: np.where(t < 6.0, 12.0, 20.0), 18.0)
+    readings = eccentric(angle + 0.005 * np.sin(6.0 * angle))
+    values = {'quantum': TURN / 4096}
+    for end, most in ((6000, 0.85), (18_000, 1.0 / 3.0)):
+        rows = slice(end)
+        off, on, learning = both(
+            'kalman', stamps[rows], readings[rows], velocity[rows], 0.8, **values
+        )
+        assert on < most * off
+        assert learning.learner.tables[0].all_sure is (end > 6000)
+    other = wrapped(angle + 0.03 * np.sin(1.41 * angle))[6000:14_000]
+    learning.run(stamps[6000:14_000] + (stamps[-1] - stamps[5999]), other, fast=False)
+    assert not learning.learner.tables[0].all_sure  # another wheel's
+
+
+def test_an_unbalanced_shaft_is_not_corrected_faster_than_it_was_learnt_from():
+    """Its ripple falls with the square of the speed, within a turn and not after several."""
+    angle, velocity = cogging(np.repeat([12.0, 24.0], [12_000, 1500]), times=1.0)
+    stamps = START_NS + 1_000_000 * np.arange(len(angle))
+    joints = joint('kalman', 'none'), joint('kalman')
+    for each in joints:
+        each.run(stamps[:12_000], eccentric(angle[:12_000], 0.0), fast=False)
+    assert 'or motion' in joints[1].why()
+    off, on = (
+        each.run(stamps[12_000:], eccentric(angle[12_000:], 0.0), fast=False) for each in joints
+    )
+    turn = round(1000.0 * TURN / 24.0)
+    assert joints[1].why() == ''
+    wrong = [error(out, velocity[12_000:], 2.5 * turn / 1500.0) for out in (off, on)]
+    assert wrong[1] < 1.5 * wrong[0]
 
 
 def test_a_cogging_torque_is_dropped_at_another_speed():
