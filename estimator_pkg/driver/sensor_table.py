@@ -61,7 +61,7 @@ def few(errors: Array) -> Array:
 
 
 def mean_square(errors: Array) -> float:
-    """Return the mean square of an array."""
+    """Return the mean square of errors, shape (marks,)."""
     return float(np.mean(errors * errors))
 
 
@@ -122,7 +122,7 @@ class Table:
             self.required = min(2 * self.required, LONGEST)
 
     def taken_out(self, speed: float) -> Array:
-        """Return the errors that readings are corrected by [rad]; `speed` as in `learn`."""
+        """Return what is taken out [rad], shape (marks,); `speed` as in `learn`."""
         if not self.fine:
             return self.a + speed * self.b
         return self.a if self.all_sure else few(self.a)
