@@ -235,7 +235,7 @@ def of_sensor_map(kind):
         out = joint.run(stamps, readings, fast=False)
         yield observer, figures(out.velocity)
         yield f'{observer}, position', figures(out.position)
-        numbers = re.findall(r'\d+(?:\.\d+)?', joint.learner.text())
+        numbers = re.findall(r'\d+(?:\.\d+)?', joint.learner.shaft.text())
         yield f'{observer}, reported', figures([float(number) for number in numbers])
         for way in (1, -1):
             errors = joint.sensor_errors(way)(np.linspace(-3.1, 3.1, 60), np.full(60, 10.0))

@@ -26,8 +26,9 @@ from estimator_pkg.driver.guard import (
 )
 from estimator_pkg.driver.queues import note_on_queue
 from estimator_pkg.driver.repeats import note_on_repeats
+from estimator_pkg.driver.sensor_blocks import Learner
 from estimator_pkg.driver.sensor_map import FIELDS, correction_of, make_mapped, placed
-from estimator_pkg.driver.sensor_marks import Errors, Learner
+from estimator_pkg.driver.sensor_marks import Errors
 from estimator_pkg.driver.track import field_of, make_track, replaced
 from estimator_pkg.driver.turns import Turns
 from estimator_pkg.observers.circle import Circle, nearest_turn
@@ -278,10 +279,10 @@ class Joint:
         return correction_of(self._track)
 
     def sensor_errors(self, heading: int) -> Errors:
-        """Return the errors that `sensor_map` takes out now; see `Learner.errors`."""
+        """Return the errors that `sensor_map` takes out now; see `Shaft.errors`."""
         if self.learner is None:
             return lambda angles, speeds: np.zeros(len(angles))
-        return self.learner.errors(heading)
+        return self.learner.shaft.errors(heading)
 
     def run(
         self,
@@ -461,7 +462,7 @@ class Joint:
         if not said and self.settings.unwrap and self._count_new_starts() > self._new_starts:
             said = 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
         said = said or note_on_queue(_queue(self._track))
-        return said or ('' if self.learner is None else self.learner.text())
+        return said or ('' if self.learner is None else self.learner.shaft.text())
 
     def _count_new_starts(self) -> int:
         return sum(self.counts[verdict] for verdict in NEW_STARTS)

@@ -38,7 +38,7 @@ them the motion is steady, and easy to follow:
 The period is the divisor of the marks of a turn that predicts best, and it must predict the newest
 cells with less than half of the mean square error that they have without it.
 
-Both are learnt from blocks of samples (see `sensor_marks`), and are taken out from the next block
+Both are learnt from blocks of samples (see `sensor_blocks`), and are taken out from the next block
 on. Only a joint with such errors has the functions of `make_mapped`, and a track with four fields
 more: the reading, its correction, its `Place` and the `Maps`. So where nothing is learnt, nothing
 changes. New maps begin without a jump: an offset makes up for it, and fades within two turns.
@@ -52,7 +52,7 @@ import math
 import numpy as np
 
 from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, DUPLICATE, USED
-from estimator_pkg.driver.sensor_marks import Learner
+from estimator_pkg.driver.sensor_blocks import Learner
 from estimator_pkg.driver.sensor_table import BACKWARD, FORWARD, MOTIONS, RISES
 from estimator_pkg.driver.track import Track, TrackFunctions
 from estimator_pkg.observers.circle import LARGEST, wrap
@@ -77,38 +77,39 @@ NOWHERE: Place = (0.0, 0.0, 0.0, 0.0, 0.0, -math.inf, math.inf, 0, 0.0, 0.0, STE
 
 def placed(whole: tuple, learner: Learner) -> tuple:
     """Return the track with what is learnt now; without maps where nothing is taken out."""
-    maps, place, corrected_by = learner.maps(), NOWHERE, 0.0
+    shaft, place, corrected_by = learner.shaft, NOWHERE, 0.0
+    maps = shaft.maps()
     if len(whole) > FIELDS:
         _, corrected_by, place, before = whole[FIELDS:]
     _, _, _, _, further, _, _, _, offset, fade, (_, taken, rise, motion) = place
     marks, size = maps.tables.shape[1], maps.size
-    if marks == 0 or (not learner.active and offset == 0.0 and abs(taken) < GONE * size):
+    if marks == 0 or (not shaft.active and offset == 0.0 and abs(taken) < GONE * size):
         learner.applied = False
         return whole[:FIELDS]
-    if learner.applied and not learner.active and not any(map(np.any, before[4:])):
+    if learner.applied and not shaft.active and not any(map(np.any, before[4:])):
         return whole
     learner.applied = True
-    cell, heading = math.floor(learner.at), learner.heading or 1
-    inside = (learner.at - cell) * size
+    cell, heading = math.floor(shaft.at), shaft.heading or 1
+    inside = (shaft.at - cell) * size
     table = maps.tables[BACKWARD if maps.coarse and heading < 0 else FORWARD]
     lower, upper = float(table[cell % marks]), float(table[(cell + 1) % marks])
     slope = 0.0 if maps.coarse else (upper - lower) / size
     error = corrected_by - slope * inside
     offset = error - taken - (upper if maps.coarse and heading < 0 else lower)
     place = (
-        learner.reading - inside,
+        shaft.reading - inside,
         size,
         error,
         slope,
         further,
-        learner.bottom,
-        learner.top,
+        shaft.bottom,
+        shaft.top,
         cell,
         offset,
         max(fade, abs(offset) / (FADED * marks)),
         (heading, taken, rise, motion),
     )
-    return whole[:FIELDS] + (learner.reading, corrected_by, place, tuple(maps))
+    return whole[:FIELDS] + (shaft.reading, corrected_by, place, tuple(maps))
 
 
 def entered(place: Place, maps: tuple, measurement: float, period: float) -> Place:

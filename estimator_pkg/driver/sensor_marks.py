@@ -3,21 +3,19 @@
 
 """The marks of a turn: when a shaft passed them, and what that shows of its sensor's errors.
 
-See `sensor_map` for the equations. A learner gets the samples that an observer used, in blocks, and
-only while the joint turns round. It costs about 0.3 us a sample then. Where nothing is proven in
-`TRIED` turns it sleeps for many. What it does depends on the samples alone, so live equals replay.
-Angles are in rad, times in s, stamps in ns; arrays of samples have shape (n,).
+See `sensor_map` for the equations. Angles are in rad, times in s; arrays of samples have shape
+(n,).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, DUPLICATE, USED
+from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
 from estimator_pkg.driver.sensor_ripple import SPAN, found, slower
 from estimator_pkg.driver.sensor_table import (
     COARSE,
@@ -35,12 +33,7 @@ from estimator_pkg.driver.sensor_table import (
 
 Errors = Callable[[Array, Array], Array]
 
-LOOK = 128  # samples between two looks at a joint that does not turn
-BLOCK, EDGES = 128, 256  # samples of a block; of a coarse sensor
-DENSE, FAR = 128, 8  # samples of a turn that are enough for a fine sensor; largest stride
-BLOCKS, PAUSE = 4, 16  # blocks until a map in use of a fine sensor pauses, and for how many
-TRIED, REST, LONGEST_REST = 12.0, 64.0, 1024.0  # turns: learnt from in vain; until the next try
-IDLE = 30.0  # [s] without a whole turn: it turns no longer
+NEWEST = 128  # samples that show the quantum, of a block
 RESIDUE = 1e-9  # [rad] a smaller step is none
 RING = 288  # times that are kept, at least two turns and a half
 SLOWER = 0.7  # of the highest speed: a slower turn is not learnt from
@@ -55,39 +48,31 @@ RESOLVED, RESOLVED_EDGES = 0.5, 1.0
 NOTHING = np.zeros(0)
 
 
-class Learner:
-    """Learns the errors of the sensor of one joint.
+class Shaft:
+    """A shaft that passes the marks of its sensor, and the errors and ripple that it shows.
 
     Parameters
     ----------
     period : wrap period [rad]. quantum : as given [rad]; 0: not known.
     foresees : look for a ripple of the speed.
+
+    Attributes
+    ----------
+    at : where it is [marks]. reading : the newest one. heading : 1 or -1; 0: not known.
+    travelled : turns since something was proven.
+    since : time of the newest turn that was learnt [s].
     """
 
     def __init__(self, period: float, quantum: float, foresees: bool) -> None:
         self.period, self.given, self.foresees = period, quantum, foresees
-        self.rest, self.pause = 0.0, REST  # turns until the next try, and after it
-        self.applied = False  # the joint takes maps out of its readings
-        self.sleep()
-
-    def sleep(self) -> None:
-        """Forget everything, until the joint turns round again."""
-        self.awake, self.left = False, LOOK  # samples until the next look
-        self.turned = self.looked = 0.0
-        self.stamps: list[int] = []
-        self.readings: list[float] = []
-        self.paused = False  # the next sample is far from the last one
-        self.quantum = self.given if self.given > 0.0 else math.inf
-        self.bottom, self.top = -math.inf, math.inf
-        self.reading = 0.0  # the newest one
-        self.stride, self.blocks = 1, 0  # every stride-th sample is used; blocks since a pause
-        self.base = 0  # what times are relative to [ns]
+        self.quantum = quantum if quantum > 0.0 else math.inf
+        self.bottom, self.top = -math.inf, math.inf  # interval of readings that wrap
+        self.reading = 0.0
         self._begin(UNKNOWN, USUAL)
 
     def _begin(self, kind: int, turn: int) -> None:
         """Begin with other marks. Those of counts lie between two readings."""
         self.kind, self.turn, self.size = kind, turn, self.period / turn
-        self.block = EDGES if kind == COARSE else BLOCK
         self.at = 0.5 if kind in (UNKNOWN, LOOSE) else 0.5 * self.quantum / self.size  # [cells]
         self.marks = turn if kind in (FINE, LOOSE) else 0  # after which errors repeat; 0: not known
         self._make_tables()
@@ -95,8 +80,7 @@ class Learner:
         self.lag, self.share = 0, 0.0  # of a ripple: its period [marks], and how much is foreseen
         self.foreseen = 0  # period of the last ripple
         self.squares, self.count = np.zeros(turn + 1), 0
-        self.travelled = 0.0  # turns since something was proven
-        self.since = 0.0  # time of the newest turn that was learnt
+        self.travelled = self.since = 0.0
         self.heading = 0
         self._interrupt()
 
@@ -108,137 +92,29 @@ class Learner:
         self.times, self.cells, self.pairs = NOTHING, NOTHING, NOTHING
         self.share = 0.0
 
-    # ---- samples
-
-    def look(self, stamps: Sequence[int], velocities: Sequence[float]) -> int:
-        """Look whether the joint turns round, at samples with `LOOK` others between them.
-
-        Returns
-        -------
-        count : of the samples until it does, or of all.
-        """
-        looked, turned, rest, period = self.looked, self.turned, self.rest, self.period
-        count, self.left = 0, LOOK
-        for stamp_ns, velocity in zip(stamps, velocities):
-            now, count = 1e-9 * stamp_ns, count + 1
-            known = looked > 0.0 and math.isfinite(velocity)
-            step = velocity * (now - looked) if known else 0.0
-            looked = now
-            turned = step + turned if turned * step > 0.0 else step
-            rest -= abs(step) / period
-            if abs(turned) > period and rest <= 0.0:
-                self.awake, self.left, self.base = True, 0, stamp_ns
-                self.stamps, self.readings = [], []
-                break
-        self.looked, self.turned, self.rest = looked, turned, rest
-        return count
-
-    def note(self, stamp_ns: int, reading: float, verdict: int) -> bool:
-        """Take a sample that was used; return True if what is taken out of the readings changes."""
-        changed = False
-        if self.readings and (self.paused or verdict != USED):
-            before = self.readings[-1]
-            changed = self.learn()
-            self._event(verdict, reading - before)
-            self.stamps, self.readings, self.reading, self.paused = [], [], reading, False
-            self.since = 1e-9 * (stamp_ns - self.base)
-        self.stamps.append(stamp_ns)
-        self.readings.append(reading)
-        self.left = self.stride - 1
-        return (len(self.stamps) > self.block and self.learn()) or changed
-
-    def follow(
-        self,
-        stamps: NDArray[np.int64],
-        readings: Array,
-        verdicts: NDArray[np.int8],
-        velocities: Array,
-    ) -> int:
-        """Take those samples that were used, as `look` and `note` do, until `note` is True.
-
-        Returns
-        -------
-        count : of the samples up to then; 0: it never was.
-        """
-        used = verdicts < DUPLICATE
-        if not used.all():
-            kept = np.flatnonzero(used)
-            count = self.follow(stamps[kept], readings[kept], verdicts[kept], velocities[kept])
-            return int(kept[count - 1]) + 1 if count else 0
-        at, count = 0, len(stamps)
-        events = NOTHING
-        while at < count:
-            first = at + self.left
-            if not self.awake:
-                if first >= count:
-                    self.left = first - count
-                    break
-                due = slice(first, count, LOOK + 1)
-                looks = self.look(stamps[due].tolist(), velocities[due].tolist())
-                at = first + 1 + (looks - 1) * (LOOK + 1)
-                continue
-            if not len(events):
-                events = np.append(np.flatnonzero(verdicts != USED), count)
-            event = int(events[np.searchsorted(events, at)])
-            if self.paused and first < event:
-                event = first
-            rows = np.arange(first, event, self.stride)[: self.block + 1 - len(self.stamps)]
-            if len(rows):
-                self.stamps += stamps[rows].tolist()
-                self.readings += readings[rows].tolist()
-                at, self.left = int(rows[-1]) + 1, self.stride - 1
-                changed = len(self.stamps) > self.block and self.learn()
-            elif event >= count:
-                self.left -= count - at
-                break
-            else:
-                at = event + 1
-                changed = self.note(
-                    int(stamps[event]), float(readings[event]), int(verdicts[event])
-                )
-            if changed:
-                return at
-        return 0
-
-    def learn(self) -> bool:
-        """Learn from the samples; return True if what is taken out of the readings changes."""
-        times, readings = 1e-9 * (np.array(self.stamps) - self.base), np.array(self.readings)
-        before = self.travelled
-        self._take(times, readings)
-        self.reading = self.readings[-1]
-        # the newest sample is the first one of the next block
-        self.stamps, self.readings = self.stamps[-1:], self.readings[-1:]
-        if self.kind != COARSE:
-            turns = max(self.travelled - before, 1e-3)
-            self.stride = min(max(int(self.stride * len(times) / (turns * DENSE)), 1), FAR)
-        self.blocks += 1
-        if self.active:
-            self.travelled = 0.0
-            proven = self.tables[0].sure and self.tables[0].good > KEPT
-            if proven and self.blocks >= BLOCKS:
-                self.blocks, self.paused, self.left = 0, True, PAUSE * self.block * self.stride
-        elif self.travelled > TRIED:
-            self.rest, self.pause = self.pause, min(2.0 * self.pause, LONGEST_REST)
-            self.sleep()
-        elif times[-1] - self.since > IDLE:
-            self.sleep()
-        return self.active or self.applied
-
-    @property
-    def room(self) -> int:
-        """Samples until a block is complete, at least."""
-        return self.left + 1 + (self.block - len(self.stamps)) * self.stride
-
     @property
     def active(self) -> bool:
         """True if something is to be taken out of the readings."""
         return self.share > 0.0 or any(table.in_use for table in self.tables)
 
-    def _event(self, verdict: int, step: float) -> None:
-        """Pass over a gap; after a new start the map is proven again before it is used."""
+    @property
+    def proven(self) -> bool:
+        """True if the errors of a fine sensor are known well, at more than one speed."""
+        return self.tables[0].sure and self.tables[0].good > KEPT
+
+    def passes_over(self, verdict: int, before: float, reading: float, now: float) -> None:
+        """Pass over samples that were not seen; after a new start the map is proven again.
+
+        Parameters
+        ----------
+        verdict : the guard's, on the sample after them. before, reading : around them [rad].
+        now : time of that sample [s].
+        """
+        step = reading - before
         self._interrupt()
         self.heading = 0
         self.at += (step - self.period * round(step / self.period)) / self.size
+        self.reading, self.since = reading, now
         if verdict in (USED, AFTER_GAP, AFTER_STRAY_STAMP):
             return
         self.foreseen = 0
@@ -246,9 +122,11 @@ class Learner:
             table.in_use, table.good = False, table.required - 1
         if self.marks and self.turn % self.marks:  # turns may be lost, and count
             self._begin(self.kind, self.turn)
+            self.since = now
 
-    def _take(self, times: Array, readings: Array) -> None:
+    def take(self, times: Array, readings: Array) -> None:
         """Take samples in a row, of which the first one was where the shaft is known to be."""
+        self.reading = float(readings[-1])
         steps = readings[1:] - readings[:-1]
         if not len(steps):
             return
@@ -259,7 +137,7 @@ class Learner:
             for bottom in (-0.5 * self.period, 0.0):
                 if abs(least - bottom) < 0.1 * self.period:
                     self.bottom, self.top = bottom, bottom + self.period
-        self._refine(steps[-LOOK:])
+        self._refine(steps[-NEWEST:])
         if self.kind != UNKNOWN:
             moved = self.at + np.append(0.0, np.cumsum(steps)) / self.size
             self.at = float(moved[-1])

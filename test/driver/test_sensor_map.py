@@ -84,7 +84,7 @@ def test_misplaced_edges_cost_at_most_a_third(speed):
     readings = read_by(misplaced(32), angle)
     off, on, learning = both('edge_adaptive', stamps, readings, velocity, 0.7)
     assert on < off / 3.0
-    assert learning.learner.text()
+    assert learning.learner.shaft.text()
 
 
 @pytest.mark.parametrize('speed', [20.0, -20.0])
@@ -187,7 +187,7 @@ def test_a_given_quantum_is_not_refined():
     for quantum, marks in ((0.0, 64), (TURN / 32, 32)):
         learning = joint(quantum=quantum)
         learning.run(stamps, readings, fast=False)
-        assert learning.learner.turn == marks
+        assert learning.learner.shaft.turn == marks
 
 
 def test_a_joint_that_does_not_turn_is_never_corrected():
@@ -220,7 +220,7 @@ def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
     # behind a gear of 7.5: 90 counts a turn, of which 12 repeat
     learning = joint(quantum=TURN / 90)
     learning.run(stamps, readings * TURN / 90, fast=False)
-    assert learning.learner.marks == 12
+    assert learning.learner.shaft.marks == 12
     assert 'repeat each 48 deg' in learning.why()
 
 
@@ -254,10 +254,10 @@ def test_many_harmonics_are_taken_out_once_another_speed_has_shown_that_they_are
             'kalman', stamps[rows], readings[rows], velocity[rows], 0.8, **values
         )
         assert on < most * off
-        assert learning.learner.tables[0].all_sure is (end > 6000)
+        assert learning.learner.shaft.tables[0].all_sure is (end > 6000)
     other = wrapped(angle + 0.03 * np.sin(1.41 * angle))[6000:14_000]
     learning.run(stamps[6000:14_000] + (stamps[-1] - stamps[5999]), other, fast=False)
-    assert not learning.learner.tables[0].all_sure  # another wheel's
+    assert not learning.learner.shaft.tables[0].all_sure  # another wheel's
 
 
 def test_an_unbalanced_shaft_is_not_corrected_faster_than_it_was_learnt_from():
@@ -469,7 +469,7 @@ def test_a_ripple_comes_in_over_one_period_of_it():
     learning, shares = joint(quantum=TURN / 12), set()
     for part in np.split(np.arange(10_000), 200):
         learning.run(stamps[part], readings[part], fast=False)
-        shares.add(learning.learner.share)
+        shares.add(learning.learner.shaft.share)
     assert {0.0, 1.0} < shares
     assert min(shares - {0.0}) < 0.6
 
