@@ -43,14 +43,15 @@ class Learner:
     """
 
     def __init__(self, period: float, quantum: float, foresees: bool) -> None:
-        self._sensor = period, quantum, foresees
+        self.shaft, self._period = Shaft(period, quantum, foresees), period
         self._rest, self._pause = 0.0, REST  # turns until the next try, and after it
         self.applied = False
         self._sleep()
 
     def _sleep(self) -> None:
         """Forget everything, until the joint turns round again."""
-        self.shaft = Shaft(*self._sensor)
+        shaft = self.shaft
+        self.shaft = Shaft(shaft.period, shaft.given, shaft.foresees, shaft.moves)
         self.awake, self.left = False, LOOK  # samples until the next look
         self._turned = self._looked = 0.0
         self._stamps: list[int] = []
@@ -67,8 +68,7 @@ class Learner:
         -------
         count : of the samples until it does, or of all.
         """
-        looked, turned, rest = self._looked, self._turned, self._rest
-        period, _, _ = self._sensor
+        looked, turned, rest, period = self._looked, self._turned, self._rest, self._period
         count, self.left = 0, LOOK
         for stamp_ns, velocity in zip(stamps, velocities):
             now, count = 1e-9 * stamp_ns, count + 1
@@ -162,9 +162,9 @@ class Learner:
             turns = max(shaft.travelled - before, 1e-3)
             self._stride = min(max(int(self._stride * len(times) / (turns * DENSE)), 1), FAR)
         self._blocks += 1
-        if shaft.active:
+        if shaft.active or shaft.settled:
             shaft.travelled = 0.0
-            if shaft.proven and self._blocks >= BLOCKS:
+            if shaft.settled and self._blocks >= BLOCKS:
                 self._blocks, self._paused, self.left = 0, True, PAUSE * self._block * self._stride
         elif shaft.travelled > TRIED:
             self._rest, self._pause = self._pause, min(2.0 * self._pause, LONGEST_REST)

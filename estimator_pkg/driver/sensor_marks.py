@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
 from estimator_pkg.driver.sensor_ripple import SPAN, found, slower
 from estimator_pkg.driver.sensor_table import (
+    BACKWARD,
     COARSE,
     FASTER,
     FINE,
+    FORWARD,
     KEPT,
     LOOSE,
     UNKNOWN,
@@ -55,6 +57,7 @@ class Shaft:
     ----------
     period : wrap period [rad]. quantum : as given [rad]; 0: not known.
     foresees : look for a ripple of the speed.
+    moves : a faster turn has shown a motion that repeats each turn.
 
     Attributes
     ----------
@@ -63,8 +66,8 @@ class Shaft:
     since : time of the newest turn that was learnt [s].
     """
 
-    def __init__(self, period: float, quantum: float, foresees: bool) -> None:
-        self.period, self.given, self.foresees = period, quantum, foresees
+    def __init__(self, period: float, quantum: float, foresees: bool, moves: bool = False) -> None:
+        self.period, self.given, self.foresees, self.moves = period, quantum, foresees, moves
         self.quantum = quantum if quantum > 0.0 else math.inf
         self.bottom, self.top = -math.inf, math.inf  # interval of readings that wrap
         self.reading = 0.0
@@ -86,7 +89,7 @@ class Shaft:
 
     def _make_tables(self) -> None:
         fine = self.kind in (FINE, LOOSE)
-        self.tables = [Table(self.marks, fine), Table(self.marks, fine)]
+        self.tables = [Table(self.marks, fine, self.moves) for _ in (FORWARD, BACKWARD)]
 
     def _interrupt(self) -> None:
         self.times, self.cells, self.pairs = NOTHING, NOTHING, NOTHING
@@ -98,9 +101,10 @@ class Shaft:
         return self.share > 0.0 or any(table.in_use for table in self.tables)
 
     @property
-    def proven(self) -> bool:
-        """True if the errors of a fine sensor are known well, at more than one speed."""
-        return self.tables[0].sure and self.tables[0].good > KEPT
+    def settled(self) -> bool:
+        """True if few turns more would change what is taken out of a fine sensor's readings."""
+        table = self.tables[0]
+        return (table.sure and table.good > KEPT) or table.withheld
 
     def passes_over(self, verdict: int, before: float, reading: float, now: float) -> None:
         """Pass over samples that were not seen; after a new start the map is proven again.
@@ -219,13 +223,17 @@ class Shaft:
             cells = cells[marks:]
             self.unit = self.unit or self.speed
             self.since = float(times[-1])
-            if self.speed > SLOWER * table.fastest:  # else a torque ripples more than before
+            turn -= turn.mean()
+            error = self.size * (np.cumsum(turn) - turn)
+            error -= error.mean()
+            if self.speed > SLOWER * table.fastest:
                 table.fastest = max(self.speed, table.fastest)
-                turn -= turn.mean()
-                error = self.size * (np.cumsum(turn) - turn)
                 speed = self._relative_speed()
                 least = self.open * (RESOLVED_EDGES if self.kind == COARSE else RESOLVED)
-                table.learn(error - error.mean(), self.speed, speed, least)
+                table.learn(error, self.speed, speed, least)
+                self.moves = table.moves
+            else:  # a torque ripples more than before
+                table.compare(error, self.speed)
         self.cells = cells
 
     def _table(self, heading: int) -> Table:

@@ -25,7 +25,10 @@ TURNS, LONGEST = 3, 64  # in a row that have to be better, at first and at most
 SLOWLY = 4.0  # turns over which these errors are averaged
 WILD = 4.0  # times its mean: a mean squared error counts no more
 KEPT = 12.0  # turns over which the map is averaged
-FASTER, SURE = 1.4, 0.2  # sure: a turn that many times as fast leaves less of its squared error
+# another speed, times; a turn there that leaves less of its squared error shows the sensor's. That
+# of a motion which falls with the square of the speed leaves 0.24 or more, and 0.92 if faster
+FASTER, SURE = 1.4, 0.2
+LARGEST = 0.06  # [rad] what exceeds it at one speed is rather a motion: 3.4 deg of a fine sensor
 FEW = 2  # harmonics of a fine sensor's turn that are taken out before another speed has shown more
 # kinds: not known yet; marks are edges; marks are edges of some counts; marks are no edges
 UNKNOWN, COARSE, FINE, LOOSE = 0, 1, 2, 3
@@ -71,10 +74,11 @@ class Table:
     Parameters
     ----------
     marks : of a turn. fine : they are no edges, and the errors may be motion.
+    moves : a faster turn has shown a motion that repeats each turn.
     """
 
-    def __init__(self, marks: int, fine: bool) -> None:
-        self.fine = fine
+    def __init__(self, marks: int, fine: bool, moves: bool = False) -> None:
+        self.fine, self.moves = fine, moves
         self.a, self.b = np.zeros(marks), np.zeros(marks)  # error = a + b (speed - 1)
         self.learnt = 0  # turns
         self.without, self.within = 0.0, 0.0  # mean squared errors without and with the map
@@ -94,6 +98,7 @@ class Table:
         speed : in its unit, less 1; 0: b is not learnt.
         left : mean error that cannot be attributed to the sensor [rad].
         """
+        self.compare(error, pace)
         missed = error - self.a - speed * self.b
         without, within = mean_square(error), mean_square(error - self.taken_out(speed))
         share = 1.0 / (min(self.learnt + 1.0, KEPT) * (1.0 + speed * speed))
@@ -101,10 +106,6 @@ class Table:
             share *= self.within / within
         self.a += share * missed
         self.b += share * speed * missed
-        if self.fine and pace > FASTER * self.pace > 0.0:
-            shown, left_over = few(error), few(missed)
-            self.sure |= mean_square(left_over) < SURE * mean_square(shown)
-            self.all_sure |= mean_square(missed - left_over) < SURE * mean_square(error - shown)
         self.pace += share * (pace - self.pace)
         self.learnt += 1
         if self.learnt == 1:
@@ -116,10 +117,35 @@ class Table:
         self.within += weight * (within - self.within)
         self.good = self.good + 1 if within < BETTER * without and without > left * left else 0
         if not self.in_use:
-            self.in_use = self.good >= self.required and self.within < BETTER * self.without
+            better = self.good >= self.required and self.within < BETTER * self.without
+            self.in_use = better and (self.sure or not self.fine or self._may_be_the_sensors())
         elif self.within > WORSE * self.without:
+            self.moves |= self.doubtful(pace)
             self.in_use, self.sure, self.all_sure, self.learnt = False, False, False, 1
             self.required = min(2 * self.required, LONGEST)
+
+    def compare(self, error: Array, pace: float) -> None:
+        """Decide by a turn at another speed whether these are errors of the sensor, or a motion.
+
+        Parameters
+        ----------
+        error : shape (marks,), as in `learn`. pace : speed [marks/s].
+        """
+        if not self.fine or self.learnt < TURNS or 1.0 / FASTER <= pace / self.pace <= FASTER:
+            return
+        missed = error - self.a
+        shown, left_over = few(error), few(missed)
+        self.sure |= mean_square(left_over) < SURE * mean_square(shown)
+        self.all_sure |= mean_square(missed - left_over) < SURE * mean_square(error - shown)
+
+    @property
+    def withheld(self) -> bool:
+        """True if the map predicts turns, but of one speed alone, and is not believed."""
+        return self.good >= self.required and not self.in_use
+
+    def _may_be_the_sensors(self) -> bool:
+        """Whether errors that only one speed has shown are believed to be a fine sensor's."""
+        return not self.moves and float(np.abs(few(self.a)).max()) < LARGEST
 
     def taken_out(self, speed: float) -> Array:
         """Return what is taken out [rad], shape (marks,); `speed` as in `learn`."""

@@ -288,18 +288,46 @@ def test_a_cogging_torque_is_dropped_at_another_speed():
     assert not learning.why()
 
 
-def test_a_cogging_torque_that_was_dropped_is_no_surer_at_the_faster_speed():
-    angle, _ = cogging(np.repeat([12.0, 20.0], [5000, 8000]))
-    stamps = START_NS + 1_000_000 * np.arange(len(angle))
-    learning = joint('kalman', quantum=TURN / 4096)
-    for part, dropped in (
-        (slice(5000), False),
-        (slice(5000, 9000), True),
-        (slice(9000, None), False),
-    ):
-        learning.run(stamps[part], eccentric(angle[part], 0.0), fast=False)
-        assert (learning.why() == '') is dropped
-    assert 'or motion' in learning.why()
+def test_a_motion_that_another_speed_has_shown_is_not_learnt_at_one_speed_again():
+    mean = np.repeat([12.0, 20.0], [5000, 11_000])
+    angle, _ = cogging(mean)
+    angle = np.insert(angle, np.full(35_000, 9000), angle[9000])  # it stands for 35 s
+    stamps, readings = START_NS + 1_000_000 * np.arange(len(angle)), eccentric(angle, 0.0)
+    learning, awake = joint('kalman', quantum=TURN / 4096), []
+    for first in range(0, len(angle), 500):
+        rows = slice(first, first + 500)
+        learning.run(stamps[rows], readings[rows], fast=False)
+        awake.append(learning.learner.awake)
+        if first == 4500:
+            assert 'or motion' in learning.why()
+        if first > 7000:
+            assert learning.why() == ''
+    assert awake[17] and not awake[84] and awake[-1]  # it rested, and tried again
+
+
+@pytest.mark.parametrize('other', [13.0, 24.0])
+def test_errors_as_large_as_a_motion_need_another_speed(other):
+    stamps, angle, _ = sampled(lambda t: np.where(t < 6.0, 15.0, other), 12.0)
+    learning, readings = joint('kalman', quantum=TURN / 4096), eccentric(angle, 0.08)
+    learning.run(stamps[:6000], readings[:6000], fast=False)
+    assert learning.why() == ''
+    learning.run(stamps[6000:], readings[6000:], fast=False)
+    assert ('of up to 5 deg' in learning.why()) is (other == 24.0)
+    assert 'or motion' not in learning.why()
+
+
+@pytest.mark.parametrize('sensor', [True, False])
+def test_a_slower_turn_shows_the_sensor_but_no_motion(sensor):
+    mean = np.repeat([20.0, 12.0], 4000)
+    if sensor:
+        readings = eccentric(np.cumsum(mean) / 1000.0)
+    else:
+        readings = eccentric(cogging(mean)[0], 0.0)
+    stamps, learning = START_NS + 1_000_000 * np.arange(8000), joint('kalman', quantum=TURN / 4096)
+    for part, doubt in ((slice(4000), True), (slice(4000, None), not sensor)):
+        learning.run(stamps[part], readings[part], fast=False)
+        assert 'sensor errors' in learning.why()
+        assert ('or motion' in learning.why()) is doubt
 
 
 def test_what_may_be_motion_widens_the_interval_by_as_much():
