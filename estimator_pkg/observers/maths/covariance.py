@@ -22,8 +22,9 @@ import math
 # it to 6 of these, so from the fourth sample on the prior has no influence.
 VAGUE = 1e4
 
-# If a measurement reduces the position's variance below this part, the differences of the other
-# variances would have few digits left. The state was unknown then: P is that of a start.
+# If a measurement reduces the speed's variance below this part, the difference has few digits left.
+# The state was unknown then: P is that of a start. A measurement without noise reduces the
+# position's variance as far, but leaves a part of the speed's that the process noise has added.
 BLIND = 1e-9
 
 
@@ -78,11 +79,13 @@ def step_2(
     n01 = p01 + dt * p11  # n: P- = F P F' + Q
     n00 = p00 + dt * (p01 + n01) + scale * q00
     n01 += scale * q01
+    n11 = p11 + scale * q11
     of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
-    if of_s < BLIND:
-        return start_2(dt), 1.0 / dt, of_s
     K1 = n01 * of_s
-    return (n00 * of_s, K1, p11 + scale * q11 - K1 * n01), K1, of_s
+    left = n11 - K1 * n01
+    if left < BLIND * n11:
+        return start_2(dt), 1.0 / dt, of_s
+    return (n00 * of_s, K1, left), K1, of_s
 
 
 def step_3(
@@ -101,19 +104,14 @@ def step_3(
     n00 = p00 + dt * p01 + half * p02 + dt * r01 + half * r02 + scale * q00
     n01 = r01 + dt * r02 + scale * q01
     n02 = r02 + scale * q02
+    n11 = p11 + dt * (p12 + r12) + scale * q11
     of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
-    if of_s < BLIND:
-        return start_3(dt), 1.0 / dt, 0.0, of_s
     K1, K2 = n01 * of_s, n02 * of_s
+    left = n11 - K1 * n01
+    if left < BLIND * n11:
+        return start_3(dt), 1.0 / dt, 0.0, of_s
     return (
-        (
-            n00 * of_s,
-            K1,
-            K2,
-            p11 + dt * (p12 + r12) + scale * q11 - K1 * n01,
-            r12 + scale * q12 - K1 * n02,
-            p22 + scale * q22 - K2 * n02,
-        ),
+        (n00 * of_s, K1, K2, left, r12 + scale * q12 - K1 * n02, p22 + scale * q22 - K2 * n02),
         K1,
         K2,
         of_s,

@@ -180,6 +180,21 @@ def test_a_burst_before_the_stream_does_no_harm():
                 assert joint.estimate()[3] == TRACKING
 
 
+@orders
+@pytest.mark.parametrize('rate', [1.0, 2.0, 30.0])
+@pytest.mark.parametrize('noise', [None, 1e-9])
+def test_readings_without_noise_leave_the_filter_stable(order, rate, noise):
+    """A prediction a billion times vaguer than a reading: at 2 Hz it was 1e84 rad/s off."""
+    t = np.arange(400) / rate
+    t[1::2] += 0.3 / rate
+    at = 10**9 + np.rint(t * 1e9).astype(np.int64)
+    slow = 2.0 * np.pi * rate / 100.0
+    for angle, velocity in ((0.01 * t, 0.01), (np.sin(slow * t), slow * np.cos(slow * t))):
+        found = make('kalman', {**MODELS[order], 'noise': noise}, wrap_period=0.0).run(at, angle)
+        error = np.abs(found.velocity - velocity)[20:]
+        assert np.all(error < 0.05 * np.max(np.abs(velocity)))
+
+
 @given(st.floats(-2.0, 8.0))
 def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
     density, dt = 10.0**exponent, 0.02
