@@ -16,6 +16,7 @@ from estimator_pkg.observers.maths.seldom import seldom
 
 UNIT = 1.0  # [rad] quantum while none is known
 ROUNDING = 1e-6  # of the reading: smaller steps are a float32's last digit
+LARGEST = 10.0  # [rad or m] but of no more than this: a wheel turns on, and its steps stay
 RESIDUE = 1e-3  # of the quantum: a change by less is rounding residue, and no motion
 FINEST = 1e-10  # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
 JUMP = 1e3  # times the range of all readings before: those before were residue
@@ -73,7 +74,7 @@ def follow_steps(
     """
     smallest, candidate, shown, least, left, finer, _ = steps
     moved = found = abs(step)
-    grain = max(ROUNDING * size, RESIDUE * min(smallest, moved))
+    grain = max(ROUNDING * min(size, LARGEST), RESIDUE * min(smallest, moved))
     shows = since > 0.0
     if last > 0.0:
         bend = abs(moved - last)
@@ -161,7 +162,7 @@ def search(
     first : this is the first step of all.
     """
     used, _, scatter, _, _, _, last, since, _, _, _ = sensor
-    least = ROUNDING * size if first and given == 0.0 else RESIDUE * used
+    least = ROUNDING * min(size, LARGEST) if first and given == 0.0 else RESIDUE * used
     if -least <= step <= least or -FINEST < step < FINEST:
         return False, steps, used
     steps = follow_steps(steps, step, last, since, size, given, scatter)
