@@ -319,7 +319,8 @@ def _make_step(period: float) -> Callable[..., tuple]:
             other = ALIKE
         else:
             other = beside(other, p, design.ratio * density, coefficients, swing, lasted)
-        if change != 0.0 and rested > MEMORY * dt:  # a rest ends: the speed is in doubt
+        usual = pace if 0.0 < pace < dt else dt  # samples may have been lost
+        if change != 0.0 and rested > MEMORY * usual:  # a rest ends: the speed is in doubt
             doubt, begins = stirred(doubt, sensor, p, rested, dt, first, period)
             starting = starting and not begins
         # An eighth of a turn off: no reading of this shaft, or not of this speed

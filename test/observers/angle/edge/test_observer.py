@@ -986,6 +986,15 @@ def test_without_a_quantum_nothing_is_known_until_the_first_step():
     assert out.velocity_stddev[520] <= 1.19 * QUANTUM / (20 * DT)
 
 
+@pytest.mark.parametrize('gains', [{}, {'quantum': QUANTUM}])
+def test_a_first_edge_after_lost_samples_is_no_sure_speed(gains):
+    """One count after a rest, 50 samples of which were lost: sigma was a sixth of the error."""
+    t = np.concatenate([np.arange(1000), np.arange(1050, 3000)]) * DT
+    at = 10**9 + np.rint(t * 1e9).astype(np.int64)
+    out = make('edge_adaptive', gains).run(at, np.where(t < 1.0, 0.0, QUANTUM))
+    assert np.all(np.abs(out.velocity) <= 2.0 * out.velocity_stddev)
+
+
 @pytest.mark.parametrize('quantum', [QUANTUM, 2e-5])
 @pytest.mark.parametrize('gap', [0.21, 0.3, 0.45])
 @pytest.mark.parametrize('after', [0.0, 8.0, -8.0])
