@@ -44,6 +44,7 @@ OUTSIDE = 0.125  # an innovation beyond this part of a turn is not noise: the lo
 LOST_AFTER = 0.5  # s in doubt after which the observer starts again
 COAST = 0.2  # s without input or outside the domain after which the state is not observable
 MEMORY = 400.0  # samples over which the innovation's power is averaged
+DRIFT_MEMORY = 20.0  # slowest time constants over which the power of its slow part is averaged
 SETTLED = 4.0  # time constants of the slowest pole until a start has settled
 
 
@@ -63,6 +64,8 @@ class Coefficients(NamedTuple):
 
     core: tuple
     dt: float  # [s]
+    drift: float  # weight of the newest sample in the slow part of the innovation
+    memory: float  # over which the power of the slow part is averaged [s]
 
 
 @dataclass(frozen=True)
@@ -134,10 +137,10 @@ def around(
 ) -> MechanicalFunctions:
     """Return the contract's functions for the observer of a mechanism with this core.
 
-    The state is (state of the core, last measurement, conventions, mean squares of the innovation,
-    lock). The lock is (status, time since the last trouble [s], time in trouble [s], kind of
-    trouble): 0 none, 1 outside the domain, 2 no input, 3 innovation too large, 4 the model returned
-    values that are not finite.
+    The state is (state of the core, last measurement, conventions, power, lock). The power is (mean
+    squares of the innovation, its slow part, mean squares of the slow part). The lock is (status,
+    time since the last trouble [s], time in trouble [s], kind of trouble): 0 none, 1 outside the
+    domain, 2 no input, 3 innovation too large, 4 the model returned values that are not finite.
     """
     n = mechanics.degrees
     circles = circles_of(mechanics, circle)
@@ -149,7 +152,7 @@ def around(
         algebra.present,
         algebra.squares,
     )
-    towards, zeros_like = algebra.towards, algebra.zeros_like
+    towards, minus, zeros_like = algebra.towards, algebra.minus, algebra.zeros_like
     input_finite = mechanical_algebra(max(1, mechanics.inputs)).finite
     needs_input = mechanics.inputs > 0
     prepare_core, advance, carry, begin_core = (core.prepare, core.advance, core.carry, core.begin)
@@ -179,14 +182,16 @@ def around(
         )
 
     def prepare(design: Any, dt: float) -> Coefficients:
-        return Coefficients(prepare_core(design.core, dt), dt)
+        corner = SETTLED * dt / settling  # of the slow part: the slowest pole
+        memory = max(MEMORY * dt, DRIFT_MEMORY * settling / SETTLED)
+        return Coefficients(prepare_core(design.core, dt), dt, corner / (1.0 + corner), memory)
 
     def init(measurement: tuple, design: Any) -> tuple:
         return (
             begin_core(),
             measurement,
             begin_all(measurement),
-            zeros_like(measurement),
+            (zeros_like(measurement), zeros_like(measurement), zeros_like(measurement)),
             (INITIALISING, 0.0, 0.0, 0),
         )
 
@@ -194,7 +199,7 @@ def around(
         state: tuple, coefficients: Any, design: Any, measurement: tuple, known_input: tuple
     ) -> tuple:
         inner, before, conventions, power, (status, clear, astray, trouble) = state
-        core_coefficients, dt = coefficients
+        core_coefficients, dt, of_newest, memory = coefficients
         core_design, periods, unwrap, outside, settle, lost_after = design
         moved = between(measurement, before, periods)
         conventions = follow_all(conventions, measurement, periods)
@@ -220,7 +225,13 @@ def around(
                 status = TRACKING
                 astray = 0.0
             weight = dt / clear if clear < MEMORY * dt else 1.0 / MEMORY
-            power = squares(power, weight, inner[seen])
+            mean_squares, drift, drift_squares = power
+            mean_squares = squares(mean_squares, weight, inner[seen])
+            drift = towards(drift, of_newest, minus(inner[seen], drift))
+            if status == TRACKING:  # the transient of the start is not an error of the model
+                since = max(clear - settle, 0.0) + dt
+                drift_squares = squares(drift_squares, dt / min(since, memory), drift)
+            power = (mean_squares, drift, drift_squares)
             return (inner, measurement, conventions, power, (status, clear, astray, 0))
         astray += dt
         if found != 3:  # no update: keep the velocity, take the position from the measurement

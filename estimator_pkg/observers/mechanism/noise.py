@@ -1,7 +1,11 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Variances of an observer of a mechanism under white measurement noise, at one configuration."""
+"""Variances of an observer of a mechanism at one configuration: measurement noise, model error.
+
+White noise gives a white innovation. An error of the model gives a slow one, m: then 0 = e' =
+-L m + V x, so that the velocities are wrong by V x = L m. Its size follows from the innovation.
+"""
 
 from __future__ import annotations
 
@@ -135,7 +139,8 @@ def make_stddev(
     """Return `stddev` of the contract for a `MechanicalCore`.
 
     The variances per noise depend on configuration and dt, and on the size of the innovation if the
-    core is not linear. They are computed on a grid of these and cached.
+    core is not linear. They are computed on a grid of these and cached. The slow part of the
+    innovation adds the error of the model, as far as white noise does not explain it.
 
     Parameters
     ----------
@@ -157,24 +162,26 @@ def make_stddev(
     @lru_cache(KEPT)
     def gains(
         place: tuple[int, ...], sizes: tuple[int, ...], period: int
-    ) -> tuple[NoiseGains, Array] | None:
-        """Return (variances, inverse of those of the innovation); None if they are not finite."""
+    ) -> tuple[NoiseGains, Array, Array] | None:
+        """Return (variances, inverse of the innovation's, L^2 by entry); None: not finite."""
         at, dt = np.array(spacing) * np.array(place), math.exp(GRID * period)
         if not mechanics.admits(mechanics.values, tuple(at.tolist())):
             return None
         try:
             with np.errstate(all='ignore'):  # checked for finite values below
                 found = variances(at, sizes, dt)
+                matrix, _ = core.linear(at, np.exp(2.0 * GRID * np.array(sizes)))
         except np.linalg.LinAlgError:  # overflow in an intermediate result
             return None
         if not all(np.all(np.isfinite(each)) for each in found):
             return None
         # rounding may make a variance near zero negative
         found = NoiseGains(*(np.maximum(each, 0.0) for each in found))
-        return found, np.array(np.linalg.pinv(found.innovation), float)
+        back = np.array(np.linalg.pinv(found.innovation), float)
+        return found, back, np.square(matrix[:n, :n])
 
     def stddev(state: tuple, coefficients: Any, design: Any) -> tuple:
-        inner, measurement, conventions, squares, lock = state
+        inner, measurement, conventions, (squares, _, drift_squares), lock = state
         power = [max(each, 1e-300) for each in squares]
         sizes = (
             ()
@@ -188,13 +195,15 @@ def make_stddev(
         )
         if kept is None:
             return (math.inf,) * n, (math.inf,) * n
-        found, back = kept
+        found, back, L_squared = kept
+        of_white = coefficients.drift / (2.0 - coefficients.drift)
+        slow = [max(m - of_white * p, 0.0) for m, p in zip(drift_squares, squares)]
         used = variance
         if measured:
             used = np.maximum(back @ (np.array(power) - found.own_innovation), floor)
         return (
-            tuple(np.sqrt(found.position @ used + found.own_position).tolist()),
-            tuple(np.sqrt(found.velocity @ used + found.own_velocity).tolist()),
+            tuple(np.sqrt(found.position @ used + found.own_position + slow).tolist()),
+            tuple(np.sqrt(found.velocity @ used + found.own_velocity + L_squared @ slow).tolist()),
         )
 
     return stddev

@@ -62,6 +62,24 @@ def test_stddev_is_the_scatter_of_the_estimate(name, form):
     np.testing.assert_allclose(reported, scatter, rtol=0.12)
 
 
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('wrong', (0.0, 0.5, 2.0))
+def test_stddev_includes_what_the_model_gets_wrong(name, wrong):
+    """An input with `wrong` times the effect of the model's: the deviation is that of the error."""
+    dt, count, turning = 2e-3, 5000, 4.0
+    own = {'mu': [6.0]} if name == 'smo' else {}  # above the acceleration that is missing
+    functions = made(name, model='single_joint', model_parameters=['inertia=1'], **own)
+    time = dt * np.arange(count)
+    noise = 1e-4 * np.random.default_rng(2).normal(size=count)
+    readings = [(x,) for x in (-np.sin(turning * time) / turning + noise).tolist()]
+    inputs = [(x,) for x in (wrong * turning * np.sin(turning * time)).tolist()]
+    velocities, _, state = driven(functions, dt, count, readings, inputs)
+    error = velocities[2500:, 0] + np.cos(turning * time[2501:])
+    design = functions.design()
+    reported = functions.stddev(state, functions.prepare(design, dt), design)[1][0]
+    assert 0.5 < reported / np.sqrt(np.mean(error**2)) < 2.0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     'values',
