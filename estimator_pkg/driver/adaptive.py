@@ -273,11 +273,7 @@ class AdaptiveBank(Bank):
         """Return why no sample of this joint can be used, if its input is the reason, else ''."""
         if name not in self.unknown:
             return ''
-        return (
-            'no effort_command is valid for it'
-            if self._source == COMMAND
-            else 'its effort is not a number'
-        )
+        return self._acting_on(name).why_unknown()
 
     def unit(self, name: str) -> str:
         """Return the unit of this joint's input; empty: not known."""

@@ -207,6 +207,24 @@ class Acting:
             ]
         )
 
+    @property
+    def is_unknown(self) -> bool:
+        """True if no effort_command was valid at the newest sample."""
+        return self._unknown_ns != 0
+
+    def why_unknown(self) -> str:
+        """Return why the input of the newest sample is not known, with its remedy."""
+        if self._source == FIELD:
+            return 'its effort is not a number'
+        if not all(self._last_ns):
+            return 'no effort_command is valid for it: none had its name, check the names there'
+        older = 1e-9 * (self._unknown_ns - min(self._last_ns))
+        return (
+            f'no effort_command is valid for it: the last one is {abs(older):.4g} s '
+            f'{"older" if older > 0.0 else "newer"} than the position, check rate and clocks of '
+            'both, or input_timeout'
+        )
+
     def _came(self, since_ns: int, efforts: Sequence[float]) -> None:
         for place, effort in enumerate(efforts):
             if math.isfinite(effort):

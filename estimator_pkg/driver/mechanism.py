@@ -17,7 +17,7 @@ from typing import Any
 
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import FIELD, Acting, DrivenSettings
+from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.circle import nearest_turn
@@ -187,7 +187,10 @@ class Mechanism(Joint):
             return self.functions.limits(self.mean_dt) or ''
         if not self.running:
             return self.why_silent()
-        return self.functions.why(self.state, self._design)
+        said = self.functions.why(self.state, self._design)
+        if self._source == COMMAND and self._acting.is_unknown:
+            said += f'{said and "; "}{self._acting.why_unknown()}'
+        return said
 
     def why_silent(self) -> str:
         """Return why samples are incomplete; '' if none is waiting."""

@@ -22,7 +22,7 @@ from typing import Any
 
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.efforts import COMMAND, FIELD, REMEMBERED, Acting
+from estimator_pkg.driver.efforts import FIELD, REMEMBERED, Acting
 from estimator_pkg.driver.guard import AFTER_CLOCK_JUMP, NEW_STARTS
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.track import replaced
@@ -242,11 +242,7 @@ class SwitchedBank(Received):
 
     def why_silent(self, name: str) -> str:
         """Return why no sample can be used, if the input is the reason, else ''."""
-        if not self._unknown:
-            return ''
-        return (
-            'no effort_command is valid' if self._source == COMMAND else 'an effort is not a number'
-        )
+        return self._acting.why_unknown() if self._unknown else ''
 
     def take(
         self,

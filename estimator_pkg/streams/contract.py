@@ -491,7 +491,8 @@ class Stream(ABC):
         remedy = stamp_remedy(self.source_of_stamps)
         for name, joint in self.bank.joints.items():
             dropped = joint.dropped()
-            said = why_dropped(joint.received, dropped, remedy) or joint.why()
+            said = '' if joint.used else self.why_silent(name)  # a missing input, not the position
+            said = said or why_dropped(joint.received, dropped, remedy) or joint.why()
             if 'misconfigured' in dropped:  # the joint knows the parameter
                 said = joint.why() or said
             joints.setdefault(said, []).extend(self.names_of(name))

@@ -129,9 +129,11 @@ class MechanicalStream(DrivenStream):
         """See `Stream`: raises if a mechanism never got all joints (wrong names)."""
         for mechanism in self.bank.joints.values():
             if mechanism.received == 0:
+                why = mechanism.why_silent()
                 raise UserError(
                     f"topic '{self.topics[0]}' of {path} never has all joints of "
-                    f"mechanism '{mechanism.name}' ({', '.join(mechanism.names)}): "
-                    "set its joint names with the parameter 'joints'"
+                    f"mechanism '{mechanism.name}' ({', '.join(mechanism.names)}) at one time: "
+                    + (f'{why}; if they have other names, ' if why else '')
+                    + "set its joint names with the parameter 'joints'"
                 )
         return []

@@ -321,6 +321,46 @@ def test_a_damaged_input_is_not_taken_for_a_measurement(tmp_path):
     assert found['dropped'] == {'malformed': 1}
 
 
+@pytest.mark.parametrize(
+    ('observer', 'own'), [('adaptive', []), ('switched', []), ('geso', settings('joints=[joint]'))]
+)
+@pytest.mark.parametrize(
+    ('name', 'older_s', 'why'),
+    [
+        ('other', 0, 'none had its name, check the names there'),
+        ('joint', 1000, 'the last one is 1000 s older than the position, check rate and clocks'),
+    ],
+)
+def test_an_effort_command_without_effect_is_explained(
+    observer, own, name, older_s, why, tmp_path, capsys
+):
+    """The positions are valid: the reason is not that they were dropped."""
+    encode, start = Encoder().encode, 10**13
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE)
+        bag.add_topic('/effort_command', TYPE)
+        for now in range(start, start + 10**9, 10**7):
+            bag.write(STATES, now, encode(now, '', ['joint'], [1e-9 * (now - start)]))
+            raw = encode(now - older_s * 10**9, '', [name], [], [], [0.1])
+            bag.write('/effort_command', now, raw)
+    words = [tmp_path / 'bag', '--observer', observer, *settings('input=effort_command'), *own]
+    run('replay', *words, code=1)
+    said = capsys.readouterr().err
+    assert f'no effort_command is valid for it: {why}' in said and 'NaN' not in said
+
+
+def test_joints_with_stamps_of_their_own_are_explained(tmp_path, capsys):
+    encode = Encoder().encode
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE)
+        for now in range(10**9, 2 * 10**9, 10**7):
+            for joint, offset in (('pendulum', 0), ('cart', 3 * 10**6)):
+                bag.write(STATES, now + offset, encode(now + offset, '', [joint], [0.1]))
+    words = [tmp_path / 'bag', '--observer', 'geso', *settings('model=cart_pendulum')]
+    run('replay', *words, code=1)
+    assert 'differ by at least 0.003 s: increase pair_tolerance' in capsys.readouterr().err
+
+
 def test_a_long_gap_is_reported_and_a_stray_stamp_is_none():
     joint, history = Joint(pll.OBSERVER, pll.Gains(), JointSettings()), History()
     for milliseconds in (1000, 1010, 61010, 61020, 9_000_000, 61030, 2000, 2010):

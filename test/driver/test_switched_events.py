@@ -240,7 +240,7 @@ def test_messages_without_the_joint_or_its_effort_are_counted():
     assert bank.mismatched == 2 and bank.why_silent('finger') == ''
     found = bank.take(START_NS, ('finger',), (0.0,), (math.nan,))
     assert found.estimates == [None]
-    assert bank.why_silent('finger') == 'an effort is not a number'
+    assert bank.why_silent('finger') == 'its effort is not a number'
     assert bank.system.dropped() == {'non_finite': 1}
     found = bank.take(START_NS + MS, ('other', 'finger'), (9.0, 0.5), (7.0, 1.0))
     assert found.names == ['finger'] and found.estimates[0][0] == pytest.approx(0.5, abs=1e-3)
@@ -250,7 +250,7 @@ def test_messages_without_the_joint_or_its_effort_are_counted():
 def test_commands_of_the_joint_alone_are_its_input():
     bank = SwitchedBank(system(), ('finger',), COMMAND)
     assert bank.take(START_NS, ('finger',), (0.0,), ()).estimates == [None]
-    assert bank.why_silent('finger') == 'no effort_command is valid'
+    assert bank.why_silent('finger').startswith('no effort_command is valid')
     bank.command(START_NS, ('other',), (1.0,))
     assert bank.take(START_NS + MS, ('finger',), (0.0,), ()).estimates == [None]
     bank.command(START_NS + MS, ('other', 'finger'), (1.0, 0.2))

@@ -229,7 +229,8 @@ def _linear(
 
 
 def _cost(rests: list[Array]) -> float:
-    total = sum(float(rest @ rest) for rest in rests)
+    with np.errstate(all='ignore'):  # parameters far off: the model may run away
+        total = sum(float(rest @ rest) for rest in rests)
     return total if np.isfinite(total) else np.inf
 
 

@@ -25,7 +25,8 @@ BLIND = LOW_EMF | NO_VOLTAGE | TOO_FAST
 REASONS = {
     NO_VOLTAGE: 'all voltages are zero: is the voltage connected?',
     TOO_FAST: 'the rotor turns about half an electrical turn per sample or more: '
-    'use a higher sample rate (the estimate is valid again after standstill or ~/reset)',
+    'use a higher sample rate, or check the units of current, voltage and motor data '
+    '(the estimate is valid again after standstill or ~/reset)',
     LOW_EMF: 'back-EMF too small (slow or at rest): only a bound of the speed is known',
     SEARCHING: 'finding the rotor',
     RESET: 'frame or flux was reset',
