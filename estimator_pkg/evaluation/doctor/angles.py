@@ -31,6 +31,7 @@ ALTERNATING = 0.02  # a larger fraction of jumps there and back: two sources
 NEAR_END = 3.0  # a wrap begins and ends within this many moves of the range's ends
 AROUND, MOSTLY = 50, 0.8  # samples that show the motion; fraction of the wraps that agree
 OTHER_PERIOD = 0.01  # relative difference from the wrap period that counts
+MOST_LINES = 1e5  # counts per turn of encoders with a decimal number of lines
 TOO_FAST = 0.4  # moves beyond this fraction of the wrap period are ambiguous soon
 SELDOM, FEW = 0.005, 5  # repeated readings up to this fraction, or number, are not reported
 FEWEST = 12  # readings without which nothing is checked
@@ -145,9 +146,8 @@ def wrap(seen: Readings) -> Finding:
 
 def _period(seen: Readings) -> float:
     """Return the period by which the readings wrap, if it is not the wrap period; else 0."""
-    counts = 360.0 / seen.quantum if seen.quantum else 0.0
-    if seen.period and counts > 100.0 and _usual(counts) and not _usual(TURN / seen.quantum):
-        return 360.0  # an encoder in degrees
+    if seen.period and _in_degrees(seen):
+        return 360.0
     raw, low, high = np.diff(seen.raw), float(np.min(seen.raw)), float(np.max(seen.raw))
     size = np.abs(raw)
     far = np.flatnonzero(seen.joined & (size > 0.5 * (high - low)))
@@ -173,6 +173,21 @@ def _period(seen: Readings) -> float:
     if seen.period and abs(found - seen.period) <= OTHER_PERIOD * seen.period + np.max(slack):
         return 0.0
     return found
+
+
+def _in_degrees(seen: Readings) -> bool:
+    """Return True if the quantum is that of an encoder in degrees.
+
+    Radians that a driver rounds to decimals are no proof: 360 is a multiple of 0.001, too.
+    """
+    counts = 360.0 / seen.quantum if seen.quantum else 0.0
+    if counts <= 100.0 or not _usual(counts) or _usual(TURN / seen.quantum):
+        return False
+    if round(counts) & (round(counts) - 1) == 0:
+        return True  # of 2 ** n counts: no decimal is near
+    decimals = -math.log10(seen.quantum)
+    rounded = decimals > 1.5 and abs(decimals - round(decimals)) < 1e-4
+    return not rounded and counts <= MOST_LINES and float(np.max(np.abs(seen.raw))) > TURN
 
 
 def _usual(counts: float) -> bool:

@@ -287,6 +287,23 @@ def test_the_wrap_period_is_found():
     assert 'degrees' in look(*degrees(*clean()))['wrap'].remedy
 
 
+@pytest.mark.parametrize('digit', (0.001, 0.0001, 0.01, 0.0005, 0.0015, 0.002, 0.005))
+def test_radians_that_a_driver_rounds_to_decimals_are_not_degrees(digit):
+    stamps, arrival, angle = clean(count=0.0)
+    found = look(stamps, arrival, np.round(angle / digit) * digit)
+    assert found['resolution'].numbers['quantum'] == pytest.approx(digit, rel=1e-3)
+    assert found['wrap'].level == PASS
+    assert found['resolution'].numbers['counts_per_turn'] == pytest.approx(TURN / digit, rel=1e-3)
+
+
+@pytest.mark.parametrize('counts', (4096, 1000, 3600, 20000))
+def test_an_encoder_in_degrees_is_found(counts):
+    stamps, arrival, angle = clean()
+    count = 360.0 / counts
+    found = look(stamps, arrival, np.round(np.degrees(angle) / count) * count)
+    assert 'degrees' in found['wrap'].remedy
+
+
 def test_few_readings_are_one_finding():
     stamps, arrival, angle = (each[:5] for each in clean())
     assert look(stamps, arrival, angle)['readings'].level == FAIL
