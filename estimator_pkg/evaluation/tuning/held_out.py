@@ -124,15 +124,26 @@ def _score(
     The part by delay is the projection of the error on the acceleration.
     """
     error = velocity - truth
-    width = averaged(time)
-    mean = np.ones(width) / width
     sums = weights.error**2 * np.bincount(block, error**2)
     if weights.noise:
-        sums = sums + weights.noise**2 * np.bincount(
-            block, (velocity - np.convolve(velocity, mean, 'same')) ** 2
-        )
+        noise = _inside(time, velocity - _averaged(time, velocity))
+        sums = sums + weights.noise**2 * np.bincount(block, noise**2)
     if weights.delay:
-        turns = slopes(time, np.convolve(truth, mean, 'same'))
+        turns = _inside(time, slopes(time, _averaged(time, truth)))
         power = np.maximum(np.bincount(block, turns**2), 1e-300)
         sums = sums + weights.delay**2 * np.bincount(block, error * turns) ** 2 / power
     return np.asarray(sums, float)
+
+
+def _averaged(time: Array, velocity: Array) -> Array:
+    """Return the moving average; it is wrong at the ends, where its window has no samples."""
+    width = averaged(time)
+    return np.asarray(np.convolve(velocity, np.ones(width) / width, 'same'), float)
+
+
+def _inside(time: Array, values: Array) -> Array:
+    """Return the values, and zero within a window of the ends, as in `objective`."""
+    width = averaged(time)
+    inside = np.zeros(len(values))
+    inside[width:-width] = values[width:-width]
+    return inside
