@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from time import monotonic, time_ns
 
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -92,6 +93,8 @@ class Input:
                 self.subscription = self._make()
         elif known:
             self._served = True
+        elif isinstance(node.executor, MultiThreadedExecutor):
+            return  # another of its threads may be about to wait for the subscription
         elif self._served and self.drain():
             node.destroy_subscription(self.subscription)
             self.subscription = None

@@ -322,6 +322,54 @@ def test_the_class_in_an_executor_of_ones_own(probe):
         node.destroy_node()
 
 
+def test_publishers_come_and_go_while_several_threads_spin(probe):
+    """What a callback cancels or destroys another thread may have taken, which ends its spin."""
+    from rclpy.executors import MultiThreadedExecutor
+    from sensor_msgs.msg import JointState
+
+    from estimator_pkg.nodes.observer import ObserverNode
+
+    nodes = [ObserverNode('angle', name, namespace='/threads') for name in ('one', 'two')]
+    executor = MultiThreadedExecutor(2)
+    for node in nodes:
+        executor.add_node(node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    used, subscriptions = 0, []
+    listeners = [
+        probe.node.create_subscription(JointState, f'/threads/{name}/estimate', repr, 10)
+        for name in ('one', 'two')
+    ]
+    try:
+        for _ in range(4):
+            publisher = probe.node.create_publisher(JointState, '/threads/joint_states', 10)
+
+            def answered():
+                seconds, nanosec = divmod(time.time_ns(), 10**9)
+                message = JointState(name=['a'], position=[0.1])
+                message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanosec
+                publisher.publish(message)  # noqa: B023  (called in this round)
+                joints = [node.stream.bank.joints.get('a') for node in nodes]
+                return all(joint and joint.received > used for joint in joints)  # noqa: B023
+
+            probe.until(answered)
+            probe.spin(0.3)
+            assert not any(timer.is_canceled() for node in nodes for timer in node.timers)
+            subscriptions.append([list(node.subscriptions) for node in nodes])
+            probe.node.destroy_publisher(publisher)
+            probe.spin(0.15)
+            used = max(node.stream.bank.joints['a'].received for node in nodes)
+        assert thread.is_alive()
+        assert all(each == subscriptions[0] for each in subscriptions)
+    finally:
+        for listener in listeners:
+            probe.node.destroy_subscription(listener)
+        executor.shutdown()
+        thread.join()
+        for node in nodes:
+            node.destroy_node()
+
+
 def test_messages_whose_event_was_missed_are_taken_all_the_same(probe):
     from estimator_pkg.nodes.observer import ObserverNode
 
