@@ -316,7 +316,9 @@ class Detector:
                     count=new[f'dropped.{kind}'],
                     received=new['received'],
                     topic=topic,
-                    remedy=", or set 'stamp_source: publisher'" if header else '',
+                    remedy=", or, if each has a reading of its own, set 'stamp_source: publisher'"
+                    if header
+                    else '',
                 )
         self._often = often
         if new['events.clock_jump'] and not mixed:
