@@ -439,7 +439,10 @@ class NoSimulatedTime(Case):
 class RepeatedStamps(Case):
     """stamps that repeat"""
 
-    report = r'\d+ of \d+ samples on SPACE/joint_states repeat the previous stamp .*: stamp each .* a reading of its own'
+    report = (
+        r'\d+ of \d+ samples on SPACE/joint_states repeat the previous stamp .*: stamp each .* a '
+        'reading of its own'
+    )
     later = estimates = True
 
     def tick(self):
