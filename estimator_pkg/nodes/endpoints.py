@@ -42,7 +42,8 @@ def get_message(name: str) -> Any:
 
 
 CONNECT = 0.02  # [s] between looks for publishers, while a topic is not subscribed to
-SELDOM = 1e6  # [s] the same afterwards; another thread may have taken a timer that is canceled
+OFTEN_NS = round(1e9 * CONNECT)
+SELDOM_NS = 10**15  # the same afterwards; another thread may have taken a timer that is canceled
 UNCHANGED = 0.1  # [s] without a change among publishers and subscribers: they know us, too
 UNCHANGED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
 UNMATCHED = 1.0  # [s] that are waited for subscribers of our outputs that are not connected yet;
@@ -116,8 +117,8 @@ class Endpoints:
         if self._often is None:
             return
         if discovered and connected and not waits:
-            self._often.timer_period_ns = round(1e9 * SELDOM)  # `look` calls it, five times less often
-        elif self._often.timer_period_ns > round(1e9 * CONNECT):
+            self._often.timer_period_ns = SELDOM_NS  # `look` calls it, five times less often
+        elif self._often.timer_period_ns > OFTEN_NS:
             self._call_often(self._often)
 
     def _look_often(self) -> None:
@@ -128,7 +129,7 @@ class Endpoints:
 
     @staticmethod
     def _call_often(timer: Timer) -> None:
-        timer.timer_period_ns = round(1e9 * CONNECT)
+        timer.timer_period_ns = OFTEN_NS
         timer.reset()
 
     def refuse_circles(self) -> None:

@@ -41,7 +41,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     SIGMAS,
 )
 from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
-from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
+from estimator_pkg.observers.angle.edge.interval import HELD, NOTHING, interval
 from estimator_pkg.observers.angle.edge.past import make_again
 from estimator_pkg.observers.angle.edge.preference import ALIKE, beside, informed, ratios
 from estimator_pkg.observers.angle.edge.quantum import (
@@ -74,6 +74,7 @@ from estimator_pkg.observers.angle.edge.start import (
     first_state,
     later,
     motion_began,
+    overdue,
     rescaled,
     settled,
     stirred,
@@ -234,7 +235,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
         if not -half_turn <= change < half_turn:
             change = wrap(change, period)
         # Residue: was the last step a glitch, or the first real one?
-        _, to_settle, since, _, _, _ = doubt
+        unsure, to_settle, since, _, _, _ = doubt
         starting = to_settle > 0.0
         if starting:
             doubt = later(doubt, dt)
@@ -246,7 +247,7 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 other = ALIKE
             elif jump != 0.0:  # a glitch
                 change, steps = change + jump, with_jump(steps, 0.0)
-            _, to_settle, since, _, _, _ = doubt
+            unsure, to_settle, since, _, _, _ = doubt
         x, v, a, idle = motion
         quantum, _, _, _, stepped, previous, size, rested, _, _, pace = sensor
         status, count, astray = lock
@@ -385,6 +386,8 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 if manoeuvre and RESTS * abs(v) < quantum:
                     doubt = motion_began(doubt, dt)
                 dx, dv, da = shift
+                if kind == HELD:
+                    doubt = overdue(doubt, dv)
                 off -= dx
                 v += dv
                 a += da
@@ -393,6 +396,8 @@ def _make_step(period: float) -> Callable[..., tuple]:
                 if (v + v) * dt > period > 0.0 or (v + v) * dt < -period < 0.0:
                     # faster than half a turn per sample: lock was lost
                     return first_state(measurement, sensor, steps, convention, doubt, clock)
+        if change != 0.0 and unsure > 0.0:
+            doubt = overdue(doubt, 0.0)
         if starting and change != 0.0:
             doubt = settled(doubt, v, change, rested, dt, square, noise)
         if status != TRACKING:

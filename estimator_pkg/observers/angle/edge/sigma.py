@@ -70,6 +70,8 @@ def make_stddev(
         sigma = math.sqrt(variance)
         if unchanged > 0.0:
             most = fastest(sensor, 0.0)
+            if abs(v) > most:  # what the output cuts off, the joint may have lost again
+                sigma += abs(v) - most
             sigma = most if sigma > most else sigma
         return math.sqrt(p00 * of_angle + floor if p00 > 0.0 else floor), scale * sigma
 

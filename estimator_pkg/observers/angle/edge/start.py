@@ -205,6 +205,19 @@ def motion_began(doubt: Doubt, dt: float) -> Doubt:
     return variance, LAST, since, dt, total, ran
 
 
+def overdue(doubt: Doubt, slower: float) -> Doubt:
+    """Return the doubt where an edge that did not come made the speed lower by `slower` [rad/s].
+
+    The joint may have stopped, and its speed be wrong by more: in all by as much as it was made
+    lower since the last changed reading, as a standard deviation. The next one ends it (0).
+    """
+    variance, to_settle, since, age, total, ran = doubt
+    if to_settle >= 1.0:
+        return doubt
+    sigma = 0.0 if slower == 0.0 else math.sqrt(variance) + abs(slower)
+    return sigma * sigma, to_settle, since, age, total, ran
+
+
 def later(doubt: Doubt, dt: float) -> Doubt:
     """Return the doubt a sample of `dt` [s] later."""
     variance, to_settle, since, age, total, ran = doubt

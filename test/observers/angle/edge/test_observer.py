@@ -382,6 +382,17 @@ def test_a_first_edge_after_lost_samples_is_no_sure_speed(gains):
     assert np.all(np.abs(out.velocity) <= 2.0 * out.velocity_stddev)
 
 
+@pytest.mark.parametrize('counts_per_s', [1.37, 3.37, 10.37])
+def test_an_edge_that_does_not_come_puts_the_speed_in_doubt(counts_per_s):
+    at, speed = np.arange(9000) * DT, counts_per_s * QUANTUM
+    out = run(speed * np.minimum(at, 6.0))
+    due = 6.0 + (1.0 - (6.0 * counts_per_s) % 1.0) / counts_per_s  # until then nobody can know
+    late = (at > due) & (np.abs(out.velocity) > 5.0 * out.velocity_stddev)
+    assert np.count_nonzero(late) * DT < 0.45 / counts_per_s
+    steady = out.velocity_stddev[(at > 4.0) & (at < 6.0)]
+    assert np.median(steady) < 0.03 * speed
+
+
 @pytest.mark.parametrize('quantum', [QUANTUM, 2e-5])
 @pytest.mark.parametrize('gap', [0.21, 0.3, 0.45])
 @pytest.mark.parametrize('after', [0.0, 8.0, -8.0])
