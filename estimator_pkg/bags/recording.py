@@ -120,7 +120,12 @@ def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
 
 
 def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
-    """Return the measured positions by joint, at the observer's times; {} without positions."""
+    """Return the measured positions by joint, at the observer's times; {} without positions.
+
+    Raises
+    ------
+    UserError : no message has the number that the setup names.
+    """
     topic = setup.topics[0]
     if not setup.path:
         if topic.type != TYPE:
@@ -136,8 +141,8 @@ def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
         groups += [group for group in found if group.positions.shape[1]]
         count, malformed = count + len(block), malformed + len(unread)
     bag.count_malformed(topic.name, count, malformed)
-    if not groups:
-        return {}
+    if not groups:  # never those of another topic or joint
+        raise UserError(f'{bag.path}: {source.why_none(topic.name)}')
     return {
         groups[0].names[0]: of_positions(
             np.concatenate([group.stamps_ns for group in groups]),

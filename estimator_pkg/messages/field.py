@@ -122,6 +122,7 @@ class Field:
         self.is_integer = self._check() in INTEGERS
         self._stamped_by = self._find_header()
         self._known: _Layout | None = None
+        self._longest = (0, '')  # of the sequences that are too short to contain the number
 
     def _check(self) -> str:
         """Return the base type at the end of the path."""
@@ -206,6 +207,15 @@ class Field:
                     'not supported, is before it or before its header'
                 )
 
+    def why_absent(self) -> str:
+        """Return why messages lack the number, as "'position' has at most 2 elements"; or ''."""
+        count, name = self._longest
+        if not name:
+            return ''
+        return f"'{name}' " + (
+            f'has at most {count} element{"s" * (count > 1)}' if count else 'is empty'
+        )
+
     def decode_block(self, block: Messages) -> tuple[list[FieldValues], list[int]]:
         """Return the field of many messages by layout, and the malformed rows."""
         malformed: list[int] = []
@@ -257,6 +267,8 @@ class Field:
                 self._go(layout, kind.base, depth + 1)
             else:
                 layout.found(1, _CODES[kind.base])
+        else:
+            self._longest = max(self._longest, (count, name))
         if 0 <= self._stamped_by <= depth:
             self._skip_some(layout, kind.base, max(count - place - 1, 0))
             for _, kind in fields:

@@ -309,6 +309,8 @@ class AngleStream(Stream):
     def why(self) -> str:
         """See `Stream`."""
         received, topic = self.received[0], self.topics[0]
+        if isinstance(self.source, FieldSamples) and self.bank.empty == received:
+            return self.source.why_none(topic)
         for count, why in (
             (self.bank.empty, 'has a position there'),
             (self.bank.mismatched, 'has as many positions as names'),

@@ -145,3 +145,8 @@ class FieldSamples:
                 )
             )
         return found, malformed
+
+    def why_none(self, topic: str) -> str:
+        """Return the text about a topic of which no message has the number."""
+        why = self._field.why_absent()
+        return f"no message of {topic} has '{self._field.path}'" + (why and f': {why}')

@@ -70,8 +70,11 @@ def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options)
 
     Raises
     ------
-    UserError : neither truth nor measurement, or a truth without velocity.
+    UserError : neither truth nor measurement, a truth without velocity, or a requested topic does
+        not exist.
     """
+    if options.truth is not None:
+        bag.require(options.truth, (TYPE,))
     if options.reference == SMOOTHER or (
         options.reference == AUTO
         and options.truth is None

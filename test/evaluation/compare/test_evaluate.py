@@ -534,6 +534,39 @@ def test_no_truth_says_what_could_be_one(tmp_path, capsys):
     assert '--measurement' in line and '--angle' in line
 
 
+@pytest.mark.parametrize('command', ['evaluate', 'replay', 'doctor', 'tune'])
+@pytest.mark.parametrize(
+    ('topic', 'field', 'why'),
+    [
+        (MEASUREMENT, 'position[7]', "'position' has at most 1 element"),
+        (MEASUREMENT, 'velocity[0]', "'velocity' is empty"),
+        ('/numbers', 'data[2]', "'data' has at most 2 elements"),
+    ],
+)
+def test_an_angle_that_selects_nothing_is_no_other_joint(
+    good, tmp_path, capsys, command, topic, field, why
+):
+    path = good
+    if topic != MEASUREMENT:  # no joint states at all
+        path = str(tmp_path / 'bag')
+        with BagWriter(path) as bag:
+            bag.add_topic(topic, 'std_msgs/msg/Float64MultiArray')
+            for count, stamp in enumerate(stamps_of(0.1)):
+                values = [0.1] * (count % 3)
+                raw = struct.pack(f'<4s4I{len(values)}d', b'\0\1', 0, 0, len(values), 0, *values)
+                bag.write(topic, stamp, raw)
+    more = ['--out', str(tmp_path / 'params.yaml'), '--observer', 'pll'] * (command == 'tune')
+    assert main([command, path, '--angle', f'{topic}:{field}', *more]) == 1
+    captured = capsys.readouterr()
+    assert f'{path}: ' in captured.err and captured.err.count('\n') == 1
+    assert f"no message of {topic} has '{field}': {why}" in captured.err
+    assert command == 'replay' or captured.out == ''
+
+
+def test_a_truth_that_is_not_there_is_not_ignored(good, capsys):
+    assert '/wrong' in fails(capsys, good, '--truth', '/wrong', '--reference', 'smoother')
+
+
 @pytest.mark.parametrize('option', ['--truth', '--estimate', '--measurement'])
 def test_a_missing_topic_says_which_are_there(good, capsys, option):
     line = fails(capsys, good, option, '/wrong')
