@@ -52,6 +52,29 @@ def load(path: str | Path, node_name: str = 'joint_observer') -> dict[str, Any]:
     return values
 
 
+def for_observer(path: str | Path, node_name: str, observer: str | None) -> dict[str, Any] | None:
+    """The parameters for a node that runs this observer; None: the file names another one.
+
+    Parameters
+    ----------
+    observer : None: the one that the file names.
+
+    Raises
+    ------
+    UserError, UsageError : as `load`.
+    """
+    values = of_this_node(load(path, node_name))
+    return None if observer and values.get('observer', observer) != observer else values
+
+
+def warn_unused(path: str | Path, observers: Iterable[str]) -> None:
+    """Warn that a file names none of these observers."""
+    show(
+        f'warning: {path} is not used: it names another observer than {", ".join(observers)}',
+        file=sys.stderr,
+    )
+
+
 def section_names(path: str | Path) -> set[str]:
     """The last parts of the names of a file's sections, as in 'joint_observer'.
 

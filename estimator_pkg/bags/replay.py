@@ -107,7 +107,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="observer to run ('velocity_estimator list'); default: that of --params, else "
         f'{AngleSettings.observer}, or a drive observer if the bag has only drive topics',
     )
-    parser.add_argument('--params', metavar='YAML', help='parameter file of the node')
+    parser.add_argument(
+        '--params',
+        metavar='YAML',
+        help='parameter file of the node; not used if it names another observer than --observer',
+    )
     add_set(parser, 'set a parameter (may be repeated)')
     parser.add_argument(
         '--joint',

@@ -119,6 +119,8 @@ def requested(
     """
     if observer:
         return streams.of_observer(observer)
+    if isinstance(values.get('observer'), str):
+        return streams.of_observer(values['observer'])
     known = streams.every()
     if params:
         sections = params_file.section_names(params)
@@ -130,8 +132,6 @@ def requested(
         for stream in known:
             if stream.NODE in sections:
                 return stream
-    if isinstance(values.get('observer'), str):
-        return streams.of_observer(values['observer'])
     given = set(values)
     if params:
         with suppress(UsageError):
@@ -171,8 +171,11 @@ def parameters(
     ------
     UserError, UsageError : the file cannot be read, or has no section for the node.
     """
-    from_file = params_file.load(params, node or stream.NODE) if params else {}
-    (values,) = params_file.modern({**from_file, **assignments})
+    observer = observer or assignments.get('observer')
+    from_file = params_file.for_observer(params, node or stream.NODE, observer) if params else {}
+    if params and from_file is None:
+        params_file.warn_unused(params, [str(observer)])
+    (values,) = params_file.modern({**(from_file or {}), **assignments})
     if observer:
         values['observer'] = observer
     if not isinstance(values.get('observer', ''), str):

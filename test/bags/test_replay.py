@@ -7,6 +7,7 @@ import itertools
 import json
 import math
 import shlex
+import shutil
 from pathlib import Path
 
 import bag_making as make
@@ -578,6 +579,26 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
         error = capsys.readouterr().err
         assert said in error
         assert error.count('\n') == 1
+
+
+@pytest.mark.parametrize('words', [['--observer', 'pll'], ['--set', 'observer=pll']])
+def test_a_file_that_names_another_observer_is_not_used(recording, tmp_path, capsys, words):
+    """As in evaluate: gains of one observer mean something else in another."""
+    params = tmp_path / 'params.yaml'
+    found = []
+    for lines in ('observer: kalman\n    bandwidth_hz: 7.0', 'observer: pll'):
+        params.write_text(f'/**:\n  ros__parameters:\n    {lines}\n')
+        replay(recording, '--params', params, *words, '--out', tmp_path / 'out')
+        found.append(
+            [each.raw for each in messages_of(tmp_path / 'out', '/joint_observer/estimate')]
+        )
+        shutil.rmtree(tmp_path / 'out')
+        error = capsys.readouterr().err
+        unused = f'warning: {params} is not used: it names another observer than pll\n'
+        assert error == unused * lines.startswith('observer: kalman')
+        assert cli.main(['evaluate', str(recording), '--params', str(params), *words]) == 0
+        assert (unused in capsys.readouterr().err) == lines.startswith('observer: kalman')
+    assert found[0] and found[0] == found[1]
 
 
 def test_overrides_of_joints_that_never_come_are_reported(recording, capsys):

@@ -44,7 +44,10 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
             return []
         wanted = [str(given.pop(OBSERVER, None) or _named(params))]
     by_observer = {name: _known(name) for name in wanted}
-    values_of = params_file.modern(*({**_from_file(params, name), **given} for name in wanted))
+    from_file = [_from_file(params, name) for name in wanted]
+    if params is not None and all(values is None for values in from_file):
+        params_file.warn_unused(params, wanted)
+    values_of = params_file.modern(*({**(values or {}), **given} for values in from_file))
     for values in values_of:
         _check(values, by_observer)
     return [
@@ -81,16 +84,16 @@ def _known(observer: str) -> dict[str, Parameter]:
     return {**stream.parameters(observer), **declared(stream.SETTINGS)}
 
 
-def _from_file(params: str | None, observer: str) -> dict[str, Any]:
-    """Return the parameters in the file for this observer."""
+def _from_file(params: str | None, observer: str) -> dict[str, Any] | None:
+    """Return the parameters in the file for this observer; None: it names another one."""
     if params is None:
         return {}
     node = streams.of_observer(observer).NODE
     if not params_file.section_names(params) & {node, '*', '**'}:
         return {}
-    values = params_file.of_this_node(params_file.load(params, node))
-    if values.pop(OBSERVER, observer) != observer:
-        return {}
+    values = params_file.for_observer(params, node, observer)
+    if values is not None:
+        values.pop(OBSERVER, None)
     return values
 
 
