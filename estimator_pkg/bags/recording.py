@@ -76,9 +76,9 @@ class Recording(ABC):
         The latter may begin earlier, for observers that need to settle.
         """
 
-    def by_joint(self) -> dict[str, Recording]:
-        """Return the recordings that can have their own gains, by joint; {'': self} for one."""
-        return {'': self}
+    def by_joint(self) -> Mapping[str | None, Recording]:
+        """Return the recordings that can have their own gains, by joint; {None: self} for one."""
+        return {None: self}
 
     def per_sample(self) -> Recording:
         """Return the same with an estimate of every sample, if messages contain many samples."""
@@ -203,7 +203,7 @@ class PositionRecording(Recording):
                 )
         return replace(self, series=parts[0]), replace(self, series=parts[1])
 
-    def by_joint(self) -> dict[str, Recording]:
+    def by_joint(self) -> Mapping[str | None, Recording]:
         """See `Recording`."""
         return {name: replace(self, series={name: series}) for name, series in self.series.items()}
 
@@ -254,10 +254,10 @@ class MessageRecording(Recording):
                 first.append((names, compact(block.take(slice(cut)))))
         return replace(self, blocks=tuple(first)), self
 
-    def by_joint(self) -> dict[str, Recording]:
+    def by_joint(self) -> Mapping[str | None, Recording]:
         """See `Recording`."""
         if not self.names:
-            return {'': self}
+            return {None: self}
         return {
             name: replace(self, names=(name,), setup=self.setup.having({'joints': [name]}))
             for name in self.names

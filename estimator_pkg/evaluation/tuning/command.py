@@ -309,15 +309,20 @@ def _check_disjoint(seen: Sequence[Record], judged: Sequence[Record]) -> None:
 def _groups(
     found: Sequence[Record], tuning: TuneSettings, per_joint: bool
 ) -> dict[str, list[Record]]:
-    """Return the groups of records that get separate gains, by name."""
+    """Return the groups of records that get separate gains, by joint; '': all joints."""
     if not per_joint:
         return {'': list(found)}
     groups: dict[str, list[Record]] = {}
     for record in found:
-        if not record.label:
+        if record.label is None:
             raise UsageError(
                 f"--per-joint: '{tuning.entry.observer}' estimates its joints together, so they "
                 'share its gains: omit --per-joint'
+            )
+        if not record.label:  # 'per_joint..gain' is no parameter
+            raise UserError(
+                f"--per-joint: {record.bag} has a joint without a name, '', which cannot have gains "
+                'of its own: select others with --joint, or omit --per-joint'
             )
         groups.setdefault(record.label, []).append(record)
     return groups

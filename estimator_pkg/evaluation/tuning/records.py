@@ -18,7 +18,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.interpolation import slopes
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.sources import measured, recording
-from estimator_pkg.evaluation.compare.truth import Truth, check_common, truth
+from estimator_pkg.evaluation.compare.truth import Truth, check_common, listed, truth
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.ranking.cautions import cautions
@@ -33,14 +33,14 @@ SHORTEST = 20  # smallest number of samples of a part with a truth
 class Record:
     """A part of a bag that can have its own gains: a joint, or joints estimated together.
 
-    label : the joint; '' if there is no choice. seen : data of the search; it knows no joint if
+    label : the joint; None if there is no choice. seen : data of the search; it knows no joint if
     there is nothing to tune on. held_out : data for validation. quanta : of the readings, by joint
     [rad]; 0: not quantised. cautions : what limits a judgement without truth. why : why there is
     nothing to tune on; '' otherwise. notes : on the truth.
     """
 
     bag: str
-    label: str
+    label: str | None
     seen: Part
     held_out: Part | None
     quanta: dict[str, float]
@@ -74,21 +74,22 @@ def records(
         whole = recording(entry, bag, measurement, options)
         true = truth(bag, path, measurement, options)
     by_label = whole.by_joint()
-    if '' not in by_label:
-        check_common(path, entry.observer, by_label, true)
-    if joints and set(by_label) == {''}:
+    names = [label for label in by_label if label is not None]
+    if names:
+        check_common(path, entry.observer, names, true)
+    elif joints:
         raise UsageError(f"--joint: '{entry.observer}' estimates its joints together: omit --joint")
     for name in joints:
-        if name not in by_label:
-            raise UserError(f"{path}: no joint '{name}'; it has {', '.join(sorted(by_label))}")
+        if name not in names:
+            raise UserError(f"{path}: no joint '{name}'; it has {listed(names)}")
     quanta = {joint: quantum(series.position) for joint, series in measurement.items()}
     found = []
     for label, each in by_label.items():
         if joints and label not in joints:
             continue
-        if label and label not in true.series and label not in true.motions:
+        if names and label not in true.series and label not in true.motions:
             continue
-        of = (label,) if label else tuple(true.motions or true.series)
+        of = tuple(true.motions or true.series) if label is None else (label,)
         why = {joint: _unfit(true, joint) for joint in of}
         usable = {joint: true.series[joint] for joint, reason in why.items() if not reason}
         first, rest = each.split(held_out)

@@ -83,6 +83,23 @@ def tuned(tmp_path, *words):
     return json.loads(result.read_text()), out
 
 
+@pytest.mark.parametrize('joints', [{'': 0.5}, {'': 0.5, 'b': 1.0}])
+def test_a_joint_without_a_name_is_no_joint_of_a_mechanism(tmp_path, capsys, joints):
+    bag = write_bag(tmp_path / 'bag', joints, seconds=2.0)
+    words = ['--observer', 'pll', '--trials', '2', '--out', str(tmp_path / 'gains.yaml')]
+    line = fails(capsys, bag, *words, '--per-joint')
+    assert "has a joint without a name, ''" in line and 'together' not in line
+    there = ', '.join(name or "''" for name in joints)
+    assert f"no joint 'a'; it has {there}" in fails(capsys, bag, *words, '--joint', 'a')
+    if 'b' in joints:
+        found, out = tuned(tmp_path, bag, *words[:-2], '--per-joint', '--joint', 'b')
+        assert [each['joints'] for each in found['tuned']] == [['b']]
+    entry = Entry('', 'pll')
+    assert {record.joints for record in records(bag, entry, Options(), 0.3)} == {
+        (joint,) for joint in joints
+    }
+
+
 def fails(capsys, *words, code=1):
     assert main(['tune', *words]) == code
     lines = capsys.readouterr().err.strip().splitlines()
