@@ -227,7 +227,13 @@ class Detector:
             found['silent'] = (
                 ended
                 if 'ended;' in ended
-                else faults.absent(gone, measured.topic_name, carried, 'check its publisher')
+                else faults.absent(
+                    gone,
+                    measured.topic_name,
+                    carried,
+                    'check its publisher',
+                    alike=carried.intersection(self._watch.new()),
+                )
             )
         return found
 

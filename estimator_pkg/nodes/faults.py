@@ -93,15 +93,21 @@ def publishers(names: Sequence[str]) -> str:
 
 
 def absent(
-    missing: Sequence[str], topic: str, carried: Collection[str], otherwise: str, always: str = ''
+    missing: Sequence[str],
+    topic: str,
+    carried: Collection[str],
+    otherwise: str,
+    always: str = '',
+    alike: Collection[str] | None = None,
 ) -> str:
     """Return the text about joints that a topic does not carry.
 
     Parameters
     ----------
     otherwise : remedy, if no name of the topic is similar. always : remedy in both cases.
+    alike : names of the topic that a missing joint may have; None: all.
     """
-    hints = [suggestion(name, carried) for name in missing]
+    hints = [suggestion(name, carried if alike is None else alike) for name in missing]
     near = [hint for hint in hints if hint.startswith('did you mean')]
     return say(
         'missing',

@@ -28,6 +28,7 @@ class JointWatch:
     statuses : of each joint at the last look.
     used : number of used samples of each joint, when it last grew by `monotonic` [s], and the
         number of received ones then.
+    began : when the first sample of each joint was used, by `monotonic` [s].
     silent : joints whose samples ended, and since when.
     returned : joints that are back, and the length of their outage [s]; emptied by its reader.
     """
@@ -36,6 +37,7 @@ class JointWatch:
         self._stream = stream
         self.statuses: dict[str, Status] = {}
         self.used: dict[str, tuple[int, float, int]] = {}
+        self.began: dict[str, float] = {}
         self.silent: dict[str, float] = {}
         self.returned: dict[str, float] = {}
         self._alive: set[str] = set()  # joints that are not lost
@@ -71,6 +73,7 @@ class JointWatch:
                 self.returned[name] = now - self.silent.pop(name)
             since, before = now, received
             self.used[name] = (used, now, received)
+            self.began.setdefault(name, now)
         if now - since > joint.silence:
             reason = self._stream.why_silent(name)
             if not reason and received > before:
@@ -95,10 +98,16 @@ class JointWatch:
 
     def forget(self, names: Iterable[str]) -> None:
         """Forget joints that were removed."""
-        for kept in (self.used, self.statuses, self.silent):
+        for kept in (self.used, self.statuses, self.began, self.silent):
             for name in names:
                 kept.pop(name, None)
         self._alive.difference_update(names)
+
+    def new(self) -> list[str]:
+        """Return the joints that began when the silent ones had ended: one may be another's name."""
+        ended = max(self.silent.values())
+        older = max(self.began[name] for name in self.silent)
+        return [name for name, when in self.began.items() if when >= ended and when > older]
 
     def names_of(self, kept: Iterable[str]) -> Iterator[str]:
         """Return the names of the messages that belong to joints of the bank."""

@@ -580,6 +580,19 @@ class JointGone(Case):
         self.send(names=ARM if self.cause is None else (*ARM[:2], 'elbow'))
 
 
+class JointGoneAmongOthers(Case):
+    """a joint that the messages do not carry any more, of a name like that of another one"""
+
+    report = (
+        "joint 'shoulder_lift_joint' is not in SPACE/joint_states, which carries elbow_joint, "
+        'shoulder_pan_joint: check its publisher'
+    )
+    later = estimates = True
+
+    def tick(self):
+        self.send(names=ARM if self.cause is None else (ARM[0], ARM[2]))
+
+
 class Fine(Case):
     """no fault: the good news, and not a word of warning (disjoint joints of two publishers)"""
 
