@@ -167,6 +167,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     destination.check(out)
     if parsed.plot:
         check(parsed.plot)
+    if parsed.apply:  # before anything is recorded or searched
+        live.check(parsed.apply, parsed.observer)
     options = Options(
         parsed.measurement,
         parsed.truth,

@@ -12,13 +12,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags import record
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import Parameter
 from estimator_pkg.params_file import parameter_of
+
+if TYPE_CHECKING:
+    from estimator_pkg.bags.remote_parameters import RemoteParameters
 
 
 @contextmanager
@@ -49,6 +52,25 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
         yield path
 
 
+def check(node: str, observer: str) -> None:
+    """Raise UserError if there is no such node, or it runs another observer."""
+    from estimator_pkg.bags.live import live
+
+    with live('gain_setter') as here:
+        from estimator_pkg.bags.remote_parameters import RemoteParameters
+
+        _check(RemoteParameters(here, node), observer)
+
+
+def _check(remote: RemoteParameters, observer: str) -> None:
+    runs = remote.get(['observer'])['observer']
+    if observer and runs not in (None, observer):  # others have gains of the same names
+        raise UserError(
+            f"the node '{remote.name}' runs {runs}, and the gains are of {observer}: start it with "
+            f"'observer: {observer}', or tune {runs}"
+        )
+
+
 def apply(
     node: str,
     gains: Mapping[str, Any],
@@ -77,12 +99,7 @@ def apply(
         from estimator_pkg.bags.remote_parameters import RemoteParameters
 
         remote = RemoteParameters(here, node)
-        runs = remote.get(['observer'])['observer']
-        if observer and runs not in (None, observer):  # others have gains of the same names
-            raise UserError(
-                f"the node '{remote.name}' runs {runs}, and the gains are of {observer}: start it "
-                f"with 'observer: {observer}'"
-            )
+        _check(remote, observer)
         before = remote.get(list(gains))
         remote.set(gains)
         after = remote.get(list(gains))

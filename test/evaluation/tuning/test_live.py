@@ -11,6 +11,7 @@ import dds
 import pytest
 
 from estimator_pkg import params_file
+from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.tuning.live import apply, recorded
 
@@ -43,7 +44,11 @@ def test_an_interrupt_before_the_first_message_is_no_missing_topic(monkeypatch):
         pass
 
 
-def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
+def never(parsed):
+    raise AssertionError('it was recorded before the node was asked')
+
+
+def test_it_records_tunes_and_sets_only_when_asked(tmp_path, monkeypatch, capfd):
     out, result = tmp_path / 'gains.yaml', tmp_path / 'result.json'
     words = [
         *shlex.split('tune --live 4 --observer pll'),
@@ -74,6 +79,14 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path):
             tuning.prints('set on joint_observer: bandwidth_hz: 7 -> ')  # not from the default
         with pytest.raises(UserError, match=r"runs pll, and .* start it with 'observer: kalman'"):
             apply('joint_observer', {'bandwidth_hz': 5.0}, observer='kalman')
+        monkeypatch.setattr('estimator_pkg.bags.record.run', never)
+        other = [*words[:3], '--observer', 'kalman', *words[5:], '--apply', 'joint_observer']
+        capfd.readouterr()
+        assert main(other) == 1
+        line = capfd.readouterr().err
+        assert 'runs pll' in line and line.count('\n') == 1
+        assert main([*other[:-1], 'nobody']) == 1
+        assert "no node '/nobody'" in capfd.readouterr().err
         (found,) = json.loads(result.read_text())['tuned']
         wanted = (found['gains'] or found['default_gains'])['bandwidth_hz']
         assert params_file.load(out).get('bandwidth_hz', 50.0) == pytest.approx(wanted, rel=1e-5)
