@@ -385,7 +385,8 @@ class Bag:
             return {}
 
     def _open_file(self, file: Path) -> None:
-        if file.suffix == '.zstd':
+        packed = file.suffix == '.zstd'
+        if packed:
             file = self._unpacked_file(file)
         with open(file, 'rb') as stream:
             start = stream.read(len(ROS1))
@@ -396,7 +397,7 @@ class Bag:
                 f"--dst {file.stem}'"
             )
         if start[:6] == b'SQLite':
-            self._add_sqlite(sqlite_file.SqliteFile(file, self.warn))
+            self._add_sqlite(sqlite_file.SqliteFile(file, self.warn, packed))
         elif start[:5] == b'\x89MCAP':
             self._add_mcap(mcap_file.McapFile(file, self.warn, self._limit))
         elif not start:

@@ -10,6 +10,9 @@ searched for messages. File format: https://www.sqlite.org/fileformat2.html
 
 from __future__ import annotations
 
+import mmap
+import os
+import shlex
 import shutil
 import sqlite3
 import struct
@@ -18,6 +21,7 @@ from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags import qos, sqlite_file, unpacking
@@ -148,6 +152,22 @@ def _of_database(file: Path) -> Iterator[Message]:
             raise UserError(f'{file} cannot be recovered: {first_line(error)}') from error
 
 
+def remedy(file: Path) -> str:
+    """Return how to save the messages of a damaged database; '' if it has none that is complete."""
+    try:
+        address = f'file:{quote(os.path.abspath(file))}?immutable=1'
+        with closing(sqlite3.connect(address, uri=True)) as base:
+            base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
+            base.execute('pragma writable_schema = on')
+            topics = _topics(base)
+        if not any(row[1] in topics for row in _rows(file)):
+            return ''
+    except (sqlite3.Error, KeyError, ValueError):  # as in `_of_database`
+        return ''
+    how = f'velocity_estimator record --recover {shlex.quote(str(file))} --out BAG'
+    return f'; `{how}` saves its complete messages'
+
+
 def _whole(base: sqlite3.Connection) -> bool:
     try:
         return base.execute('pragma quick_check(1)').fetchone() == ('ok',)
@@ -196,7 +216,8 @@ def _sound(about: dict[str, Any]) -> bool:
 
 def _rows(file: Path) -> Iterator[tuple[int, int, int, bytes]]:
     """Yield the rows of the message table in all pages of a database, referenced or not."""
-    data = memoryview(file.read_bytes())
+    with open(file, 'rb') as stream:
+        data = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
     size = int.from_bytes(data[16:18], 'big')
     size = 65536 if size == 1 else size
     usable = size - data[20]

@@ -16,6 +16,9 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, from_messages
+from estimator_pkg.optional import Lazy
+
+recover = Lazy('estimator_pkg.bags.recover')  # it reads bags, too
 
 MAGIC = b'SQLite format 3\0'
 ROWS = 4096  # messages per block
@@ -23,6 +26,10 @@ ROWS = 4096  # messages per block
 
 class SqliteFile:
     """A sqlite3 file that is open for reading.
+
+    Parameters
+    ----------
+    unpacked : the file is a temporary one, unpacked from a compressed file.
 
     Attributes
     ----------
@@ -33,8 +40,8 @@ class SqliteFile:
     UserError : it is empty, damaged, or not a bag.
     """
 
-    def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
-        self.path = path
+    def __init__(self, path: Path, warn: Callable[[str], None], unpacked: bool = False) -> None:
+        self.path, self._unpacked = path, unpacked
         self._warn = warn
         log = path.with_name(f'{path.name}-wal')
         if log.exists() and log.stat().st_size:
@@ -54,7 +61,7 @@ class SqliteFile:
             self._reader.open()
         except Exception as error:  # the library may raise anything for a damaged file
             why = first_line(error).replace(str(for_library), str(path))
-            raise UserError(f'{path} cannot be read as a bag: {why}') from error
+            raise UserError(f'{path} cannot be read as a bag: {why}{self._remedy()}') from error
         every = list(self._reader.connections)
         self.connections: list[Connection] = [
             item for item in every if isinstance(item.topic, str) and isinstance(item.msgtype, str)
@@ -62,6 +69,9 @@ class SqliteFile:
         if len(self.connections) < len(every):
             warn(f'{path}: the description of a topic is damaged')
         self._places = {item.id: place for place, item in enumerate(self.connections)}
+
+    def _remedy(self) -> str:
+        return '' if self._unpacked else str(recover.remedy(self.path))
 
     def close(self) -> None:
         """Close the file."""
@@ -98,7 +108,9 @@ class SqliteFile:
                     yield full()
                     topic, times, raws = [], [], []
         except (apsw.Error, UnicodeDecodeError) as error:
-            raise UserError(f'{self.path} is damaged: {first_line(error)}') from error
+            raise UserError(
+                f'{self.path} is damaged: {first_line(error)}{self._remedy()}'
+            ) from error
         if raws:
             yield full()
         if strange:

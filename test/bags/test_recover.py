@@ -201,6 +201,19 @@ def test_a_torn_database_comes_out_with_all_complete_messages(part, length, tmp_
     assert len(complete) - (1 if length < 4096 else 3) <= len(found) <= len(complete)
 
 
+@pytest.mark.parametrize('part', [0.02, 0.05, 0.3, 0.97])
+def test_a_torn_database_names_what_saves_it_where_something_can_be(part, tmp_path, capsys):
+    file = database(tmp_path / 'the bag', make.content(3000))
+    os.truncate(file, int(part * file.stat().st_size))
+    assert cli.main(['replay', str(file)]) == 1
+    line = capsys.readouterr().err
+    assert line.count('\n') == 1 and 'malformed' in line
+    command = re.search('`velocity_estimator (.*) --out BAG` saves', line)
+    words = shlex.split(command[1]) if command else ['record', '--recover', str(file)]
+    assert cli.main([*words, '--out', str(tmp_path / 'out')]) == (0 if command else 1)
+    assert bool(command) == (part > 0.1)
+
+
 def test_a_database_with_a_log_or_a_journal_is_finished_first(tmp_path, capsys):
     messages = make.content(200)
     file = database(tmp_path / 'bag', messages)
