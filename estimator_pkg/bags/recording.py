@@ -143,6 +143,8 @@ def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
     bag.count_malformed(topic.name, count, malformed)
     if not groups:  # never those of another topic or joint
         raise UserError(f'{bag.path}: {source.why_none(topic.name)}')
+    for warning in source.warnings(topic.name):
+        bag.warn(f'{bag.path}: {warning}')
     return {
         groups[0].names[0]: of_positions(
             np.concatenate([group.stamps_ns for group in groups]),

@@ -25,6 +25,7 @@ from estimator_pkg.messages.layouts import Messages, groups, numbers, stamps
 HEADER = 'std_msgs/msg/Header'
 QUATERNION = 'geometry_msgs/msg/Quaternion'
 YAW = 'yaw'
+CHILD = 'child_frame_id'
 SEQUENCE = -1  # a length that each message has
 
 _CODES = {
@@ -106,6 +107,7 @@ class Field:
     ----------
     is_integer : the field is an integer, so it may be raw counts.
     type, path : the type and the path.
+    frames : of the list elements that had the number, as in 'base -> tool'.
     """
 
     def __init__(self, definition: Definition, type_name: str, path: str) -> None:
@@ -122,6 +124,7 @@ class Field:
         self.is_integer = self._check() in INTEGERS
         self._stamped_by = self._find_header()
         self._known: _Layout | None = None
+        self.frames: set[str] = set()
         self._longest = (0, '')  # of the sequences that are too short to contain the number
 
     def _check(self) -> str:
@@ -242,6 +245,9 @@ class Field:
         layout = _Layout(raw)
         self._go(layout, self.type, 0)
         layout.end()
+        if layout.has_number and any(index is not None for _, index in self._steps[:-1]):
+            names = filter(None, (layout.frame_id, layout.child_frame_id))
+            self.frames.add(' -> '.join(names))
         return layout
 
     def _go(self, layout: _Layout, owner: str, depth: int) -> None:
@@ -256,6 +262,8 @@ class Field:
                 break
             if kind == Kind(HEADER):
                 layout.header()
+            elif field == CHILD and kind == Kind('string'):
+                layout.child_frame_id = layout.text()
             else:
                 self._skip(layout, kind)
         count, place = 1, 0
@@ -301,7 +309,7 @@ class _Layout:
         self._decides = [(0, 2)]  # byte ranges: byte order, lengths, the frame_id
         self.order = self._reader.order
         self.stamp_at: int | None = None
-        self.frame_id = ''
+        self.frame_id = self.child_frame_id = ''
         self._at = 0
         self._kind = self._code = ''
         self._count = 0
@@ -347,12 +355,16 @@ class _Layout:
         """Read a std_msgs/Header: its stamp is that of the measurement."""
         self._reader.numbers('I', 2)
         self.stamp_at = self._reader.at - 8
+        self.frame_id = self.text()
+
+    def text(self) -> str:
+        """Read a text; the layout is that of messages with the same one."""
         start = self._reader.at
         self.skip_text()
-        text = self._reader.raw[start : self._reader.at]
         padding = -(start - 4) % 4
-        self.frame_id = bytes(text[padding + 4 : -1]).decode('utf-8', 'replace')
         self._decides.append((start + padding, self._reader.at))
+        text = self._reader.raw[start + padding + 4 : self._reader.at - 1]
+        return bytes(text).decode('utf-8', 'replace')
 
     def found(self, count: int, code: str, *, turned: bool = False) -> None:
         """Note the field at this position: `count` numbers; `turned`: a quaternion, for its yaw."""
@@ -361,6 +373,11 @@ class _Layout:
         self._kind = np.dtype(self.order + code).str
         self._at = self._reader.at - count * np.dtype(self._kind).itemsize
         self._count, self._turned = count, turned
+
+    @property
+    def has_number(self) -> bool:
+        """False if a sequence is too short to contain the field."""
+        return self._count > 0
 
     def stamp_ns(self, raw: bytes) -> int | None:
         """Return the header's stamp of a message [ns]; None without a header."""

@@ -334,7 +334,8 @@ class AngleStream(Stream):
             raise UserError(
                 f"topic '{topic}' of {path} has no joint '{missing[0]}'; it has {there}"
             )
-        return [
+        mixed = self.source.warnings(topic) if isinstance(self.source, FieldSamples) else []
+        return [f'{path}: {warning}' for warning in mixed] + [
             f"'{params_file.OVERRIDES}.{name}' is for joint '{name}', which never appeared on "
             f'{topic}: {suggestion(name, seen)}'
             for name in self.overrides

@@ -146,6 +146,17 @@ class FieldSamples:
             )
         return found, malformed
 
+    def warnings(self, topic: str) -> list[str]:
+        """Return the warning that the number is one of several frames in turn, if it is."""
+        frames = sorted(self._field.frames)
+        if len(frames) < 2:
+            return []
+        shown = ', '.join(frames[:3]) + (f' and {len(frames) - 3} more' if len(frames) > 3 else '')
+        return [
+            f"'{self._field.path}' of {topic} is not always of the same frame: {shown}; their "
+            'values are mixed: name a topic that has one frame'
+        ]
+
     def why_none(self, topic: str) -> str:
         """Return the text about a topic of which no message has the number."""
         why = self._field.why_absent()

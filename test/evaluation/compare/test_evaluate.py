@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_making import STORE
 
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
@@ -23,6 +24,7 @@ from estimator_pkg.observers import DEFAULT
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 
+T = STORE.types
 TURN = 2.0 * math.pi
 START = 1_700_000_000_000_000_000
 MEASUREMENT, TRUTH, ESTIMATE = '/joint_states', '/ground_truth/joint_states', '/observer/estimate'
@@ -561,6 +563,47 @@ def test_an_angle_that_selects_nothing_is_no_other_joint(
     assert f'{path}: ' in captured.err and captured.err.count('\n') == 1
     assert f"no message of {topic} has '{field}': {why}" in captured.err
     assert command == 'replay' or captured.out == ''
+
+
+@pytest.mark.parametrize('children', [['wheel'], ['wheel', 'tool', 'lid', 'camera'], []])
+def test_an_element_that_is_of_several_frames_is_reported(tmp_path, capsys, children):
+    """Each publisher of /tf sends its own transforms, so the first ones are of different frames."""
+    kind, path = 'tf2_msgs/msg/TFMessage', str(tmp_path / 'bag')
+    with BagWriter(path) as bag:
+        bag.add_topic('/tf', kind)
+        for count, stamp in enumerate(stamps_of(2.0)):
+            angle = 0.5 * motion(stamp)[0]
+            made = [
+                T['geometry_msgs/msg/TransformStamped'](
+                    T['std_msgs/msg/Header'](
+                        T['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9)), 'base'
+                    ),
+                    child,
+                    T['geometry_msgs/msg/Transform'](
+                        T['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0),
+                        T['geometry_msgs/msg/Quaternion'](
+                            0.0, 0.0, math.sin(angle), math.cos(angle)
+                        ),
+                    ),
+                )
+                for child in children[count % max(1, len(children)) :][:1]
+                + ['last'] * (count % 7 > 0)
+            ]
+            bag.write('/tf', stamp, bytes(STORE.serialize_cdr(T[kind](made), kind)))
+    if not children:
+        children = ['last']
+    for command, *more in (
+        ['evaluate', '--observer', 'pll'],
+        ['replay'],
+        ['doctor'],
+        ['tune', '--observer', 'pll', '--trials', '1', '--out', str(tmp_path / 'params.yaml')],
+    ):
+        words = [command, path, '--angle', '/tf:transforms[0].transform.rotation.yaw', *more]
+        assert main(words) in (0, 1)
+        lines = [line for line in capsys.readouterr().err.splitlines() if 'same frame' in line]
+        assert len(lines) == (len(children) > 1)
+        if lines:
+            assert 'frame: base -> camera, base -> lid, base -> tool and 1 more; ' in lines[0]
 
 
 def test_a_truth_that_is_not_there_is_not_ignored(good, capsys):
