@@ -104,7 +104,7 @@ class JointWatch:
         self._alive.difference_update(names)
 
     def new(self) -> list[str]:
-        """Return the joints that began when the silent ones had ended: one may be another's name."""
+        """Return the joints that began when the silent ones had ended, perhaps renamed."""
         ended = max(self.silent.values())
         older = max(self.began[name] for name in self.silent)
         return [name for name, when in self.began.items() if when >= ended and when > older]

@@ -323,7 +323,7 @@ def _groups(
             )
         if not record.label:  # 'per_joint..gain' is no parameter
             raise UserError(
-                f"--per-joint: {record.bag} has a joint without a name, '', which cannot have gains "
+                f"--per-joint: {record.bag} has a joint without a name, '', which has no gains "
                 'of its own: select others with --joint, or omit --per-joint'
             )
         groups.setdefault(record.label, []).append(record)
