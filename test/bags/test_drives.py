@@ -282,7 +282,7 @@ def test_replay_finds_the_input_and_evaluate_the_truth(tmp_path, capsys):
         ([*PARAMS, '--set', 'resistanse=1'], "did you mean 'resistance'?"),
         ([*PARAMS, '--measurement', '/nothing'], '/nothing'),
         ([*PARAMS, '--set', 'input=current_voltage'], '/current'),
-        ([*PARAMS, '--set', 'observer=kalman'], 'does not use currents'),
+        (['--set', 'observer=kalman', '--set', 'input=current_voltage'], 'does not use currents'),
         ([*PARAMS, '--angle', '/a:b'], '--angle'),
         ([*PARAMS, '--joint', 'a', '--joint', 'b'], 'one joint'),
     ],
