@@ -46,7 +46,7 @@ def make_feedback(functions: DriveFunctions) -> Callable[..., tuple]:
         if mode == RUNNING:
             if status != NOT_OBSERVABLE:
                 omega = velocity * poles
-                (_, _, z, xi_hat, _, _), _, _, _, _, _, _ = state
+                (_, _, z, xi_hat, _, _), _, _, _, _, _, _, _ = state
                 angle = rotor_angle(z, xi_hat)
             else:  # extrapolated at the last speed until the observer has it again
                 angle += omega * dt

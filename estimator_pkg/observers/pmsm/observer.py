@@ -30,6 +30,7 @@ from estimator_pkg.observers.pmsm.equations import (
 from estimator_pkg.observers.pmsm.gains import Gains
 from estimator_pkg.observers.pmsm.identifier import credible, empty_registers, shift, solve
 from estimator_pkg.observers.pmsm.noise import deviations, prepare_noise
+from estimator_pkg.observers.pmsm.ripple import NO_RIPPLES, follow_ripples, ripple_variances
 from estimator_pkg.observers.pmsm.scheme import advance, turned_emf
 from estimator_pkg.observers.pmsm.state import (
     DAMPING,
@@ -108,6 +109,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             (0.0, 0.0, 0.0),
             (design.dead, 0.0),
             no_voltages,
+            NO_RIPPLES,
         )
 
     def tick(
@@ -170,7 +172,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
     def step(
         state: Any, coefficients: Any, design: Any, measurement: Sample, known_input: float
     ) -> State:
-        core, clock, registers, watch, out, clear, voltages = state
+        core, clock, registers, watch, out, clear, voltages, ripples = state
         i, h, z, x, before, y = core
         integral, rho, span, ticks = clock
         level, mean_h, rate, slip, power, idle, calm, last = watch
@@ -189,6 +191,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             gamma,
             standing,
             dead_time,
+            of_ripple,
         ) = coefficients
         i_alpha, i_beta, u_alpha, u_beta = measurement
         current, voltage = complex(i_alpha, i_beta), complex(u_alpha, u_beta)
@@ -270,6 +273,8 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                 lag = velocity - frame
                 velocity = frame + f11 * lag + f12 * slope
                 slope = f21 * lag + f22 * slope
+                if last == 0 and calm >= design.hold:  # a start is no ripple
+                    ripples = follow_ripples(ripples, of_ripple, frame - velocity, new_y)
             else:
                 velocity = speed
         watch = look(watch, event, h, speed, turned / dt, innovation, current, voltage, x, watching)
@@ -281,6 +286,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             (velocity, slope, travel),
             clear,
             voltages,
+            ripples,
         )
 
     def status_of(reasons: int, calm: float, design: Any) -> int:
@@ -291,14 +297,14 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return TRACKING
 
     def reasons_of(state: Any) -> int:
-        core, clock, registers, watch, out, clear, voltages = state
+        core, clock, registers, watch, out, clear, voltages, ripples = state
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         return reasons
 
     def output(
         state: Any, coefficients: Any, design: Any, measurement: Sample, known_input: float
     ) -> tuple:
-        core, clock, registers, watch, out, clear, voltages = state
+        core, clock, registers, watch, out, clear, voltages, ripples = state
         i, h, z, x, current, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         velocity, slope, travel = out
@@ -312,7 +318,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
     def row(
         state: Any, coefficients: Any, design: Any
     ) -> tuple[float, float, float, float, int, int]:
-        core, clock, registers, watch, out, clear, voltages = state
+        core, clock, registers, watch, out, clear, voltages, ripples = state
         i, h, z, x, current, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         velocity, slope, travel = out
@@ -328,7 +334,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return angle, speed, flux, valid
 
     def electrical_stddev(state: Any, coefficients: Any, design: Any) -> tuple[float, float, float]:
-        core, clock, registers, watch, out, clear, voltages = state
+        core, clock, registers, watch, out, clear, voltages, ripples = state
         i, h, z, x, current, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         noise = prepare_noise(
@@ -350,6 +356,11 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             coefficients.dt,
             noise,
         )
+        ripple_of_angle, ripple_of_speed = ripple_variances(
+            ripples, abs(level * x), design.natural, DAMPING
+        )
+        of_angle = math.sqrt(of_angle * of_angle + ripple_of_angle)
+        of_speed = math.sqrt(of_speed * of_speed + ripple_of_speed)
         if reasons & BLIND:
             # angle unknown: uniform over a turn; speed uniform within its bound
             of_angle = math.pi / math.sqrt(3.0)
@@ -362,7 +373,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
         return of_angle / design.pole_pairs, of_speed / design.pole_pairs
 
     def speed_bound(state: Any, coefficients: Any, design: Any) -> float:
-        core, clock, registers, watch, out, clear, voltages = state
+        core, clock, registers, watch, out, clear, voltages, ripples = state
         i, h, z, x, current, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         if reasons & BLIND != LOW_EMF:
@@ -377,7 +388,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
 
     def coast(state: Any, coefficients: Any, design: Any, measurement: Sample, gap: float) -> State:
         """Continue after `gap` [s] without samples: keep flux and speed, search the rotor again."""
-        core, clock, registers, watch, out, clear, voltages = state
+        core, clock, registers, watch, out, clear, voltages, ripples = state
         i, h, z, x, before, y = core
         level, mean_h, rate, slip, power, idle, calm, reasons = watch
         velocity, slope, travel = out
@@ -391,6 +402,7 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
             (velocity, 0.0, travel + velocity * gap),
             (design.dead, 0.0),
             voltages,
+            ripples,
         )
 
     def resume(state: Any, coefficients: Any, design: Any, measurement: Sample) -> State:

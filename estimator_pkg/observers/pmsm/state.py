@@ -16,6 +16,7 @@ from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.maths.tracking import natural_frequency
 from estimator_pkg.observers.pmsm.gains import EMF_SPEED, NOISE_GUESS, Gains, flux_range, tuning
 from estimator_pkg.observers.pmsm.noise import low_pass_weight, prepare_noise
+from estimator_pkg.observers.pmsm.ripple import NARROW, RIPPLE_MEMORY
 from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
 from estimator_pkg.observers.pmsm.watch import emf_of_noise, prepare_watch
 
@@ -24,7 +25,7 @@ SLOW = 5e-3  # s, averages of speeds; also how long the rotation is observed bef
 NOISE_MEMORY = 0.03  # s, average of the innovation's power
 DAMPING = 0.46  # of the low-pass on the speed: little delay for its noise and -3 dB frequency
 
-# The state: (core, clock, registers, watch, out, clear, voltages), where
+# The state: (core, clock, registers, watch, out, clear, voltages, ripples), where
 # core      : i, h, z, xi_hat, the last current, y
 # clock     : integral of y since the tick, clock, length of this period, number of ticks
 # registers : of the identifier
@@ -32,7 +33,8 @@ DAMPING = 0.46  # of the low-pass on the speed: little delay for its noise and -
 # out       : speed output [rad/s], its slope [rad/s^2] and travelled angle [rad], electrical
 # clear     : time [s] and rotation [rad] of y since it became large enough
 # voltages  : the last reported voltages, newest last
-State = tuple[tuple, tuple, tuple, tuple, tuple, tuple, tuple]
+# ripples   : see `ripple`
+State = tuple[tuple, tuple, tuple, tuple, tuple, tuple, tuple, tuple]
 
 
 class Design(NamedTuple):
@@ -76,6 +78,7 @@ class Coefficients(NamedTuple):
     window : how long the rotation is observed before locking on [s].
     low_pass : transition of (speed output - speed, its slope) over one sample, row by row.
     pace : clock periods per sample.
+    of_ripple : weight of the newest sample in the ripples.
     k_eta, gamma, standing, dead_time : copied from the design, so that a step unpacks one tuple.
     """
 
@@ -91,6 +94,7 @@ class Coefficients(NamedTuple):
     gamma: float
     standing: float
     dead_time: float
+    of_ripple: float
 
 
 def design_of(gains: Gains, circle: Circle) -> Design:
@@ -176,4 +180,5 @@ def prepare_coefficients(design: Design, dt: float, when_blind: int) -> Coeffici
         design.gamma,
         design.standing,
         design.dead_time,
+        low_pass_weight(min(1.0 / RIPPLE_MEMORY, natural / NARROW), dt),
     )

@@ -81,7 +81,7 @@ def make_log(functions: DriveFunctions) -> Callable[..., tuple]:
             row = samples[k]
             sample = (row[0], row[1], row[2], row[3])
             state = step(state, coefficients, design, sample, 0.0)
-            core, _, _, _, (speed[k], _, _), _, _ = state
+            core, _, _, _, (speed[k], _, _), _, _, _ = state
             _, out_h[k], out_z[k], out_x[k], _, _ = core
             position, velocity, spare, status[k] = output(state, coefficients, design, sample, 0.0)
             reasons[k] = reasons_of(state)
