@@ -277,7 +277,9 @@ def build(gains: Gains, circle: Circle) -> DriveFunctions:
                     ripples = follow_ripples(ripples, of_ripple, frame - velocity, new_y)
             else:
                 velocity = speed
-        watch = look(watch, event, h, speed, turned / dt, innovation, current, voltage, x, watching)
+        watch = look(
+            watch, event, h, speed, turned / dt, innovation, before, current, voltage, x, watching
+        )
         return (
             (i, h, z, x, current, new_y),
             (integral, rho, span, ticks),

@@ -20,10 +20,12 @@ RESET = 16  # the frame or the flux was reset at this sample
 SEARCHING = 32  # after a start or a gap, or the rotor has just become observable
 NO_VOLTAGE = 64  # all voltages are exactly zero: not connected
 TOO_FAST = 128  # the rotor turns about half a turn per sample, or more
-BLIND = LOW_EMF | NO_VOLTAGE | TOO_FAST
+STUCK = 256  # the current repeats exactly while the back-EMF turns
+BLIND = LOW_EMF | NO_VOLTAGE | TOO_FAST | STUCK
 
 REASONS = {
     NO_VOLTAGE: 'all voltages are zero: is the voltage connected?',
+    STUCK: 'the currents do not change while the rotor turns: is the current still measured?',
     TOO_FAST: 'the rotor turns about half an electrical turn per sample or more: '
     'use a higher sample rate, or check the units of current, voltage and motor data '
     '(the estimate is valid again after standstill or ~/reset)',
@@ -44,11 +46,13 @@ LEAST_EMF = 5.0  # standard deviations of h that the back-EMF must exceed
 LEAVES = 2.0  # hysteresis: factor on the required back-EMF to leave LOW_EMF
 HALF_TURN = 0.85  # of half a turn per sample: faster is too near to aliasing
 RUN_AWAY = 4.0  # xi_hat has diverged beyond this multiple of its upper limit
-UNCONNECTED = 0.010  # s of exactly zero voltage
+UNCONNECTED = 0.010  # s of exactly zero voltage, or of exactly equal currents
+TURN = 2.0 * math.pi  # the rotor has turned this far during equal currents [rad]
 CLIP = 16.0  # a squared innovation is clamped to this multiple of the variance
 
 # (level of |h| [V], h averaged [V], mean speed at which y turns [rad/s], mean disagreement [rad/s],
-#  variance of the innovation [A^2], time at zero voltage [s], time in order [s], reasons)
+#  variance of the innovation [A^2], time of zero voltage or equal currents [s], time in order [s],
+#  reasons)
 Watch = tuple[float, complex, float, float, float, float, float, int]
 
 
@@ -136,6 +140,7 @@ def look(
     speed: float,
     turning: float,
     innovation: complex,
+    before_current: complex,
     current: complex,
     voltage: complex,
     x: float,
@@ -149,6 +154,7 @@ def look(
     h : estimated back-EMF [V].
     speed, turning : |h| x, and the speed at which y turned during the sample [rad/s].
     innovation : measured minus estimated current, in any frame [A].
+    before_current : of the sample before [A].
     current, voltage : of the sample [A], [V].
     x : xi_hat [1/Wb].
     limits : from `prepare_watch`.
@@ -182,7 +188,9 @@ def look(
         if square > CLIP * power:
             square = CLIP * power
         power += memory * (square - power)
-    idle = idle + dt if voltage == 0.0 else 0.0
+    # currents of exactly zero may be right: a converter without load
+    repeated = current == before_current and current != 0.0
+    idle = idle + dt if voltage == 0.0 or repeated else 0.0
     least = of_noise * math.sqrt(power)  # as `least_emf`, without the call
     if least < emf_min:
         least = emf_min
@@ -193,7 +201,10 @@ def look(
     if level < (least * LEAVES if before & LOW_EMF else least):
         reasons |= LOW_EMF | when_blind
     if idle > UNCONNECTED:
-        reasons |= NO_VOLTAGE | when_blind
+        if voltage == 0.0:
+            reasons |= NO_VOLTAGE | when_blind
+        elif abs(rate) * idle > TURN:
+            reasons |= STUCK | when_blind
     if before & TOO_FAST and level > emf_min:
         # beyond half a turn per sample the samples are also those of a slower rotor that turns
         # backwards: only at rest is it certain that the speed is low again

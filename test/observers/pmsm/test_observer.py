@@ -36,6 +36,7 @@ from estimator_pkg.observers.pmsm.watch import (
     MISALIGNED,
     NO_VOLTAGE,
     SEARCHING,
+    STUCK,
     TOO_FAST,
     begin_watch,
     describe,
@@ -310,6 +311,17 @@ def test_zero_voltage_is_said():
     assert 'voltage connected' in describe(int(reasons[-1]))
 
 
+def test_currents_that_do_not_change_while_the_rotor_turns_are_not_used():
+    """A driver repeats its last message for 0.02 s; afterwards the rotor is found again."""
+    samples = noisy(((0.1, 3000.0, 3000.0),)).samples.copy()
+    samples[600:1000, :2] = samples[600, :2]
+    status, reasons, *_ = estimates(made(), samples)
+    assert status[598] == TRACKING
+    assert np.all(status[810:999] == NOT_OBSERVABLE) and np.all(reasons[810:999] & STUCK)
+    assert 'current still measured' in describe(int(reasons[900]))
+    assert np.all(status[1500:] == TRACKING)
+
+
 def test_a_wrong_resistance_out_of_all_proportion_is_seen():
     """At 20 A and ten times R the flux leaves its range: never flagged as tracking."""
     seen = record(((0.2, 1500.0, 1500.0),), load_constant=0.3)
@@ -425,6 +437,7 @@ def looked(**changes):
         'speed': omega,
         'turning': omega,
         'innovation': 0j,
+        'before_current': 1.1j,
         'current': 1j,
         'voltage': 4j,
         'x': 1.0 / 1.9e-3,
@@ -464,6 +477,9 @@ def looked(**changes):
         ({'x': 100.0}, FLUX_RANGE),
         ({'x': 6000.0}, FLUX_RANGE | SEARCHING),
         ({'voltage': 0j}, NO_VOLTAGE | SEARCHING),
+        ({'before_current': 1j}, STUCK | SEARCHING),
+        ({'before_current': 0j, 'current': 0j}, 0),  # no load
+        ({'before_current': 1j, 'turning': 0.0}, INCONSISTENT),  # at rest
         ({'current': 200.0 + 0j}, LOW_EMF | SEARCHING),  # the resistance may falsify all of it
         ({'known_power': 10.0}, LOW_EMF | SEARCHING),  # noise
         ({'turning': 60000.0, 'speed': 60000.0}, TOO_FAST),
