@@ -45,6 +45,7 @@ from estimator_pkg.observers.switched.system import make_system
 from estimator_pkg.observers.switched.velocity import motions, observe, poles, standard_deviations
 
 LOCKED = 0.3  # longest settling time of the stages after a start [s]
+OUTSIDE = 0.125  # a reading beyond this part of a turn is no motion: the encoder was stuck or reset
 FADED = 20.0  # time constants of the extended observers until the start has no influence
 
 
@@ -129,6 +130,11 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         h, filters_of, corrections = coefficients
         read = tuple(map(float, measurement))
         jumps = tuple(wrap(read[i] - state.conventions[i][0], period) for i in outputs)
+        if period > 0.0 and state.total > faded:
+            speeds = (each[1] if len(each) > 2 else 0.0 for each in state.observed)
+            if any(abs(a - v * h) > OUTSIDE * period for a, v in zip(jumps, speeds)):
+                # the readings before may have been wrong, and the Z that was learnt from them
+                return restart(state, coefficients, design, measurement)
         climbed = [climb(system, i, state, jumps[i], h) for i in outputs]
         y = tuple(state.y[i] + jumps[i] for i in outputs)
         u = tuple(map(float, known_input))

@@ -18,7 +18,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import check, load, trajectory
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.observers.contract import INITIALISING, TRACKING
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.observers.switched.velocity import poles
 from estimator_pkg.parameters import build
@@ -104,6 +104,26 @@ def test_a_new_load_is_known_within_half_a_second():
     )
     assert after < 2.0 * before
     assert joint.estimate()[3] == TRACKING
+
+
+def test_after_an_encoder_was_stuck_the_observer_starts_again():
+    """Neither the jump nor the Z that was learnt while it was stuck enters the velocity."""
+    angles, velocities, torques = gripped(
+        4200, loads=((1500, gripper.CLOSED), (2900, gripper.OPEN))
+    )
+    angles = angles.copy()
+    angles[1200:3000] = angles[1200]
+    assert abs(angles[3000] - angles[2999]) > 0.8
+    joint, wrong = made(quantum=QUANTUM), []
+    for i, angle in enumerate(angles.tolist()):
+        reading = math.remainder(round(angle / QUANTUM) * QUANTUM, 2.0 * math.pi)
+        joint.update(10**18 + i * 10**6, (reading,), torques[i - 1] if i else (0.0,))
+        _, velocity, _, status = joint.estimate()
+        if i == 3000:
+            assert status == INITIALISING
+        if i >= 3000 and status == TRACKING:
+            wrong.append(abs(velocity - velocities[i]))
+    assert len(wrong) > 1000 and max(wrong) < 0.2
 
 
 def test_without_the_event_the_old_load_is_believed():
