@@ -67,7 +67,7 @@ def test_stddev_is_the_scatter_of_the_estimate(name, form):
 def test_stddev_includes_what_the_model_gets_wrong(name, wrong):
     """An input with `wrong` times the effect of the model's: the deviation is that of the error."""
     dt, count, turning = 2e-3, 5000, 4.0
-    own = {'mu': [6.0]} if name == 'smo' else {}  # above the acceleration that is missing
+    own = {'mu': [3.0]} if name == 'smo' else {}  # too small for the acceleration that is missing
     functions = made(name, model='single_joint', model_parameters=['inertia=1'], **own)
     time = dt * np.arange(count)
     noise = 1e-4 * np.random.default_rng(2).normal(size=count)
