@@ -16,6 +16,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanism.gains import in_words
+from estimator_pkg.observers.mechanism.parameters import default_numbers
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.contract import Answer, Output
 from estimator_pkg.streams.driven import DrivenStream, EffortSettings
@@ -63,6 +64,7 @@ class MechanicalStream(DrivenStream):
         super().__init__(settings, configuration.observer, bank, bank.orders, outputs=[GAINS])
         self._meaning: dict[str, dict[str, str]] = {}  # of the gains, by mechanism
         self._unexplained = set(bank.joints)
+        self._notices = self._of_defaults()
         self._due = False  # True if ~/gains has new content
 
     def try_gains(self, configuration: Configuration) -> None:
@@ -98,6 +100,26 @@ class MechanicalStream(DrivenStream):
 
     def _gains_changed(self, name: str) -> None:
         self._unexplained.add(name)
+
+    def _of_defaults(self) -> list[str]:
+        """Return a notice for each mechanism that has all parameters of its model by default."""
+        found = []
+        for name in self.bank.joints:
+            gains = self.bank.configuration.for_joint(name)[0]
+            numbers = default_numbers(gains)
+            if not numbers:
+                continue
+            found.append(
+                f"mechanism '{name}' has the default model_parameters of {gains.model} "
+                f"({numbers}): set your own; 'velocity_estimator identify' estimates them "
+                'from a recording'
+            )
+        return found
+
+    def notices(self) -> list[str]:
+        """See `Stream`."""
+        notices, self._notices = self._notices, []
+        return notices
 
     def describe(self) -> str:
         """See `Stream`."""
@@ -136,4 +158,4 @@ class MechanicalStream(DrivenStream):
                     + (f'{why}; if they have other names, ' if why else '')
                     + "set its joint names with the parameter 'joints'"
                 )
-        return []
+        return self.notices()

@@ -349,6 +349,26 @@ def test_an_effort_command_without_effect_is_explained(
     assert f'no effort_command is valid for it: {why}' in said and 'NaN' not in said
 
 
+@pytest.mark.parametrize(
+    'own, expected', [([], 1), (settings('model_parameters=[inertia=0.1]'), 0)]
+)
+def test_the_default_numbers_of_a_model_are_reported_once(own, expected, tmp_path, capsys):
+    encode = Encoder().encode
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(STATES, TYPE)
+        for now in range(10**9, 2 * 10**9, 10**7):
+            bag.write(STATES, now, encode(now, '', ['joint'], [0.1], [], [0.0]))
+    run('replay', tmp_path / 'bag', '--observer', 'smo', *own)
+    said = capsys.readouterr().err
+    assert said.count("'mechanism' has the default model_parameters of single_joint") == expected
+    assert said.count('inertia=0.1') == said.count('velocity_estimator identify') == expected
+    settings_of = streams.mechanical.MechanicalSettings()
+    values = {'model_parameters': ('inertia=0.1',)} if own else {}
+    kind = streams.mechanical.MechanicalStream
+    live = kind(settings_of, kind.configure(settings_of.find_observer(), settings_of, values, {}))
+    assert len(live.notices()) == expected and live.notices() == []
+
+
 def test_joints_with_stamps_of_their_own_are_explained(tmp_path, capsys):
     encode = Encoder().encode
     with BagWriter(tmp_path / 'bag') as bag:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from estimator_pkg import registry
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.load import load
-from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.models.mechanics import Mechanics, assignments_of
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.parameters import parameter, structural
+from estimator_pkg.parameters import build, parameter, structural
 
 Array = NDArray[np.float64]
 
@@ -132,6 +132,14 @@ class LoopGains(BandwidthGains):
 def model_of(gains: MechanicalGains) -> Mechanics:
     """Return the checked model that the gains name; raises UserError, UsageError."""
     return load(gains.model, gains.model_parameters)
+
+
+def default_numbers(gains: MechanicalGains) -> str:
+    """Return the numbers of a built-in model if all are defaults; else ''."""
+    if gains.model_parameters or ':' in gains.model:
+        return ''
+    model = registry.find(registry.MODELS, gains.model)
+    return ', '.join(assignments_of(model, build(model.parameters, {})))
 
 
 def circles_of(mechanics: Mechanics, circle: Any) -> tuple[Circle, ...]:
