@@ -20,6 +20,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.parameters import build
+from estimator_pkg.streams.drive import DriveStream
 from sim_pkg.pmsm.simulator import SIMULATOR, PmsmSimulatorParameters
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -282,7 +283,6 @@ def test_replay_finds_the_input_and_evaluate_the_truth(tmp_path, capsys):
         ([*PARAMS, '--set', 'resistanse=1'], "did you mean 'resistance'?"),
         ([*PARAMS, '--measurement', '/nothing'], '/nothing'),
         ([*PARAMS, '--set', 'input=current_voltage'], '/current'),
-        (['--set', 'observer=kalman', '--set', 'input=current_voltage'], 'does not use currents'),
         ([*PARAMS, '--angle', '/a:b'], '--angle'),
         ([*PARAMS, '--joint', 'a', '--joint', 'b'], 'one joint'),
     ],
@@ -291,6 +291,11 @@ def test_wrong_use_is_one_line(words, said, capsys):
     assert cli.main(['replay', str(BAGS / 'drive_profile'), *words]) in (1, 2)
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1 and said in lines[0], lines
+
+
+def test_an_observer_of_angles_is_none_of_a_drive():
+    with pytest.raises(UsageError, match="observer 'kalman' does not use currents and voltages"):
+        DriveStream.of({'joint': 'motor', 'observer': 'kalman'})
 
 
 def test_a_period_that_does_not_fit_is_said_and_nothing_is_estimated(capsys, tmp_path):
