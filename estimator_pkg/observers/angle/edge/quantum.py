@@ -16,7 +16,7 @@ from estimator_pkg.observers.maths.seldom import seldom
 
 UNIT = 1.0  # [rad] quantum while none is known
 ROUNDING = 1e-6  # of the reading: smaller steps are a float32's last digit
-LARGEST = 10.0  # [rad or m] but of no more than this: a wheel turns on, and its steps stay
+LARGEST = 1e3  # [rad or m] but of no more than this: a wheel turns on, and its steps stay
 RESIDUE = 1e-3  # of the quantum: a change by less is rounding residue, and no motion
 FINEST = 1e-10  # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
 JUMP = 1e3  # times the range of all readings before: those before were residue

@@ -39,7 +39,8 @@ def check(rows):
     assert ours['noise']['worst_ratio'] > 0.5  # the yardstick was there
     if rows[0]['draws'] == bench_accuracy.DRAWS:
         for name in MOVING:  # a shaft at rest is known better than by a variance
-            most = 0.985 if name in ('trapezoid', 'steps', 'reversal') else 0.98
+            # overdue edges are in doubt: wider than 95 %, and with a lower interval score than 98 %
+            most = 0.99 if name in ('trapezoid', 'steps', 'reversal') else 0.98
             assert 0.93 <= ours[name]['coverage'] <= most, name
 
 
