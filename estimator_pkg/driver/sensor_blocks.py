@@ -23,7 +23,7 @@ from estimator_pkg.driver.sensor_table import COARSE, Array
 LOOK = 128  # samples between two looks at a joint that does not turn
 BLOCK, EDGES = 128, 256  # samples of a block; of a coarse sensor
 DENSE, FAR = 128, 8  # samples of a turn that are enough for a fine sensor; largest stride
-BLOCKS, PAUSE = 4, 16  # blocks until a map in use of a fine sensor pauses, and for how many
+BLOCKS, PAUSE = 4, 16  # blocks until learning a settled map pauses, and for how many
 TRIED, REST, LONGEST_REST = 12.0, 64.0, 1024.0  # turns: learnt from in vain; until the next try
 IDLE = 30.0  # [s] without a whole turn: it turns no longer
 
@@ -43,15 +43,13 @@ class Learner:
     """
 
     def __init__(self, period: float, quantum: float, foresees: bool) -> None:
-        self.shaft, self._period = Shaft(period, quantum, foresees), period
         self._rest, self._pause = 0.0, REST  # turns until the next try, and after it
         self.applied = False
-        self._sleep()
+        self._sleep(Shaft(period, quantum, foresees))
 
-    def _sleep(self) -> None:
-        """Forget everything, until the joint turns round again."""
-        shaft = self.shaft
-        self.shaft = Shaft(shaft.period, shaft.given, shaft.foresees, shaft.moves)
+    def _sleep(self, shaft: Shaft) -> None:
+        """Wait until the joint turns round again, and go on with this shaft."""
+        self.shaft = shaft
         self.awake, self.left = False, LOOK  # samples until the next look
         self._turned = self._looked = 0.0
         self._stamps: list[int] = []
@@ -68,7 +66,8 @@ class Learner:
         -------
         count : of the samples until it does, or of all.
         """
-        looked, turned, rest, period = self._looked, self._turned, self._rest, self._period
+        looked, turned, rest = self._looked, self._turned, self._rest
+        period = self.shaft.period
         count, self.left = 0, LOOK
         for stamp_ns, velocity in zip(stamps, velocities):
             now, count = 1e-9 * stamp_ns, count + 1
@@ -168,9 +167,9 @@ class Learner:
                 self._blocks, self._paused, self.left = 0, True, PAUSE * self._block * self._stride
         elif shaft.travelled > TRIED:
             self._rest, self._pause = self._pause, min(2.0 * self._pause, LONGEST_REST)
-            self._sleep()
+            self._sleep(shaft.forgotten())
         elif times[-1] - shaft.since > IDLE:
-            self._sleep()
+            self._sleep(shaft.forgotten())
         return self.shaft.active or self.applied
 
     @property

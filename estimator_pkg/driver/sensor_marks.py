@@ -73,6 +73,10 @@ class Shaft:
         self.reading = 0.0
         self._begin(UNKNOWN, USUAL)
 
+    def forgotten(self) -> Shaft:
+        """Return the same shaft, of which only is known whether its motion repeats each turn."""
+        return Shaft(self.period, self.given, self.foresees, self.moves)
+
     def _begin(self, kind: int, turn: int) -> None:
         """Begin with other marks. Those of counts lie between two readings."""
         self.kind, self.turn, self.size = kind, turn, self.period / turn
@@ -102,7 +106,7 @@ class Shaft:
 
     @property
     def settled(self) -> bool:
-        """True if few turns more would change what is taken out of a fine sensor's readings."""
+        """True if more turns of this speed change little: the map is proven, or not believed."""
         table = self.tables[0]
         return (table.sure and table.good > KEPT) or table.withheld
 
@@ -118,15 +122,13 @@ class Shaft:
         self._interrupt()
         self.heading = 0
         self.at += (step - self.period * round(step / self.period)) / self.size
+        if verdict not in (USED, AFTER_GAP, AFTER_STRAY_STAMP):
+            self.foreseen = 0
+            for table in self.tables:
+                table.in_use, table.good = False, table.required - 1
+            if self.marks and self.turn % self.marks:  # turns may be lost, and count
+                self._begin(self.kind, self.turn)
         self.reading, self.since = reading, now
-        if verdict in (USED, AFTER_GAP, AFTER_STRAY_STAMP):
-            return
-        self.foreseen = 0
-        for table in self.tables:
-            table.in_use, table.good = False, table.required - 1
-        if self.marks and self.turn % self.marks:  # turns may be lost, and count
-            self._begin(self.kind, self.turn)
-            self.since = now
 
     def take(self, times: Array, readings: Array) -> None:
         """Take samples in a row, of which the first one was where the shaft is known to be."""

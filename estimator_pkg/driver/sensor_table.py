@@ -83,7 +83,7 @@ class Table:
         self.learnt = 0  # turns
         self.without, self.within = 0.0, 0.0  # mean squared errors without and with the map
         self.good, self.required = 0, TURNS  # turns in a row that are better, and how many must be
-        self.in_use = False
+        self.in_use = self.withheld = False  # withheld: it predicts turns, and is not believed
         self.fastest = 0.0  # highest speed [marks/s]
         self.pace = 0.0  # mean speed of the turns that the map is from [marks/s]
         self.sure = self.all_sure = False  # few harmonics, and the others, are the sensor's
@@ -118,7 +118,8 @@ class Table:
         self.good = self.good + 1 if within < BETTER * without and without > left * left else 0
         if not self.in_use:
             better = self.good >= self.required and self.within < BETTER * self.without
-            self.in_use = better and (self.sure or not self.fine or self._may_be_the_sensors())
+            believed = not self.fine or self.sure or self._may_be_the_sensors()
+            self.in_use, self.withheld = better and believed, better and not believed
         elif self.within > WORSE * self.without:
             self.moves |= self.doubtful(pace)
             self.in_use, self.sure, self.all_sure, self.learnt = False, False, False, 1
@@ -137,11 +138,6 @@ class Table:
         shown, left_over = few(error), few(missed)
         self.sure |= mean_square(left_over) < SURE * mean_square(shown)
         self.all_sure |= mean_square(missed - left_over) < SURE * mean_square(error - shown)
-
-    @property
-    def withheld(self) -> bool:
-        """True if the map predicts turns, but of one speed alone, and is not believed."""
-        return self.good >= self.required and not self.in_use
 
     def _may_be_the_sensors(self) -> bool:
         """Whether errors that only one speed has shown are believed to be a fine sensor's."""

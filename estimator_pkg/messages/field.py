@@ -27,6 +27,7 @@ QUATERNION = 'geometry_msgs/msg/Quaternion'
 YAW = 'yaw'
 CHILD = 'child_frame_id'
 SEQUENCE = -1  # a length that each message has
+MOST_FRAMES = 100  # that are remembered
 
 _CODES = {
     'bool': 'B',
@@ -247,7 +248,8 @@ class Field:
         layout.end()
         if layout.has_number and any(index is not None for _, index in self._steps[:-1]):
             names = filter(None, (layout.frame_id, layout.child_frame_id))
-            self.frames.add(' -> '.join(names))
+            if len(self.frames) < MOST_FRAMES:
+                self.frames.add(' -> '.join(names))
         return layout
 
     def _go(self, layout: _Layout, owner: str, depth: int) -> None:

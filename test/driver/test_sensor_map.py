@@ -225,7 +225,7 @@ def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
 
 
 def cogging(mean, rate=1000.0, times=2.0):
-    """Return (angle, velocity) of a shaft whose torque repeats so many times a turn."""
+    """Return (angle, velocity) of a shaft with a torque that repeats `times` times a turn."""
     angle, angles, velocities = 0.0, [], []
     for speed in mean:
         velocities.append(speed * (1.0 + 5.0 / speed**2 * math.cos(times * angle)))

@@ -335,30 +335,33 @@ def test_publishers_come_and_go_while_several_threads_spin(probe):
         executor.add_node(node)
     thread = threading.Thread(target=executor.spin)
     thread.start()
-    used, subscriptions = 0, []
     listeners = [
         probe.node.create_subscription(JointState, f'/threads/{name}/estimate', repr, 10)
         for name in ('one', 'two')
     ]
+
+    def come_and_go():
+        """A publisher that both nodes hear; return their subscriptions meanwhile."""
+        publisher = probe.node.create_publisher(JointState, '/threads/joint_states', 10)
+        before = [node.stream.received[0] for node in nodes]
+
+        def heard():
+            seconds, nanosec = divmod(time.time_ns(), 10**9)
+            message = JointState(name=['a'], position=[0.1])
+            message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanosec
+            publisher.publish(message)
+            return all(node.stream.received[0] > old for node, old in zip(nodes, before))
+
+        probe.until(heard)
+        probe.spin(0.3)
+        assert not any(timer.is_canceled() for node in nodes for timer in node.timers)
+        subscriptions = [list(node.subscriptions) for node in nodes]
+        probe.node.destroy_publisher(publisher)
+        probe.spin(0.15)
+        return subscriptions
+
     try:
-        for _ in range(4):
-            publisher = probe.node.create_publisher(JointState, '/threads/joint_states', 10)
-
-            def answered():
-                seconds, nanosec = divmod(time.time_ns(), 10**9)
-                message = JointState(name=['a'], position=[0.1])
-                message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanosec
-                publisher.publish(message)  # noqa: B023  (called in this round)
-                joints = [node.stream.bank.joints.get('a') for node in nodes]
-                return all(joint and joint.received > used for joint in joints)  # noqa: B023
-
-            probe.until(answered)
-            probe.spin(0.3)
-            assert not any(timer.is_canceled() for node in nodes for timer in node.timers)
-            subscriptions.append([list(node.subscriptions) for node in nodes])
-            probe.node.destroy_publisher(publisher)
-            probe.spin(0.15)
-            used = max(node.stream.bank.joints['a'].received for node in nodes)
+        subscriptions = [come_and_go() for _ in range(4)]
         assert thread.is_alive()
         assert all(each == subscriptions[0] for each in subscriptions)
     finally:
