@@ -150,7 +150,7 @@ def test_limits_work_both_ways():
 # ---------------------------------------------------------------- speed
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_updates_name_every_observer_beside_filterpy():
     rows = {row['name']: row for row in update.updates(rounds=1)}
     for entry in at_defaults():

@@ -130,7 +130,7 @@ def test_who_knows_the_torque_uses_it(name):
     assert np.isnan(each.run(without, each.values[1])).all()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_peers_that_are_installed_follow_the_motion():
     found, missing = peers.peers()
     if not found:

@@ -10,7 +10,7 @@ from benchmarks import mechanism
 from estimator_pkg.driver.compiled import available
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.skipif(not available(), reason='needs numba')
 def test_every_row_is_measured_and_has_its_limit(monkeypatch):
     monkeypatch.setattr(mechanism, 'STEPS', 50)

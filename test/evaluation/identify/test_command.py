@@ -126,7 +126,6 @@ def of_crane(seed):
     'of, seeds',
     [
         (of_joint, 4),
-        (of_leg, 5),
         pytest.param(of_joint, 30, marks=pytest.mark.slow),
         pytest.param(of_cart, 20, marks=pytest.mark.slow),
         pytest.param(of_leg, 40, marks=pytest.mark.slow),

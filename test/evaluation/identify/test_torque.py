@@ -17,7 +17,7 @@ BAGS = Path(__file__).parents[3] / 'bags'
 pytestmark = pytest.mark.skipif(not available(), reason='slow without numba')
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_torque_helps_on_the_elbow_of_the_double_pendulum():
     """At the settings that are best of the whole grid; and it is the torque that does it."""
     few = replace(STUDIES[3], bandwidths=(55.0, 70.0), disturbances=(4.0,))

@@ -62,6 +62,7 @@ def pendulum(tmp_path_factory):
 # ---------------------------------------------------------------- kind by kind
 
 
+@pytest.mark.slow
 def test_a_mechanical_observer_whatever_the_workers(pendulum, tmp_path):
     """Gains that beat the defaults on what was held out; the same from 1 and 3 processes."""
     params = tmp_path / 'model.yaml'

@@ -194,7 +194,7 @@ def test_orders_one_and_three():
         assert np.abs(out.velocity - speeds)[15000:].max() < 1e-2 * np.std(speeds)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_full_velocity_is_right_where_the_parameters_are_not():
     """One sine identifies two numbers, not four (spec A5a): (38) is wrong, the full formula not."""
     t = np.arange(75000) * 2e-3

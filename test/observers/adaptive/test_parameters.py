@@ -62,7 +62,11 @@ def scores(seeds, **case):
 @pytest.mark.long
 @pytest.mark.parametrize(
     'case',
-    [{'disturbance': 0.3}, pytest.param({'counts': 256}, marks=pytest.mark.slow), {'noise': 2e-2}],
+    [
+        {'disturbance': 0.3},
+        pytest.param({'counts': 256}, marks=pytest.mark.slow),
+        pytest.param({'noise': 2e-2}, marks=pytest.mark.slow),
+    ],
     ids=['torque', '8 bit', 'noise'],
 )
 def test_standard_deviations_cover_the_errors_and_are_not_far_above(case):

@@ -86,9 +86,9 @@ def test_stddev_includes_what_the_model_gets_wrong(name, wrong):
     [
         {'mu': [30.0]},
         {'mu': [3000.0]},
-        {'mu': [3.0], 'hold': 'previous'},
-        {'variant': 'uniform', 'k1': [5.0], 'k2': [20.0]},
-        {'mu': [300.0], 'form': 'paper'},
+        pytest.param({'mu': [3.0], 'hold': 'previous'}, marks=pytest.mark.slow),
+        pytest.param({'variant': 'uniform', 'k1': [5.0], 'k2': [20.0]}, marks=pytest.mark.slow),
+        pytest.param({'mu': [300.0], 'form': 'paper'}, marks=pytest.mark.slow),
     ],
     ids=('strong', 'one step', 'held', 'uniform', 'euler'),
 )

@@ -43,13 +43,16 @@ CASES = [  # recording and model, observer, its parameters, largest rms error of
     (DOUBLE, 'ehgo', ['bandwidth_hz=40'], (0.152, 0.134)),
     (DOUBLE, 'smo', ['mu=[100, 100]'], (0.136, 0.118)),
 ]
+QUICK = (0, 3, 4)  # the others take long, and run with the slow ones
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     'recording, observer, values, bounds',
-    # on two links the first; the others take long, and run with the slow ones
-    [pytest.param(*case, marks=[pytest.mark.slow] * (n > 4)) for n, case in enumerate(CASES)],
+    [
+        pytest.param(*case, marks=[pytest.mark.slow] * (n not in QUICK))
+        for n, case in enumerate(CASES)
+    ],
     ids=[f'{case[0][0].partition("/")[2]}-{case[1]}' for case in CASES],
 )
 def test_errors_stay_within_two_sided_bounds(recording, observer, values, bounds, tmp_path):

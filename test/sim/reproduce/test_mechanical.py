@@ -19,7 +19,7 @@ from sim_pkg.reproduce.mechanical.paper import REPRODUCTION
 pytestmark = pytest.mark.skipif(not available(), reason='takes hours without numba')
 
 
-SLOW = ('D', 'E', 'G')
+SLOW = ('B', 'C', 'D', 'E', 'G', 'H1', 'H3')
 test_every_row_is_within_its_tolerance = reproduced.rows(REPRODUCTION, SLOW)
 
 
@@ -27,7 +27,7 @@ def test_the_table_of_the_specification_is_whole():
     assert len({reference.id for reference in REPRODUCTION.references()}) == 297
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_inferred_joint_gives_numbers_it_was_not_fitted_to():
     """Section 7 of the specification also prints these two, which are no rows of its table."""
     case = mechanical_benefit.Case

@@ -15,7 +15,8 @@ from sim_pkg.reproduce.pmsm.alias_rows import ROBUST, outcome
 from sim_pkg.reproduce.pmsm.continuous_rows import drawn_times, later
 from sim_pkg.reproduce.pmsm.paper import REPRODUCTION
 
-SLOW = ('order', 'T4', 'T6')  # the 120 starts, those at four rates, aliases
+# the 120 starts, those at four rates, aliases; what takes two seconds or more
+SLOW = ('order', 'T4', 'T6', 'T2', 'T3', 'loop', 'status')
 
 
 test_every_row_is_within_its_tolerance = reproduced.rows(REPRODUCTION, SLOW)
@@ -42,7 +43,7 @@ def test_the_tables_are_whole():
     assert sum(name.startswith('status') for name in ids) == 2 * 25
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_order_of_the_observers_holds_for_random_starts():
     cont, hyb, post, _ = drawn_times(12, seed=99).T
     assert later(post, hyb) == 0 and later(hyb, cont) == 0
@@ -50,7 +51,7 @@ def test_the_order_of_the_observers_holds_for_random_starts():
     assert np.median(post) < np.median(hyb) < np.median(cont)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_no_speed_loses_the_default_observer_and_the_printed_one_is_lost():
     for speed in pmsm_alias_rows.BAD_SPEEDS:
         times, fires = outcome(ROBUST, speed, 1)
