@@ -161,7 +161,7 @@ def test_folders_of_other_bags_are_not_taken_for_ones_own(tmp_path):
         'mcap folder',
     ],
 )
-@pytest.mark.parametrize('part', [0.4, 0.7, 0.98])
+@pytest.mark.parametrize('part', [pytest.param(0.4, marks=pytest.mark.slow), 0.7, 0.98])
 def test_a_torn_mcap_comes_out_with_all_complete_messages(kind, part, tmp_path, capsys):
     messages = make.content(4000)
     path = make.KINDS[kind](tmp_path / 'bag', messages)
@@ -367,7 +367,9 @@ def long_bag(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    'number', [signal.SIGINT, signal.SIGHUP, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_replay_ends_with_what_it_has(number, long_bag, tmp_path):
     with dds.NodeProcess(
         'estimator_pkg.cli',

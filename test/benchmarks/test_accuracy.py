@@ -363,7 +363,7 @@ def test_a_program_that_fails_says_why(tmp_path, monkeypatch):
 # ---------------------------------------------------------------- the command
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_bench_prints_and_gives_json(tmp_path, capsys):
     out = tmp_path / 'bench.json'
     assert main(['speed', '--part', 'update', '--quick', '--json', str(out)]) == 0

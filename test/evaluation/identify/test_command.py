@@ -208,7 +208,7 @@ def test_torque_constant_and_gear_are_taken_as_given(recording, tmp_path):
     assert 'bias' not in found['values']
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_users_model_is_identified_from_a_bag_and_replayed(crane, tmp_path):
     """Its joints have other names in the bag."""
     bag, out, reported = tmp_path / 'bag', tmp_path / 'crane.yaml', tmp_path / 'reported.json'

@@ -327,7 +327,13 @@ EXHAUSTIVE = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('bag', EXHAUSTIVE)
+@pytest.mark.parametrize(
+    'bag',
+    [
+        pytest.param(bag, marks=pytest.mark.slow if 'multiturn' in bag or 'sys_id' in bag else ())
+        for bag in EXHAUSTIVE
+    ],
+)
 def test_the_quick_search_finds_what_an_exhaustive_one_finds(bag):
     with open_bag(BAGS / bag) as opened:
         series = next(iter(positions(opened, '/joint_states').values()))

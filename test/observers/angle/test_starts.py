@@ -143,13 +143,13 @@ def test_edge_adaptive_covers_a_start_out_of_noise(motion):
 @pytest.mark.parametrize(
     'name, noise, most',
     [
-        ('hybrid_angle', 0.1, 0),  # 3 before
+        pytest.param('hybrid_angle', 0.1, 0, marks=pytest.mark.slow),  # 3 before
         ('hybrid_angle', 0.5, 0),  # 3
-        ('hybrid_angle', 3.0, 1),  # 4
-        ('kalman', 0.1, 3),  # 9
+        pytest.param('hybrid_angle', 3.0, 1, marks=pytest.mark.slow),  # 4
+        pytest.param('kalman', 0.1, 3, marks=pytest.mark.slow),  # 9
         ('kalman', 0.5, 2),  # 8
         ('kalman', 3.0, 14),  # 26
-        ('pll', 0.1, 0),  # 3
+        pytest.param('pll', 0.1, 0, marks=pytest.mark.slow),  # 3
         ('pll', 3.0, 1),  # 2
     ],
 )

@@ -109,7 +109,10 @@ TOLERANCE = {'implicit': 0.01, 'matching': 0.05, 'taylor': 0.25, 'explicit': 0.2
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('form, order', TABLE)
+@pytest.mark.parametrize(
+    'form, order',
+    [pytest.param(*each, marks=pytest.mark.slow if each[1] == 2 else ()) for each in TABLE],
+)
 def test_table_of_errors(form, order):
     for dt, expected in zip((1e-4, 1e-3, 5e-3, 1e-2, 2e-2), TABLE[form, order]):
         t = np.arange(0, round(15.0 / dt) + 1) * dt  # the signal repeats after 10 s
