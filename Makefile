@@ -1,5 +1,5 @@
 # make demo     watch a live ROS 2 node estimate velocity beside the truth (installs everything first)
-# make test     run every test, the multi-process ones over real DDS included
+# make test     every test but the slow ones, the multi-process ones over real DDS included
 # make test-fast  a minute: the tests without DDS, without a browser and without those that take long
 # make test-slow  the tests that take minutes, and cases that repeat at length what others hold
 # make figures  write the numbers that commands give into README and docs (docs/tools/figures.yaml)

@@ -296,11 +296,12 @@ def test_radians_that_a_driver_rounds_to_decimals_are_not_degrees(digit):
     assert found['resolution'].numbers['counts_per_turn'] == pytest.approx(TURN / digit, rel=1e-3)
 
 
+@pytest.mark.parametrize('part', (1.0, 0.1), ids=('wraps', 'does not wrap'))
 @pytest.mark.parametrize('counts', (4096, 1000, 3600, 20000))
-def test_an_encoder_in_degrees_is_found(counts):
-    stamps, arrival, angle = clean()
+def test_an_encoder_in_degrees_is_found(counts, part):
+    stamps, arrival, angle = clean(count=0.0, wrapped=part == 1.0)
     count = 360.0 / counts
-    found = look(stamps, arrival, np.round(np.degrees(angle) / count) * count)
+    found = look(stamps, arrival, np.round(np.degrees(part * angle) / count) * count)
     assert 'degrees' in found['wrap'].remedy
 
 
