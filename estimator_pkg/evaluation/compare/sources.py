@@ -141,7 +141,6 @@ def sources(
             'with --observer'
         )
     for topic in topics:
-        bag.require(topic, (TYPE,))
         deviations: dict[str, Series] = {}
         beside = bag.topics.get(f'{topic}_stddev')
         if beside is not None and beside.type == TYPE and beside.count:

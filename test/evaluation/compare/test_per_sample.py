@@ -134,16 +134,19 @@ def test_a_short_drive_can_be_tuned(drive, tmp_path):
     assert each['held_out'] and each['best']['by_joint']['motor_electrical']['published'] > 0.9
 
 
-def test_a_bag_that_holds_something_else_there_is_one_line(drive, tmp_path, capsys):
+@pytest.mark.parametrize('serialization', ['cdr', 'json'])
+def test_a_bag_that_holds_something_else_there_is_one_line(serialization, drive, tmp_path, capsys):
+    """Batches of another shape, and batches that are not CDR, which would decode all the same."""
     from estimator_pkg.bags.writer import BagWriter
     from estimator_pkg.messages import multi_array
 
     with open_bag(drive / 'bag') as bag, BagWriter(tmp_path / 'bag') as made:
         for topic in bag.topics.values():
-            made.add_topic(topic.name, topic.type)
+            form = serialization if topic.name == SAMPLES else 'cdr'
+            made.add_topic(topic.name, topic.type, serialization=form)
         for message in bag.messages(list(bag.topics)):
             raw = bytes(message.raw)
-            if message.topic == SAMPLES:
+            if message.topic == SAMPLES and serialization == 'cdr':
                 raw = multi_array.encode(np.zeros((2, 3)), drive_samples.LABELS)
             made.write(message.topic, message.log_ns, raw)
     assert main(['evaluate', str(tmp_path / 'bag'), '--observer', 'pmsm', *MOTOR]) == 1
