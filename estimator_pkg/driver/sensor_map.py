@@ -23,7 +23,7 @@ mark on the far side of the shaft, so that the corrected reading does not jump.
 A torque that depends on the angle makes the speed itself repeat each turn. At one speed it cannot
 be distinguished from an error of a fine sensor. But an eccentric sensor errs with the turn and half
 of it, by few degrees, and poles and slots ripple faster. So at one speed only the first two
-harmonics are taken out, and only where they are small and most of what repeats. The standard
+harmonics are taken out. They must be small, and larger than the rest of what repeats. The standard
 deviation covers what may be motion. A motion changes with the square of the speed. So no faster
 turn is corrected until one has shown that it is predicted. A turn at another speed that is
 predicted shows that the errors are the sensor's, and its other harmonics if they are predicted,

@@ -78,7 +78,6 @@ class AdaptiveStream(DrivenStream):
             settings, configuration.observer, bank, [settings.only], outputs=[IDENTIFIED]
         )
         self._saved = configuration.saved
-        self._notices: list[str] = []
         self._reported_ns = 0
         self._seen: set[str] = set()
 
@@ -128,11 +127,6 @@ class AdaptiveStream(DrivenStream):
                 self._notices.append(f'joints do not expire: {error}')
                 return False
         return super().expire(names)
-
-    def notices(self) -> list[str]:
-        """See `Stream`."""
-        notices, self._notices = self._notices, []
-        return notices
 
     # Actions
 

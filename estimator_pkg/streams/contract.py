@@ -232,6 +232,7 @@ class Stream(ABC):
         self.topics = [f'/{port.topic}' for port in self.inputs]
         self.history: dict[str, History] | None = None
         self.expected = 0
+        self._notices: list[str] = []
 
     # Construction
 
@@ -427,7 +428,8 @@ class Stream(ABC):
 
     def notices(self) -> list[str]:
         """Return new notices for the user since the last call."""
-        return []
+        notices, self._notices = self._notices, []
+        return notices
 
     def describe(self) -> str:
         """Return what is estimated, as text."""

@@ -116,11 +116,6 @@ class MechanicalStream(DrivenStream):
             )
         return found
 
-    def notices(self) -> list[str]:
-        """See `Stream`."""
-        notices, self._notices = self._notices, []
-        return notices
-
     def describe(self) -> str:
         """See `Stream`."""
         return ', '.join(

@@ -148,9 +148,7 @@ def test_events_that_wait_for_the_clock_before_are_refused():
     assert made.happened == []
 
 
-@pytest.mark.parametrize(
-    'at', [pytest.param(98, marks=pytest.mark.slow), 100, pytest.param(103, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize('at', [98, 100, 103])
 @pytest.mark.long
 def test_an_event_of_the_clock_before_does_not_stop_those_of_the_new_one(at):
     """It arrives after the first sample of the new clock."""

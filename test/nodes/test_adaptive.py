@@ -17,6 +17,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.parameters import build
+from estimator_pkg.streams.adaptive import AdaptiveStream
 from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
 
 MODULE = 'estimator_pkg.nodes.executables adaptive_observer'
@@ -190,6 +191,23 @@ def test_saving_keeps_what_the_file_says_of_others(motor, tmp_path):
     assert set(load(path)) == {'joint', 'other'}
     with pytest.raises(UserError, match='nothing is identified'):
         save(path, AdaptiveBank(AdaptiveConfiguration(OBSERVER)))
+
+
+def test_a_joint_that_cannot_be_saved_does_not_expire(motor, tmp_path):
+    folder = tmp_path / 'robot'
+    folder.mkdir()
+    stream = AdaptiveStream.of({'parameters_file': str(folder / 'motor.yaml')})
+    stream.bank, _ = bank_of(motor[0])
+    folder.rmdir()
+    assert not stream.expire(['joint'])
+    assert 'joint' in stream.bank.joints
+    (notice,) = stream.notices()
+    assert notice.startswith('joints do not expire: ') and 'motor.yaml' in notice
+    assert stream.notices() == []
+    folder.mkdir()
+    assert stream.expire(['joint'])
+    assert 'joint' not in stream.bank.joints and stream.notices() == []
+    assert set(load(str(folder / 'motor.yaml'))) == {'joint'}
 
 
 def test_messages_without_effort_are_counted():
