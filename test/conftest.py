@@ -30,8 +30,8 @@ ROOT = Path(__file__).parents[1]
 gc.disable()  # until all tests are collected: nearly everything that they allocate stays
 sys.path.append(str(ROOT))  # benchmarks and docs.tools; the packages are the installed ones
 
-# A shell ignores Ctrl-C for what it runs in the background, nohup the end of the terminal, and
-# processes of tests inherit that.
+# What a shell runs in the background ignores Ctrl-C, and what nohup runs ignores SIGHUP. Processes
+# of tests would inherit that.
 for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) == signal.SIG_IGN:
         signal.signal(number, usual)

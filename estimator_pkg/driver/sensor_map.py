@@ -23,12 +23,12 @@ mark on the far side of the shaft, so that the corrected reading does not jump.
 A torque that depends on the angle makes the speed itself repeat each turn. At one speed it cannot
 be distinguished from an error of a fine sensor. But an eccentric sensor errs with the turn and half
 of it, by few degrees, and poles and slots ripple faster. So at one speed only the first two
-harmonics are taken out. They must be small, and larger than the rest of what repeats. The standard
-deviation covers what may be motion. A motion changes with the square of the speed. So no faster
-turn is corrected until one has shown that it is predicted. A turn at another speed that is
-predicted shows that the errors are the sensor's, and its other harmonics if they are predicted,
-too. A faster one that is not shows a motion: from then on nothing is taken out before two speeds
-agree. Slower turns are not learnt from.
+harmonics are taken out. They must be small, and they must leave less than half of the mean square
+error. The standard deviation covers what may be motion. A motion changes with the square of the
+speed. So no faster turn is corrected until one has shown that it is predicted. A turn at another
+speed that is predicted shows that the errors are the sensor's, and its other harmonics if they are
+predicted, too. A faster one that is not shows a motion: from then on nothing is taken out before
+two speeds agree. Slower turns are not learnt from.
 
 What repeats in slower turns of a coarse sensor beyond these errors is a ripple of the speed. No
 filter can follow it: it is over before its edges have shown it. But the time in each cell is as
