@@ -66,7 +66,7 @@ class Shared(Joint):
     Another loop takes as long to compile as a million samples in plain Python.
     """
 
-    def _pays(self, count):
+    def pays(self, count):
         return count >= FEW and compiled(self._batch) in shared_loops()
 
 

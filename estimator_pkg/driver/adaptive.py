@@ -72,7 +72,7 @@ class AdaptiveJoint(Joint):
         """
         pieces: list[Estimates] = []
         begin = 0
-        fast = self._pays(len(stamps)) if fast is None else fast
+        fast = self.pays(len(stamps)) if fast is None else fast
         while begin < len(stamps) or not pieces:
             length_ns = round(PIECE * self.evidence.length * 1e9)
             end = len(stamps) and begin + 1 + int(

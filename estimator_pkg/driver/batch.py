@@ -12,13 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import cannot_compile, compiled, is_compiled
+from estimator_pkg.driver.compiled import available, cannot_compile, compiled, is_compiled, is_kept
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.track import TrackFunctions
 from estimator_pkg.observers.contract import INITIALISING
 
 COMPILE_FROM = 400_000  # number of samples from which compiling (a few seconds) pays
-READY_FROM = 1000  # number of samples from which a loop that is compiled already is quicker
+KEPT_FROM = 100_000  # the same for loading Numba and what an earlier process has compiled
+READY_FROM = 100  # the same for a loop that this process has compiled or loaded
 # estimate and standard deviations of a sample that was dropped
 NO_ESTIMATE = math.nan, math.nan, math.nan, INITIALISING
 NO_STDDEV = math.nan, math.nan
@@ -118,7 +119,10 @@ def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
 
 def pays(batch: Callable[..., tuple], count: int) -> bool:
     """Return True if `count` samples take less time in compiled code."""
-    return count >= COMPILE_FROM or (count >= READY_FROM and is_compiled(batch))
+    if is_compiled(batch):
+        return count >= READY_FROM
+    long = count >= COMPILE_FROM and available()
+    return long or (count >= KEPT_FROM and is_kept(batch))
 
 
 def run(

@@ -120,6 +120,17 @@ def is_compiled(function: Callable) -> bool:
     return twin is not None and bool(twin.overloads)
 
 
+def is_kept(function: Callable) -> bool:
+    """Return True if its compiled twin is on disk, for this processor (this imports Numba)."""
+    if not available():
+        return False
+    twin: Any = _twin(function)
+    try:
+        return twin._cache.holds(twin.targetctx.codegen())
+    except Exception:  # Numba's cache where none of ours can be, or a damaged file
+        return False
+
+
 def cannot_compile(error: Exception) -> bool:
     """Return True if `error` is Numba's refusal of a function outside its subset of Python."""
     return type(error).__module__.startswith('numba.')
@@ -236,6 +247,11 @@ def _cache_class() -> type:
 
         def _index_key(self, sig: Any, codegen: Any) -> tuple:
             return (sig, codegen.magic_tuple(), self._content, 'sha256')  # and the file format
+
+        def holds(self, codegen: Any) -> bool:
+            """Return True if the function is on disk, for any types of its arguments."""
+            last = self._index_key(None, codegen)[1:]
+            return any(key[1:] == last for key in self._cache_file._load_index())
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
             try:

@@ -357,7 +357,7 @@ class Joint:
                 return at
             end = at + rows
         part = samples.part(slice(at, end))
-        fast = self._pays(len(samples.stamps)) if fast is None else fast
+        fast = self.pays(len(samples.stamps)) if fast is None else fast
         self._batched(part, fast)
         if learner is not None:
             out = part.out
@@ -376,7 +376,7 @@ class Joint:
             self._follow_turns(turns)
         return at + len(part.stamps)
 
-    def _pays(self, count: int) -> bool:
+    def pays(self, count: int) -> bool:
         """Return True if this many samples take less time in compiled code."""
         return batches.pays(self._batch, count)
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Bank
-from estimator_pkg.driver.batch import COMPILE_FROM, Estimates
-from estimator_pkg.driver.compiled import available
+from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.guard import DUPLICATE, MISCONFIGURED
 from estimator_pkg.driver.joint import Joint
@@ -88,6 +87,7 @@ class Estimation:
         self.bank = bank
         self.seen: set[str] = set()
         self._fast = fast
+        self._expected = 0  # samples of all joints, in all blocks
 
     def update(
         self,
@@ -107,9 +107,7 @@ class Estimation:
         times : when the readings of each group were taken [ns], shape (n,); None: at their stamps.
         """
         width_of_first = len(groups[0].names) if groups else 0
-        long = expected * max(width_of_first, 1) >= COMPILE_FROM
-        if self._fast is None and long and available():
-            self._fast = True  # for the whole bag: speed must not depend on blocks
+        self._expected = expected * max(width_of_first, 1)
         results = []
         parts: dict[str, list[tuple[int, int]]] = {}
         for index, group in enumerate(groups):
@@ -169,7 +167,10 @@ class Estimation:
             order = np.argsort(np.concatenate([source.rows for source in sources]), kind='stable')
             stamps, positions = stamps[order], positions[order]
         before = joint.estimate()[0]
-        out = joint.run(stamps, positions, fast=self._fast)
+        fast = self._fast
+        if fast is None:  # speed must not depend on blocks
+            fast = joint.pays(max(self._expected, len(stamps)))
+        out = joint.run(stamps, positions, fast=fast)
         if history is not None:
             history.setdefault(name, History()).add(stamps, out.status, out.verdict)
         used = out.verdict < DUPLICATE

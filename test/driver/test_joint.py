@@ -7,6 +7,7 @@ import dataclasses
 import math
 
 import numpy as np
+import observer_cases
 import pytest
 from answers import valid
 from observer_cases import angle_observers, label, make, stamps, stream, variants, wrapped
@@ -61,10 +62,13 @@ def test_live_equals_batch(variant):
 
 
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
-def test_a_loop_that_is_compiled_already_is_used_from_a_thousand_samples():
-    joint = make('kalman')
-    joint.run(*stream(5, 1000), fast=True)
-    assert batch.pays(joint._batch, 1000) and not batch.pays(joint._batch, 999)
+def test_a_loop_that_is_compiled_already_is_used_for_shorter_streams(monkeypatch):
+    kalman = observer_cases.joint('kalman')
+    kalman.run(*stream(5, 1000), fast=True)
+    assert kalman.pays(100) and not kalman.pays(99)
+    monkeypatch.setattr(batch, 'KEPT_FROM', 100_000)
+    monkeypatch.setattr(batch, 'is_compiled', lambda loop: False)  # as in the next process
+    assert kalman.pays(100_000) and not kalman.pays(99_999)
 
     def never_compiled():
         pass
