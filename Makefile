@@ -37,12 +37,12 @@ $(STAMP): $(SOURCES)
 	@touch $@
 
 # Tests run on the installed package, not on the checkout next to it.
-# Three workers begin with the tests over DDS, which mostly wait; two, and ruff and mypy, compute.
+# Three workers begin with the tests over DDS, which also wait; one, and ruff and mypy, compute.
 test: install
 	@$(MAKE) --no-print-directory --jobs 2 check test-all
 
 test-all: install
-	$(BIN)/pytest -n 5
+	$(BIN)/pytest -n 4
 
 test-fast: install
 	$(BIN)/pytest -m "not dds and not slow and not page and not long" -n 2

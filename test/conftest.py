@@ -148,7 +148,7 @@ def pytest_runtest_makereport(item, call):
 
 @lru_cache
 def scope(file: str) -> str:
-    """Return what one worker of a parallel run (-n 5) takes as a whole.
+    """Return what one worker of a parallel run (-n 4) takes as a whole.
 
     Tests over DDS mostly wait: three workers begin with them, and the rest is taken by files.
     """

@@ -109,7 +109,7 @@ def kinds(value):
     return tuple(kinds(item) for item in value) if isinstance(value, tuple) else type(value)
 
 
-@pytest.mark.long
+@pytest.mark.slow  # compiles
 @pytest.mark.skipif(not available(), reason='Numba is not installed')
 def test_plain_equals_compiled_per_step_in_another_structure():
     functions = made(form='paper', periods=3, scaling='power', voltage_delay=1.5, initial_flux=0.0)

@@ -297,7 +297,12 @@ def simulated(tmp_path_factory):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    'plant, observer, values, bounds', CASES, ids=[f'{case[0]}-{case[1]}' for case in CASES]
+    'plant, observer, values, bounds',
+    [
+        pytest.param(*case, marks=pytest.mark.slow if case[1] in ('ehgo', 'smo') else ())
+        for case in CASES
+    ],
+    ids=[f'{case[0]}-{case[1]}' for case in CASES],
 )
 def test_errors_stay_within_two_sided_bounds(plant, observer, values, bounds, simulated, tmp_path):
     words = [word for value in values for word in ('--set', value)]

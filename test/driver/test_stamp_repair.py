@@ -69,11 +69,11 @@ def delays(kind, count, random):
     'name, kind, observer',
     [
         ('sine', 'late', 'edge_adaptive'),
-        ('sine', 'either way', 'edge_adaptive'),
+        pytest.param('sine', 'either way', 'edge_adaptive', marks=pytest.mark.slow),
         ('sine', 'either way', 'hybrid_angle'),
-        ('sine', 'in order', 'hybrid_angle'),
+        pytest.param('sine', 'in order', 'hybrid_angle', marks=pytest.mark.slow),
         ('trapezoid', 'late', 'hybrid_angle'),
-        ('trapezoid', 'either way', 'edge_adaptive'),
+        pytest.param('trapezoid', 'either way', 'edge_adaptive', marks=pytest.mark.slow),
         ('trapezoid', 'in order', 'edge_adaptive'),
     ],
 )
@@ -190,11 +190,11 @@ def test_lost_messages_that_jitter_hides_do_little_harm(jitter, dropped):
 @pytest.mark.parametrize(
     'name, rate, dropped, drift',
     [
-        ('fast', 1000.0, 0.05, 0.0),
+        pytest.param('fast', 1000.0, 0.05, 0.0, marks=pytest.mark.slow),
         ('fast', 200.0, 0.1, 1e-4),
         ('sine', 1000.0, 0.05, 1e-4),
         ('sine', 100.0, 0.1, 0.0),
-        ('trapezoid', 1000.0, 0.1, 0.0),
+        pytest.param('trapezoid', 1000.0, 0.1, 0.0, marks=pytest.mark.slow),
     ],
 )
 @pytest.mark.long

@@ -645,6 +645,7 @@ FAULTS = [name for name, case in CASES.items() if not issubclass(case, Fine)]
 ALIKE = (
     *('OnlyTheCurrent', 'OtherNamesInAnOverride', 'OtherNamesAdaptive', 'OtherNamesSwitched'),
     *('OtherNamesMechanical', 'TwoThatAgree', 'OneStamp', 'Killed', 'OneOfTwoEnded'),
+    *('Three', 'JointGoneAmongOthers'),
 )
 
 

@@ -79,7 +79,7 @@ def assert_same(plain, twin):
     'variant',
     [
         # others compile for as long, and what they compile differs little
-        pytest.param(each, marks=[pytest.mark.slow] if each[1] and 'form' not in each[1] else [])
+        pytest.param(each, marks=[pytest.mark.slow] if each[1] else [])
         for each in variants()
     ],
     ids=label,

@@ -32,6 +32,7 @@ DEFAULTS = {
 }
 EXCEPTIONS = dict.fromkeys(DEFAULTS, ())  # none, 310 rad/s included
 SPEEDS = (10.0, 20.0, 50.0, 100.0, 150.0, 200.0, 250.0, 300.0, 310.0)
+QUICK, SLOW = (20.0, 150.0, 310.0), pytest.mark.slow
 
 
 def wrapped(angle):
@@ -57,8 +58,14 @@ def longest(flags):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('speed', SPEEDS)
-@pytest.mark.parametrize('form', DEFAULTS)
+@pytest.mark.parametrize(
+    'form, speed',
+    [
+        pytest.param(form, speed, marks=() if form == 'default' or speed in QUICK else SLOW)
+        for form in DEFAULTS
+        for speed in SPEEDS
+    ],
+)
 def test_locks_from_every_angle_and_says_so(form, speed):
     count = round((WITHIN + 0.5) / DT)
     fast = form == 'default'  # other tests compile this loop, too

@@ -39,6 +39,8 @@ FORMS = {
 }
 CASES = [(name, gains) for name in angle_observers() for gains in ({}, *FORMS.get(name, ()))]
 
+QUICK = 'edge_adaptive', 'pll'  # the others without a quantum run with the slow ones
+
 
 def label(case):
     return '-'.join((case[0], *(str(value) for value in case[1].values())))
@@ -80,8 +82,18 @@ def errors(out, t, late):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('known', [True, False], ids=['quantum', 'no quantum'])
-@pytest.mark.parametrize('case', CASES, ids=label)
+@pytest.mark.parametrize(
+    'case, known',
+    [
+        pytest.param(
+            *(case, known),
+            id=label(case) + '-no' * (not known) + '-quantum',
+            marks=pytest.mark.slow if not known and case[0] not in QUICK else (),
+        )
+        for case in CASES
+        for known in (True, False)
+    ],
+)
 def test_a_late_stamp_is_no_motion(case, known):
     t = np.arange(int(8.0 * RATE)) / RATE
     given = {'quantum': QUANTUM if known else None}

@@ -48,7 +48,7 @@ def test_smo_is_exact_below_its_bound_and_fails_beyond():
 
 @pytest.mark.long
 @pytest.mark.parametrize('name', NAMES)
-@pytest.mark.parametrize('form', ('exact', 'paper'))
+@pytest.mark.parametrize('form', ('exact', pytest.param('paper', marks=pytest.mark.slow)))
 def test_stddev_is_the_scatter_of_the_estimate(name, form):
     dt, count, noise = 2e-3, 20000, (1e-3, 4e-4)
     own = {'mu': [3.0]} if name == 'smo' else {'bandwidth_hz': 8.0}

@@ -60,6 +60,7 @@ def test_the_exponential_is_that_of_scipy():
     assert np.allclose(plant.exponential(matrix), expm(matrix), rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.slow  # compiles
 def test_the_continuous_plant_is_the_exact_one():
     inputs = plant.random_input(plant.VELOCITY, plant.RK4_STEP, 20.0)
     run = plant.continuous(plant.VELOCITY, inputs)
