@@ -44,6 +44,7 @@ def test_a_reader_that_went_away_is_no_error(words, buffered):
     os.close(writing)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not os.path.exists('/dev/full'), reason='not run: no /dev/full here')
 def test_a_full_disk_is_one_line():
     with open('/dev/full', 'w') as full:

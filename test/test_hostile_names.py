@@ -171,6 +171,7 @@ print(json.dumps({name: each.value for name, each in node._parameter_overrides.i
 """
 
 
+@pytest.mark.long
 def test_ros_reads_what_is_written(tmp_path):
     """The parser of rcl takes our quotes and escapes as PyYAML does."""
     path = tmp_path / 'x.yaml'

@@ -214,6 +214,7 @@ def test_docs_are_as_the_code_declares(capsys):
     )
 
 
+@pytest.mark.long
 def test_every_declared_parameter_has_a_row():
     rows = DOCS.read_text(encoding='utf-8').splitlines()
     classes = declaring_classes()

@@ -71,6 +71,7 @@ def without(names, *words, code=CLI, cwd=None):
     return done
 
 
+@pytest.mark.long
 def test_the_overview_names_every_command_and_its_purpose():
     done = without(LIBRARIES, '--help')
     assert done.returncode == 0 and 'imported' not in done.stdout
@@ -92,6 +93,7 @@ EACH = """
 """
 
 
+@pytest.mark.long
 def test_every_command_has_its_help():
     done = without(LIBRARIES, *COMMANDS, code=textwrap.dedent(EACH))
     assert done.returncode == 0 and not done.stderr
@@ -157,6 +159,7 @@ def test_a_missing_library_is_one_line_with_the_command(library, words, tmp_path
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_without_numba_everything_runs(tmp_path):
     done = without(['numba'], 'simulate', 'pmsm', '--out', tmp_path / 'bag', '--duration', '0.05')
     assert done.returncode == 0 and not done.stderr

@@ -52,6 +52,7 @@ def test_the_picture_is_of_these_imports():
     assert rooms.PICTURE.read_text() == rooms.picture(), 'python -m docs.tools.rooms draws it'
 
 
+@pytest.mark.long
 def test_the_arrows_are_few_and_point_down():
     """`picture` refuses an arrow upwards, so no two rooms import each other."""
     assert len(rooms.rooms()) <= 10 and len(rooms.arrows()) <= 20

@@ -268,6 +268,7 @@ except UserError as error:
 """
 
 
+@pytest.mark.long
 def test_a_recording_is_kept_when_the_disk_is_full(tmp_path, capsys):
     pytest.importorskip('resource', reason='not run: no limits of files here')
     path = tmp_path / 'bag'

@@ -160,6 +160,7 @@ def test_updates_name_every_observer_beside_filterpy():
         assert rows[f'{update.BARE} / {entry.label}']['limit'] is None
 
 
+@pytest.mark.long
 def test_filterpy_filters_what_the_observers_get():
     """The peer does the work it is timed for: it follows the angle across its wraps."""
     pytest.importorskip('filterpy')

@@ -80,6 +80,7 @@ def test_what_is_given_to_both_is_as_the_simulator_says():
     assert 0.05 < np.std(loud) < 0.2
 
 
+@pytest.mark.long
 def test_motulator_tracks_so_that_it_is_a_fair_peer():
     signal = drive.simulate(drive.CASES['2000 rpm'], 0.5)
     speed, angle = errors(signal, motulator(signal, 'at the sample'))

@@ -177,6 +177,7 @@ def test_recordings_are_columns_with_their_reference():
     assert error[0] == pytest.approx(0.2, rel=0.1) and error[1] > 0.99
 
 
+@pytest.mark.long
 def test_the_chart(tmp_path):
     found = field.run(columns(), [made('x', {1: (1.0, 9.0)}), made('y', {1: (0.1, 0.2)})])
     chart.draw(found, str(tmp_path / 'field.png'), 'the field')

@@ -18,6 +18,7 @@ def counted(angle):
     return np.round(angle / QUANTUM) * QUANTUM
 
 
+@pytest.mark.long
 def test_every_law_follows_a_constant_speed():
     stamps = 10**9 + (TIME * 1e9).astype(np.int64)
     column = Column('x', '', Samples(stamps, counted(1.3 * TIME), np.full(len(TIME), 1.3)), QUANTUM)

@@ -113,6 +113,7 @@ def test_the_drives_own_bias_lag_and_noise_are_found(bag):
             assert 0.05 < known.noise < 0.12
 
 
+@pytest.mark.long
 def test_fresh_bounds_hold_what_was_measured(measured, capsys):
     rows = list(measured.values())
     fresh = recordings.bounds(rows)

@@ -132,6 +132,7 @@ def test_verdict_of_each_kind():
     assert set(VERDICTS) >= set(joint.dropped()) | set(joint.events())
 
 
+@pytest.mark.long
 @settings(max_examples=100, deadline=None)
 @given(st.integers(201 * MS, FARTHEST - START - 2000 * MS), st.integers(1, 3))
 def test_one_stamp_from_the_far_future_costs_two_samples_at_most(ahead, after):

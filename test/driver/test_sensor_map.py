@@ -174,6 +174,7 @@ def test_a_sensor_without_errors_costs_nothing(observer, readings):
     assert learning.why() == ''
 
 
+@pytest.mark.long
 def test_a_coarse_map_of_one_direction_serves_the_other_until_it_is_learnt():
     stamps, angle, velocity = sampled(lambda time: 20.0 * np.clip(6.0 - time, -1.0, 1.0), 7.6, 2e3)
     readings = read_by(misplaced(32), angle)
@@ -244,6 +245,7 @@ def test_a_cogging_torque_of_many_poles_is_no_error_of_the_sensor(times):
     assert learning.why() == ''
 
 
+@pytest.mark.long
 def test_many_harmonics_are_taken_out_once_another_speed_has_shown_that_they_are_the_sensors():
     stamps, angle, velocity = sampled(lambda t: np.where(t < 6.0, 12.0, 20.0), 18.0)
     readings = eccentric(angle + 0.005 * np.sin(6.0 * angle))
@@ -260,6 +262,7 @@ def test_many_harmonics_are_taken_out_once_another_speed_has_shown_that_they_are
     assert not learning.learner.shaft.tables[0].all_sure  # another wheel's
 
 
+@pytest.mark.long
 def test_an_unbalanced_shaft_is_not_corrected_faster_than_it_was_learnt_from():
     """Its ripple falls with the square of the speed, within a turn and not after several."""
     angle, velocity = cogging(np.repeat([12.0, 24.0], [12_000, 1500]), times=1.0)
@@ -288,6 +291,7 @@ def test_a_cogging_torque_is_dropped_at_another_speed():
     assert not learning.why()
 
 
+@pytest.mark.long
 def test_a_motion_that_another_speed_has_shown_is_not_learnt_at_one_speed_again():
     mean = np.repeat([12.0, 20.0], [5000, 11_000])
     angle, _ = cogging(mean)
@@ -405,6 +409,7 @@ def test_a_batch_of_a_joint_that_does_not_turn_round_copies_no_estimates():
     assert peak < 1.5 * sum(column.nbytes for column in out)
 
 
+@pytest.mark.long
 def test_live_equals_batches_in_parts_with_gaps_and_lost_samples():
     stamps, angle, _ = sampled(20.0, 8.0, 600.0)
     readings = eccentric(angle)

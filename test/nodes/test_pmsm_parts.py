@@ -53,6 +53,7 @@ def twenty():
 # ---- order of batches --------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_repeated_batch_does_nothing_however_long_it_is():
     one, other = joint(), joint()
     for batch in batches(12, rows=700):  # 140 ms each: longer than the reorder window

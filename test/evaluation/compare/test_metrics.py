@@ -366,6 +366,7 @@ def test_numbers_of_tables():
     assert fixed(-1e-6, 2) == '0.00' and fixed(-0.006, 2) == '-0.01'
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('burst', [1e-9, 1e-7])
 def test_stamps_that_hardly_differ_take_no_memory(burst):
     """A clock that stood: half of the samples are a nanosecond apart."""

@@ -108,6 +108,7 @@ def test_another_truth_is_taken_as_it_is(drive, tmp_path):
         assert joints['motor_electrical']['matched']['compared'] <= 15
 
 
+@pytest.mark.long
 def test_a_short_drive_can_be_tuned(drive, tmp_path):
     pytest.importorskip('optuna', reason='not run: Optuna is not installed')
     out = tmp_path / 'out.json'

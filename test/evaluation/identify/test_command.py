@@ -145,6 +145,7 @@ def test_true_numbers_lie_within_the_stated_deviations(of, seeds, crane):
     assert np.max(np.abs(errors)) < 5.0
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not available(), reason='slow without numba')
 def test_a_delay_of_the_inputs_is_found():
     """Efforts that are reported 7 ms after they acted."""
@@ -189,6 +190,7 @@ def test_what_is_found_can_be_replayed_with(recording, tmp_path, capsys):
     assert cli.main(['replay', str(recording), '--observer', 'geso', '--params', str(out)]) == 0
 
 
+@pytest.mark.long
 def test_torque_constant_and_gear_are_taken_as_given(recording, tmp_path):
     reported = tmp_path / 'found.json'
     assert (

@@ -171,6 +171,7 @@ def test_on_recordings(name, joint):
 # ---------------------------------------------------------------- the parts
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'mean, variance, noise',
     [(0.0, 1.0, 0.1), (0.7, 0.01, 0.0), (-3.0, 0.5, 0.2), (40.0, 1.0, 0.05), (0.2, 1e-4, 0.01)],
@@ -204,6 +205,7 @@ def test_a_site_gives_the_moments_of_a_gaussian_in_a_cell(mean, variance, noise)
     assert log_z == pytest.approx(top + math.log(total * (at[1] - at[0])), abs=0.02)
 
 
+@pytest.mark.long
 def test_the_probability_of_cells_is_that_of_drawing_them():
     """Four readings of a coarse counter against draws of the motion."""
     random = np.random.default_rng(0)

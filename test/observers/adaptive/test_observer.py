@@ -259,6 +259,7 @@ def test_a_load_held_at_rest_moves_the_parameters_without_a_gate():
     assert named(made)['k/J'].value < 0.1  # 0.3 is right: spec A5e, "plain"
 
 
+@pytest.mark.long
 def test_without_excitation_nothing_is_presented_as_good():
     made = joint()
     random = np.random.default_rng(1)
@@ -294,6 +295,7 @@ def test_freezing_holds_theta_and_unfreezing_is_bumpless():
     assert named(made)['b/J'].value == pytest.approx(2.0, rel=5e-4)
 
 
+@pytest.mark.long
 def test_starts_frozen_with_saved_parameters():
     u = excited(4000)
     angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3, start=(1.0, 3.0))
@@ -328,6 +330,7 @@ def test_an_outage_and_a_jump_of_the_clock_keep_parameters_and_no_speed(ahead):
     assert made.estimate()[1] == pytest.approx(velocity[17999], abs=1e-3 * np.std(velocity))
 
 
+@pytest.mark.long
 def test_a_gap_keeps_parameters_and_speed():
     u = excited(20000)
     angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
@@ -475,6 +478,7 @@ def test_gain_matrix_and_list_agree():
     assert made._track[6][2] != pytest.approx(thetas[0], rel=1e-3)
 
 
+@pytest.mark.long
 def test_gate_opens_with_excitation():
     made = trained()
     rest_with_load(made, 5.0)
@@ -488,6 +492,7 @@ def test_gate_opens_with_excitation():
 # Numbers that run away
 
 
+@pytest.mark.long
 def test_least_squares_that_forgets_does_not_run_away_while_nothing_moves():
     """At rest without a gate P grows as exp(t/memory), past every float within 700 memories."""
     made = joint(memory=0.04, gate='none', knock=0.0, noise=1e-4)

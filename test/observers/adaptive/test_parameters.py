@@ -115,6 +115,7 @@ def test_trusted_with_a_good_model_and_not_before_enough_was_seen():
         assert item.trusted and abs(item.value - true) < 3.0 * item.stddev < 0.01 * true
 
 
+@pytest.mark.long
 def test_what_the_model_lacks_ends_the_trust():
     """A constant load moves k/J by a third, and no deviation says so: the misfit does."""
     u = excited(12000, hold=100)
@@ -185,6 +186,7 @@ def test_gravity_is_a_known_regressor_over_the_whole_circle():
     )
 
 
+@pytest.mark.long
 def test_a_knock_is_not_learnt_from():
     u = excited(15000, hold=300, size=1.5)
     pushed, _ = pendulum(u, push=300.0)

@@ -55,6 +55,7 @@ def textbook(at, measured, order, density, variance):
     return np.array(velocities)
 
 
+@pytest.mark.long
 @orders
 def test_equals_a_textbook_filter_with_jittered_stamps(order):
     at = stamps(1500, DT, 3e-4)

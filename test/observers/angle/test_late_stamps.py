@@ -108,6 +108,7 @@ def test_a_late_stamp_is_no_motion(case, known):
         assert worst <= usual + 1.0, found  # the speed changes by 0.4 in 4 ms
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('case', [case for case in CASES if not case[1]], ids=label)
 def test_true_sample_times_are_believed(case):
     """Samples drawn at random are no late stamps, and a joint may stop while some are lost."""

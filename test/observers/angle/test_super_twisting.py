@@ -211,6 +211,7 @@ def test_cold_start_on_a_wrapped_angle_locks(form, order):
             assert status == TRACKING
 
 
+@pytest.mark.long
 def test_noise_gain_is_that_of_the_equivalent_linear_filter():
     """White noise on a still shaft: the predicted deviation is right within a factor of 1.5."""
     random = np.random.default_rng(3)

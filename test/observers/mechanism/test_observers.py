@@ -230,6 +230,7 @@ def test_the_driver_drops_numbers_that_are_no_readings():
     assert joint.dropped() == {'non_finite': 1}
 
 
+@pytest.mark.long
 def test_exact_step_is_of_second_order_in_fast_motion():
     """The model is evaluated half-way between samples: a quarter of the error at half the dt."""
     found = []

@@ -29,6 +29,7 @@ SHIFTED = dataclasses.replace(gripper.MODEL, lam=lambda zeta, u: ((u[0], zeta[1]
 MODES = {'close': None, 'same': gripper.SAME}
 
 
+@pytest.mark.long
 def test_a_model_that_knows_its_own_modes_alone_names_a_typical_event():
     """The checks simulate events, whose mode and v mean something to the user's code."""
     strict = dataclasses.replace(
@@ -106,6 +107,7 @@ def test_a_new_load_is_known_within_half_a_second():
     assert joint.estimate()[3] == TRACKING
 
 
+@pytest.mark.long
 def test_after_an_encoder_was_stuck_the_observer_starts_again():
     """Neither the jump nor the Z that was learnt while it was stuck enters the velocity."""
     angles, velocities, torques = gripped(
@@ -126,6 +128,7 @@ def test_after_an_encoder_was_stuck_the_observer_starts_again():
     assert len(wrong) > 1000 and max(wrong) < 0.2
 
 
+@pytest.mark.long
 def test_without_the_event_the_old_load_is_believed():
     angles, _, torques = gripped()
     rows = run(made(quantum=QUANTUM), angles, torques)
@@ -158,6 +161,7 @@ def test_the_angle_may_wrap():
     assert [row[2] for row in wrapped] == pytest.approx([row[2] for row in plain], abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_gap_keeps_what_was_learnt():
     angles, velocities, torques = gripped(3000, loads=())
     joint = made(quantum=QUANTUM)
@@ -191,6 +195,7 @@ def test_two_outputs_and_the_second_joint(velocity):
     assert functions.discrete(state)[2]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'name, words',
     [
@@ -406,6 +411,7 @@ def test_a_bandwidth_is_the_one_from_true_to_estimated_velocity():
     assert max(speeds[6000:]) == pytest.approx(math.sqrt(0.5), rel=0.01)
 
 
+@pytest.mark.long
 def test_the_noise_of_the_velocity_is_as_computed():
     random = np.random.default_rng(3)
     functions = OBSERVER.build(Gains(), Circle(0.0))
@@ -450,6 +456,7 @@ def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
     assert [round(speed, 3) for _, speed in (first, second)] == [0.010, 0.010]
 
 
+@pytest.mark.long
 def test_the_deviation_of_the_velocity_is_that_of_the_errors():
     angles, velocities, torques = gripped(4000, loads=())
     joint = made(quantum=QUANTUM)
@@ -458,6 +465,7 @@ def test_the_deviation_of_the_velocity_is_that_of_the_errors():
     assert 0.4 < error / joint.stddev()[1] < 2.5
 
 
+@pytest.mark.long
 def test_the_acceleration_is_that_of_the_model_once_it_is_known():
     angles, velocities, torques = gripped(4000, loads=())
     joint = made(quantum=QUANTUM)

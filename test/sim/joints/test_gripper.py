@@ -29,6 +29,7 @@ def test_loads_are_those_of_the_model():
     assert plant.discrete(4.0) == pytest.approx(model.OPEN)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('rate', [1000.0, 333.0])
 def test_events_are_announced_when_they_happen(rate):
     found = [
@@ -87,6 +88,7 @@ def test_the_observer_on_the_stream():
         assert after < 2.0 * before
 
 
+@pytest.mark.long
 def test_events_late_past_and_out_of_order():
     joint = SwitchedJoint(OBSERVER, build(OBSERVER.gains, {}), JointSettings())
     ms = 10**6

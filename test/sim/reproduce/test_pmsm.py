@@ -72,6 +72,7 @@ def test_the_status_is_honest(scenario, plant):
     assert found.tracking > 300.0  # and it is not honest by silence
 
 
+@pytest.mark.long
 def test_on_a_slow_ramp_too():
     profile = Profile([(0.1, 0, 0), (2.0, 0, 2000), (0.1, 2000, 2000), (2.0, 2000, 0)])
     for plant in pmsm_drive_rows.PLANTS.values():

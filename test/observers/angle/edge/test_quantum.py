@@ -165,6 +165,7 @@ def test_float_residue_is_not_taken_for_the_quantum(kind, base):
             assert max(found[0] / twin[0], found[1] / twin[1]) <= 1.05, (gains, size)
 
 
+@pytest.mark.long
 def test_float32_readings_and_prismatic_residue_are_no_quantum():
     t, angle, velocity = half_turns()
     clean = np.floor(angle / QUANTUM) * QUANTUM

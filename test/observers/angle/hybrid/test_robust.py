@@ -143,6 +143,7 @@ def test_after_readings_that_stay_astray_it_starts_from_the_newest_two(order, dt
             assert (state[0] - state[1], state[2]) == pytest.approx(expected, abs=1e-8)
 
 
+@pytest.mark.long
 def test_injections_differ_at_large_errors_as_in_figure_4():
     """10 to -20 rad/s in 50 ms, epsilon 0.7 s: the spec's RMS errors, and its order."""
     t = 1e-3 * np.arange(8000)
