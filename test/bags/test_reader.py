@@ -161,6 +161,7 @@ def test_both_times_are_kept(tmp_path):
         assert all(message.publish_ns == message.log_ns for message in bag.messages())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'kind', ['mcap zstd', 'mcap plain', 'mcap lz4', 'mcap small chunks', 'mcap without chunks']
 )

@@ -200,6 +200,7 @@ def recording(tmp_path_factory):
     return make.ours(tmp_path_factory.mktemp('replay') / 'bag', make.content(400))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('kind', ['mcap small chunks', 'sqlite3', 'mcap split', 'ours'])
 def test_the_new_bag_holds_all_and_the_estimates(kind, tmp_path):
     content = make.content(400)
@@ -609,6 +610,7 @@ def test_overrides_of_joints_that_never_come_are_reported(recording, capsys):
     )
 
 
+@pytest.mark.long
 def test_names_of_the_last_release_are_read_with_one_warning(recording, tmp_path, capsys):
     """In a file and on the command line; the estimates are those of the new names."""
     number = itertools.count()

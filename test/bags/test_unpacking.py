@@ -121,6 +121,7 @@ def test_the_index_bounds_a_chunk_too(tmp_path, capsys):
     assert 'wrong size' in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_chunks_that_overlap_are_bounded_together(tmp_path):
     """Each is small; sorted together they would be everything at once."""
     message = make.text('x' * MIB)

@@ -90,6 +90,7 @@ def test_a_millisecond_of_jitter_at_a_kilohertz(name, kind, observer):
     assert 0.2e-3 < repair.jitter < 0.6e-3
 
 
+@pytest.mark.long
 def test_speed_is_right_however_fast():
     samples = recorded('fast')
     stamps = samples.stamps + delays('either way', len(samples.stamps), np.random.default_rng(1))
@@ -177,6 +178,7 @@ def test_lost_messages_of_a_quiet_clock():
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('jitter, dropped', [(MS, 0.1), (2 * MS, 0.01)])
 def test_lost_messages_that_jitter_hides_do_little_harm(jitter, dropped):
     samples = recorded('sine', dropped=dropped)
@@ -252,6 +254,7 @@ def test_gaps_steps_of_the_clock_and_a_looping_bag():
             assert np.std(off) < 100_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('first, then', [(500, 1000), (1000, 500)])
 def test_another_period(first, then):
     samples = recorded('sine', duration=10.0)
@@ -330,6 +333,7 @@ def test_equal_readings_in_a_batch_are_not_one_message(speed):
     assert repair.period == pytest.approx(1e-3, rel=1e-3)
 
 
+@pytest.mark.long
 def test_messages_in_batches():
     samples = recorded('sine')
     stamps = samples.stamps.copy()

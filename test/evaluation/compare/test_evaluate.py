@@ -565,6 +565,7 @@ def test_an_angle_that_selects_nothing_is_no_other_joint(
     assert command == 'replay' or captured.out == ''
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('children', [['wheel'], ['wheel', 'tool', 'lid', 'camera'], []])
 def test_an_element_that_is_of_several_frames_is_reported(tmp_path, capsys, children):
     """Each publisher of /tf sends its own transforms, so the first ones are of different frames."""
@@ -700,6 +701,7 @@ def test_no_bag(tmp_path, capsys):
 # ---------------------------------------------------------------- the plot
 
 
+@pytest.mark.long
 def test_plot(good, tmp_path):
     picture = tmp_path / 'errors.png'
     assert main(['evaluate', good, '--plot', str(picture)]) == 0

@@ -292,6 +292,7 @@ def test_recordings_that_cannot_tell_are_refused_in_one_line(bag, message, capsy
     assert message in error and error.count('\n') == 1
 
 
+@pytest.mark.long
 def test_a_joint_at_rest_has_no_information(tmp_path, capsys):
     bag = tmp_path / 'bag'
     assert (

@@ -42,6 +42,7 @@ def test_a_better_estimate_is_declared_and_the_sign_follows_the_order():
     assert pairs.difference((1.3 * b) ** 2, a**2, block).sign == -1
 
 
+@pytest.mark.long
 def test_the_low_pass_has_its_gain_and_no_phase():
     time = np.arange(20_000) * 1e-3
     for hz in (2.0, 10.0, 12.0):

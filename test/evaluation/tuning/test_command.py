@@ -629,6 +629,7 @@ def test_wrong_use(bag, tmp_path, capsys, words, text):
     assert text in fails(capsys, bag, *words, '--out', str(tmp_path / 'g.yaml'), code=2)
 
 
+@pytest.mark.long
 def test_other_errors(bag, tmp_path, capsys):
     out = ('--observer', 'pll', '--out', str(tmp_path / 'g.yaml'))
     assert "no joint 'knee'" in fails(capsys, bag, *out, '--joint', 'knee')

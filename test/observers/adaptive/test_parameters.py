@@ -131,6 +131,7 @@ def test_what_the_model_lacks_ends_the_trust():
     assert named(made)['load/J'].value == pytest.approx(50.0, rel=5e-3)
 
 
+@pytest.mark.long
 def test_a_bound_that_the_data_contradict_is_in_the_deviation():
     made, _, _ = learnt(1, counts=4096, bounds=('b/J>=2.5',))
     found = named(made)['b/J']

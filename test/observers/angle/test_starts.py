@@ -60,6 +60,7 @@ def test_a_start_that_skips_counts_is_covered_at_any_phase(variant):
         assert measure(name, gains, case).worst < 5.0, case
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('variant', tunable_variants(), ids=label)
 def test_a_start_of_a_joint_that_does_not_wrap_is_covered(variant):
     name, gains = variant
@@ -82,6 +83,7 @@ def test_sigma_is_below_twice_its_steady_value_soon_after_a_start(variant, known
     assert calm <= 20 or calm <= 1.5 * readings_of_error(name, gains, known)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'name, gains, motion, bits, seed',
     [

@@ -357,6 +357,7 @@ def white(functions, rpm, seconds):
     return angle[late], (log.speed - omega)[late], (state, coefficients, design)
 
 
+@pytest.mark.long
 def test_the_intervals_hold_95_percent_of_the_errors():
     functions = made()
     angle, speed, at = white(functions, 4000.0, 1.0)

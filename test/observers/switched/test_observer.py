@@ -135,6 +135,7 @@ def test_without_the_event_the_old_load_is_believed():
     assert abs(rows[2500][0][0] / gripper.CLOSED[0] - 1.0) > 0.1
 
 
+@pytest.mark.long
 def test_two_events_closer_than_the_settling_time_leave_the_prediction():
     angles, _, torques = gripped(3200)
     rows = run(made(quantum=QUANTUM), angles, torques, [(2000, 'close'), (2250, 'same')])
@@ -172,6 +173,7 @@ def test_a_gap_keeps_what_was_learnt():
     assert joint.estimate()[1] == pytest.approx(velocities[2999], abs=0.2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('velocity', ['filtered', 'cascade'])
 def test_two_outputs_and_the_second_joint(velocity):
     model = load('example')

@@ -91,6 +91,7 @@ def test_a_vibration_of_hardly_more_than_a_count_is_noticed(rate, period, quanta
     assert np.mean((error < 1.96 * out.velocity_stddev)[half + 100 :]) > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('noise', [2e-5, 2e-4])
 def test_a_blow_is_not_overshot(noise):
     """A speed that jumps, at 300 Hz, read without a quantum to speak of."""
@@ -316,6 +317,7 @@ def wild(seed):
     return at, angle, given, period
 
 
+@pytest.mark.long
 def test_no_stream_makes_it_fail_or_say_what_is_no_number():
     """After a start the speed may be 10^10 times as uncertain as the angle: nothing may cancel."""
     for seed in range(60):

@@ -39,6 +39,7 @@ def test_once_found_the_state_is_that_with_the_quantum_given():
         assert other == pytest.approx(one, rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('start', [start for start, _ in WORST])
 def test_once_found_the_start_is_as_old_as_with_the_quantum_given(start):
     (given, _), (unknown, _) = (states(start, gains) for gains in ({'quantum': start.quantum}, {}))
@@ -59,6 +60,7 @@ def irregular(seed):
     return stamps(300), wrapped(2.0 * math.pi / 4096.0 * np.cumsum(counts))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('chunk', [7, 1000])
 def test_readings_in_blocks_and_compiled_count_again_as_live(chunk):
     for at, read in (*(stream(start)[:2] for start, _ in WORST), *map(irregular, range(5))):

@@ -154,6 +154,7 @@ def tan_ends_on_an_alias(start):
     return abs(velocity) > 1.0
 
 
+@pytest.mark.long
 def test_tan_sampled_ends_on_an_alias_from_8_of_360_angles():
     starts = wrapped(np.radians(np.arange(360) + 0.5))
     assert sum(map(tan_ends_on_an_alias, starts)) == 8
