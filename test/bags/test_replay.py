@@ -25,6 +25,7 @@ from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
@@ -98,6 +99,19 @@ def in_blocks(raws, cuts, setup, only=(), fast=False, skip='nan'):
         assert found == [dict(*single.feed(0, raw, 0)) for raw in raws]
         assert stream.answered == single.answered
     return stream, [{k: answer[k] for k in answer if k < 2} for answer in found]
+
+
+def test_the_size_of_a_bag_decides_whether_compiling_pays_and_not_that_of_a_block(monkeypatch):
+    asked = []
+    monkeypatch.setattr(Joint, 'pays', lambda joint, count: bool(asked.append(count)))
+    stream = AngleStream(AngleSettings(), Configuration(observers.find('pll')))
+    stream.expected = 1000
+    encode = Encoder().encode
+    raws = [encode(START + k * 1_000_000, '', ('a', 'b'), (0.0, 1.0)) for k in range(9)]
+    for part in (raws[:4], raws[4:]):
+        block = from_messages([0] * len(part), range(len(part)), range(len(part)), part)
+        assert sum(len(answers.rows) for answers in stream.feed_block([0], block))
+    assert asked == [2000] * 4  # two joints in two blocks
 
 
 @st.composite
