@@ -97,7 +97,7 @@ def checks(seen: Readings, found: Motion | None) -> list[Finding]:
     result = []
     for name, words, values in (
         ('finite difference', 'raw', raw),
-        ('low-passed', f'low-passed at {LOW_PASS:g} Hz', seen.difference.velocity),
+        ('low-passed', f'at {LOW_PASS:g} Hz', seen.difference.velocity),
     ):
         rms, noise, late = error(values)
         result.append(

@@ -74,6 +74,7 @@ def test_the_report_fits_80_columns_and_ends_in_a_verdict(report):
     assert f'elbow:\n  Use {result["observer"]} ' in verdict
     assert 'wrist:\n  No ranking: the joint does not move enough' in verdict
     checks = {each['check']: each for each in result['joints']['elbow']['findings']}
+    assert not [name for name, each in checks.items() if each['value'].startswith(name)]
     assert checks['low-passed']['delay_s'] == pytest.approx(1.0 / (2.0 * math.pi * 50.0), abs=1e-3)
     assert checks['resolution']['counts_per_turn'] == pytest.approx(4096.0)
 
