@@ -209,6 +209,13 @@ def test_commands_in_the_documentation_are_understood(page, words):
         assert (ROOT / bag).exists()
 
 
+def test_a_status_is_echoed_as_a_whole():
+    # without -f, ros2 topic echo cuts each text at 128 characters, and with it the remedy
+    text = ''.join(page.read_text() for page in [*pages(), *ROOT.glob('.github/**/*.md')])
+    shown = [line for line in re.findall('ros2 topic echo.*', text) if '/status' in line]
+    assert shown and all(' -f ' in line for line in shown), shown
+
+
 def test_modules_and_nodes_in_the_documentation_exist():
     text = ''.join(page.read_text() for page in pages())
     for module in set(re.findall(r'python -m ([\w.]+)', text)):
