@@ -17,7 +17,7 @@ from estimator_pkg.driver.guard import DUPLICATE, ZERO_STAMP
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.nodes import faults
 from estimator_pkg.nodes.endpoints import Endpoints
-from estimator_pkg.nodes.faults import Faults, listed, of_joints, say
+from estimator_pkg.nodes.faults import Faults, listed, of_joints, say, which
 from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import JointWatch
 from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
@@ -87,8 +87,9 @@ class Detector:
             self.first_input = now
         returned = self._watch.returned
         if returned:
-            subject = of_joints(list(returned), self._stream.KEPT, ('is', 'are'))
-            self._report_return(0, subject, max(returned.values()), now)
+            names = list(returned)
+            subject = of_joints(names, self._stream.KEPT, ('is', 'are'))
+            self._report_return(0, subject, max(returned.values()), now, which(names))
             returned.clear()
 
     def forget(self, names: Iterable[str]) -> None:
@@ -154,10 +155,12 @@ class Detector:
             each.unnamed = UNNAMED_PUBLISHER in each.found
             if several and twice and not unnamed:
                 verb = ('comes', 'come')
-                names = of_joints(twice, 'joint', verb) if any(twice) else 'messages come'
-                who = faults.publishers(sorted(each.found))
                 found[f'twice {each.topic_name}'] = say(
-                    'twice', names=names, topic=each.topic_name, who=who
+                    'twice',
+                    names=of_joints(twice, 'joint', verb) if any(twice) else 'messages come',
+                    topic=each.topic_name,
+                    who=faults.publishers(sorted(each.found)),
+                    which=which(twice),
                 )
         if missing and self.first_input and now - self.first_input >= JOINT_PATIENCE:
             found.update(self._missing(missing, now))
@@ -192,14 +195,13 @@ class Detector:
                 if count and not each.optional and now - since > self._patience:
                     self._report_return(port, 'the messages are', now - since, now)
 
-    def _report_return(self, port: int, subject: str, outage: float, now: float) -> None:
+    def _report_return(
+        self, port: int, subject: str, outage: float, now: float, which: str = ''
+    ) -> None:
         """Report what is back, with the length of the outage [s]."""
-        each = self.inputs[port]
-        self._faults.begin(
-            f'back {each.topic_name}',
-            say('back', subject=subject, topic=each.topic_name, passed=outage),
-            now,
-        )
+        topic = self.inputs[port].topic_name
+        text = say('back', subject=subject, topic=topic, passed=outage, which=which)
+        self._faults.begin(f'back {topic}', text, now)
 
     def _of_silence(self, now: float) -> dict[str, str]:
         """Return the inputs whose messages ended, and the joints that are in none any more."""
@@ -222,8 +224,9 @@ class Detector:
         carried = measured.senders.recent(now - patience)
         gone = sorted(set(self._watch.names_of(self._watch.silent)) - carried)
         if gone and carried:
-            what = f'no sample of {listed(gone, chr(39))} on {measured.topic_name}'
-            ended = self._ended(measured, what, max(self._watch.silent.values()), now)
+            some = f"'{gone[0]}'" if len(gone) == 1 else f'{len(gone)} joints'
+            what = f'no sample of {some} on {measured.topic_name}'
+            ended = self._ended(measured, what, max(self._watch.silent.values()), now, which(gone))
             found['silent'] = (
                 ended
                 if 'ended;' in ended
@@ -237,12 +240,12 @@ class Detector:
             )
         return found
 
-    def _ended(self, each: Input, what: str, since: float, now: float) -> str:
+    def _ended(self, each: Input, what: str, since: float, now: float, which: str = '') -> str:
         """Return the text about an input, or some joints of it, that came until `since`."""
         left = sorted(name for name, when in each.left.items() if when > since - self._shortest)
         kind = 'ended' if left or not each.found else 'silent'
         who = listed(left or each.found) or 'its publisher'
-        return say(kind, what=what, passed=now - since, who=who)
+        return say(kind, what=what, passed=now - since, who=who, which=which)
 
     def _of_messages(self, new: Mapping[str, int]) -> dict[str, str]:
         """Return faults of whole messages: those that are dropped or lost."""
@@ -348,21 +351,26 @@ class Detector:
         """Report rates that changed; losses and gaps are reported elsewhere."""
         holes = ('events.outage', 'events.gap', 'events.clock_jump', 'events.stray_stamp')
         holed = mixed or new['lost_by_dds'] or any(new[kind] for kind in holes)
-        changed = []
+        changed = {}
         for name, joint in self._stream.bank.joints.items():
             rate = self._rates.setdefault(name, _Rate())
             counts = joint.counts
             count = sum(counts) - counts[DUPLICATE] - counts[ZERO_STAMP]
             change = rate.measure(count, joint.last_ns, bool(holed))
             if change:
-                changed.append(change)
+                changed[name] = change
         if changed:
-            before, after = map(faults.rounded, changed[0])
-            self._faults.begin(
+            name, *others = changed
+            before, after = map(faults.rounded, changed[name])
+            text = say(
                 'rate',
-                say('rate', topic=self.inputs[0].topic_name, before=before, after=after),
-                now,
+                name=name,
+                topic=self.inputs[0].topic_name,
+                before=before,
+                after=after,
+                which=f' (also {listed(others, chr(39))})' if others else '',
             )
+            self._faults.begin('rate', text, now)
 
 
 class _Rate:

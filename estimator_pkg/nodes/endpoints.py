@@ -33,6 +33,7 @@ from estimator_pkg.nodes.misfits import misfits, type_name
 from estimator_pkg.nodes.outputs import Output, Outputs
 from estimator_pkg.nodes.qos import estimates, overriding, sensor_data
 from estimator_pkg.nodes.ros_parameters import in_words
+from estimator_pkg.ros import observers
 
 
 def get_message(name: str) -> Any:
@@ -172,6 +173,7 @@ class Endpoints:
         """Return the topics with a publisher of an input's type that may be meant, as text."""
         node = self._node
         own = {*self.inputs, *(publisher.topic_name for publisher in self._publishers)}
+        own.update(*(observers.outputs(node, name) for name in observers.observers(node)))
         names = sorted(
             name
             for name, kinds in node.get_topic_names_and_types()

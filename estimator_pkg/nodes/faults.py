@@ -24,6 +24,7 @@ AGAIN = 2.0  # a fault that returns after this time is logged again [s]
 NAMED = 5  # largest number of names in a text
 SLOWEST_TURNS = 5.0  # time in which several publishers of a joint must alternate [s]
 FORGOTTEN = 60.0  # names that have not come for this time are forgotten [s]
+MEANT = 'did you mean '  # how `suggestion` begins where a name is near
 LAYOUTS = 8  # layouts that are kept to read names
 
 TEXTS: Mapping[str, str] = {
@@ -35,13 +36,13 @@ TEXTS: Mapping[str, str] = {
     'connected; remap one of them',
     'qos': 'a {role} on {topic} has an incompatible QoS and is not connected: {who} has '
     '{policy} {theirs}, this node {ours}; {remedy}',
-    'twice': '{names} on {topic} from {who}: the estimates mix their samples; stop one of them, '
-    'or remap its topic',
-    'missing': '{names} not in {topic}, which carries {carried}: {hint}',
-    'ended': '{what} for {passed:.1f} s: {who} ended; start it again',
+    'twice': '{names} on {topic} from {who}: stop one of them, or remap its topic; the estimates '
+    'mix their samples{which}',
+    'missing': '{names} not in {topic}: {hint} ({which}it carries {carried})',
+    'ended': '{what} for {passed:.1f} s: {who} ended; start it again{which}',
     'silent': '{what} for {passed:.1f} s: nothing comes from {who}; check that it runs and is not '
-    'paused (after a crash it stays visible for up to 20 s)',
-    'back': '{subject} back on {topic} after an outage of {passed:.1f} s',
+    'paused (after a crash it stays visible for up to 20 s){which}',
+    'back': '{subject} back on {topic} after an outage of {passed:.1f} s{which}',
     'zero_stamp': '{count} samples on {topic} have no time stamp and are dropped: {remedy}',
     'no_clock': 'use_sim_time is true, but nobody publishes /clock: start the simulation, play the '
     "bag with '--clock', or unset use_sim_time",
@@ -52,8 +53,8 @@ TEXTS: Mapping[str, str] = {
     'dropped: publish them in the order of their stamps',
     'repeated': '{count} of {received} samples on {topic} repeat the previous reading and are '
     'dropped: publish each reading once; the sensor is slower than its driver',
-    'rate': 'the rate of {topic} changed from {before} to {after} Hz: check the load of '
-    'its publisher; if the new rate is right, check the gains for it',
+    'rate': "the rate of '{name}' on {topic} changed from {before} to {after} Hz: check the load "
+    'of its publisher; if the new rate is right, check the gains for it{which}',
     'jump': 'the clock of the measurements jumped (a looping bag, a restarted simulation{several}):'
     ' its {kept}s are reset',
     'malformed': 'messages on {topic} are malformed and dropped: {why}',
@@ -79,9 +80,15 @@ def listed(names: Iterable[str], quote: str = '') -> str:
 
 
 def of_joints(names: Sequence[str], kept: str, verb: tuple[str, str]) -> str:
-    """Return the subject of a text about joints with its verb: "joints 'a', 'b' are"."""
-    plural = len(names) > 1
-    return f'{kept}{"s" * plural} {listed(names, chr(39))} {verb[plural]}'
+    """Return the subject of a text about joints, and its verb: "joint 'a' is", "2 joints are"."""
+    return (
+        f"{kept} '{names[0]}' {verb[0]}" if len(names) == 1 else f'{len(names)} {kept}s {verb[1]}'
+    )
+
+
+def which(names: Sequence[str], form: str = ' ({})') -> str:
+    """Return the names that `of_joints` only counts; they come last, after the remedy."""
+    return form.format(listed(names, "'")) if len(names) > 1 else ''
 
 
 def publishers(names: Sequence[str]) -> str:
@@ -108,13 +115,15 @@ def absent(
     alike : names of the topic that a missing joint may have; None: all.
     """
     hints = [suggestion(name, carried if alike is None else alike) for name in missing]
-    near = [hint for hint in hints if hint.startswith('did you mean')]
+    near = dict.fromkeys(hint[len(MEANT) : -1] for hint in hints if hint.startswith(MEANT))
+    meant = f'{MEANT}{", ".join([*near][:NAMED])}?' if near else ''
     return say(
         'missing',
         names=of_joints(missing, 'joint', ('is', 'are')),
+        which=which(missing, 'missing: {}; '),
         topic=topic,
         carried=listed(sorted(carried)) or 'no names',
-        hint=' '.join([*near[:NAMED], *filter(None, [always])]) or otherwise,
+        hint=' '.join(filter(None, [meant, always])) or otherwise,
     )
 
 

@@ -17,7 +17,7 @@ from estimator_pkg.driver.guard import VERDICTS
 from estimator_pkg.nodes.detection import INPUT_PATIENCE, JOINT_PATIENCE, Detector
 from estimator_pkg.nodes.diagnostics import ERROR, OK, WARN, array, counters, entry, joint_status
 from estimator_pkg.nodes.endpoints import Endpoints
-from estimator_pkg.nodes.faults import Faults, listed, rounded
+from estimator_pkg.nodes.faults import Faults, listed, of_joints, rounded, which
 from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import NEW, JointWatch, Status
 from estimator_pkg.nodes.qos import latched
@@ -142,8 +142,8 @@ class Health:
         self._detector.forget(old)
         self._faults.begin(
             'expired',
-            f'{self._stream.KEPT} {listed(old, chr(39))}: no sample for {expiry:g} s, removed '
-            '(expiry)',
+            of_joints(old, self._stream.KEPT, ('is', 'are'))
+            + f' removed: no sample for {expiry:g} s (expiry){which(old)}',
             now,
         )
 
@@ -314,7 +314,7 @@ class Health:
             if status == LOST and ';' in why and VERDICTS[verdict] not in ELSEWHERE:
                 lost.setdefault(why, []).append(name)
         for why, names in lost.items():
-            text = f'{self._stream.KEPT} {listed(names, chr(39))}: {why}'
+            text = of_joints(names, self._stream.KEPT, ('has', 'have')) + f' {why}{which(names)}'
             self._faults.begin(f'lost {why}', text, monotonic())
 
     def _report_unknown_parameters(self) -> None:

@@ -32,6 +32,15 @@ def observers(node: Any) -> set[str]:
     return {name for name in names if name + RESET in services}
 
 
+def outputs(node: Any, name: str) -> dict[str, list[str]]:
+    """Return the types of the topics that the node of this full name publishes."""
+    space, _, own = name.rpartition('/')
+    try:
+        return dict(node.get_publisher_names_and_types_by_node(own, space or '/'))
+    except Exception:  # of rcl: the node has just gone
+        return {}
+
+
 def estimate_topics(node: Any, name: str) -> tuple[str, str]:
     """Return the topics of an observer's estimates and standard deviations; '' for none yet.
 
@@ -39,12 +48,7 @@ def estimate_topics(node: Any, name: str) -> tuple[str, str]:
     ----------
     name : full name of the observer's node. Its topics may be remapped.
     """
-    space, _, own = name.rpartition('/')
-    try:
-        published = node.get_publisher_names_and_types_by_node(own, space or '/')
-    except Exception:  # of rcl: the node has just gone
-        return '', ''
-    states = sorted(topic for topic, types in published if STATES in types)
+    states = sorted(topic for topic, types in outputs(node, name).items() if STATES in types)
     estimates = [topic for topic in states if not topic.endswith(STDDEV)]
     ours = [topic for topic in estimates if topic.endswith('/estimate')] or estimates
     return (next(iter(ours), ''), next((topic for topic in states if topic.endswith(STDDEV)), ''))

@@ -498,7 +498,11 @@ class Stream(ABC):
             if 'misconfigured' in dropped:  # the joint knows the parameter
                 said = joint.why() or said
             joints.setdefault(said, []).extend(self.names_of(name))
-        return '; '.join(f'{", ".join(names)}: {said}' for said, names in joints.items() if said)
+        return '; '.join(
+            f'{names[0]}: {said}' if len(names) == 1 else f'{said} ({", ".join(names)})'
+            for said, names in joints.items()
+            if said
+        )
 
     def summary(self) -> dict[str, Any]:
         """Return what happened to all messages and samples."""

@@ -304,7 +304,7 @@ def test_a_period_that_does_not_fit_is_said_and_nothing_is_estimated(capsys, tmp
         assert not states(bag, '/pmsm_observer/estimate')
         assert not rows(bag, '/pmsm_observer/estimate_samples')[1][:, 3].any()
     said, error = capsys.readouterr()
-    assert 'no estimate was made: motor, motor_electrical: sample_period is 5e-05 s' in error
+    assert 'no estimate was made: sample_period is 5e-05 s, but the stamps are' in error
     assert 'sample_period is 5e-05 s, but the stamps are 0.0002 s apart' in said
     assert 'misconfigured 3500' in said
     with replay(BAGS / 'drive_profile', tmp_path / 'fits', '--set', 'sample_period=2e-4') as bag:

@@ -361,7 +361,7 @@ def test_a_stray_stamp_is_no_gap(size):
             "or set 'stamp_source: publisher'",
         ),
         (1, ['a'], [math.nan], 'a: every sample dropped: NaN or infinite'),
-        (1, ['a', 'b'], [math.nan] * 2, 'a, b: every sample dropped: NaN or infinite'),
+        (1, ['a', 'b'], [math.nan] * 2, 'every sample dropped: NaN or infinite positions (a, b)'),
         (-1, ['a'], [0.1], 'a: 8 of 9 samples dropped: repeated stamps'),
         (1, ['a', 'b'], [0.1], 'no message of /joint_states has as many positions as names'),
         (1, ['a'], [], 'no message of /joint_states has a position'),

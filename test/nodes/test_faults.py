@@ -30,6 +30,20 @@ def test_faults_of_ever_new_kinds_are_not_kept():
     assert len(found._seen) <= faults.AGAIN + 1
 
 
+def test_the_remedy_comes_before_a_list_of_joints():
+    joints = [f'left_arm_shoulder_joint_{k}' for k in range(8)]
+    verb = ('is', 'are')
+    assert faults.of_joints(joints[:1], 'joint', verb) == f"joint '{joints[0]}' is"
+    assert faults.which(joints[:1]) == ''
+    assert faults.of_joints(joints, 'joint', verb) + faults.which(joints) == (
+        "8 joints are ('" + "', '".join(joints[:5]) + "' and 3 more)"
+    )
+    text = faults.absent(joints[:3], '/joint_states', joints[3:], "set 'joints'")
+    assert text.startswith(
+        f"3 joints are not in /joint_states: did you mean '{joints[7]}'? (missing: '{joints[0]}', "
+    ) and text.endswith(f'; it carries {", ".join(joints[3:])})')
+
+
 def test_ever_new_names_are_not_kept_and_two_publishers_of_a_joint_are_found(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(faults, 'monotonic', lambda: now[0])

@@ -345,7 +345,7 @@ def test_joints_expire_unless_they_are_named(still, kind, capfd):
     assert after['joints_expired'] == 2 and after['received'] == 9
     assert after['used'] == before['used']
     said = capfd.readouterr().err
-    assert 'no sample for 0.02 s, removed (expiry)' in said and "'joints_max'" in said
+    assert 'removed: no sample for 0.02 s (expiry)' in said and "'joints_max'" in said
     live.feed(['old'], 9)
     assert live.node.stream.bank.joints['old'].used == 1
 

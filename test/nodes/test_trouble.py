@@ -150,8 +150,8 @@ def test_samples_that_are_all_dropped_are_reported_with_the_reason(own, capfd):
     live.take(states, live.encode(BEGIN + 2 * MS, '', 'abcdefg', [math.nan] * 7))
     said = capfd.readouterr().err
     assert (
-        "joint 'a', 'b', 'c', 'd', 'e' and 2 more: no usable sample for 0.02 s; "
-        'received samples are dropped: their numbers are not finite'
+        '7 joints have no usable sample for 0.02 s; received samples are dropped: their numbers '
+        "are not finite ('a', 'b', 'c', 'd', 'e' and 2 more)"
     ) in said
     assert live.node.health.watch.statuses['g'][1].endswith('their numbers are not finite')
 
@@ -245,6 +245,36 @@ def test_publishers_of_another_type_are_reported(own, capfd):
     rclpy.shutdown(context=context)
 
 
+def test_a_change_of_rate_names_the_joints(own, capfd):
+    from sensor_msgs.msg import JointState
+
+    live = own(AngleStream)
+    states = live.publisher(JointState, 'joint_states')
+    stamp = BEGIN
+    for step in (10, 10, 10, 20, 20):
+        for k in range(10):
+            stamp += step * MS
+            live.take(states, live.encode(stamp, '', ('a', 'b'), (0.01 * k, 0.02 * k)))
+        live.reported()
+    assert (
+        "the rate of 'a' on /joint_states changed from 100 to 50 Hz: check the load of its "
+        "publisher; if the new rate is right, check the gains for it (also 'b')"
+    ) in capfd.readouterr().err
+
+
+def test_outputs_of_our_nodes_are_no_hint(own):
+    from sensor_msgs.msg import JointState
+
+    live, other = own(AngleStream), own(SwitchedStream, model=f'{__name__}:RAISING')
+    assert dds.until(lambda: live.node.count_publishers(f'/{other.node.get_name()}/estimate'))
+    [each] = live.node._endpoints._inputs
+    assert live.node._endpoints._instead(each) == ''
+    driver = live.probe.node.create_publisher(JointState, '/arm/joint_states', 1)
+    assert dds.until(lambda: live.node.count_publishers('/arm/joint_states'))
+    assert live.node._endpoints._instead(each) == "; did you mean '/arm/joint_states'?"
+    live.probe.node.destroy_publisher(driver)
+
+
 def test_what_a_topic_carries_is_what_came_last(own):
     """Two publishers, so that names are noted all the time."""
     from sensor_msgs.msg import JointState
@@ -259,7 +289,7 @@ def test_what_a_topic_carries_is_what_came_last(own):
             live.reported()
         live.node.health.look()
     said = live.reported().message
-    assert "joint 'b' is not in /joint_states, which carries a: " in said
+    assert "joint 'b' is not in /joint_states: check its publisher (it carries a)" in said
 
 
 @pytest.mark.parametrize(
@@ -276,7 +306,7 @@ def test_a_joint_of_an_override_that_never_comes(joint, advice, own):
     states = live.publisher(JointState, 'joint_states')
     live.take(states, live.encode(BEGIN, '', ('elbow', 'wrist'), (0.1, 0.2)))
     live.node.health._detector.first_input -= JOINT_PATIENCE
-    expected = f"joint '{joint}' is not in /joint_states, which carries elbow, wrist: {advice}"
+    expected = f"joint '{joint}' is not in /joint_states: {advice} (it carries elbow, wrist)"
     assert expected in live.reported().message and "'joints'" not in live.reported().message
 
 
