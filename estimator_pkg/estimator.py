@@ -31,6 +31,7 @@ __all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
 
 VALID = ('tracking', 'coasting')  # statuses with which a node publishes a velocity
 NAN = math.nan
+NAME_IT = "use observer='{0}'"  # what to do to have another observer's gain
 
 
 class Estimate(NamedTuple):
@@ -105,7 +106,7 @@ class VelocityEstimator:
         contradict each other, or an observer that needs more than an angle.
     """
 
-    def __init__(self, observer: str = observers.DEFAULT, /, **parameters: Any) -> None:
+    def __init__(self, observer: str = observers.DEFAULT, **parameters: Any) -> None:
         self._observer = observers.find(str(observer))
         kind = observers.find(observers.DEFAULT).kind
         if self._observer.kind != kind:
@@ -113,7 +114,7 @@ class VelocityEstimator:
                 f"observer '{observer}' needs more inputs than an angle: use its node "
                 f'or one of {", ".join(observers.of_kind(kind))}'
             )
-        self._configuration = Configuration(self._observer, parameters)
+        self._configuration = Configuration(self._observer, parameters, remedy=NAME_IT)
         self._joint = self._make(self._configuration)
         self._last = NO_ESTIMATE
 
@@ -138,7 +139,7 @@ class VelocityEstimator:
         except (TypeError, ValueError) as error:
             raise UsageError(
                 'update needs an integer stamp [ns] and a number [rad or m], not '
-                f'{stamp_ns!r} and {angle!r}: int(1e9 * seconds) makes a stamp'
+                f'{stamp_ns!r} and {angle!r}: round(1e9 * seconds) makes a stamp'
             ) from error
         joint = self._joint
         if joint.update(stamp_ns, angle):
@@ -211,7 +212,8 @@ class VelocityEstimator:
         UsageError : as when the estimator is made; a structural parameter; or gains that are
             unstable at the measured sample rate. Nothing is changed then.
         """
-        configuration = Configuration(self._observer, {**self._configuration.common, **parameters})
+        values = {**self._configuration.common, **parameters}
+        configuration = Configuration(self._observer, values, remedy=NAME_IT)
         for name, parameter in configuration.parameters().items():
             if name in parameters and parameter.structural:
                 raise UsageError(f"parameter '{name}' is structural: make a new VelocityEstimator")

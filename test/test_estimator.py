@@ -218,7 +218,8 @@ def test_reset_starts_again_and_keeps_counting():
         (('hybrid_angle',), {'bandwith_hz': 20.0}, "did you mean 'bandwidth_hz'"),
         (('hybrid_angle',), {'bandwidth_hz': math.nan}, 'must be finite'),
         (('hybrid_angle',), {'bandwidth_hz': 'fast'}, 'must be a number'),
-        ((), {'bandwidth_hz': 20.0}, "write 'observer: hybrid_angle'"),
+        ((), {'bandwidth_hz': 20.0}, "does not: use observer='hybrid_angle'"),
+        ((), {'observer': 'hybrid_angel'}, "did you mean 'hybrid_angle'"),
         (('kalman',), {'model': 'constant_jerk'}, 'is not one of'),
         (('geso',), {}, 'needs more inputs than an angle'),
         (('pmsm',), {}, 'needs more inputs than an angle'),
@@ -236,9 +237,11 @@ def test_errors_when_it_is_made(words, parameters, said):
 )
 def test_a_sample_that_is_no_sample_is_refused(stamp, reading):
     estimator = VelocityEstimator()
-    with pytest.raises(UsageError, match='integer stamp'):
+    with pytest.raises(UsageError, match='integer stamp') as found:
         estimator.update(stamp, reading)
     assert estimator.received == 0
+    [remedy] = re.findall(r'\w+\(1e9 \* seconds\)', str(found.value))
+    assert f'`{remedy}`' in PAGE.read_text()  # the page and the message give one formula
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,7 @@ class Configuration:
     common : values by parameter name, for every joint.
     overrides : joint name -> values by parameter name; others come from `common`.
     settings : declares the parameters of each joint in addition to the gains.
+    remedy : how a user selects another observer, with {0} for its name.
 
     Raises
     ------
@@ -73,8 +74,9 @@ class Configuration:
         common: Mapping[str, Any] | None = None,
         overrides: Mapping[str, Mapping[str, Any]] | None = None,
         settings: type[JointSettings] = SensorSettings,
+        remedy: str = NAME_IT,
     ) -> None:
-        self.observer, self._settings = observer, settings
+        self.observer, self._settings, self._remedy = observer, settings, remedy
         self.common = dict(common or {})
         self.overrides = {joint: dict(values) for joint, values in (overrides or {}).items()}
         for values in (self.common, *self.overrides.values()):
@@ -102,7 +104,7 @@ class Configuration:
         known = self.parameters()
         for name, value in values.items():
             if name not in known:
-                hint = instead(name, known, self.observer, NAME_IT)
+                hint = instead(name, known, self.observer, self._remedy)
                 raise UsageError(
                     f"unknown parameter '{name}' of {self.observer.name}: "
                     + (hint or suggestion(name, known))
