@@ -216,6 +216,12 @@ def test_a_status_is_echoed_as_a_whole():
     assert shown and all(' -f ' in line for line in shown), shown
 
 
+def test_the_repository_has_one_address():
+    declared = re.findall('<url type="repository">(.*)</url>', (ROOT / 'package.xml').read_text())
+    cloned = re.findall(r'git clone (\S+)', ''.join(page.read_text() for page in pages()))
+    assert len(cloned) > 2 and set(cloned) == set(declared)
+
+
 def test_modules_and_nodes_in_the_documentation_exist():
     text = ''.join(page.read_text() for page in pages())
     for module in set(re.findall(r'python -m ([\w.]+)', text)):
