@@ -5,6 +5,7 @@
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -320,6 +321,29 @@ def test_the_class_in_an_executor_of_ones_own(probe):
         executor.shutdown()
         thread.join()
         node.destroy_node()
+
+
+def test_the_code_of_the_page_starts_and_ends_a_node(probe):
+    page = Path(__file__).parents[2] / 'docs/ros_tools.md'
+    start, end = re.findall(r'```python\n(.*?)```', page.read_text(), re.DOTALL)
+    for _ in range(2):
+        exec(start, names := {})
+        spins = threading.Event()
+
+        def spin(executor=names['executor'], ends=spins):
+            while not ends.is_set():
+                executor.spin_once(timeout_sec=0.1)
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+        with dds.Observer(probe, '/arm_observer') as live:
+            live.connect()
+            assert len(live.feed(turning(live, ['a'], [1.0], 50))) == 50
+            spins.set()
+            thread.join()
+            exec(end, names)
+            probe.until(lambda live=live: not live.publisher.get_subscription_count())
+        names['executor'].shutdown()
 
 
 def test_publishers_come_and_go_while_several_threads_spin(probe):
