@@ -28,6 +28,24 @@ from estimator_pkg.parameters import Parameter, build, declared, parse_assignmen
 from estimator_pkg.printable import printable
 
 WIDTH = 80  # columns
+FIRST = {  # what users set, and what for
+    'an encoder of 4096 counts per turn': '`quantum: 0.001534` (2 pi / counts)',
+    'a prismatic joint, or one that counts turns': '`wrap_period: 0.0`',
+    'less noise; less delay': '`prefer: smooth`; `prefer: fast`',
+    'some of the joints alone': "`joints: ['elbow', 'wrist']`",
+    'another value for one joint': '`per_joint.elbow.prefer: fast`',
+    'a driver that leaves its stamps zero': '`stamp_source: publisher`',
+    'stamps that jitter, of a device that samples regularly': '`stamp_repair: regular`',
+    'ros2_control or MoveIt, which need finite velocities': '`no_estimate: skip`',
+    'raw counts': '`input: angle`, `angle_type: Int32`, `counts_per_revolution: 4096`',
+    'a number of another message': '`input: field`, `field_type`, `field`',
+    'a linear observer with a known delay': '`observer: hybrid_angle`, `bandwidth_hz: 20.0`',
+    'a mechanism and its torque (`mechanical_observer`)': '`model`, `model_parameters`',
+    'a motor without an encoder (`pmsm_observer`)': '`resistance`, `inductance`, `flux`, '
+    '`pole_pairs`, `speed_max`',
+    'a servo of unknown parameters (`adaptive_observer`)': '`order`, `bandwidth_hz`',
+    'a system that switches (`switched_observer`)': '`model`, `bandwidth_hz`',
+}
 
 
 def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dict[str, str]]:
@@ -280,9 +298,17 @@ def brief(item: Item, width: int) -> str:
 
 def markdown_tables(kinds: dict[str, list[Item]]) -> str:
     """Return the text of docs/parameters.md."""
+    ordered = _usual_first(kinds)
+    first = [
+        'The default node needs no parameter. What most users set:',
+        '',
+        markdown(('for', 'set'), list(FIRST.items())),
+        '',
+    ]
     parts = [
         '# Parameters',
         '',
+        *(first if ordered is not kinds else ()),
         'Set a parameter of a node in its parameter file (`/**` or the name of the node, then '
         '`ros__parameters`), or with `-p name:=value`. `per_joint.<joint>.<parameter>` is for one '
         'joint. Commands on bags take the same file with `--params`, and `--set name=value`.',
@@ -298,7 +324,7 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
         '',
         '`velocity_estimator list --markdown` makes this page from the declarations in the code.',
     ]
-    for kind, items in _usual_first(kinds).items():
+    for kind, items in ordered.items():
         with_parameters = [item for item in items if item.parameters]
         if not with_parameters:
             continue
@@ -319,7 +345,7 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
                             p.range_text(),
                             meaning(p, item.live),
                         )
-                        for p in item.parameters
+                        for p in sorted(item.parameters, key=lambda each: each.advanced)
                     ],
                 ),
             ]

@@ -15,7 +15,7 @@ import pytest
 
 import estimator_pkg
 import sim_pkg
-from estimator_pkg import listing, parameters, registry
+from estimator_pkg import listing, observers, parameters, registry, streams
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import declared
@@ -248,3 +248,27 @@ def test_the_page_of_parameters_opens_with_the_default_node(capsys):
     assert heads[:4] == [f'Default node: joint_observer with {observer}', *usual]
     assert all(heads.count(name) == 1 for name in usual)
     assert 'Default node' not in listed(capsys, 'pll', '--markdown')
+
+
+def test_the_page_of_parameters_begins_with_what_users_set(capsys):
+    page = listed(capsys, '--markdown')
+    table = page[: page.index('\n## ')]
+    set_first = {
+        name.rpartition('.')[2]
+        for row in table.splitlines()
+        if row.startswith('| ')
+        for name in re.findall(r'`([\w.]+)(?::[^`]*)?`', row)
+    }
+    declared_names = {name for cls in declaring_classes().values() for name in declared(cls)}
+    nodes = {stream.NODE for stream in streams.every()}
+    assert {'quantum', 'wrap_period', 'prefer', 'no_estimate', 'pole_pairs'} <= set_first
+    assert set_first <= declared_names | nodes
+    assert 'users set' not in listed(capsys, 'pll', '--markdown')
+
+
+def test_parameters_that_few_need_come_last_in_a_table(capsys):
+    rows = re.findall(r'(?m)^[|] `(\w+)`', listed(capsys, 'hybrid_angle', '--markdown'))
+    gains = declared(observers.find('hybrid_angle').gains)
+    assert [gains[name].advanced for name in rows] == sorted(
+        each.advanced for each in gains.values()
+    )
