@@ -273,6 +273,54 @@ def test_the_site_is_built(site):
             assert f'<code>{parameter}</code>' in page, (name, parameter)
 
 
+# What people type into the search, and the page that has the answer
+TAG = re.compile('<[^>]*>')
+SEARCHED = {
+    'savgol': 'library',
+    'pandas': 'library',
+    'derivative': 'library',
+    'filtfilt': 'library',
+    'differentiate': 'library',
+    'butterworth': 'observers/finite_difference',
+    'savitzky': 'field',
+    'average': 'field',
+    'alpha': 'observers/kalman',
+    'degrees': 'troubleshooting',
+    'rpm': 'troubleshooting',
+    'noisy': 'troubleshooting',
+    'spikes': 'troubleshooting',
+    'gyro': 'choosing',
+    'imu': 'choosing',
+    'fusion': 'choosing',
+    'lifecycle': 'ros_tools',
+    'plotjuggler': 'ros_tools',
+    'odometry': 'drop_in',
+    'moveit': 'drop_in',
+    'jitter': 'stamps_and_quantisation',
+    'resolution': 'stamps_and_quantisation',
+    'smoothing': 'stamps_and_quantisation',
+    'confidence': 'coverage',
+    'uncertainty': 'glossary',
+    'quantum': 'glossary',
+    'csv': 'first_drive',
+    'datasheet': 'first_drive',
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('word', SEARCHED)
+def test_words_that_people_search_for_lead_to_the_answer(site, word):
+    index = json.loads((site / 'search' / 'search_index.json').read_text())
+    separator = index['config']['separator']
+    found = {
+        entry['location'].partition('.html')[0]
+        for entry in index['docs']
+        for token in re.split(separator, f'{entry["title"]} {TAG.sub(" ", entry["text"])}'.lower())
+        if token.startswith(word)  # the search adds an asterisk
+    }
+    assert SEARCHED[word] in found, sorted(found)
+
+
 def test_formulas_are_typeset_as_they_are_meant():
     typeset = hooks().typeset
     bars = typeset(r'\lvert e \rvert^2')
@@ -306,10 +354,13 @@ def test_links_search_and_formulas_work_from_files(site):
         driver.execute_script("document.querySelector('#__search').click()")
         words = driver.find_element('css selector', '[data-md-component=search-query]')
         until(words.is_displayed)
-        words.send_keys('super-twisting differentiator')
-        found = until(lambda: driver.find_elements('css selector', '.md-search-result__link'))
-        found = [each.get_attribute('href').partition('?')[0] for each in found]
-        assert f'file://{site}/observers/super_twisting.html' in found
+        for text, page in (
+            ('super-twisting differentiator', 'observers/super_twisting'),
+            ('savgol', 'library'),
+        ):
+            words.clear()
+            words.send_keys(text)
+            until(lambda page=page: f'file://{site}/{page}.html' in results(driver))
 
         # the subscripts of f_k: below their base, as a font with a table of mathematics places them
         driver.get(f'file://{site}/observers/finite_difference.html')
@@ -328,6 +379,14 @@ def test_links_search_and_formulas_work_from_files(site):
         assert not [e for e in driver.get_log('browser') if e['level'] == 'SEVERE']
     finally:
         driver.quit()
+
+
+def results(driver):
+    """The pages that the search shows."""
+    return driver.execute_script(
+        "return [...document.querySelectorAll('.md-search-result__link')]"
+        '.map(each => each.href.split(/[?#]/)[0])'
+    )
 
 
 def until(true, seconds=10.0):
