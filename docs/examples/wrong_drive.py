@@ -73,7 +73,7 @@ def main() -> None:
     ones = np.ones(4)
     cases: list[tuple[str, Array, dict[str, float]]] = [
         ('nothing', samples, {}),
-        ('current counted out of the motor', samples * [-1, -1, 1, 1], {}),
+        ('current positive out of the motor', samples * [-1, -1, 1, 1], {}),
         ('two phases swapped, in currents and voltages', samples * [1, -1, 1, -1], {}),
         ('two phases swapped in the currents alone', samples * [1, -1, 1, 1], {}),
         ('voltages line to line', line_to_line(samples), {}),

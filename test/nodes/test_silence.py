@@ -452,7 +452,7 @@ class RepeatedStamps(Case):
 
 
 class OneStamp(Case):
-    """a stamp that stands still"""
+    """a stamp that never changes"""
 
     report = RepeatedStamps.report
     later = True
