@@ -153,11 +153,11 @@ def rows(kind: str, values: dict[str, Any]) -> Iterator[Row]:
         node.destroy_node()
 
 
-def table(kind: str) -> str:
-    """Return the table of a node; a topic's content has the setting that it needs."""
+def lines(kind: str) -> list[tuple[str, ...]]:
+    """Return the lines of a node's table; a topic's content has the setting that it needs."""
     variants = [(values, list(rows(kind, values))) for values in NODES[kind]]
     order = {row: None for _, found in variants for row in found}
-    lines = []
+    found = []
     for row in sorted(order, key=lambda row: ('input', 'output', 'service').index(row.role)):
         having = [values for values, found in variants if row in found]
         needs = ''
@@ -170,8 +170,8 @@ def table(kind: str) -> str:
                 needs = 'if the observer estimates it'
         meaning = MEANING[f'service {row.name}' if row.role == 'service' else row.name]
         content = f'{meaning} ({needs})' if needs else meaning
-        lines.append((row.role, f'`{row.name}`', row.type, row.qos, content))
-    return markdown(('', 'name', 'type', 'QoS', 'content'), lines)
+        found.append((row.role, f'`{row.name}`', row.type, row.qos, content))
+    return found
 
 
 def simulated() -> str:
@@ -187,10 +187,13 @@ def simulated() -> str:
 
 def page() -> str:
     """Return the text of docs/topics.md."""
+    tables = {registry.find(registry.STREAMS, kind).NODE: lines(kind) for kind in NODES}
+    first, *others = tables.values()
+    every = [line for line in first if all(line in other for other in others)]
     parts = [INTRODUCTION]
-    for kind in NODES:
-        stream = registry.find(registry.STREAMS, kind)
-        parts += [f'## {stream.NODE}', table(kind)]
+    for node, found in {'Every node': [], **tables}.items():
+        own = [line for line in found if line not in every] or every
+        parts += [f'## {node}', markdown(('', 'name', 'type', 'QoS', 'content'), own)]
     missing = [text for name, text in MEANING.items() if text not in '\n'.join(parts)]
     if missing:
         raise ValueError(f'no node has the topics of these texts: {missing}')
