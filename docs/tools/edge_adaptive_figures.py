@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The figures of docs/observers/edge_adaptive.md.
+"""The figures of docs/observers/edge_adaptive*.md.
 
 python -m docs.tools.edge_adaptive_figures docs/figures
 """

@@ -101,9 +101,6 @@ def raised(text):
 
 def on_page_markdown(markdown, page=None, **_):
     """Return a page's text with tables and formulas; mkdocs calls this for each page."""
-    folder, _, name = page.file.src_uri.removesuffix('.md').partition('/') if page else ('', '', '')
-    if folder == 'observers' and not PLACE.search(markdown):
-        markdown += f'\n\n## Parameters\n\n{{{{ parameters {name} }}}}\n'
     markdown = markdown.replace('{{ changelog }}', changelog())
     markdown = MATHEMATICS.sub(
         lambda found: f'<div class="mathematics">{typeset(found.group(1))}</div>', markdown

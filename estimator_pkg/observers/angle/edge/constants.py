@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The constants of the laws; docs/observers/edge_adaptive.md says where each comes from."""
+"""The constants of the laws; docs/observers/edge_adaptive_theory.md says where each comes from."""
 
 from __future__ import annotations
 

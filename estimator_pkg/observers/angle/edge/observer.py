@@ -9,7 +9,7 @@ What differs from a Kalman filter (`covariance`) is what it makes of a reading (
 is an interval, an edge is a time; `update`), how fast it listens (`bandwidth`), that it learns its
 sensor (`quantum`, `sensor`) and its stamps (`clock`), and how it starts (`start`). The one thing a
 user says is the quantum, and even that is checked. The derivation is in
-docs/observers/edge_adaptive.md, whose headings are those of `step`.
+docs/observers/edge_adaptive_theory.md, whose headings are those of `step`.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 
 """The measurement update: an interval meets the Gaussian of the prediction, and both laws listen.
 
-The equations are those of docs/observers/edge_adaptive.md, "What an edge shows" and "How the
+The equations are those of docs/observers/edge_adaptive_theory.md, "What an edge shows" and "How the
 bandwidth moves".
 """
 

@@ -235,7 +235,7 @@ def sways(deviations):
 
 @pytest.mark.parametrize('counts', [0.004, 0.07, 0.25, 1.0 / 3.0, 0.4, 0.5, 0.63, 0.93, 1.02, 7.34])
 def test_a_constant_speed_does_not_sway(counts):
-    """However it beats with the sampling; the mean is what docs/observers/edge_adaptive.md says."""
+    """However it beats with the sampling; the mean is that of edge_adaptive_theory.md."""
     moved = np.diff(np.floor(counts * np.arange(6001) + 0.123))
     means = sways(moved - counts)
     beside = abs(counts - round(counts))
