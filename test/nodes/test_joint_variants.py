@@ -136,8 +136,8 @@ def test_incompatible_qos_and_misspelt_names_are_reported(processes, observe, pr
     process.prints("unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?")
     process.prints("unknown parameter 'per_joint.arm.nose': did you mean 'noise'?")
     process.prints(
-        "joint 'sholder' is not in /misspelt/joint_states, which carries shoulder: did you mean "
-        "'shoulder'?"
+        "joint 'sholder' is not in /misspelt/joint_states: did you mean 'shoulder'? "
+        "correct 'per_joint.sholder.noise' (it carries shoulder)"
     )
     assert process.output.count('unknown parameter') == 3  # what the YAML sets is known
 
