@@ -23,6 +23,7 @@ from estimator_pkg.evaluation.doctor.readings import (
     Rows,
     short,
 )
+from estimator_pkg.evaluation.ranking.cautions import DOUBT, contradiction
 from estimator_pkg.evaluation.reference.motion import Motion, motion
 from estimator_pkg.parameters import declared
 
@@ -67,6 +68,8 @@ def reference(seen: Readings, rows: Rows) -> Motion | None:
 def checks(seen: Readings, found: Motion | None) -> list[Finding]:
     """Return the findings on the raw and the low-passed difference, and a published velocity.
 
+    One on the reference comes first if its readings contradict it.
+
     Parameters
     ----------
     found : as `reference` returns it.
@@ -95,6 +98,8 @@ def checks(seen: Readings, found: Motion | None) -> list[Finding]:
     later = seen.rows[1:][seen.joined]
     raw[later] = seen.moves[seen.joined] / seen.steps[seen.joined]
     result = []
+    if found.smoothed.contradicted:
+        result.append(Finding('reference', WARN, contradiction(found.smoothed), DOUBT))
     for name, words, values in (
         ('finite difference', 'raw', raw),
         ('low-passed', f'at {LOW_PASS:g} Hz', seen.difference.velocity),

@@ -10,15 +10,20 @@ import numpy as np
 from estimator_pkg.evaluation.ranking.verdict import STANDING
 from estimator_pkg.evaluation.reference.motion import Motion
 from estimator_pkg.evaluation.reference.put_back import SEEN
+from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.text import number
 
 AT_REST = 0.01  # a joint that moves less in the whole record is at rest [rad]
 SHORT = 5.0  # a shorter record shows too little of the motion [s]
+DOUBT = 'judge by a measured truth, or record again without jumps and repeated readings'
 
 
 def cautions(reference: Motion) -> tuple[str, ...]:
     """Return the cautions for this joint, most important first; the last one always applies."""
     found = []
+    left = reference.smoothed
+    if left.contradicted:
+        found.append(f'{contradiction(left)}; every error here may be wrong: {DOUBT}')
     if reference.constant:
         found.append(
             f'the joint {_steady(reference)}, so noise alone is ranked and delay is not: record '
@@ -35,7 +40,6 @@ def cautions(reference: Motion) -> tuple[str, ...]:
             f'{reference.fresh.stale:.0%} of the readings in motion repeat the one before; only '
             'new readings make the reference'
         )
-    left = reference.smoothed
     if (
         not (reference.standing or reference.constant or reference.put_back or reference.seldom)
         and left.unexplained > SEEN * left.uncertainty
@@ -48,6 +52,14 @@ def cautions(reference: Motion) -> tuple[str, ...]:
     if length < SHORT:
         found.append(f'the record has only {number(length, 2)} s: a longer one may rank otherwise')
     return (*found, reference.standing or STANDING)
+
+
+def contradiction(smoothed: Smoothed) -> str:
+    """Return how the readings contradict the noise that was fitted to them."""
+    return (
+        f'the off-line reference takes {number(smoothed.noise.reading, 2)} rad for noise, but the '
+        f'readings scatter by {number(smoothed.scatter, 2)} rad'
+    )
 
 
 def _steady(reference: Motion) -> str:

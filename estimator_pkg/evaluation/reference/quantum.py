@@ -36,7 +36,8 @@ def quantum(readings: Array) -> float:
     same = SAME * float(np.max(np.abs(finite)))
     moves = np.diff(finite)
     found = _spacing(finite, same)
-    finer = _spacing(moves[np.abs(moves) < np.pi], 2.0 * same)  # without the wraps
+    wrap = max(0.5 * float(np.ptp(finite)), 1.5 * found)  # moves are shorter
+    finer = _spacing(moves[np.abs(moves) < wrap], 2.0 * same)
     if not found or not finer:
         return 0.0
     return finer if finer < CLEARLY_FINER * found else found

@@ -29,6 +29,8 @@ from estimator_pkg.evaluation.doctor.examine import examine
 from estimator_pkg.evaluation.doctor.readings import Readings
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
+from estimator_pkg.evaluation.reference.smoother import smoother
+from estimator_pkg.evaluation.reference.smoother.noise import Noise
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
@@ -97,6 +99,27 @@ def test_the_page_has_verdict_file_and_checks(report):
     page = (folder / 'page.html').read_text()
     assert page.index('Verdict') < page.index('Parameter file') < page.index('Checks')
     assert 'ros__parameters' in page and 'class="WARN"' in page and '<script' not in page
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('wrong', [False, True])
+def test_a_reference_that_its_readings_contradict_is_warned_of(
+    wrong, tmp_path, monkeypatch, capsys
+):
+    """With the noise that a fit once found: 0.33 rad, where it was 2 mrad."""
+    noise = iter(2e-3 * np.random.default_rng(0).standard_normal(3000))
+    path = bag(tmp_path / 'bag', {'joint': lambda t: math.sin(2.0 * t) + next(noise)})
+    if wrong:
+        fitted = Noise(0.33, 3.5e-6, 0.0, False)
+        monkeypatch.setattr(smoother, 'white', lambda *_: fitted)
+    text = 'takes 0.33 rad for noise, but the readings scatter by 0.002'
+    assert main(['evaluate', path, '--observer', 'kalman']) == 0
+    evaluated = ' '.join(capsys.readouterr().out.split())
+    assert main(['doctor', path]) == 0
+    found = ' '.join(capsys.readouterr().out.split())
+    assert (f'{text} rad; every error here may be wrong: judge by a measured' in evaluated) is wrong
+    assert (f'WARN reference the off-line reference {text} rad -> judge by' in found) is wrong
+    assert (f'{text} rad; every error' in found) is wrong
 
 
 def verdict(rms, better):

@@ -16,6 +16,7 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.options import Options
+from estimator_pkg.evaluation.reference.smoother import pieces
 from estimator_pkg.evaluation.reference.smoother.cells import site
 from estimator_pkg.evaluation.reference.smoother.noise import Noise
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece
@@ -206,8 +207,9 @@ def test_a_site_gives_the_moments_of_a_gaussian_in_a_cell(mean, variance, noise)
 
 
 @pytest.mark.long
-def test_the_probability_of_cells_is_that_of_drawing_them():
+def test_the_probability_of_cells_is_that_of_drawing_them(monkeypatch):
     """Four readings of a coarse counter against draws of the motion."""
+    monkeypatch.setattr(pieces, 'WITHIN', 1.0)
     random = np.random.default_rng(0)
     steps = np.array([0.0, 1.0, 1.0, 1.0])
     cells = np.array([0.0, 0.0, 1.0, 1.0])

@@ -25,7 +25,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.reference.smoother.pieces import start
 from estimator_pkg.evaluation.reference.smoother.steps import predict
 
 Array = NDArray[np.float64]
@@ -174,7 +173,7 @@ def sweep(
 
 
 def along(
-    variance: float,
+    start: tuple,
     gaps: Array,
     centres: Array,
     half: float,
@@ -191,11 +190,11 @@ def along(
 
     Parameters
     ----------
-    variance : of the position at either end of the stretch [rad^2].
+    start : state at either end of the stretch, relative to its cell.
     """
     log_z, way = 0.0, -1
     for turn in range(passes):
-        x = start(centres[0] if way > 0 else centres[-1], variance)
+        x = (centres[0] if way > 0 else centres[-1], *start[1:])
         log_z = sweep(
             x, way, gaps, centres, half, noise, jerk, sites, messages, turn > 0, turn == passes - 1
         )

@@ -26,6 +26,8 @@ STRETCHES = 12  # at most this many of them, evenly over the record
 RATIOS = (-16.0, 6.0)  # search range of log10 of qc h^5 / r
 TINY = 1e-10  # rounding error of a large reading, as a fraction of it,
 USUAL = 0.99  # where large is the reading above this fraction of all, to ignore outliers
+LEAST = 1e-60  # variance of readings that are all 0
+FAST = 100.0  # speed at a start of the likelihood [standard deviations per sample time]
 CELL_READINGS = 24_000  # the probability of cells is evaluated on about this many readings
 PLAIN_READINGS = 3_000  # (without compilation), in stretches of
 CELL_STRETCH = 1500  # this many readings or, if that is longer, with this many
@@ -87,15 +89,17 @@ def white(
     step = float(np.median(np.concatenate([part.steps[1:] for part in chosen])))
     size = float(np.quantile(np.abs(readings), USUAL)) if len(readings) else 0.0
     count = quantum(readings)
-    floor = max(count * count / 12.0, (TINY * max(size, 1.0)) ** 2)
+    floor = max(count * count / 12.0, (TINY * size) ** 2, LEAST)
     if reading is not None:
         floor = reading * reading
     judge = compiled(likelihood)
 
     def sums(r: float, qc: float) -> tuple[float, float, int]:
         logs, squares, number = 0.0, 0.0, 0
+        unit = r + qc * step**5  # so the start is the same for every scale of the variances
         for part in chosen:
-            found = judge(start(part.readings[0], r), part.steps, part.readings, r, qc, period)
+            first = start(part.readings[0], unit, FAST * math.sqrt(unit) / step, step)
+            found = judge(first, part.steps, part.readings, r, qc, period)
             logs, squares, number = logs + found[0], squares + found[1], number + found[2]
         return logs, squares, number
 

@@ -18,7 +18,9 @@ Stamps = NDArray[np.int64]
 HOLE = 0.2  # a longer gap [s] cuts the record, or, if that is longer, one of
 HOLE_STEPS = 10.0  # this many median sample times
 FEWEST = 12  # pieces with fewer readings are ignored
-LOOSE = 1e6  # variance of speed and acceleration at the start of a piece
+LOOSE = 100.0  # variances at the start of a piece are this multiple of the usual ones
+USUAL = 0.9  # the usual speed of a piece is above this fraction of all its speeds
+WITHIN = 10.0  # an acceleration changes the usual speed by as much in this many sample times
 
 
 class Piece(NamedTuple):
@@ -31,6 +33,19 @@ class Piece(NamedTuple):
     rows: NDArray[np.int64]
     steps: Array
     readings: Array
+
+    @property
+    def step(self) -> float:
+        """Median sample time [s]."""
+        return float(np.median(self.steps[1:]))
+
+    @property
+    def speed(self) -> float:
+        """Usual speed from one reading to the next [rad/s]."""
+        known = np.isfinite(self.readings)
+        time = np.cumsum(self.steps)[known]
+        speeds = np.abs(np.diff(self.readings[known]) / np.diff(time))
+        return float(np.quantile(speeds, USUAL)) if len(speeds) else 0.0
 
     def part(self, first: int, count: int) -> Piece:
         """Return at most `count` readings from the `first` on."""
@@ -66,6 +81,16 @@ def stretches(parts: list[Piece], length: int, most: int) -> list[Piece]:
     return [found[round(at)] for at in np.linspace(0, len(found) - 1, most)]
 
 
-def start(reading: float, variance: float) -> tuple[float, ...]:
-    """Return the state before a piece: at its first reading, speed and acceleration unknown."""
-    return (float(reading), 0.0, 0.0, 100.0 * variance, 0.0, 0.0, LOOSE, 0.0, LOOSE)
+def start(reading: float, variance: float, speed: float, step: float) -> tuple[float, ...]:
+    """Return the state before a piece: near its first reading, speed and acceleration unknown.
+
+    Its variances are in proportion to the readings, so their unit does not matter. Larger ones
+    would cost digits, because the first corrections subtract numbers of that size.
+
+    Parameters
+    ----------
+    variance : of a reading. speed, step : of the piece, see `Piece`.
+    """
+    fast = LOOSE * (speed**2 + variance / step**2)
+    change = fast / (WITHIN * step) ** 2
+    return (float(reading), 0.0, 0.0, LOOSE * variance, 0.0, 0.0, fast, 0.0, change)

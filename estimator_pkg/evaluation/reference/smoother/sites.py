@@ -34,7 +34,8 @@ class Stretch:
     def __init__(self, part: Piece, quantum: float) -> None:
         self._part, self._quantum = part, quantum
         count = len(part.readings)
-        self._step = float(np.median(part.steps[1:])) if count > 1 else 1.0
+        self._step = part.step if count > 1 else 1.0
+        self._speed = part.speed
         self._rows, self._gaps = np.empty(count, np.int64), np.empty(count + 1)
         self._messages = np.empty((count, 9))
         self._sites, self._guessed = np.zeros((count, 2)), np.empty((count, 2))
@@ -74,7 +75,7 @@ class Stretch:
         if not len(rows):
             return 0.0
         half = 0.5 * self._quantum
-        x = start(centres[0], half * half / 3.0 + blur * blur)
+        x = start(centres[0], half * half / 3.0 + blur * blur, self._speed, self._step)
         sites = self._guessed[: len(rows)]
         return compiled(filtered)(x, gaps, centres, half, blur, jerk, sites)
 
@@ -101,7 +102,7 @@ class Stretch:
             self._newest = self._sites[rows]
         self._of = rows
         log_z = compiled(along)(
-            variance,
+            start(0.0, variance, self._speed, self._step),
             gaps,
             centres,
             half,

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.reference.smoother.noise import COARSE, Noise, in_cells, white
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.residual import unexplained
@@ -40,6 +41,7 @@ COUNTS = 2.0  # if their error is at least this many quanta, and this many times
 ALONE = 3.0  # both neighbours: a jump of the acceleration affects neighbours too
 FEWEST_CHANGES = 40  # smallest number of changes of a counted reading that shows the motion
 LOOSER = 3.0  # a larger multiple of the median standard deviation marks the ends of a piece
+CONTRADICTS = 5.0  # a fitted noise above this multiple of the readings' scatter is wrong
 NO_NEWS = 1e-9  # a cell below this fraction of a reading's usual weight is ignored
 
 
@@ -53,6 +55,7 @@ class Smoothed(NamedTuple):
     unexplained : rms speed of the residual that is not white noise [rad/s].
     changes : number of changes of a counted reading; -1 if readings are not counted.
     rows : shape (n,), indices of the readings in the record.
+    scatter : standard deviation of white noise with the readings' third differences [rad].
     """
 
     stamps: Stamps
@@ -65,6 +68,7 @@ class Smoothed(NamedTuple):
     unexplained: float
     changes: int = -1
     rows: NDArray[np.int64] = np.zeros(0, np.int64)
+    scatter: float = math.nan
 
     @property
     def firm(self) -> NDArray[np.bool_]:
@@ -75,6 +79,12 @@ class Smoothed(NamedTuple):
     def seldom(self) -> bool:
         """True if the reading changes too rarely to show the motion."""
         return 0 <= self.changes < FEWEST_CHANGES
+
+    @property
+    def contradicted(self) -> bool:
+        """True if the readings scatter far less than the noise that was fitted to them."""
+        noise = self.noise
+        return not noise.at_floor and noise.reading > CONTRADICTS * max(self.scatter, noise.quantum)
 
     @property
     def uncertainty(self) -> float:
@@ -146,6 +156,7 @@ def smooth(
         unexplained(parts, rest, weights, found.quantised),
         _changes(parts, found.quantum),
         rows,
+        _scatter(parts, period),
     )
 
 
@@ -187,7 +198,7 @@ def _smooth(part: Piece, weights: Array, noise: Noise, period: float) -> Array:
     states, innovations = np.empty((min(CHUNK, count), 9)), np.empty((min(CHUNK, count), 2))
     known = np.flatnonzero(weights > 0.0)
     first = float(part.readings[known[0]]) if len(known) else 0.0
-    entered = [start(first, noise.reading**2)]
+    entered = [start(first, noise.reading**2, part.speed, part.step)]
     for at in starts[:-1]:
         here = slice(at, at + CHUNK)
         entered.append(
@@ -245,8 +256,19 @@ def _without_outliers(
 
 def _rest(part: Piece, smoothed: Array, period: float) -> Array:
     """Return the readings minus the smoothed positions, wrapped."""
-    rest = part.readings - smoothed[:, 0]
-    return rest - period * np.floor(rest / period + 0.5) if period > 0.0 else rest
+    return wrapped(part.readings - smoothed[:, 0], period)
+
+
+def _scatter(parts: list[Piece], period: float) -> float:
+    """Return the standard deviation of white noise with the readings' third differences [rad].
+
+    A motion only adds to it.
+    """
+    third = [
+        np.diff(wrapped(np.diff(part.readings), period) / part.steps[1:], 2) * part.step
+        for part in parts
+    ]
+    return math.sqrt(float(np.nanmean(np.concatenate(third) ** 2)) / 20.0)
 
 
 def _changes(parts: list[Piece], quantum: float) -> int:
