@@ -397,7 +397,7 @@ class Bag:
                 f"--dst {file.stem}'"
             )
         if start[:6] == b'SQLite':
-            self._add_sqlite(sqlite_file.SqliteFile(file, self.warn, packed))
+            self._add_sqlite(sqlite_file.SqliteFile(file, self.warn))
         elif start[:5] == b'\x89MCAP':
             self._add_mcap(mcap_file.McapFile(file, self.warn, self._limit))
         elif not start:
