@@ -46,7 +46,7 @@ def recover(path: str, out: str, unpack_limit: int = unpacking.LIMIT) -> dict[st
     with interrupts.gently(), BagWriter(out, keep=True) as writer:
         for file in files:
             for topic, message in _messages(file, unpack_limit):
-                raw = message.raw
+                raw: bytes | memoryview = message.raw
                 if topic.serialization == CDR and raw.startswith(ZSTD):
                     raw = unpacking.unpack_message(
                         memoryview(raw), f'{file}: a message', unpack_limit

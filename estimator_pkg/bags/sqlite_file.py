@@ -15,16 +15,21 @@ import apsw
 from rosbags.interfaces import Connection
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
+from estimator_pkg.bags import unpacking
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, from_messages
 
 MAGIC = b'SQLite format 3\0'
 ENDINGS = ('', '-wal', '-journal')  # of the files of one database
-ROWS = 4096  # messages per block
+ROWS = 4096  # messages per block, if they are small
 
 
 class SqliteFile:
     """A sqlite3 file that is open for reading.
+
+    Parameters
+    ----------
+    limit : bytes that a message may have, if the file is not larger: its columns can be computed.
 
     Attributes
     ----------
@@ -35,7 +40,7 @@ class SqliteFile:
     UserError : it is empty, damaged, or not a bag.
     """
 
-    def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, warn: Callable[[str], None], limit: int) -> None:
         self.path = path
         self._warn = warn
         for ending in ENDINGS[1:]:
@@ -58,6 +63,9 @@ class SqliteFile:
         except Exception as error:  # the library may raise anything for a damaged file
             why = first_line(error).replace(str(for_library), str(path))
             raise UserError(f'{path} cannot be read as a bag: {why}') from error
+        assert self._reader.dbconn is not None
+        self._most = min(max(limit, path.stat().st_size), 2**31 - 1)
+        self._reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, self._most)
         every = list(self._reader.connections)
         self.connections: list[Connection] = [
             item for item in every if isinstance(item.topic, str) and isinstance(item.msgtype, str)
@@ -83,6 +91,7 @@ class SqliteFile:
         topic: list[int] = []
         times: list[int] = []
         raws: list[bytes] = []
+        size = 0
 
         def full() -> tuple[int, Callable[[], Block]]:
             block = from_messages(topic, times, times, raws)
@@ -94,12 +103,15 @@ class SqliteFile:
                 if not isinstance(raw, bytes) or not isinstance(time_ns, int):
                     strange += 1
                     continue
+                if len(raws) == ROWS or (raws and size + len(raw) > unpacking.PIECE):
+                    yield full()
+                    topic, times, raws, size = [], [], [], 0
                 topic.append(self._places[connection.id])
                 times.append(time_ns)
                 raws.append(raw)
-                if len(raws) == ROWS:
-                    yield full()
-                    topic, times, raws = [], [], []
+                size += len(raw)
+        except apsw.TooBigError:
+            unpacking.check(f'{self.path}: a message', self._most + 1, self._most)
         except (apsw.Error, UnicodeDecodeError) as error:
             raise UserError(f'{self.path} is damaged: {first_line(error)}') from error
         if raws:
