@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import yaml
 
+from estimator_pkg import whole_file
 from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags import unpacking
 from estimator_pkg.destination import METADATA
@@ -377,7 +378,7 @@ class Bag:
         if not file.exists():
             return {}
         try:
-            return dict(yaml.safe_load(file.read_text(encoding='utf-8'))[INFORMATION])
+            return dict(yaml.safe_load(whole_file.read_text(file))[INFORMATION])
         except OSError:
             raise
         except Exception:  # the library may raise anything for a damaged file
@@ -385,8 +386,9 @@ class Bag:
             return {}
 
     def _open_file(self, file: Path) -> None:
-        packed = file.suffix == '.zstd'
-        if packed:
+        if not file.is_file():
+            raise UserError(f'cannot read {file}: {whole_file.NOT_A_FILE}')
+        if file.suffix == '.zstd':
             file = self._unpacked_file(file)
         with open(file, 'rb') as stream:
             start = stream.read(len(ROS1))

@@ -16,7 +16,7 @@ from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from estimator_pkg import interrupts
+from estimator_pkg import interrupts, whole_file
 from estimator_pkg.bags import sqlite_file, unpacking
 from estimator_pkg.bags.reader import CDR, Message, Topic, natural, open_bag
 from estimator_pkg.bags.writer import BagWriter, in_use
@@ -79,6 +79,8 @@ def _files(path: Path) -> list[Path]:
     if not found:
         raise UserError(f'{path} contains no .mcap or .db3 file: name a bag')
     for file in found:
+        if not file.is_file():
+            raise UserError(f'cannot read {file}: {whole_file.NOT_A_FILE}')
         if in_use(file):
             raise UserError(f'{file} is still being written: end its recorder first')
     return found

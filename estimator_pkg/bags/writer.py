@@ -402,7 +402,8 @@ def crashed(path: Path) -> list[Path]:
         return [
             folder
             for folder in found
-            if any(folder.iterdir()) and not any(in_use(file) for file in folder.iterdir())
+            if any(folder.iterdir())
+            and not any(in_use(file) for file in folder.iterdir() if file.is_file())
         ]
     except OSError:
         return []
