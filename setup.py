@@ -69,8 +69,11 @@ setup(
     install_requires=[
         'numpy>=1.26,<3',
         'PyYAML>=6,<7',
-        'rosbags>=0.10,<0.12',
+        'rosbags>=0.11.1,<0.12',
         'mcap>=1.2,<2',
+        'apsw>=3.46,<4',
+        'lz4>=4,<5',
+        'zstandard>=0.22,<1',
         'rich>=13,<16',
     ],
     extras_require=EXTRAS,

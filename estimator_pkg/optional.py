@@ -20,21 +20,21 @@ from typing import Any
 
 PACKAGE = 'velocity_estimator'
 OWN = ('estimator_pkg', 'sim_pkg')
-# Libraries that another requirement installs, and requirements that are used only together.
-COMES_WITH = {
-    'lz4': 'mcap',
-    'zstandard': 'mcap',
-    'apsw': 'rosbags',
-    'dask': 'distributed',
-    'yaml': 'PyYAML',
-    'ament_index_python': 'ros-jazzy-rclpy',
-}
+# Requirements that have another name than their module, or bring it.
+COMES_WITH = {'dask': 'distributed', 'yaml': 'PyYAML', 'ament_index_python': 'ros-jazzy-rclpy'}
 ROS = ('ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp')
 OF_ROS = re.compile(
     r'rclpy|rmw.*|rpyutils|ament_index_python|builtin_interfaces|\w+_(msgs|srvs)'
     r'|\w+_interfaces'
 )
-BAGS = ('mcap', 'rosbags', 'rich')  # needed by every command that reads or writes bags
+BAGS = (
+    'mcap',
+    'rosbags',
+    'rich',
+    'apsw',
+    'lz4',
+    'zstandard',
+)  # needed by every command that reads or writes bags
 PLACE = '~/velocity_estimator_venv'
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from estimator_pkg import yaml_text
+from estimator_pkg import whole_file, yaml_text
 from estimator_pkg.errors import UsageError, UserError, first_line, suggestion
 from estimator_pkg.printable import show
 
@@ -89,7 +89,7 @@ def section_names(path: str | Path) -> set[str]:
 def _content(path: str | Path, node_name: str) -> Mapping:
     """What the file holds; raises UserError or UsageError if it is no parameter file."""
     try:
-        text = Path(path).read_text(encoding='utf-8')
+        text = whole_file.read_text(path)
     except UnicodeDecodeError as error:
         raise UserError(f'{path} is not text') from error
     except OSError as error:

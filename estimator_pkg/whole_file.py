@@ -1,15 +1,18 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Write files completely or not at all."""
+"""Read files that end; write files completely or not at all."""
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+NOT_A_FILE = 'it is a pipe, socket or device: name a file'
 
 
 @contextmanager
@@ -47,3 +50,17 @@ def write_text(path: str | Path, text: str) -> None:
     """Write a file, completely or not at all."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding='utf-8')
+
+
+def read_text(path: str | Path) -> str:
+    """Return the text of a file.
+
+    Raises
+    ------
+    OSError : it cannot be read, or is a pipe, socket or device, which may never end.
+    UnicodeDecodeError : it is not text.
+    """
+    place = Path(path)
+    if place.exists() and not place.is_file() and not place.is_dir():
+        raise OSError(errno.EINVAL, NOT_A_FILE, str(path))
+    return place.read_text(encoding='utf-8')

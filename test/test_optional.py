@@ -171,7 +171,7 @@ def test_the_command_has_the_ranges_of_setup():
     assert line.startswith("the library 'matplotlib' is not installed: ")
     assert set(shlex.split(line.partition(': ')[2])[4:]) <= named
     assert any(
-        each.startswith('mcap') for each in shlex.split(optional.needs('lz4')) if each in named
+        each.startswith('lz4') for each in shlex.split(optional.needs('lz4')) if each in named
     )
 
 

@@ -3,7 +3,10 @@
 
 """The package as pip and as colcon install it: index entry, share/, executables."""
 
+import ast
 import os
+import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -11,8 +14,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import setuptools
 
 import estimator_pkg
+from estimator_pkg import optional
 
 ROOT = Path(__file__).parent.parent
 PARTS = [
@@ -125,3 +130,40 @@ def test_every_package_folder_is_installed():
     installed = Path(estimator_pkg.__file__).parents[1]
     assert len(folders) > 20
     assert all((installed / folder / '__init__.py').is_file() for folder in folders)
+
+
+def imported():
+    """The first part of every module that the packages import, or name for their lazy imports."""
+    for package in optional.OWN:
+        for path in (ROOT / package).rglob('*.py'):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Import):
+                    names = [each.name for each in node.names]
+                elif isinstance(node, ast.ImportFrom):
+                    names = [node.module]
+                elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'Lazy':
+                    names = [each.value for each in node.args if isinstance(each, ast.Constant)]
+                else:
+                    continue
+                yield from (name.partition('.')[0] for name in names)
+
+
+def test_every_imported_library_is_a_requirement(monkeypatch):
+    declared = {}
+    monkeypatch.setattr(setuptools, 'setup', lambda **options: declared.update(options))
+    runpy.run_path(str(ROOT / 'setup.py'))
+    every = declared['install_requires'], *declared['extras_require'].values()
+    required = {re.match(r'[\w.-]+', text)[0] for texts in every for text in texts}
+    libraries = {
+        optional.COMES_WITH.get(name, name)
+        for name in set(imported()) - sys.stdlib_module_names - {*optional.OWN}
+        if not optional.OF_ROS.fullmatch(name)
+    }
+    assert libraries - required <= {
+        'launch',
+        'launch_ros',
+        'ros2doctor',
+        'ros2cli',
+        'ament_copyright',
+    }
+    assert {'apsw', 'lz4', 'zstandard'} <= libraries

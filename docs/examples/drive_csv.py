@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg import whole_file
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.bags.writer import BagWriter
@@ -36,15 +37,14 @@ UNITS = {'s': 1e9, 'ms': 1e6, 'us': 1e3, 'ns': 1.0}
 
 def columns(path: Path, names: list[str]) -> list[Array]:
     """Return these columns of a CSV file; raise UserError with the missing name, or the line."""
-    with path.open(newline='') as file:
-        rows = csv.DictReader(file)
-        for name in names:
-            if name not in (rows.fieldnames or ()):
-                raise UserError(f"{path} has no column '{name}', only {rows.fieldnames}")
-        try:
-            table = [[float(row[name]) for name in names] for row in rows]
-        except (TypeError, ValueError) as error:
-            raise UserError(f'{path}, line {rows.line_num}: {error}') from None
+    rows = csv.DictReader(whole_file.read_text(path).splitlines())
+    for name in names:
+        if name not in (rows.fieldnames or ()):
+            raise UserError(f"{path} has no column '{name}', only {rows.fieldnames}")
+    try:
+        table = [[float(row[name]) for name in names] for row in rows]
+    except (TypeError, ValueError) as error:
+        raise UserError(f'{path}, line {rows.line_num}: {error}') from None
     if not table:
         raise UserError(f'{path} has no row below its names')
     return list(np.array(table).T)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.errors import UserError
-from estimator_pkg.messages.field import SEQUENCE, Definition, Kind
+from estimator_pkg.messages.field import EMPTY, SEQUENCE, Definition, Kind
 from estimator_pkg.optional import Lazy
 from estimator_pkg.ros.message_class import TYPE_NAME
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 interfaces = Lazy('rosbags.interfaces')
 typesys = Lazy('rosbags.typesys')
 SEPARATOR = '=' * 80
+LONGEST = 1 << 20  # characters of a bag's definition that are read
 
 
 @lru_cache(maxsize=1)
@@ -101,7 +102,7 @@ def store_for(type_name: str, definition: str) -> Typestore:
     ------
     UserError : neither has it.
     """
-    if definition and not definition.startswith(f'{SEPARATOR}\nIDL'):
+    if 0 < len(definition) <= LONGEST and not definition.startswith(f'{SEPARATOR}\nIDL'):
         store = typesys.get_typestore(typesys.Stores.EMPTY)
         try:
             store.register(typesys.get_types_from_msg(definition, type_name))
@@ -111,8 +112,8 @@ def store_for(type_name: str, definition: str) -> Typestore:
     if type_name in jazzy().fielddefs:
         return jazzy()
     raise UserError(
-        f'the bag has no definition of {type_name}, and ROS 2 Jazzy does not have it either: '
-        'install its package'
+        f'the bag has no definition of {type_name} that can be read, and ROS 2 Jazzy does not '
+        'have it either: install its package'
     )
 
 
@@ -130,6 +131,7 @@ def fields_of(store: Typestore) -> Definition:
 
     @lru_cache
     def fields(type_name: str) -> dict[str, Kind]:
-        return {field: kind(*found) for field, found in store.fielddefs[type_name][1]}
+        found = {field: kind(*what) for field, what in store.fielddefs[type_name][1]}
+        return {field: each for field, each in found.items() if each.length != 0} or EMPTY
 
     return fields

@@ -14,6 +14,7 @@ import io
 import mmap
 import struct
 import zlib
+from array import array
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -160,7 +161,7 @@ class McapFile:
         for part in self._parts:
             block = self._load(part)
             if len(block):
-                found.append(part._replace(start_ns=int(block.log_ns.min())))
+                found.append(part._replace(start_ns=int(block.log_ns.min()), size=len(block.data)))
                 for channel, count in zip(
                     *(array.tolist() for array in np.unique(block.topic, return_counts=True))
                 ):
@@ -189,13 +190,13 @@ class McapFile:
         except (struct.error, UnicodeDecodeError, EndOfFile):
             self._warn(f'{self.path}: the description of a topic is damaged')
 
-    def parts(self) -> Iterator[tuple[int, Callable[[], Block]]]:
-        """Yield (time of its first message, function that reads it) for every chunk.
+    def parts(self) -> Iterator[tuple[int, int, Callable[[], Block]]]:
+        """Yield (time of its first message, bytes, function that reads it) for every chunk.
 
         In the blocks `topic` is the channel id.
         """
         for part in self._parts:
-            yield part.start_ns, partial(self._load, part)
+            yield part.start_ns, part.size, partial(self._load, part)
 
     def _load(self, part: _Part) -> Block:
         if part.at < 0:
@@ -245,19 +246,15 @@ class McapFile:
         packed = self._read(packed_size) if len(rest) == text + 8 else b''
         try:
             cut = len(packed) < packed_size
-            if compression == 'zstd' and not cut and unpacking.declared(packed) not in (None, size):
-                raise ValueError('wrong size')
             unpacking.check(f'{self.path}: the chunk at byte {part.at}', size, self._limit)
-            if cut:
-                return np.frombuffer(
-                    unpacking.unpack_partly(packed, compression, size), np.uint8
-                ), True
-            data = unpacking.unpack(packed, compression, size)
+            data = unpacking.unpack(packed, compression, size + 1, torn=cut)
+            if len(data) != size and not cut:
+                raise ValueError('wrong size')
         except unpacking.damaged() as error:
             raise damaged(first_line(error)) from error
-        if checksum and zlib.crc32(data) != checksum:
+        if checksum and not cut and zlib.crc32(data) != checksum:
             raise damaged('wrong checksum')
-        return np.frombuffer(data, np.uint8), False
+        return data, cut
 
     def _read(self, size: int) -> bytes:
         """Read `size` bytes, or up to the end: a damaged size must not use all the memory."""
@@ -298,7 +295,7 @@ class McapFile:
     def _walk(self, data: NDArray[np.uint8], at: int) -> tuple[NDArray[np.int64], int]:
         """Return the offsets of message records in `data` from `at` on, and where they end."""
         view = data.data
-        size, found = len(view), []
+        size, found = len(view), array('q')
         while at + _RECORD.size <= size:
             opcode, length = _RECORD.unpack_from(view, at)
             after = at + _RECORD.size + length

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import yaml
 
+from estimator_pkg import whole_file
 from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags import unpacking
 from estimator_pkg.destination import METADATA
@@ -198,19 +199,20 @@ class Bag:
                     yield self._names, part
 
     def _has_room(self, size: int) -> None:
-        """Raise TooLargeError if messages of `size` bytes are too many to be sorted at once."""
+        """Raise TooLargeError if sorting takes too much memory, `size` bytes."""
         unpacking.check(
-            f'{self.path}: the messages that overlap in time',
+            f'{self.path}: sorting the messages that overlap in time',
             size,
             max(self._limit, unpacking.RATIO * self._size),
+            'needs',
         )
 
-    def _parts(self, keep: np.ndarray) -> Iterator[tuple[int, Callable[[], Block]]]:
+    def _parts(self, keep: np.ndarray) -> Iterator[tuple[int, int, Callable[[], Block]]]:
         for mcap, index in self._mcaps:
             channels = [channel for channel in mcap.counts if keep[index[channel]]]
             if not channels:
                 continue
-            for start_ns, load in mcap.parts():
+            for start_ns, size, load in mcap.parts():
 
                 def translated(
                     load: Callable[[], Block] = load, index: np.ndarray = index
@@ -221,20 +223,20 @@ class Bag:
                     chosen = keep[topic]
                     return block if chosen.all() else block.take(chosen)
 
-                yield start_ns, translated
+                yield start_ns, size, translated
 
-    def _sqlite_parts(self, keep: np.ndarray) -> Iterator[tuple[int, Callable[[], Block]]]:
+    def _sqlite_parts(self, keep: np.ndarray) -> Iterator[tuple[int, int, Callable[[], Block]]]:
         """Yield the blocks of all files in turn; the files of a split bag follow each other."""
         for sqlite, index in self._sqlites:
             for start_ns, load in sqlite.parts(set(np.flatnonzero(keep[index]).tolist())):
                 block = load()
-                yield start_ns, partial(replace, block, topic=index[block.topic])
+                yield start_ns, len(block.data), partial(replace, block, topic=index[block.topic])
 
     def _unpacked(self, block: Block) -> Iterator[Block]:
         """Yield the messages of a bag with messages compressed one by one, a few MB at a time."""
         view = block.data.data
         rows: list[int] = []
-        raws: list[bytes] = []
+        raws: list[memoryview] = []
         size = 0
 
         def unpacked() -> Block:
@@ -245,19 +247,18 @@ class Bag:
 
         for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
             try:
-                raws.append(
-                    unpacking.unpack_message(
-                        view[start:end], f'{self.path}: a message', self._limit
-                    )
+                raw = unpacking.unpack_message(
+                    view[start:end], f'{self.path}: a message', self._limit
                 )
             except zstandard.ZstdError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are skipped')
                 continue
-            rows.append(row)
-            size += len(raws[-1])
-            if size >= unpacking.PIECE:
+            if size + len(raw) > unpacking.PIECE:
                 yield unpacked()
                 rows, raws, size = [], [], 0
+            rows.append(row)
+            raws.append(raw)
+            size += len(raw)
         yield unpacked()
 
     def warn(self, text: str) -> None:
@@ -377,7 +378,7 @@ class Bag:
         if not file.exists():
             return {}
         try:
-            return dict(yaml.safe_load(file.read_text(encoding='utf-8'))[INFORMATION])
+            return dict(yaml.safe_load(whole_file.read_text(file))[INFORMATION])
         except OSError:
             raise
         except Exception:  # the library may raise anything for a damaged file
@@ -385,8 +386,9 @@ class Bag:
             return {}
 
     def _open_file(self, file: Path) -> None:
-        packed = file.suffix == '.zstd'
-        if packed:
+        if not file.is_file():
+            raise UserError(f'cannot read {file}: {whole_file.NOT_A_FILE}')
+        if file.suffix == '.zstd':
             file = self._unpacked_file(file)
         with open(file, 'rb') as stream:
             start = stream.read(len(ROS1))
@@ -397,7 +399,7 @@ class Bag:
                 f"--dst {file.stem}'"
             )
         if start[:6] == b'SQLite':
-            self._add_sqlite(sqlite_file.SqliteFile(file, self.warn, packed))
+            self._add_sqlite(sqlite_file.SqliteFile(file, self.warn, self._limit))
         elif start[:5] == b'\x89MCAP':
             self._add_mcap(mcap_file.McapFile(file, self.warn, self._limit))
         elif not start:
@@ -521,22 +523,23 @@ def natural(file: Path) -> list[tuple]:
 
 
 def _merged(
-    parts: Iterable[tuple[int, Callable[[], Block]]], has_room: Callable[[int], None]
+    parts: Iterable[tuple[int, int, Callable[[], Block]]], has_room: Callable[[int], None]
 ) -> Iterator[Block]:
     """Yield blocks in log order from parts sorted by their first time, which may overlap.
 
     Parameters
     ----------
-    has_room : raises UserError if overlapping messages have too many bytes.
+    has_room : raises UserError if overlapping messages take too many bytes.
     """
     held: Block | None = None
-    for start_ns, load in parts:
+    for start_ns, size, load in parts:
         if held is not None and len(held) and held.log_ns[-1] > start_ns:
             cut = int(np.searchsorted(held.log_ns, start_ns, 'right'))
             if cut:
                 yield held.take(slice(0, cut))
-            held = join([compact(held.take(slice(cut, None))), load()]).in_log_order()
-            has_room(len(held.data))
+            held = compact(held.take(slice(cut, None)))
+            has_room(2 * (len(held.data) + size))  # these messages, and the same joined
+            held = join([held, load()]).in_log_order()
             continue
         if held is not None and len(held):
             yield held

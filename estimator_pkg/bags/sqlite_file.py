@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import quote
@@ -14,14 +15,13 @@ import apsw
 from rosbags.interfaces import Connection
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
+from estimator_pkg.bags import unpacking
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, from_messages
-from estimator_pkg.optional import Lazy
-
-recover = Lazy('estimator_pkg.bags.recover')  # it reads bags, too
 
 MAGIC = b'SQLite format 3\0'
-ROWS = 4096  # messages per block
+ENDINGS = ('', '-wal', '-journal')  # of the files of one database
+ROWS = 4096  # messages per block, if they are small
 
 
 class SqliteFile:
@@ -29,7 +29,7 @@ class SqliteFile:
 
     Parameters
     ----------
-    unpacked : the file is a temporary one, unpacked from a compressed file.
+    limit : bytes that a message may have, if the file is not larger: its columns can be computed.
 
     Attributes
     ----------
@@ -40,15 +40,16 @@ class SqliteFile:
     UserError : it is empty, damaged, or not a bag.
     """
 
-    def __init__(self, path: Path, warn: Callable[[str], None], unpacked: bool = False) -> None:
-        self.path, self._unpacked = path, unpacked
+    def __init__(self, path: Path, warn: Callable[[str], None], limit: int) -> None:
+        self.path = path
         self._warn = warn
-        log = path.with_name(f'{path.name}-wal')
-        if log.exists() and log.stat().st_size:
-            warn(
-                f'{path} was not closed: the messages in {log.name} are skipped (open it once with '
-                'sqlite3 to merge them)'
-            )
+        for ending in ENDINGS[1:]:
+            log = path.with_name(path.name + ending)
+            if log.exists() and log.stat().st_size:
+                warn(
+                    f'{path} was not closed and is read without {log.name}: `velocity_estimator '
+                    f'record --recover {shlex.quote(str(path))} --out BAG` makes it complete'
+                )
         with open(path, 'rb') as file:
             start = file.read(len(MAGIC))
         if not start:
@@ -61,7 +62,10 @@ class SqliteFile:
             self._reader.open()
         except Exception as error:  # the library may raise anything for a damaged file
             why = first_line(error).replace(str(for_library), str(path))
-            raise UserError(f'{path} cannot be read as a bag: {why}{self._remedy()}') from error
+            raise UserError(f'{path} cannot be read as a bag: {why}') from error
+        assert self._reader.dbconn is not None
+        self._most = min(max(limit, path.stat().st_size), 2**31 - 1)
+        self._reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, self._most)
         every = list(self._reader.connections)
         self.connections: list[Connection] = [
             item for item in every if isinstance(item.topic, str) and isinstance(item.msgtype, str)
@@ -69,9 +73,6 @@ class SqliteFile:
         if len(self.connections) < len(every):
             warn(f'{path}: the description of a topic is damaged')
         self._places = {item.id: place for place, item in enumerate(self.connections)}
-
-    def _remedy(self) -> str:
-        return '' if self._unpacked else str(recover.remedy(self.path))
 
     def close(self) -> None:
         """Close the file."""
@@ -90,6 +91,7 @@ class SqliteFile:
         topic: list[int] = []
         times: list[int] = []
         raws: list[bytes] = []
+        size = 0
 
         def full() -> tuple[int, Callable[[], Block]]:
             block = from_messages(topic, times, times, raws)
@@ -101,16 +103,17 @@ class SqliteFile:
                 if not isinstance(raw, bytes) or not isinstance(time_ns, int):
                     strange += 1
                     continue
+                if len(raws) == ROWS or (raws and size + len(raw) > unpacking.PIECE):
+                    yield full()
+                    topic, times, raws, size = [], [], [], 0
                 topic.append(self._places[connection.id])
                 times.append(time_ns)
                 raws.append(raw)
-                if len(raws) == ROWS:
-                    yield full()
-                    topic, times, raws = [], [], []
+                size += len(raw)
+        except apsw.TooBigError:
+            unpacking.check(f'{self.path}: a message', self._most + 1, self._most)
         except (apsw.Error, UnicodeDecodeError) as error:
-            raise UserError(
-                f'{self.path} is damaged: {first_line(error)}{self._remedy()}'
-            ) from error
+            raise UserError(f'{self.path} is damaged: {first_line(error)}') from error
         if raws:
             yield full()
         if strange:

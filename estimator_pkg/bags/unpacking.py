@@ -9,6 +9,9 @@ import argparse
 import math
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.optional import Lazy
 
@@ -51,8 +54,8 @@ def _limit(text: str) -> int:
     return int(value * MIB)
 
 
-def check(what: str, size: int, limit: int) -> None:
-    """Raise TooLargeError if `what` unpacks to more than `limit` bytes.
+def check(what: str, size: int, limit: int, does: str = 'unpacks to') -> None:
+    """Raise TooLargeError if `what` does something with more than `limit` bytes.
 
     Parameters
     ----------
@@ -60,55 +63,49 @@ def check(what: str, size: int, limit: int) -> None:
     """
     if size > limit:
         raise TooLargeError(
-            f'{what} unpacks to more than {limit / MIB:.6g} MiB: if you trust the '
+            f'{what} {does} more than {limit / MIB:.6g} MiB: if you trust the '
             'bag, raise --unpack-limit'
         )
 
 
-def declared(packed: bytes | memoryview) -> int | None:
-    """Return the size [bytes] that a zstd frame declares; None if it declares none.
+def unpack(
+    packed: bytes | memoryview, compression: str, most: int, *, torn: bool = False
+) -> NDArray[np.uint8]:
+    """Return what is packed, shape (n,), and at most `most` bytes of it.
+
+    Parameters
+    ----------
+    torn : the end of `packed` is missing: return the bytes that can be read.
 
     Raises
     ------
-    zstandard.ZstdError : it is not a zstd frame.
+    one of `damaged()` : it is damaged, and not torn.
     """
-    size = zstandard.get_frame_parameters(packed).content_size
-    return None if size in (zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR) else size
+    if not compression:
+        return np.frombuffer(packed, np.uint8)[:most]
+    data, done = np.empty(most, np.uint8), 0  # takes no memory before it is written to
+    try:
+        if compression == 'zstd':
+            with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
+                while done < most and (size := reader.readinto(data[done : done + PIECE])):
+                    done += size
+        elif compression == 'lz4':
+            unpacker = lz4_frame.LZ4FrameDecompressor()
+            while done < most and not unpacker.eof:
+                piece = unpacker.decompress(b'' if done else packed, min(PIECE, most - done))
+                if not piece:
+                    raise ValueError('its end is missing')
+                data[done : done + len(piece)] = np.frombuffer(piece, np.uint8)
+                done += len(piece)
+        else:
+            raise ValueError(f"unknown compression '{compression}'")
+    except damaged():
+        if not torn:
+            raise
+    return data[:done]
 
 
-def unpack(packed: bytes, compression: str, size: int) -> bytes:
-    """Return the `size` bytes in `packed`; never unpack more.
-
-    Raises
-    ------
-    one of `damaged()` : it contains another number of bytes, or is damaged.
-    """
-    if compression == 'zstd':
-        if declared(packed) not in (None, size):
-            raise ValueError('wrong size')
-        data = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-    elif compression == 'lz4':
-        data = lz4_frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1)
-    elif compression:
-        raise ValueError(f"unknown compression '{compression}'")
-    else:
-        data = packed
-    if len(data) != size:
-        raise ValueError('wrong size')
-    return data
-
-
-def unpack_partly(packed: bytes, compression: str, size: int) -> bytes:
-    """Return the readable part of a chunk without its end, at most `size` bytes."""
-    if compression == 'zstd':
-        with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
-            return reader.read(size)
-    if compression == 'lz4':
-        return lz4_frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
-    return packed[:size] if not compression else b''
-
-
-def unpack_message(packed: memoryview, what: str, limit: int) -> bytes:
+def unpack_message(packed: memoryview, what: str, limit: int) -> memoryview:
     """Return a message that was compressed on its own.
 
     Raises
@@ -116,14 +113,14 @@ def unpack_message(packed: memoryview, what: str, limit: int) -> bytes:
     TooLargeError : it unpacks to more than `limit` bytes.
     zstandard.ZstdError : it is damaged.
     """
-    size = declared(packed)
-    check(what, size or 0, limit)
-    with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
-        data = reader.read(limit + 1 if size is None else size)
+    size = zstandard.get_frame_parameters(packed).content_size
+    known = size not in (zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR)
+    check(what, size if known else 0, limit)
+    data = unpack(packed, 'zstd', (size if known else limit) + 1)
     check(what, len(data), limit)
-    if size is not None and len(data) != size:
+    if known and len(data) != size:
         raise zstandard.ZstdError('it is truncated')
-    return data
+    return data.data
 
 
 def unpack_file(packed: Path, target: Path, limit: int) -> None:

@@ -69,7 +69,12 @@ class BagWriter:
         self._name = Path(path)
         self._bare = self.path.suffix == '.mcap'
         self._topics: dict[str, tuple[int, dict[str, Any]]] = {}
-        self._pending: tuple[list[int], list[int], list[int], list[bytes]] = ([], [], [], [])
+        self._pending: tuple[list[int], list[int], list[int], list[bytes | memoryview]] = (
+            [],
+            [],
+            [],
+            [],
+        )
         self._pending_size = 0
         if self.path.suffix in OTHERS:
             raise UserError(
@@ -172,7 +177,9 @@ class BagWriter:
         )
         return channel
 
-    def write(self, topic: str, log_ns: int, raw: bytes, publish_ns: int | None = None) -> None:
+    def write(
+        self, topic: str, log_ns: int, raw: bytes | memoryview, publish_ns: int | None = None
+    ) -> None:
         """Write a message of a declared topic: CDR bytes, times of recording and publishing [ns].
 
         Raises
@@ -395,7 +402,8 @@ def crashed(path: Path) -> list[Path]:
         return [
             folder
             for folder in found
-            if any(folder.iterdir()) and not any(in_use(file) for file in folder.iterdir())
+            if any(folder.iterdir())
+            and not any(in_use(file) for file in folder.iterdir() if file.is_file())
         ]
     except OSError:
         return []

@@ -102,7 +102,7 @@ def load(path: str) -> dict[str, dict[str, Any]]:
     UsageError : it cannot be read, or is not such a file.
     """
     try:
-        content = yaml_text.read(Path(path).read_text(encoding='utf-8'))
+        content = yaml_text.read(whole_file.read_text(path))
     except OSError as error:
         raise UsageError(f'cannot read {path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError):

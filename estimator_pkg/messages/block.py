@@ -76,7 +76,10 @@ def compact(block: Block) -> Block:
 
 
 def from_messages(
-    topic: Sequence[int], log_ns: Sequence[int], publish_ns: Sequence[int], raws: Sequence[bytes]
+    topic: Sequence[int],
+    log_ns: Sequence[int],
+    publish_ns: Sequence[int],
+    raws: Sequence[bytes | memoryview],
 ) -> Block:
     """Return a block of single messages."""
     end = np.cumsum([len(raw) for raw in raws], dtype=np.int64)
@@ -85,7 +88,7 @@ def from_messages(
         np.asarray(topic, np.int64),
         np.asarray(log_ns, np.int64),
         np.asarray(publish_ns, np.int64),
-        np.frombuffer(b''.join(raws), np.uint8),
+        np.frombuffer(raws[0] if len(raws) == 1 else b''.join(raws), np.uint8),
         start,
         end,
     )

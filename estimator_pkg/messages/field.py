@@ -28,6 +28,8 @@ YAW = 'yaw'
 CHILD = 'child_frame_id'
 SEQUENCE = -1  # a length that each message has
 MOST_FRAMES = 100  # that are remembered
+DEEPEST = 30  # levels of messages within messages; a type that contains itself has more
+MOST_FIELDS = 100_000  # of a type, those of its nested messages included
 
 _CODES = {
     'bool': 'B',
@@ -65,6 +67,7 @@ class Kind(NamedTuple):
         return '/' in self.base
 
 
+EMPTY = {'structure_needs_at_least_one_member': Kind('uint8')}  # of a message without fields
 Definition = Callable[[str], Mapping[str, Kind]]  # message type -> its fields, in their order
 
 
@@ -102,7 +105,8 @@ class Field:
 
     Raises
     ------
-    UsageError : the type has no such field (the message lists its fields), or it is not a number.
+    UsageError : the type has no such field (the message lists its fields), it is not a number, or
+        the type has too many fields.
 
     Attributes
     ----------
@@ -115,6 +119,8 @@ class Field:
         self._definition = definition
         self.type = type_name
         self.path = path
+        self._extents: dict[str, tuple[int, int]] = {}
+        self._extent(type_name)
         steps: list[tuple[str, int | None]] = []
         for step in path.split('.'):
             match = _STEP.match(step)
@@ -127,6 +133,29 @@ class Field:
         self._known: _Layout | None = None
         self.frames: set[str] = set()
         self._longest = (0, '')  # of the sequences that are too short to contain the number
+
+    def _extent(self, owner: str, level: int = 1) -> tuple[int, int]:
+        """Return (number of fields, levels of messages) of a message type.
+
+        Raises
+        ------
+        UsageError : it has more fields or levels than are read.
+        """
+        if owner not in self._extents:
+            fields, levels = 0, 1
+            for kind in self._definition(owner).values():
+                inner = (1, 0)
+                if kind.is_message:
+                    inner = self._extent(kind.base, level + 1) if level < DEEPEST else (0, DEEPEST)
+                    inner = inner[0] * max(kind.length or 1, 1), inner[1]
+                fields, levels = fields + inner[0], max(levels, inner[1] + 1)
+            if fields > MOST_FIELDS or levels > DEEPEST:
+                raise UsageError(
+                    f'{self.type} cannot be read: it has more than {MOST_FIELDS:,} fields or '
+                    f'{DEEPEST} levels of messages within messages; name a topic of another type'
+                )
+            self._extents[owner] = fields, levels
+        return self._extents[owner]
 
     def _check(self) -> str:
         """Return the base type at the end of the path."""

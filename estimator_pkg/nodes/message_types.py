@@ -12,7 +12,7 @@ from typing import Any
 from rclpy.type_support import check_is_valid_msg_type
 
 from estimator_pkg.errors import UsageError, first_line, suggestion
-from estimator_pkg.messages.field import SEQUENCE, Kind
+from estimator_pkg.messages.field import EMPTY, SEQUENCE, Kind
 from estimator_pkg.ros.message_class import (
     TYPE_NAME,
     message_class,
@@ -23,7 +23,6 @@ from estimator_pkg.ros.message_class import (
 _BASES = {'boolean': 'bool', 'double': 'float64', 'float': 'float32', 'octet': 'byte'}
 _FIELD = re.compile(r'(?:sequence<(?P<items>.+?)(?:, \d+)?>|(?P<item>.+?)(?:\[(?P<count>\d+)\])?)')
 _BOUND = re.compile(r'(w?string)<\d+>')
-EMPTY = {'structure_needs_at_least_one_member': Kind('uint8')}  # of a message without fields
 
 
 def find(type_name: str, parameter: str = 'field_type') -> Any:

@@ -289,7 +289,7 @@ def test_a_damaged_database_is_named_as_the_user_knows_it(tmp_path):
     path.write_bytes(b'SQLite format 3\0' + bytes(100))
     with pytest.raises(UserError) as caught:
         open_bag(path)
-    assert str(caught.value).count(str(path)) == 2 and '%23' not in str(caught.value)
+    assert str(path) in str(caught.value) and '%23' not in str(caught.value)
 
 
 def information(**changes):

@@ -58,27 +58,97 @@ def with_chunk(path, kind, unpacked, declared):
     return path
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('kind', BOMBS)
-def test_a_chunk_unpacks_to_no_more_than_it_declares(kind, tmp_path):
-    path = with_chunk(tmp_path / 'bag.mcap', kind, 64 * MIB, 1000)
-    script = (
-        'import resource, sys; from estimator_pkg.bags.reader import open_bag\n'
-        'before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n'
-        'bag = open_bag(sys.argv[1]); print(len(list(bag.messages())))\n'
-        'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)'
-    )
+PEAK = """
+import sys
+import lz4.frame, zstandard
+from estimator_pkg.bags import mcap_file, sqlite_file
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.errors import UserError
+def peak():
+    with open('/proc/self/status') as status:
+        return next(int(line.split()[1]) for line in status if line.startswith('VmHWM'))
+before, count = peak(), 0
+try:
+    with open_bag(sys.argv[1], int(sys.argv[2])) as bag:
+        count = sum(len(block) for _, block in bag.blocks())
+except UserError as error:
+    print(error, file=sys.stderr)
+print(count, peak() - before)
+"""
+
+
+def read_in_process(path, limit):
+    """(messages, what it says, MiB that a process needs to read a bag)."""
     done = subprocess.run(
-        [sys.executable, '-c', script, str(path)],
+        [sys.executable, '-c', PEAK, str(path), str(limit)],
         capture_output=True,
         text=True,
         timeout=60,
         check=True,
     )
     count, kilobytes = map(int, done.stdout.split())
+    return count, done.stderr, kilobytes / 1024
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('kind', BOMBS)
+def test_a_chunk_unpacks_to_no_more_than_it_declares(kind, tmp_path):
+    path = with_chunk(tmp_path / 'bag.mcap', kind, 64 * MIB, 1000)
+    count, said, used = read_in_process(path, unpacking.LIMIT)
     assert count == 7  # of the sound chunks
-    assert kilobytes < 32 * 1024
-    assert 'the chunk at byte' in done.stderr and 'is damaged' in done.stderr
+    assert used < 32
+    assert 'the chunk at byte' in said and 'is damaged' in said
+
+
+def overlapping(path, kind, size):
+    """Chunks of a quarter of `size` bytes, each with messages from all of the time."""
+    message = make.text('x' * (8 * MIB))
+    times = [i % 2 * 10**9 for i in range(2 * size // (8 * MIB))]
+    return make.mcap(
+        path, [(make.OTHER, make.START + t, message) for t in times], chunk_size=size // 4
+    )
+
+
+def with_message(path, kind, size):
+    """A bag with messages compressed one by one, one of which unpacks to `size` bytes."""
+    path = make.KINDS['sqlite3, messages compressed'](path.with_suffix(''), make.content(9))
+    with sqlite3.connect(next(path.glob('*.db3'))) as base:
+        base.execute('update messages set data = ? where id = 3', (BOMBS[kind](size),))
+    base.close()
+    return path
+
+
+def with_computed_messages(path, kind, size):
+    """A database whose messages are not in the file: it computes them."""
+    path = make.KINDS['sqlite3'](path.with_suffix(''), make.content(9))
+    with sqlite3.connect(next(path.glob('*.db3'))) as base:
+        base.execute('alter table messages rename to others')
+        base.execute(
+            'create table messages(id integer primary key, topic_id, timestamp, '
+            f'data blob as (zeroblob({size})))'
+        )
+        base.execute('insert into messages select id, topic_id, timestamp from others')
+    base.close()
+    return path
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    'bomb, kind',
+    [
+        *((lambda path, kind, size: with_chunk(path, kind, size, size), kind) for kind in BOMBS),
+        (with_computed_messages, ''),
+        (with_message, 'zstd'),
+        (with_message, 'zstd without its size'),
+        (overlapping, ''),
+    ],
+)
+def test_no_more_memory_than_the_limit_is_needed(bomb, kind, tmp_path):
+    for size in (64 * MIB, 200 * MIB):  # as large as allowed, and refused
+        path = bomb(tmp_path / f'{size}.mcap', kind, size)
+        _, said, used = read_in_process(path, 64 * MIB)
+        assert used < 64 + 24, (size // MIB, said)
+        assert 'raise --unpack-limit' in said or size == 64 * MIB
 
 
 @pytest.mark.parametrize('kind', BOMBS)
@@ -135,10 +205,7 @@ def test_chunks_that_overlap_are_bounded_together(tmp_path):
 
 @pytest.mark.parametrize('kind', [name for name in BOMBS if name.startswith('zstd')])
 def test_messages_compressed_one_by_one_are_bounded(kind, tmp_path):
-    path = make.KINDS['sqlite3, messages compressed'](tmp_path / 'bag', make.content(9))
-    with sqlite3.connect(next(path.glob('*.db3'))) as base:
-        base.execute('update messages set data = ? where id = 3', (BOMBS[kind](3 * MIB),))
-    base.close()
+    path = with_message(tmp_path / 'bag.mcap', kind, 3 * MIB)
     with (
         open_bag(path, 2 * MIB) as bag,
         pytest.raises(UserError, match='a message unpacks to more than 2 MiB'),

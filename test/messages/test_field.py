@@ -251,6 +251,43 @@ def test_types_come_from_the_bag_first():
     assert store_for(ODOMETRY, 'this is no definition {') is not None
 
 
+def nested(levels, fields, last='float64 x'):
+    """A definition whose types nest, with so many fields each."""
+    kinds = [f'p/T{level}' for level in range(1, levels)]
+    bodies = ['\n'.join(f'{kind} f{i}' for i in range(fields)) for kind in kinds] + [last]
+    return f'\n{"=" * 80}\n'.join(
+        f'MSG: p/T{level}\n{body}\nfloat64 last' if level else f'{body}\nfloat64 last'
+        for level, body in enumerate(bodies)
+    )
+
+
+@pytest.mark.timeout(30)
+@pytest.mark.parametrize(
+    'definition',
+    [
+        nested(25, 10),
+        nested(40, 1),
+        nested(3, 2, 'p/T0 again'),
+        'p/T0 again\nfloat64 last',
+        'p/T1[1000000000] many\nfloat64 last\n' + '=' * 80 + '\nMSG: p/T1\nfloat64[0] none',
+    ],
+    ids=['wide', 'deep', 'in itself, late', 'in itself', 'long'],
+)
+def test_a_type_with_too_many_fields_is_refused(definition):
+    store = store_for('p/msg/T0', definition)
+    with pytest.raises(
+        UsageError, match='p/msg/T0 cannot be read: it has more than 100,000 fields'
+    ):
+        Field(fields_of(store), 'p/msg/T0', 'last')
+
+
+def test_a_type_that_nests_twenty_times_is_read():
+    store = store_for('p/msg/T0', nested(20, 1))
+    raw = b'\0\1\0\0' + np.arange(21.0).tobytes()
+    for path, value in (('last', 20.0), ('.'.join(19 * ['f0'] + ['x']), 0.0)):
+        assert Field(fields_of(store), 'p/msg/T0', path).decode(raw).value == value
+
+
 OWN = """\
 string[] labels
 std_msgs/Empty nothing
