@@ -219,6 +219,10 @@ Limitations:
 - Where h must be long (creep, few counts) there are few instants: the first seconds are not calibrated.
 - Vibration above 60 Hz at 4 ms is not resolved, and may make the interval wider than needed. Below that, bursts of
   it shorter than 0.3 s are found late: at 300 Hz, bursts of 61 Hz for 0.15 s are covered to 72 % (`kalman`).
+- Errors that come in bursts are covered too little. Against the off-line reference `edge_adaptive` covers 71 and 75 % on
+  the two joints of `trajectory_665hz`, 67 % on `sac_200hz_multiturn`, 79 % on one joint of `sys_id_500hz`, and 90 to
+  100 % on the other joints (`evaluate BAG --reference smoother`). `kalman` covers 75 to 86 % on those four,
+  `finite_difference` 90 to 95 %.
 - White motion, which changes from sample to sample, is taken for noise of the readings (`odrive_noise*` of the
   [held-out recordings](held_out.md)).
 
