@@ -66,10 +66,14 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
 
 
 def measured(time: Array, estimate: Array, truth: Array) -> Delay:
-    """Return the lag with its interval; parameters as those of `delay`.
+    """Return the lag with its interval.
 
     The motion does not determine the lag where half the interval exceeds both the lag and `VAGUE`
     samples, nor where the smallest error is not midway between its two sides.
+
+    Parameters
+    ----------
+    time, estimate, truth : shape (n,), as those of `delay`.
     """
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]

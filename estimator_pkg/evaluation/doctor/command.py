@@ -74,7 +74,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'such as resistance; repeatable',
     )
     joint_arguments(parser)
-    parser.add_argument('--out', metavar='YAML', help='write a parameter file for joint_observer')
+    parser.add_argument(
+        '--out',
+        metavar='YAML',
+        help='write a parameter file for joint_observer, unless a check FAILs',
+    )
     parser.add_argument('--html', metavar='FILE', help='write the report as a page')
     unpacking.arguments(parser)
 
