@@ -210,13 +210,16 @@ def test_a_result_may_stand_in_the_folder_of_its_bag(tmp_path, monkeypatch, caps
 @pytest.mark.long
 def test_an_output_that_existed_is_reported(tmp_path, capsys):
     page, gains, result = (str(tmp_path / name) for name in ('page', 'gains', 'result'))
-    words = ['doctor', str(BAG), '--html', page, '--out', gains, '--json']
+    good = str(BAG.with_name('sine_12bit'))
+    words = ['doctor', good, '--html', page, '--out', gains, '--json']
     for last, before in (('-', []), (result, [gains, page]), (result, [gains, page, result])):
-        assert main([*words, last]) == 1  # a check FAILs: the files are written all the same
+        assert main([*words, last]) == 0
         said = capsys.readouterr()
         shown = said.err if last == '-' else said.out
         lines = [f'replaced: {", ".join(before)}'] if before else []
         assert [line for line in shown.splitlines() if 'replaced:' in line] == lines
+    assert main(['doctor', str(BAG), *words[2:], result]) == 1  # a check FAILs: no parameter file
+    assert f'replaced: {page}, {result}\n' in capsys.readouterr().out
     assert main([*words[:3], str(tmp_path), '--out', gains]) == 1  # nothing is written
     assert 'replaced' not in capsys.readouterr().out
 

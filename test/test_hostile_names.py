@@ -51,11 +51,12 @@ def trial(joint, bags):
     found = {
         'error': 0.1,
         'delay_s': 0.01,
+        'delay_95_s': 0.001,
         'noise': 0.02,
         'cost': 0.1,
         'by_joint': {
-            joint: {'error': 0.1, 'delay_s': 0.01, 'noise': 0.02, 'cost': 0.1},
-            'b': {'error': 0.1, 'delay_s': 0.01, 'noise': 0.02, 'cost': 0.1},
+            joint: {'error': 0.1, 'delay_s': 0.01, 'delay_95_s': 0.001, 'noise': 0.02, 'cost': 0.1},
+            'b': {'error': 0.1, 'delay_s': 0.01, 'delay_95_s': 0.001, 'noise': 0.02, 'cost': 0.1},
         },
     }
     return {

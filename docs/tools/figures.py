@@ -16,8 +16,8 @@ An entry of docs/tools/figures.yaml names a page, the commands to run and one of
 
 Numbers agree within ``tolerance`` (relative, 0.02 if unset) or the rounding of the last printed
 digit; at tolerance 0 they must be equal. In expressions ``r`` is the JSON of the last command and
-``runs`` a list of all. ``rms(observer, run)`` [rad/s] and ``delay(observer, run)`` [ms] come from
-``evaluate``; ``run`` is the last one if unset.
+``runs`` a list of all. ``rms(observer, run)`` [rad/s], ``delay(observer, run)`` [ms] and
+``covered(joint, run)`` [%] come from ``evaluate``; ``run`` is the last one if unset.
 """
 
 from __future__ import annotations
@@ -94,9 +94,14 @@ def outcome(commands: tuple[str, ...]) -> tuple[str, list]:
 def names(results: list) -> dict:
     """Return the names that expressions may use."""
 
+    def estimates(run: int) -> dict:
+        return next(iter(results[run]['bags'].values()))['estimates']
+
     def velocity(observer: str, run: int) -> dict:
-        bag = next(iter(results[run]['bags'].values()))
-        return next(iter(bag['estimates'][observer]['joints'].values()))['velocity']
+        return next(iter(estimates(run)[observer]['joints'].values()))['velocity']
+
+    def covered(joint: str, run: int = -1) -> float:
+        return 100.0 * next(iter(estimates(run).values()))['joints'][joint]['coverage_95']
 
     return {
         'r': results[-1] if results else None,
@@ -105,6 +110,7 @@ def names(results: list) -> dict:
         'drawn': drawn,
         'rms': lambda observer, run=-1: velocity(observer, run)['rms'],
         'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
+        'covered': covered,
         'rows': lambda paper: len(PAPERS[paper].REPRODUCTION.references()),
     }
 

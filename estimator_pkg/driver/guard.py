@@ -49,7 +49,7 @@ WHY_DROPPED = {
     'late': 'stamps older than the previous one: messages overtake each other',
     'zero_stamp': 'no time stamp',
     'non_finite': 'NaN or infinite positions',
-    'misconfigured': 'gains that are unstable at this sample rate: lower bandwidth_hz',
+    'misconfigured': 'gains that are unstable at this sample rate: lower them, or sample faster',
     'repeated': 'repeated readings: the sensor is slower than its driver',
 }
 

@@ -53,6 +53,15 @@ def error(value: float | None, decimals: int) -> str:
     return fixed(value, decimals)
 
 
+def interval(value: float, half: float, unit: str = '') -> str:
+    """Return a number with half of its 95 % interval (two digits, or 0.01); '-' for nan."""
+    if not math.isfinite(value + half):
+        return '-'
+    half = max(half, 0.01)
+    decimals = min(2, max(0, 1 - math.floor(math.log10(half))))
+    return f'{fixed(value, decimals)} +- {fixed(half, decimals)} {unit}'.rstrip()
+
+
 def table(
     header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int | None = None
 ) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from estimator_pkg import observers, registry
+from estimator_pkg.parameters import Parameter, declared
 
 if TYPE_CHECKING:
     from estimator_pkg.streams.contract import Stream
@@ -28,6 +29,12 @@ def named(kind: str) -> type[Stream]:
 def of_observer(observer: str) -> type[Stream]:
     """Return the stream of this observer; raise UsageError for an unknown observer."""
     return named(observers.find(observer).kind)
+
+
+def parameters(observer: str) -> dict[str, Parameter]:
+    """Return the parameters of this observer and its node, by name; raise UsageError."""
+    stream = of_observer(observer)
+    return {**stream.parameters(observer), **declared(stream.SETTINGS)}
 
 
 def every() -> list[type[Stream]]:

@@ -20,6 +20,7 @@ from estimator_pkg import interrupts
 from estimator_pkg.cli import INTERRUPTED, Command
 from estimator_pkg.cli import main as velocity_estimator
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.evaluation.text import interval
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import show
 from estimator_pkg.ros.domain import free_domain
@@ -131,7 +132,9 @@ def verdict(result: Mapping[str, Any], observer: str) -> str:
     }
     ours, theirs = rows[ESTIMATE], rows[DIFFERENCE]
     late = [
-        f'{1e3 * row["delay_s"]:.1f} ms' if row['delay_s'] is not None else 'an unknown time'
+        'an unknown time'
+        if row['delay_s'] is None
+        else interval(1e3 * row['delay_s'], 1e3 * row['delay_95_s'], 'ms')
         for row in (ours, theirs)
     ]
     ratio = theirs['rms'] / ours['rms'] if ours['rms'] else math.inf

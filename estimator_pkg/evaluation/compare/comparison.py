@@ -297,7 +297,9 @@ def compared(
         starts,
         true.smoothed,
         {
-            joint: rank(candidates[joint], moved, AngleSettings.observer, skip=options.skip or None)
+            joint: Verdict(cautions=(), why=true.faults[joint], tunable=False)
+            if joint in true.faults
+            else rank(candidates[joint], moved, AngleSettings.observer, skip=options.skip or None)
             for joint, moved in true.motions.items()
         },
     )

@@ -8,14 +8,22 @@ square error is symmetric, and the middle of the two sides is the delay. The two
 an integer number of samples apart: interpolation smooths noise by an amount that depends on the
 position between two samples, and this effect cancels in the difference. The asymmetry of the truth
 itself within the record (a sine that is cut off, say) is subtracted.
+
+The interval is that of a linear fit of the remaining error to the truth's slope over the two sides,
+from blocks of time as in `ranking.pairs`.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.compare.interpolation import cubic, slopes
+from estimator_pkg.evaluation.ranking import pairs
 
 Array = NDArray[np.float64]
 
@@ -28,6 +36,22 @@ SURE = 6.0  # and by this over the root of the number of samples: noise alone gi
 EXACT = 1e-9  # of the delay [s]
 POINTS, PER_SAMPLE = 1 << 20, 64  # the search's grid: at most, and for each sample
 MOTION = 2.0  # the truth's variance must exceed its noise power by this factor
+VAGUE = 2.0  # a delay within this many samples of zero may be less than its interval
+
+
+class Delay(NamedTuple):
+    """A delay and half of its 95 % interval [s]; nan where the signals do not determine them."""
+
+    late: float
+    half: float
+
+    @property
+    def known(self) -> Delay:
+        """The same; both nan where the motion does not determine the delay."""
+        return self if math.isfinite(self.half) else UNKNOWN
+
+
+UNKNOWN = Delay(math.nan, math.nan)
 
 
 def delay(time: Array, estimate: Array, truth: Array) -> float:
@@ -38,10 +62,23 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
     time : shape (n,), increasing [s].
     estimate, truth : shape (n,), at these times.
     """
+    return measured(time, estimate, truth).late
+
+
+def measured(time: Array, estimate: Array, truth: Array) -> Delay:
+    """Return the lag with its interval.
+
+    The motion does not determine the lag where half the interval exceeds both the lag and `VAGUE`
+    samples, nor where the smallest error is not midway between its two sides.
+
+    Parameters
+    ----------
+    time, estimate, truth : shape (n,), as those of `delay`.
+    """
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]
     if len(time) < 8 or np.var(truth) <= MOTION * noise_power(truth):
-        return np.nan
+        return UNKNOWN
     steps = np.diff(time)
     step = float(np.median(steps))
     longest = max(LONGEST, 10.0 * step)
@@ -57,8 +94,9 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
         errors, max(CLEAR, SURE / len(time) ** 0.5), float(np.mean(truth * truth)) + level * level
     )
     if rise == 0:
-        return np.nan
-    return _middle(time, estimate, truth, hole, best * step, rise * step, step)
+        return UNKNOWN
+    late, half = _middle(time, estimate, truth, hole, best * step, rise * step, step)
+    return Delay(late, half if half <= max(abs(late), VAGUE * step) else math.nan)
 
 
 def noise_power(values: Array) -> float:
@@ -126,16 +164,15 @@ def _middle(
     shift: float,
     side: float,
     step: float,
-) -> float:
-    """Return the shift whose two sides, `side` away, have equal errors (bisection) [s]."""
+) -> Delay:
+    """Return the shift whose two sides, `side` away, have equal errors (bisection).
+
+    Its interval is nan if no shift within two samples has that property.
+    """
     low, high = shift - 2.0 * step, shift + 2.0 * step
-    inside = np.ones(len(time), bool)
-    for edge in (low - side, high + side, -side, side):
-        moved = time + edge
-        before = np.clip(np.searchsorted(time, moved, side='right') - 1, 0, len(hole) - 1)
-        inside &= (moved >= 0.0) & (moved <= time[-1]) & ~hole[before]
+    inside = _inside(time, hole, (low - side, high + side, -side, side))
     if np.count_nonzero(inside) < 4:
-        return np.nan
+        return UNKNOWN
     at, wanted = time[inside], truth[inside]
 
     def difference(signal: Array, slope: Array, where: float) -> float:
@@ -151,7 +188,7 @@ def _middle(
 
     below, above = rise(low), rise(high)
     if below > 0.0 or above < 0.0:
-        return shift
+        return Delay(shift, math.nan)
     # Between them it is nearly a straight line: regula falsi, in the Illinois variant, which halves
     # the value of an end that stays (Dahlquist and Bjorck, Numerical Methods, section 6.2.2)
     kept, at_zero = 0, 0.5 * (low + high)
@@ -164,4 +201,44 @@ def _middle(
             high, above, below, kept = at_zero, value, below * (0.5 if kept > 0 else 1.0), 1
         if abs(at_zero - previous) < EXACT or high - low < EXACT:
             break
-    return at_zero
+    return Delay(at_zero, _half(time, estimate, truth, hole, at_zero, side, step))
+
+
+def _half(
+    time: Array,
+    estimate: Array,
+    truth: Array,
+    hole: NDArray[np.bool_],
+    late: float,
+    side: float,
+    step: float,
+) -> float:
+    """Return half of the delay's interval [s]; nan if a delay outside of it fits far better."""
+    inside = _inside(time, hole, (-late - side, -late, side - late))
+    if np.count_nonzero(inside) < 8:
+        return math.nan
+    at, slopes_ = time[inside] - late, slopes(time, truth)
+
+    def behind(shift: float) -> Array:
+        return cubic(time, truth, at - shift, slopes_)
+
+    rise, rest = (behind(-side) - behind(side)) / (2.0 * side), estimate[inside] - behind(0.0)
+    block = pairs.blocks(at)
+    sums = np.bincount(block, (rest - np.mean(rest)) * rise)
+    half = pairs.of_sums([sums], [np.bincount(block, rise * rise)]).half
+    most = float(np.mean(rest * rest)) - NEAR * float(np.var(truth))
+    for shift in (-1.0, 1.0):
+        other = estimate[inside] - behind(shift * max(2.0 * half, step))
+        if not float(np.mean(other * other)) >= most:
+            return math.nan
+    return half
+
+
+def _inside(time: Array, hole: NDArray[np.bool_], ways: Sequence[float]) -> NDArray[np.bool_]:
+    """Return True for the times that are in the record, and in no hole, after each of the ways."""
+    found = np.ones(len(time), bool)
+    for way in ways:
+        moved = time + way
+        before = np.clip(np.searchsorted(time, moved, side='right') - 1, 0, len(hole) - 1)
+        found &= (moved >= 0.0) & (moved <= time[-1]) & ~hole[before]
+    return found

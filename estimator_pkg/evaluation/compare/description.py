@@ -11,7 +11,7 @@ from estimator_pkg.evaluation.compare.comparison import ROUNDING, Comparison
 from estimator_pkg.evaluation.compare.truth import SMOOTHED
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
-from estimator_pkg.evaluation.text import WIDTH, error, fixed, number, table, wrapped
+from estimator_pkg.evaluation.text import WIDTH, error, fixed, interval, number, table, wrapped
 from estimator_pkg.streams.drive import ELECTRICAL
 
 HEADER = (
@@ -55,7 +55,7 @@ def describe(comparison: Comparison, wide: bool = False) -> str:
                 error(v['mean_abs'], 4),
                 error(v['max_abs'], 3),
                 fixed(v['bias'], 4),
-                fixed(_ms(v['delay_s']), 2),
+                interval(_ms(v['delay_s']), _ms(v['delay_95_s'])),
                 number(v['noise'], 3),
                 str(row.matched['compared']),
                 str(row.samples['received']),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.delay import LONGEST, delay
+from estimator_pkg.evaluation.compare.delay import LONGEST, measured
 from estimator_pkg.evaluation.compare.interpolation import cubic, slopes
 
 Array = NDArray[np.float64]
@@ -62,9 +62,11 @@ def velocity(
     estimate, truth : shape (n,) [rad/s or m/s].
     truth_noise : rms noise of the truth; a constant truth may change by it.
     """
+    late = measured(*_middle(time, estimate, truth)).known
     return {
         **summary(estimate - truth),
-        'delay_s': delay(*_middle(time, estimate, truth)),
+        'delay_s': late.late,
+        'delay_95_s': late.half,
         'noise': noise_at_constant_speed(time, estimate, truth, truth_noise),
     }
 

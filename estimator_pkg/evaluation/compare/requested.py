@@ -12,7 +12,7 @@ from estimator_pkg import observers, params_file, streams
 from estimator_pkg.driver.configuration import NAME_IT
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.entries import Entry, angle_observers
-from estimator_pkg.parameters import Parameter, declared, parse_assignments
+from estimator_pkg.parameters import parse_assignments
 
 ALL = 'all'
 OBSERVER = 'observer'
@@ -43,7 +43,7 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
         if not given and not params:
             return []
         wanted = [str(given.pop(OBSERVER, None) or _named(params))]
-    by_observer = {name: _known(name) for name in wanted}
+    by_observer = {name: streams.parameters(name) for name in wanted}
     from_file = [_from_file(params, name) for name in wanted]
     if params is not None and all(values is None for values in from_file):
         params_file.warn_unused(params, wanted)
@@ -77,11 +77,6 @@ def _named(params: str | None) -> str:
     if sections & {streams.named(streams.USUAL).NODE, '*', '**'}:
         return observers.DEFAULT
     raise UsageError(f'{params} names no observer: name one with --observer')
-
-
-def _known(observer: str) -> dict[str, Parameter]:
-    stream = streams.of_observer(observer)
-    return {**stream.parameters(observer), **declared(stream.SETTINGS)}
 
 
 def _from_file(params: str | None, observer: str) -> dict[str, Any] | None:

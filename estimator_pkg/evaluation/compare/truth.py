@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,12 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.sources import source_of_stamps
+from estimator_pkg.evaluation.doctor.examine import FEWEST, checked, failed
+from estimator_pkg.evaluation.doctor.readings import Readings, to_mend
+from estimator_pkg.evaluation.doctor.velocities import reference as reference_of
+from estimator_pkg.evaluation.doctor.velocities import stretch
 from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
+from estimator_pkg.evaluation.ranking.ranking import AT_MOST, SKIPPED
 from estimator_pkg.evaluation.reference import reference
 from estimator_pkg.evaluation.reference.back_emf import of_angles
 from estimator_pkg.evaluation.reference.late import MATTERS, common_lag, confirmed
@@ -28,7 +33,7 @@ from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
-from estimator_pkg.streams.contract import PUBLISHER
+from estimator_pkg.streams.contract import HEADER
 from estimator_pkg.streams.drive import ELECTRICAL, DriveStream
 
 Array = NDArray[np.float64]
@@ -49,6 +54,7 @@ class Truth:
     corrected : lag and bias that were removed.
     motions : what the off-line smoother found, None for too few readings; empty if the bag has a
         truth.
+    faults : why nothing is recommended for a joint: what its readings must be mended of first.
     notes : what the user must know of it.
     """
 
@@ -57,6 +63,7 @@ class Truth:
     references: dict[str, Reference]
     corrected: dict[str, dict[str, float]] = field(default_factory=dict)
     motions: dict[str, Motion | None] = field(default_factory=dict)
+    faults: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -168,7 +175,11 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
     with progress(f'{path}: reference', steps) as advance:
         for joint, each in measurement.items():
             period = 0.0 if joint.endswith(ELECTRICAL) else options.wrap_period
-            found.motions[joint] = moved = motion(each.stamps_ns, each.position, period)
+            if joint.endswith(ELECTRICAL):
+                moved = motion(each.stamps_ns, each.position, period)
+            else:
+                moved = _examined(found, joint, each, period)
+            found.motions[joint] = moved
             advance(1)
             if moved is None:
                 continue
@@ -183,10 +194,32 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
             )
             found.references[joint] = reference.from_smoother(moved.uncertainty)
     if not any((each.stamps_ns > 0).any() for each in measurement.values()):
-        by_publisher = PUBLISHER in map(source_of_stamps, options.observers)
-        remedy = 'the bag has no times' if by_publisher else 'use --set stamp_source=publisher'
+        by_header = HEADER in (set(map(source_of_stamps, options.observers)) or {HEADER})
+        remedy = 'use --set stamp_source=publisher' if by_header else 'the bag has no times'
         raise UserError(f'{path}: no truth, and readings without a stamp: {remedy}')
     return found
+
+
+def _examined(found: Truth, joint: str, measurement: Series, period: float) -> Motion | None:
+    """Return the motion of a joint as `doctor` sees it: between jumps, and its faults noted."""
+    stamps, position = measurement.stamps_ns, measurement.position
+    start = int(np.min(stamps[stamps > 0], initial=2**62))
+    seen = Readings(joint, stamps, stamps, position, measurement.velocity, period, start)
+    faults = failed(checked(seen)) if len(seen.rows) >= FEWEST else []
+    if faults:
+        found.faults[joint] = to_mend(faults)
+    if not np.any(seen.leaps):
+        return motion(stamps, position, period)
+    rows = np.sort(stretch(seen, len(seen.rows)))
+    moved = reference_of(seen, rows)
+    if moved is not None:
+        begin, end = seen.when(rows[[0, -1]])
+        found.notes += (f'{joint}: compared from {begin:.2f} to {end:.2f} s, between its jumps',)
+        if rows[0] != np.min(seen.rows):  # a jump before it: the observers settle first
+            elapsed = moved.time - moved.time[0]
+            calm = elapsed >= min(SKIPPED, AT_MOST * elapsed[-1])
+            moved = replace(moved, firm=moved.firm & calm)
+    return moved
 
 
 def _reference(truth: Series, measurement: Series | None, period: float) -> Reference:

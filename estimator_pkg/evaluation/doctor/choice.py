@@ -18,13 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.delay import delay
-from estimator_pkg.evaluation.doctor.readings import Readings, short
+from estimator_pkg.evaluation.compare.delay import UNKNOWN, Delay, measured
+from estimator_pkg.evaluation.doctor.readings import Readings, late_by
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
-from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.ranking.verdict import Verdict, shown
 from estimator_pkg.evaluation.reference.motion import Motion
-from estimator_pkg.evaluation.text import number
 from estimator_pkg.observers.contract import VALID
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleSettings
@@ -45,13 +44,18 @@ class Answer(NamedTuple):
     verdict : of the candidates at their defaults, and of the best gains of each observer.
     held_out : the same on the part of the record that chose no gains.
     best : observer -> its best candidate on the first part.
-    delays : candidate -> delay [s]; nan: not determined.
+    delays : candidate -> delay; nan: not determined.
     """
 
     verdict: Verdict
     held_out: Verdict
     best: Mapping[str, Entry]
-    delays: Mapping[str, float]
+    delays: Mapping[str, Delay]
+
+    @property
+    def compared(self) -> bool:
+        """True if the motion ranks the candidates: noise alone does not choose an observer."""
+        return bool(self.verdict.best) and self.verdict.tunable
 
 
 @dataclass(frozen=True)
@@ -140,11 +144,11 @@ def answer(
         best = {name: Entry(name, name) for name in angle_observers()}
     counted = reference.firm
     delays = {
-        label: delay(reference.time[counted], velocity[label][counted], reference.velocity[counted])
+        label: measured(
+            reference.time[counted], velocity[label][counted], reference.velocity[counted]
+        ).known
         for label in {*labels, *(each.label for each in best.values())}
     }
-    early = -seen.step  # no causal estimate is: noise hides its delay
-    delays = {label: late if late > early else math.nan for label, late in delays.items()}
     return Answer(chosen, held_out, best, delays)
 
 
@@ -154,7 +158,7 @@ def choose(answers: Mapping[str, Answer]) -> Choice:
     An observer is taken instead of the default if it is better for one joint at least, both on the
     whole record and on held-out data, and worse for none.
     """
-    kept = {joint: each for joint, each in answers.items() if each.verdict.best}
+    kept = {joint: each for joint, each in answers.items() if each.compared}
     scores: dict[str, float] = {}
     gains: dict[str, dict[str, Mapping[str, Any]]] = {}
     for observer in angle_observers():
@@ -205,7 +209,7 @@ def sentences(joint: str, made: Answer, choice: Choice) -> list[str]:
             f'Use {choice.observer} {how}: {_quality(label, made)}. Your finite difference, '
             f'low-passed: {_quality(BASELINE, made)}.'
         )
-        if verdict.better(verdict.best, label) > 0:
+        if made.compared and verdict.better(verdict.best, label) > 0:
             alone = made.held_out.better(verdict.best, label) > 0
             where = (
                 'for each joint' if alone else f'on the last {100.0 - 100.0 * TRAINED:.0f} % alone'
@@ -215,8 +219,5 @@ def sentences(joint: str, made: Answer, choice: Choice) -> list[str]:
 
 
 def _quality(label: str, made: Answer) -> str:
-    late = made.delays.get(label, math.nan)
-    error = made.verdict.rms.get(label, math.nan)
-    return f'error {number(error, 2)} rad/s rms' + (
-        f', {short(max(late, 0.0))} late' if late == late else ''
-    )
+    error, late = made.verdict.rms.get(label, math.nan), made.delays.get(label, UNKNOWN)
+    return f'error {shown(error)} rad/s rms, {late_by(late)}'

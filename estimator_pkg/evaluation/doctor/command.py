@@ -27,7 +27,7 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
-from estimator_pkg.evaluation.doctor.readings import FAIL, Readings
+from estimator_pkg.evaluation.doctor.readings import Readings
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
 from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
 from estimator_pkg.evaluation.text import wrapped
@@ -74,7 +74,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'such as resistance; repeatable',
     )
     joint_arguments(parser)
-    parser.add_argument('--out', metavar='YAML', help='write a parameter file for joint_observer')
+    parser.add_argument(
+        '--out',
+        metavar='YAML',
+        help='write a parameter file for joint_observer, unless a check FAILs',
+    )
     parser.add_argument('--html', metavar='FILE', help='write the report as a page')
     unpacking.arguments(parser)
 
@@ -131,7 +135,7 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
 
 
 def _passed(examined: Sequence[Examined]) -> bool:
-    return not any(finding.level == FAIL for each in examined for finding in each.findings)
+    return not any(each.failed for each in examined)
 
 
 def _write(
@@ -142,7 +146,11 @@ def _write(
     parameters: str,
 ) -> None:
     """Write the requested files and print their names."""
-    if parsed.out:
+    if not parameters:
+        checks = dict.fromkeys(found.check for each in examined for found in each.failed)
+        none = f'{parsed.out} is not written' if parsed.out else 'No parameter file'
+        show('', *wrapped(f'{none}: mend what FAILs first: {", ".join(checks)}'))
+    elif parsed.out:
         whole_file.write_text(parsed.out, parameters)
         show('', f'parameters: {parsed.out}')
     else:

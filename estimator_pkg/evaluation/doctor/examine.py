@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,7 +31,7 @@ FEWEST = angles.FEWEST
 
 @dataclass(frozen=True)
 class Examined:
-    """One joint's findings, and the verdict on its estimates; None without a reference.
+    """One joint's findings, and the verdict on its estimates; None if there is none.
 
     said : the verdict in words, if it is none of an angle.
     """
@@ -40,6 +40,11 @@ class Examined:
     findings: list[Finding]
     answer: Answer | None = None
     said: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> list[Finding]:
+        """The checks that FAIL: while there is one, nothing is recommended."""
+        return failed(self.findings)
 
     def as_dict(self) -> list[dict[str, Any]]:
         """Return the findings for ``--json``."""
@@ -131,8 +136,13 @@ def checked(seen: Readings) -> list[Finding]:
     return found
 
 
+def failed(findings: Iterable[Finding]) -> list[Finding]:
+    """Return the findings that FAIL."""
+    return [each for each in findings if each.level == FAIL]
+
+
 def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
-    """Return all findings on one joint, and the verdict on its estimates.
+    """Return all findings on one joint, and the verdict on its estimates if no check FAILs.
 
     Parameters
     ----------
@@ -144,5 +154,6 @@ def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
     rows = np.sort(velocities.stretch(seen))
     reference = velocities.reference(seen, rows)
     found += velocities.checks(seen, reference)
-    made = None if reference is None else answer(seen, reference, rows, motion_hz)
-    return Examined(seen, found, made)
+    if reference is None or failed(found):
+        return Examined(seen, found)
+    return Examined(seen, found, answer(seen, reference, rows, motion_hz))

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from estimator_pkg.bags.series import Series, of_positions
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.guard import VERDICTS
+from estimator_pkg.evaluation.compare.delay import Delay
 from estimator_pkg.evaluation.compare.matching import pieces
 from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.text import interval
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -325,6 +327,17 @@ def times(seconds: list[float]) -> str:
     """Return times for a text, as 'at 1.20 s, 3.41 s and 7 more'."""
     more = f' and {len(seconds) - NAMED} more' if len(seconds) > NAMED else ''
     return 'at ' + ', '.join(f'{each:.2f} s' for each in seconds[:NAMED]) + more
+
+
+def late_by(late: Delay) -> str:
+    """Return a delay for a text."""
+    known = interval(1e3 * late.late, 1e3 * late.half, 'ms')
+    return 'delay not determined' if known == '-' else f'{known} late'
+
+
+def to_mend(failed: Sequence[Finding]) -> str:
+    """Return why nothing is recommended while these checks FAIL, and what to do, as sentences."""
+    return '. '.join(f'{each.value}. Mend this first: {each.remedy}' for each in failed)
 
 
 def short(seconds: float) -> str:

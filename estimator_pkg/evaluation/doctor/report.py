@@ -13,7 +13,8 @@ from typing import Any
 from estimator_pkg import params_file, yaml_text
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
-from estimator_pkg.evaluation.doctor.readings import FAIL, LEVELS, PASS, WARN, Finding
+from estimator_pkg.evaluation.doctor.readings import FAIL, LEVELS, PASS, WARN, Finding, to_mend
+from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.streams.angle import AngleStream
 
@@ -68,6 +69,8 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
         name = each.readings.name
         if each.said:
             found[name] = list(each.said)
+        elif each.failed:
+            found[name] = Verdict(cautions=(), why=to_mend(each.failed)).sentences()
         elif each.answer is None:
             keep = f'The file keeps {choice.observer} at its defaults for it.'
             why = 'the joint does not move enough' if each.readings.rows.size else 'no readings'
@@ -137,7 +140,11 @@ def as_yaml(
     Parameters
     ----------
     origin : what the readings are from. settings : parameters that the user set.
+
+    It is empty while a check FAILs: no gains fit readings that are wrong.
     """
+    if any(each.failed for each in examined):
+        return ''
     quanta = {each.readings.name: each.readings.quantum for each in examined}
     known = {name: float(f'{count:.6g}') for name, count in quanta.items() if count}
     common = known and len(set(known.values())) == 1 and len(known) == len(quanta)
@@ -147,12 +154,14 @@ def as_yaml(
     ]
     how = f'{choice.observer} with these gains' if any(choice.gains.values()) else choice.observer
     usual = 'at its defaults' if choice.observer == DEFAULT else f'{DEFAULT}, the default,'
-    lines.append(
-        f'{how} is better than {usual} on the last 30 % of the record (95 %).'
-        if choice.tuned
-        else f'{choice.observer}, the default: nothing was better on the last 30 % of the record '
-        '(95 %).'
-    )
+    if choice.tuned:
+        lines.append(f'{how} is better than {usual} on the last 30 % of the record (95 %).')
+    elif any(each.answer is not None and each.answer.compared for each in examined):
+        lines.append(
+            f'{how}, the default: nothing was better on the last 30 % of the record (95 %).'
+        )
+    else:
+        lines.append(f'{how}, the default: no joint moves enough to compare observers.')
     for name, said in verdicts(examined, choice).items():
         lines += [f'{name or "joint"}: {sentence}' for sentence in said[:2]]
     written = [
@@ -195,8 +204,9 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
         parts.append(f'<h3>{escaped(name or "joint")}</h3>')
         parts += [f'<p class="use">{escaped(each)}</p>' for each in use]
         parts += ['<ul>', *(f'<li>{escaped(each)}</li>' for each in said[len(use) :]), '</ul>']
-    code = '\n'.join(map(escaped, parameters.split('\n')))
-    parts.append(f'<h2>Parameter file</h2><pre>{code}</pre>')
+    if parameters:
+        code = '\n'.join(map(escaped, parameters.split('\n')))
+        parts.append(f'<h2>Parameter file</h2><pre>{code}</pre>')
     parts.append(f'<h2>Checks</h2><p>{escaped(summary(examined).replace(chr(10), " "))}</p>')
     for heading, findings in blocks(examined):
         parts.append(f'<h3>{escaped(heading)}</h3><table>')

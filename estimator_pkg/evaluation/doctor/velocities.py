@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from estimator_pkg.bags.series import at_stamps
-from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.compare.delay import UNKNOWN, Delay, measured
 from estimator_pkg.evaluation.compare.interpolation import cubic
 from estimator_pkg.evaluation.doctor.readings import (
     DIFFERENCE,
@@ -21,7 +21,7 @@ from estimator_pkg.evaluation.doctor.readings import (
     Finding,
     Readings,
     Rows,
-    short,
+    late_by,
 )
 from estimator_pkg.evaluation.ranking.cautions import DOUBT, contradiction
 from estimator_pkg.evaluation.reference.motion import Motion, motion
@@ -33,8 +33,8 @@ FEWEST = 100  # readings without which there is no reference
 LOW_PASS = declared(type(DIFFERENCE.joint().observer.gains()))['bandwidth_hz'].default
 
 
-def stretch(seen: Readings) -> Rows:
-    """Return at most `LONGEST` consecutive readings without a jump, those that move most.
+def stretch(seen: Readings, longest: int = LONGEST) -> Rows:
+    """Return at most `longest` consecutive readings without a jump, those that move most.
 
     They are indices, shape (k,). A reading that jumps and returns at once is left out.
     """
@@ -43,9 +43,9 @@ def stretch(seen: Readings) -> Rows:
     cuts = np.setdiff1d(jumps, np.r_[alone - 1, alone]) + 1
     way = np.concatenate([[0.0], np.cumsum(np.where(seen.leaps, 0.0, np.abs(seen.moves)))])
     parts = [
-        slice(first, min(first + LONGEST, end))
+        slice(first, min(first + longest, end))
         for begin, end in pairwise([0, *cuts.tolist(), len(seen.rows)])
-        for first in range(begin, max(end - LONGEST, begin) + 1, LONGEST // 10)
+        for first in range(begin, max(end - longest, begin) + 1, max(longest // 10, 1))
         if end - begin >= FEWEST
     ] or [slice(0, 0)]
     best = max(parts, key=lambda part: way[max(part.stop - 1, 0)] - way[part.start])
@@ -82,16 +82,14 @@ def checks(seen: Readings, found: Motion | None) -> list[Finding]:
     speed = float(np.sqrt(np.mean(truth * truth)))
     numbers = {'rms_speed': speed, 'reference_stddev': found.stddev}
 
-    def error(values: Array) -> tuple[float, float, float]:
-        """Return (rms error, noise, delay [s]): noise is the error beyond the delay."""
+    def error(values: Array) -> tuple[float, float, Delay]:
+        """Return (rms error, noise, delay): noise is the error beyond the delay."""
         at = at_stamps(found.stamps[firm], seen.stamps_ns, values)
         good = np.isfinite(at)
         if np.count_nonzero(good) < FEWEST:
-            return (math.nan,) * 3
-        late = delay(time[good], at[good], truth[good])
-        if _rms(at[good] - truth[good]) > speed or late < -seen.step:
-            late = math.nan  # noise hides it
-        then = cubic(time, truth, time[good] - (late if late == late else 0.0))
+            return math.nan, math.nan, UNKNOWN
+        late = measured(time[good], at[good], truth[good]).known
+        then = cubic(time, truth, time[good] - np.nan_to_num(late.late))
         return _rms(at[good] - truth[good]), _rms(at[good] - then), late
 
     raw = np.full(len(seen.stamps_ns), np.nan)
@@ -109,30 +107,28 @@ def checks(seen: Readings, found: Motion | None) -> list[Finding]:
             Finding(
                 name,
                 PASS,
-                f'{words}: noise {noise:.3g} rad/s, {_late(late)}, at {speed:.3g} rad/s rms',
+                f'{words}: noise {noise:.3g} rad/s, {late_by(late)}, at {speed:.3g} rad/s rms',
                 '',
-                numbers | {'rms': rms, 'noise': noise, 'delay_s': late},
+                numbers
+                | {'rms': rms, 'noise': noise, 'delay_s': late.late, 'delay_95_s': late.half},
             )
         )
     if np.count_nonzero(np.isfinite(seen.velocity)) > FEWEST and np.ptp(
         seen.velocity[np.isfinite(seen.velocity)]
     ):
         rms, noise, late = error(seen.velocity)
-        slow = late > max(LATE, LATE_STEPS * seen.step)
+        slow = late.late - late.half > max(LATE, LATE_STEPS * seen.step)
         result.append(
             Finding(
                 'published velocity',
                 WARN if slow else PASS,
-                f'that of the topic: noise {noise:.3g} rad/s, {_late(late)}',
+                f'that of the topic: noise {noise:.3g} rad/s, {late_by(late)}',
                 'use the estimate of a node instead' if slow else '',
-                numbers | {'rms': rms, 'noise': noise, 'delay_s': late},
+                numbers
+                | {'rms': rms, 'noise': noise, 'delay_s': late.late, 'delay_95_s': late.half},
             )
         )
     return result
-
-
-def _late(late: float) -> str:
-    return f'{short(late)} late' if late == late else 'delay not determined'
 
 
 def _rms(values: Array) -> float:

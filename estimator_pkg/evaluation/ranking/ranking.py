@@ -37,7 +37,7 @@ from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.evaluation.ranking import pairs as test
 from estimator_pkg.evaluation.ranking.cautions import cautions
 from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
-from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
+from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict, shown
 from estimator_pkg.evaluation.reference.motion import ABOVE, Motion
 
 Array = NDArray[np.float64]
@@ -194,10 +194,11 @@ def _pair(first: str, second: str, scores: Mapping[str, _Score], own: float) -> 
     ]
     scale = 2.0 * max(scores[first].of[0].mean + own, 1e-300)
     signs = {each.sign for each in found}
+    printed = {shown(math.sqrt(scores[name].of[0].mean + own)) for name in (first, second)}
     return Pair(
         first,
         second,
-        signs.pop() if len(signs) == 1 else 0,
+        signs.pop() if len(signs) == 1 and len(printed) == 2 else 0,
         100.0 * (math.sqrt(1.0 + 2.0 * abs(found[0].mean) / scale) - 1.0),
         100.0 * max(each.half for each in found) / scale,
     )

@@ -22,7 +22,7 @@ class Pair:
     """Two estimates compared.
 
     first, second : names; the first has the smaller error.
-    sign : 1: the first is better; 0: they cannot be distinguished.
+    sign : 1: the first is better; 0: they cannot be distinguished, or print the same error.
     difference : by how much the second error is larger [%].
     resolution : the smallest difference that would be declared [%].
     """
@@ -55,7 +55,7 @@ class Verdict:
     ties : names that are as good as the best, as far as the readings show.
     rms : expected rms error by name, the reference's own variance added [rad/s]; best first.
     pairs : all pairs, best first.
-    motion_hz : the choice rests on motion up to this frequency [Hz].
+    motion_hz : the choice rests on motion up to this frequency [Hz]; nan: on none.
     question_hz : frequency of an oscillation that is motion or sensor noise; nan: none.
     other : the verdict if it is sensor noise; None: the same.
     cautions : what limits the verdict, most important first; the last one always applies.
@@ -101,7 +101,7 @@ class Verdict:
         return [*self._best(), *self._pairs(), *self._rests(), *map(_sentence, self.cautions)]
 
     def _best(self) -> list[str]:
-        own = f'{number(self.rms[self.best], 2)} rad/s rms'
+        own = f'{shown(self.rms[self.best])} rad/s rms'
         if len(self.rms) == 1:
             return [f'{self.best}: {own}.']
         if not self._declared():
@@ -114,7 +114,7 @@ class Verdict:
         text = f'{self.best} is best: {own}'
         if self.default in self.rms and self.default != self.best:
             known = '95 % sure' if self.better(self.best, self.default) else 'not significant'
-            text += f'; {self.default} makes {number(self.rms[self.default], 2)} ({known})'
+            text += f'; {self.default} makes {shown(self.rms[self.default])} ({known})'
         return [f'{text}.']
 
     def _pairs(self) -> list[str]:
@@ -144,7 +144,7 @@ class Verdict:
                 f'{self.other.best} is best if the {hz} Hz are sensor noise, {self.best} if they '
                 'are motion: answer with --motion-hz.'
             )
-        if math.isfinite(self.motion_hz) and len(self.rms) > 1:
+        if math.isfinite(self.motion_hz) and self._declared():
             found.append(
                 f'This rests on motion up to {percent(self.motion_hz)} Hz. If the joint is slower, '
                 'set --motion-hz.'
@@ -177,6 +177,11 @@ class Verdict:
             'unranked': list(self.unranked),
             'sentences': self.sentences(),
         }
+
+
+def shown(rms: float) -> str:
+    """Return an rms error [rad/s] as a verdict prints it."""
+    return number(rms, 2)
 
 
 def percent(value: float) -> str:

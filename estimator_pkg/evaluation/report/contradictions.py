@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from estimator_pkg.evaluation.compare.comparison import Comparison, Row
-from estimator_pkg.evaluation.entries import angle_observers
+from estimator_pkg.evaluation.compare.comparison import BAND, Comparison, Row
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.reference.late import MATTERS
+from estimator_pkg.evaluation.report.findings import has
 from estimator_pkg.evaluation.report.tradeoff import of_row
-from estimator_pkg.evaluation.text import number
+from estimator_pkg.evaluation.text import interval
 from estimator_pkg.streams.angle import AngleSettings
 
 SURE = 2.0  # --correct-reference removes a lag above this many of its standard deviations
@@ -51,13 +51,13 @@ def contradictions(
             f'{listed(ratios, rows)}: {default_name}, the default, is not the best here. {name} '
             f'has {_range(ratios.values())} of its error{why}'
         )
-    angles = {*angle_observers()}
     for names, covered in narrow.items():
+        lagging = [name for name in names if has(name, 'bandwidth_hz')]
         found.append(
             f'{listed(covered, rows)}: the 95 % interval is too narrow for {", ".join(names)} (it '
             f'contains {100.0 * min(covered.values()):.0f} % of the errors): a noise model '
             'knows the noise of the readings, and not the lag while the joint accelerates'
-            + (". Set 'noise' and 'quantum', or raise the bandwidth" if angles & {*names} else '')
+            + (f'. Raise bandwidth_hz of {", ".join(lagging)}' if lagging else '')
         )
     return found
 
@@ -95,7 +95,7 @@ def _late_reference(comparison: Comparison, joint: str) -> list[str]:
     if not (math.isfinite(lag) and abs(lag) > max(MATTERS, SURE * known.lag_stddev)):
         return []
     return [
-        f'{joint}: the reference is {number(abs(lag) * 1e3, 2)} ms '
+        f'{joint}: the reference is {interval(abs(lag) * 1e3, BAND * known.lag_stddev * 1e3)} ms '
         f'{"late" if lag > 0.0 else "early"} against the measured position, so every delay here '
         f'is {"smaller" if lag > 0.0 else "larger"} than it should be by that. Shift the '
         'reference: --correct-reference'

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg import registry
+from estimator_pkg import registry, streams
 from estimator_pkg.bags.series import Series
 from estimator_pkg.driver.guard import WHY_DROPPED
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
@@ -21,11 +21,11 @@ from estimator_pkg.evaluation.compare.interpolation import cubic
 from estimator_pkg.evaluation.compare.matching import pieces, strays
 from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.doctor.angles import jumps
-from estimator_pkg.evaluation.doctor.readings import FAIL, Readings
+from estimator_pkg.evaluation.doctor.readings import FAIL, Readings, to_mend
 from estimator_pkg.evaluation.doctor.stamp_error import stamp_error
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.quantum import quantum
-from estimator_pkg.evaluation.text import number
+from estimator_pkg.evaluation.text import interval, number
 from estimator_pkg.parameters import declared
 
 Array = NDArray[np.float64]
@@ -112,7 +112,7 @@ def _jumps(series: Series, start: int, period: float) -> str:
     found = jumps(
         Readings('', series.stamps_ns, series.stamps_ns, series.position, nothing, period, start)
     )
-    return f'{found.value}: {found.remedy}' if found.level == FAIL else ''
+    return to_mend([found]) if found.level == FAIL else ''
 
 
 def _repeats(moves: Array, count: float) -> int:
@@ -144,7 +144,11 @@ def sentences(comparison: Comparison, seen: dict[str, Measurement]) -> list[str]
     found: list[str] = []
     found += comparison.refused.values()
     for joint, measurement in seen.items():
-        found += _of_measurement(joint, measurement)
+        if measurement.jumps and measurement.jumps not in comparison.refused.get(joint, ''):
+            found.append(f'{joint}: {measurement.jumps}')
+        sources = {row.source for row in comparison.rows if row.joint == joint}
+        with_quantum = any(has(each, 'quantum', of_topic=True) for each in sources)
+        found += _of_measurement(joint, measurement, with_quantum)
     for joint in dict.fromkeys(row.joint for row in comparison.rows):
         rows = [row for row in comparison.rows if row.joint == joint]
         found += _of_samples(joint, rows[0])
@@ -155,8 +159,8 @@ def sentences(comparison: Comparison, seen: dict[str, Measurement]) -> list[str]
     return found
 
 
-def _of_measurement(joint: str, seen: Measurement) -> list[str]:
-    found = [f'{joint}: {seen.jumps}'] if seen.jumps else []
+def _of_measurement(joint: str, seen: Measurement, with_quantum: bool) -> list[str]:
+    found = []
     if seen.repeats > 1:
         every = 'second' if seen.repeats == 2 else f'{seen.repeats}th'
         found.append(
@@ -192,7 +196,8 @@ def _of_measurement(joint: str, seen: Measurement) -> list[str]:
         found.append(
             f'{joint}: one count is {number(seen.quantum, 3)} rad (about {per_turn:.0f} '
             f'per turn), which is {number(seen.quantum * seen.rate, 3)} rad/s of a finite '
-            f"difference at {seen.rate:.0f} Hz; set 'quantum: {seen.quantum:.4g}'"
+            f'difference at {seen.rate:.0f} Hz'
+            + (f"; set 'quantum: {seen.quantum:.4g}'" if with_quantum else '')
         )
     return found
 
@@ -213,17 +218,22 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
     if not refused and not row.reference_cannot_tell and len(row.time) > 8:
         if late == late and late > 0.0 and _shifted(row, late) < MOSTLY * rms:
             found.append(
-                f'{name}: most of its error comes from its delay of {_time(late)}'
-                + _advice(
+                f'{name}: most of its error comes from its delay of '
+                + interval(late * 1e3, row.velocity['delay_95_s'] * 1e3, 'ms')
+                + advice(
                     row.source,
-                    'raise bandwidth_hz, or tune it for less delay',
-                    "set 'prefer: fast'",
+                    bandwidth_hz='raise bandwidth_hz, or tune it for less delay',
+                    prefer="set 'prefer: fast'",
                 )
             )
         elif noise == noise and noise > MOSTLY * rms:
             found.append(
                 f'{name}: most of its error is noise'
-                + _advice(row.source, 'lower bandwidth_hz, or tune it', "set 'prefer: smooth'")
+                + advice(
+                    row.source,
+                    bandwidth_hz='lower bandwidth_hz, or tune it',
+                    prefer="set 'prefer: smooth'",
+                )
             )
     away = sum(
         seconds for kind, seconds in row.validity.items() if kind not in ('tracking', 'published')
@@ -239,14 +249,16 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
     return found
 
 
-def _advice(source: str, with_bandwidth: str, with_preference: str) -> str:
-    """Return what to set, if the observer has it; for a recorded topic the first suggestion."""
+def has(source: str, parameter: str, of_topic: bool = False) -> bool:
+    """Return True if the observer has this parameter; `of_topic` for a topic, of any observer."""
     if source not in registry.names(registry.OBSERVERS):
-        return f': {with_bandwidth}'
-    parameters = declared(registry.find(registry.OBSERVERS, source).gains)
-    if 'bandwidth_hz' in parameters:
-        return f': {with_bandwidth}'
-    return f': {with_preference}' if 'prefer' in parameters else ''
+        return of_topic
+    return parameter in streams.parameters(source)
+
+
+def advice(source: str, **texts: str) -> str:
+    """Return the text on the first parameter that the observer has, after a colon; '' if none."""
+    return next((f': {text}' for name, text in texts.items() if has(source, name)), '')
 
 
 def _shifted(row: Row, late: float) -> float:

@@ -19,7 +19,7 @@ from estimator_pkg.evaluation.report.contradictions import grouped
 from estimator_pkg.evaluation.report.findings import Measurement
 from estimator_pkg.evaluation.report.tables import SHOWN, changed
 from estimator_pkg.evaluation.report.tradeoff import RAW, of_row
-from estimator_pkg.evaluation.text import number
+from estimator_pkg.evaluation.text import interval, number
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleSettings
 
@@ -65,7 +65,8 @@ def words(
     """
     by_source: dict[str, list[str]] = {}
     for joint, row in chosen.items():
-        by_source.setdefault(to_use(row, verdicts.get(joint)), []).append(joint)
+        if not faulty(verdicts.get(joint)):
+            by_source.setdefault(to_use(row, verdicts.get(joint)), []).append(joint)
     found = []
     for source, joints in by_source.items():
         rows = [chosen[joint] for joint in joints if chosen[joint].source == source]
@@ -99,13 +100,23 @@ def to_use(row: Row, verdict: Verdict | None) -> str:
     return verdict.choice or row.source if verdict is not None else row.source
 
 
+def faulty(verdict: Verdict | None) -> bool:
+    """Return True if nothing is recommended: the readings must be mended first."""
+    return verdict is not None and not verdict.choice
+
+
 def _quality(rows: Sequence[Row]) -> list[str]:
     """Return delay, noise and coverage of the worst joint."""
     if not rows:
         return []
     parts = []
     late = max(
-        (abs(row.velocity['delay_s']) for row in rows if _finite(row, 'delay_s')), default=-1.0
+        (
+            abs(row.velocity['delay_s']) + row.velocity['delay_95_s']
+            for row in rows
+            if _finite(row, 'delay_s')
+        ),
+        default=-1.0,
     )
     if late > NO_DELAY:
         parts.append(f'It follows within {number(late * 1e3, 2)} ms')
@@ -128,7 +139,8 @@ def _against(rows: Sequence[Row], raw: Sequence[Row], entries: Mapping[str, Entr
     """Return the sentence on the finite difference."""
     late, ratios = [], []
     for row, other in zip(rows, raw):
-        late.append(other.velocity['delay_s'])
+        if _finite(other, 'delay_s'):
+            late.append((other.velocity['delay_s'], other.velocity['delay_95_s']))
         if _finite(row, 'noise') and _finite(other, 'noise') and row.velocity['noise'] > 0.0:
             ratios.append(other.velocity['noise'] / row.velocity['noise'])
             continue
@@ -138,11 +150,13 @@ def _against(rows: Sequence[Row], raw: Sequence[Row], entries: Mapping[str, Entr
     if not raw:
         return []
     parts = []
-    known = [each for each in late if math.isfinite(each)]
-    if known and abs(float(np.median(known))) < 0.5 * NO_DELAY:
-        parts.append('has no delay')
-    elif known:
-        parts.append(f'is {number(float(np.median(known)) * 1e3, 2)} ms late')
+    if late:
+        middle, half = sorted(late)[len(late) // 2]
+        parts.append(
+            'has no delay'
+            if abs(middle) + half < 0.5 * NO_DELAY
+            else f'is {interval(middle * 1e3, half * 1e3, "ms")} late'
+        )
     if ratios:
         ratio = float(np.median(ratios))
         parts.append(
@@ -180,10 +194,13 @@ def parameter_file(
     period: float,
     verdicts: Mapping[str, Verdict],
 ) -> str:
-    """Return the parameter file of the node for the chosen observer; '' if it is no observer.
+    """Return the parameter file of the node for the chosen observer.
 
-    A node has one observer: the one that most joints need.
+    A node has one observer: the one that most joints need. '' if it is no observer, or if nothing
+    is recommended for a joint.
     """
+    if any(faulty(verdicts.get(joint)) for joint in chosen):
+        return ''
     sources = [to_use(row, verdicts.get(joint)) for joint, row in chosen.items()]
     source = max(dict.fromkeys(sources), key=sources.count)
     entry = entries.get(source)
@@ -192,8 +209,7 @@ def parameter_file(
     observer = source if entry is None else entry.observer
     values = {} if entry is None else dict(entry.values)
     stream = streams.of_observer(observer)
-    settings = declared(stream.SETTINGS)
-    known = {**stream.parameters(observer), **settings}
+    known = streams.parameters(observer)
     lines = [
         yaml_text.comment(f'{observer}, from {Path(comparison.bag).name}'),
         f'# ros2 run velocity_estimator {stream.NODE} \\',
@@ -201,7 +217,7 @@ def parameter_file(
         '/**:',
         '  ros__parameters:',
     ]
-    if 'observer' in settings:
+    if 'observer' in known:
         lines.append(f'    observer: {yaml_text.scalar(observer)}')
     if stream.WRAPS and abs(period - 2.0 * math.pi) > 1e-9:
         lines.append(f'    wrap_period: {period!r}')

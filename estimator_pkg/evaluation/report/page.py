@@ -193,7 +193,11 @@ class Report:
         bag = Path(comparison.bag)
         self._sections.append(
             f'<h2 id="{self._overview.add(comparison)}">{escaped(bag.name)}</h2>'
-            + f'<div class="verdict"><p>Use {AngleSettings.observer} as it is.</p></div>'
+            + (
+                ''
+                if any(map(opening.faulty, verdicts.values()))
+                else f'<div class="verdict"><p>Use {AngleSettings.observer} as it is.</p></div>'
+            )
             + ''.join(f'<p>{escaped(each)}</p>' for each in sentences)
         )
         return list(comparison.refused.values())
@@ -261,6 +265,8 @@ class Report:
             '<div><p>The parameter file:</p><pre>' + _shown(parameters) + '</pre>'
             '<button class="copy">copy</button></div>'
             if parameters
+            else '<p>No parameter file: mend what the verdict names first.</p>'
+            if any(map(opening.faulty, verdicts.values()))
             else '<p>The best estimate is a recorded topic: there are no parameters to set.</p>'
         )
         return [

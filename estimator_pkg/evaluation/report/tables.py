@@ -16,7 +16,7 @@ from estimator_pkg import registry
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.description import describe_smoother, describe_truth
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.text import error, fixed, number
+from estimator_pkg.evaluation.text import error, fixed, interval, number
 from estimator_pkg.parameters import declared
 from estimator_pkg.params_file import split
 from estimator_pkg.printable import escaped
@@ -199,7 +199,7 @@ def _line(row: Row, best: bool, gained: str) -> str:
         error(v['max_abs'], 3),
         fixed(worst, 2),
         fixed(v['bias'], 4),
-        fixed(v['delay_s'] * 1e3, 2),
+        interval(v['delay_s'] * 1e3, v['delay_95_s'] * 1e3),
         number(v['noise'], 3),
         f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
         f'{valid:.{places}f} of {total:.{places}f}' if total else '-',

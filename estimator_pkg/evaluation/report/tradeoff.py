@@ -17,7 +17,7 @@ from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.compare.comparison import Comparison, Kept, Row, coverage
-from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.compare.delay import measured
 from estimator_pkg.evaluation.compare.interpolation import cubic
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.report.svg import Axis, Plot, Style
@@ -209,7 +209,7 @@ def late_and_noisy(
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]
     if late is None:
-        late = delay(time, estimate, truth)
+        late = measured(time, estimate, truth).known.late
     if not math.isfinite(late):
         return math.nan, math.nan
     inside = (time - late >= time[0]) & (time - late <= time[-1])

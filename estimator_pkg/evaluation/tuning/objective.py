@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.recording import Estimate, Recording
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.compare.delay import measured
 
 Array = NDArray[np.float64]
 
@@ -74,14 +74,15 @@ class Part:
 class Result(NamedTuple):
     """Error [rad/s], delay [s] and noise [rad/s] of an observer on one joint of a part.
 
-    delay is nan if the motion does not determine it. published : fraction of the samples with an
-    estimate.
+    delay is nan if no shift fits best. published : fraction of the samples with an estimate.
+    half : half of the delay's 95 % interval [s]; nan if the motion does not determine the delay.
     """
 
     error: float
     delay: float
     noise: float
     published: float
+    half: float = math.nan
 
 
 Results = dict[str, Result]  # by joint
@@ -120,11 +121,13 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
         return None
     width = averaged(time)
     slow = np.convolve(velocity, np.ones(width) / width, 'same')
+    late = measured(time, velocity, true)
     return Result(
         float(np.sqrt(np.mean(error**2))),
-        delay(time, velocity, true),
+        late.late,
         float(np.sqrt(np.mean((velocity - slow)[width:-width] ** 2))),
         float(len(rows) / np.count_nonzero(counted)),
+        late.half,
     )
 
 

@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import params_file, streams, yaml_text
-from estimator_pkg.evaluation.text import WIDTH, number, table, wrapped
+from estimator_pkg.evaluation.text import WIDTH, interval, number, table, wrapped
 from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.settings import TuneSettings, single
 from estimator_pkg.parameters import Parameter, declared
@@ -77,7 +78,7 @@ def as_yaml(
     lines += ['/**:', '  ros__parameters:']
     if 'observer' in declared(stream.SETTINGS):
         lines.append(f'    observer: {scalar(observer)}')
-    known = {**stream.parameters(observer), **declared(stream.SETTINGS)}
+    known = streams.parameters(observer)
     lines += [
         f'    {yaml_text.key(name)}: {known[params_file.parameter_of(name)].text(value)}'
         for name, value in held.items()
@@ -164,11 +165,12 @@ def founded(each: Mapping[str, Any]) -> list[str]:
             f'{number(100.0 - 100.0 / (1.0 + pair["difference"] / 100.0), 2)} %.'
         ]
     if each['cautions'] and pair is not None and pair['resolution'] > 0.0:
-        hz = number(pair['motion_hz'], 2)
-        found += [
-            'Judged without ground truth.',
-            f'This rests on motion up to {hz} Hz. If the joint is slower, set --motion-hz.',
-        ]
+        found.append('Judged without ground truth.')
+        if math.isfinite(pair['motion_hz']):
+            hz = number(pair['motion_hz'], 2)
+            found.append(
+                f'This rests on motion up to {hz} Hz. If the joint is slower, set --motion-hz.'
+            )
     if each.get('against'):
         found.append(f'{each["against"]}.')
     return found + [text[:1].upper() + text[1:] + '.' for text in each['cautions']]
@@ -176,9 +178,13 @@ def founded(each: Mapping[str, Any]) -> list[str]:
 
 def _expected(result: Mapping[str, Any]) -> str:
     return (
-        f'error {number(result["error"])} rad/s rms, delay '
-        f'{number(result["delay_s"] * 1e3, 3)} ms, noise {number(result["noise"], 3)} rad/s'
+        f'error {number(result["error"])} rad/s rms, delay {_late(result)} ms, '
+        f'noise {number(result["noise"], 3)} rad/s'
     )
+
+
+def _late(result: Mapping[str, Any]) -> str:
+    return interval(result['delay_s'] * 1e3, result['delay_95_s'] * 1e3)
 
 
 def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> str:
@@ -195,7 +201,7 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
                 if result is None
                 else [
                     number(result['error'], 4),
-                    number(result['delay_s'] * 1e3, 3),
+                    _late(result),
                     number(result['noise'], 3),
                     number(result['cost'], 4),
                 ]

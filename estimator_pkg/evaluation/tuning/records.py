@@ -123,6 +123,8 @@ def _unfit(true: Truth, joint: str) -> str:
     """Return why a joint has no motion to tune on; '' if it has."""
     if joint not in true.motions:
         return ''
+    if joint in true.faults:
+        return true.faults[joint]
     moved = true.motions[joint]
     if moved is None:
         return 'there are too few readings'

@@ -207,6 +207,8 @@ def _why(
     if pair.difference == 0.0 == pair.resolution:
         return 'the search finds no better gains'
     if pair.sign == 1 and best['cost'] <= default['cost']:
+        if number(best['cost']) == number(default['cost']):
+            return f'the tuned gains cost as much as the defaults {where}'
         return ''
     if pair.sign == 0 and pair.difference > -pair.resolution:
         within = number(max(abs(pair.difference), 0.0) + pair.resolution, 2)
@@ -253,10 +255,13 @@ def _summary(results: Details, parts: Sequence[Part], weights: Weights) -> dict[
 
 
 def _of(pairs: Sequence[tuple[Any, float]]) -> dict[str, float]:
-    delays = [result.delay for result, _ in pairs if math.isfinite(result.delay)]
+    known = [result for result, _ in pairs if math.isfinite(result.half)]
     return {
         'error': math.sqrt(mean([result.error**2 for result, _ in pairs])),
-        'delay_s': mean(delays) if delays else math.nan,
+        'delay_s': mean([each.delay for each in known]) if known else math.nan,
+        'delay_95_s': math.hypot(*(each.half for each in known)) / len(known)
+        if known
+        else math.nan,
         'noise': math.sqrt(mean([result.noise**2 for result, _ in pairs])),
         'published': mean([result.published for result, _ in pairs]),
         'cost': mean([worth for _, worth in pairs]),

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.compare.delay import delay, measured
 from estimator_pkg.evaluation.compare.interpolation import cubic
 from estimator_pkg.evaluation.compare.matching import match, pieces
 from estimator_pkg.evaluation.reference import reference
 from estimator_pkg.evaluation.reference.white_noise import noise
-from estimator_pkg.evaluation.text import error, fixed
+from estimator_pkg.evaluation.text import error, fixed, interval
 
 TURN = 2.0 * np.pi
 
@@ -158,6 +158,56 @@ def test_delay_at_constant_speed_is_not_reported(truth_noise, noise):
     time = np.arange(0.0, 3.0, 1e-3)
     truth = 5.0 + truth_noise * random.standard_normal(len(time))
     assert np.isnan(delay(time, 5.0 + noise * random.standard_normal(len(time)), truth))
+
+
+def wander(random, count, hz):
+    """A random motion up to about `hz` at 200 Hz, of size 1."""
+    spectrum = np.fft.rfft(random.standard_normal(count + 2000))
+    spectrum /= (1.0 + (np.fft.rfftfreq(count + 2000, 5e-3) / hz) ** 2) ** 1.5
+    values = np.fft.irfft(spectrum)[:count]
+    return (values - np.mean(values)) / np.std(values)
+
+
+@pytest.mark.parametrize('noise, seconds', [(0.05, 3.0), (0.05, 20.0), (0.5, 20.0)])
+def test_the_interval_of_a_delay_contains_it(noise, seconds):
+    random, late = np.random.default_rng(1), 2
+    time = 5e-3 * np.arange(int(seconds / 5e-3))
+    found = []
+    for _ in range(40):
+        truth = wander(random, len(time) + late, 1.0)
+        estimate = truth[:-late] + noise * random.standard_normal(len(time))
+        found.append(measured(time, estimate, truth[late:]))
+    assert all(each.known.half < 8e-3 for each in found)
+    inside = [abs(each.late - 5e-3 * late) <= each.half for each in found]
+    assert np.mean(inside) >= 0.85
+    wide = np.median([each.half for each in found]) / np.std([each.late for each in found])
+    assert 1.4 < wide < 3.0  # and is no wider than it must be
+
+
+def test_a_delay_that_the_motion_does_not_determine_has_no_interval():
+    """Noise as large as the motion, correlated over 0.1 s: the smallest error says nothing."""
+    random, time = np.random.default_rng(2), 5e-3 * np.arange(600)
+    found = []
+    for _ in range(20):
+        truth, other = wander(random, 600, 0.3), wander(random, 600, 1.5)
+        found.append(measured(time, truth + other, truth))
+    assert np.mean([math.isnan(each.known.late) for each in found]) > 0.8
+    vague = [each.known for each in found if math.isfinite(each.known.late)]
+    assert all(each.half <= max(abs(each.late), 0.01) for each in vague)
+
+
+@pytest.mark.parametrize(
+    'late, half, text',
+    [
+        (13.04, 7.21, '13.0 +- 7.2 ms'),
+        (12.94, 13.3, '13 +- 13 ms'),
+        (0.1736, 0.0612, '0.17 +- 0.06 ms'),
+        (-0.004, 0.0, '0.00 +- 0.01 ms'),
+        (math.nan, math.nan, '-'),
+    ],
+)
+def test_an_interval_in_words(late, half, text):
+    assert interval(late, half, 'ms') == text
 
 
 # ---------------------------------------------------------------- noise at constant speed

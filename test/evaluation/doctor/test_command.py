@@ -12,6 +12,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import browser
@@ -75,6 +76,7 @@ def test_the_report_fits_80_columns_and_ends_in_a_verdict(report):
     verdict = text[text.index('VERDICT') :]
     assert f'elbow:\n  Use {result["observer"]} ' in verdict
     assert 'wrist:\n  No ranking: the joint does not move enough' in verdict
+    assert re.search(r' rad/s rms,\s+-?[\d.]+\s\+-\s[\d.]+\sms\slate', verdict)
     checks = {each['check']: each for each in result['joints']['elbow']['findings']}
     assert not [name for name, each in checks.items() if each['value'].startswith(name)]
     assert checks['low-passed']['delay_s'] == pytest.approx(1.0 / (2.0 * math.pi * 50.0), abs=1e-3)
@@ -122,6 +124,83 @@ def test_a_reference_that_its_readings_contradict_is_warned_of(
     assert (f'{text} rad; every error' in found) is wrong
 
 
+def wrong(kind, t):
+    """(stamp offset [s], reading) of a joint at time t; the second is wrong in one way."""
+    angle = math.sin(2.0 * t) + 3.0 * t
+    turned = (angle + math.pi) % (2.0 * math.pi) - math.pi
+    if kind == 'degrees':
+        return 0.0, math.degrees(turned)
+    if kind == 'flips':
+        return 0.0, math.sin(2.0 * t) + (2.0 if 4.0 < t < 5.0 else 0.0)
+    late = round(250.0 * t) % 3 == 0
+    return (-0.02 if late and t > 0.1 else 0.0), turned
+
+
+@pytest.mark.parametrize(
+    'kind, named',
+    [
+        ('degrees', 'the angle is in degrees: publish radians'),
+        ('flips', '2 jumps that no joint can make'),
+        ('unordered', 'publish in the order of the stamps'),
+    ],
+)
+def test_nothing_is_recommended_while_a_check_fails(kind, named, tmp_path, capsys):
+    """`doctor`, `evaluate` and `tune` name what to mend first, in the same words."""
+    encode, path = Encoder().encode, str(tmp_path / 'arm')
+    with BagWriter(path) as writer:
+        writer.add_topic('/joint_states', TYPE)
+        for k in range(2500):
+            now = START + k * 4_000_000
+            off, angle = wrong(kind, k / 250.0)
+            raw = encode(now + round(off * 1e9), '', ['elbow', 'wrist'], [angle, swing(k / 250.0)])
+            writer.write('/joint_states', now + 200_000, raw)
+    out, found = tmp_path / 'params.yaml', tmp_path / 'result.json'
+    page = ['--html', str(tmp_path / 'page.html'), '--json', str(found)]
+    assert main(['doctor', path, '--out', str(out), *page]) == 1
+    text = ' '.join(capsys.readouterr().out.split())
+    result = json.loads(found.read_text())
+    assert not out.exists() and f'{out.name} is not written: mend what FAILs first' in text
+    assert result['joints']['elbow']['verdict'] is None and result['parameters'] == ''
+    assert 'Parameter file' not in (tmp_path / 'page.html').read_text()
+    said = text[text.index('elbow: No ranking: ' if kind != 'unordered' else 'No ranking: ') :]
+    why = said[said.index('No ranking') :].partition(' wrist:')[0].partition(str(tmp_path))[0]
+    assert named in why and 'Mend this first: ' in why and 'Use ' not in why
+    if kind != 'unordered':  # the other joint is as it was
+        assert 'wrist: Use ' in said
+    assert main(['evaluate', path, *page]) == 0
+    text = ' '.join(capsys.readouterr().out.split())
+    assert why.strip() in text and 'Use ' not in text.partition('elbow: No ranking')[2][:99]
+    assert 'No parameter file: mend what' in (tmp_path / 'page.html').read_text()
+    words = ['--observer', 'kalman', '--joint', 'elbow', '--trials', '2', '--out', str(out)]
+    assert main(['tune', path, *words]) == 0
+    assert 'Mend this first' in out.read_text() and 'bandwidth' not in out.read_text()
+
+
+@pytest.mark.parametrize('name', ['yx2bag', 'yawbag', 'flybag'])
+def test_doctor_and_evaluate_agree(name, tmp_path, capsys):
+    """On motion capture, of which two records flip by half a turn."""
+    angle = '/vicon/Group466CF/Group466CF/pose:pose.orientation.yaw'
+    words = [str(BAGS / 'vicon' / name), '--angle', angle, '--json', str(tmp_path / 'result.json')]
+    assert main(['doctor', *words]) == int(name != 'yx2bag')
+    (doctor,) = json.loads((tmp_path / 'result.json').read_text())['joints'].values()
+    text = ' '.join(capsys.readouterr().out.split())
+    assert main(['evaluate', *words, '--observer', 'all']) == 0
+    (found,) = json.loads((tmp_path / 'result.json').read_text())['bags'].values()
+    rows = {source: each['joints']['joint'] for source, each in found['estimates'].items()}
+    (verdict,) = found['verdict'].values()
+    if name == 'yx2bag':
+        ours = doctor['verdict']['rms']
+        assert verdict['rms'] == pytest.approx({each: ours[each] for each in verdict['rms']})
+    else:
+        assert verdict['sentences'][0] in text
+        assert all(row['velocity']['rms'] < 0.4 for row in rows.values())
+    low_passed = next(each for each in doctor['findings'] if each['check'] == 'low-passed')
+    difference = rows['finite_difference']['velocity']
+    for key in ('rms', 'delay_s', 'delay_95_s'):
+        known = low_passed[key]
+        assert difference[key] == (known if known is None else pytest.approx(known, rel=0.15))
+
+
 def verdict(rms, better):
     """A verdict in which the pairs of `better` are declared."""
     names = sorted(rms, key=rms.__getitem__)
@@ -156,8 +235,8 @@ def test_each_observer_as_it_is_has_a_delay_too():
     counts = 2.0 * math.pi / 4096
     seen = Readings('', stamps, stamps, np.round(angle / counts) * counts, angle * math.nan, 0.0)
     found = examine(seen).answer
-    assert all(math.isfinite(found.delays[name]) for name in angle_observers())
-    assert found.delays['pll'] > found.delays['hybrid_angle']
+    assert all(math.isfinite(found.delays[name].late) for name in angle_observers())
+    assert found.delays['pll'].late > found.delays['hybrid_angle'].late
 
 
 def test_the_default_stays_where_nothing_is_declared_better():
@@ -175,6 +254,22 @@ def test_an_observer_that_is_worse_for_one_joint_is_not_taken():
     good = answered({}, {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)})
     bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {(DEFAULT, 'kalman')})
     assert choose({'elbow': good, 'wrist': bad}).observer == DEFAULT
+
+
+def test_at_rest_nothing_is_compared(tmp_path):
+    out = tmp_path / 'params.yaml'
+    assert (
+        main(['doctor', bag(tmp_path / 'still', {'elbow': lambda t: 0.5}), '--out', str(out)]) == 0
+    )
+    assert 'no joint moves enough to compare' in out.read_text() and '95 %' not in out.read_text()
+
+
+def test_noise_alone_chooses_no_observer():
+    """At constant speed the quietest observer is best, and the default stays."""
+    better = answered({}, {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)})
+    steady = better._replace(verdict=replace(better.verdict, tunable=False))
+    assert choose({'elbow': steady}).observer == DEFAULT
+    assert 'but not' not in ' '.join(sentences('elbow', steady, choose({'elbow': steady})))
 
 
 def test_without_stamps_the_arrival_is_used(tmp_path, capsys):

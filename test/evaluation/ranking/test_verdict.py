@@ -66,7 +66,7 @@ def test_a_choice_rests_on_the_vibration_that_only_it_follows():
         return frequencies.rests_on(both, 1000.0)
 
     assert 20.0 <= rests(noisy, slow) <= 37.0
-    assert rests(noisy, slow + 0.8) < 3.0  # better without the 30 Hz, too
+    assert math.isnan(rests(noisy, slow + 0.8))  # better without the 30 Hz, too
 
 
 def test_the_errors_by_frequency_are_those_against_the_low_passed_reference():
@@ -115,6 +115,32 @@ def test_without_a_declared_pair_the_default_is_kept():
     )
     assert found.choice == 'edge_adaptive'
     assert found.sentences()[0] == 'All are equal within 6 % here: keep edge_adaptive.'
+
+
+@pytest.mark.parametrize('other, sign', [(0.0504, 0), (0.0516, 1)])
+def test_estimates_that_print_the_same_error_are_not_ranked(other, sign):
+    """Both differences are significant; 0.05 and 0.0504 are printed as 0.05."""
+    time = np.arange(8000) * 2e-3
+    stamps = np.rint(time * 1e9).astype(np.int64) + 10**18
+    angle = np.floor(8e4 * np.sin(5.0 * time)) / 8e4
+    found = motion(stamps, angle, 0.0)
+    verdict = rank({'a': found.velocity + 0.05, 'b': found.velocity + other}, found, default='b')
+    assert verdict.pair('a', 'b').sign == sign
+    assert ('b' in verdict.ties) == (sign == 0) and verdict.choice == ('b' if not sign else 'a')
+
+
+def test_a_choice_that_rests_on_no_motion_is_not_limited_by_it():
+    """The better one is so at every frequency; and without a declared pair there is no choice."""
+    time = np.arange(8000) * 2e-3
+    stamps = np.rint(time * 1e9).astype(np.int64) + 10**18
+    angle = np.floor(8e4 * np.sin(5.0 * time)) / 8e4
+    found = motion(stamps, angle, 0.0)
+    verdict = rank({'a': found.velocity + 0.05, 'b': found.velocity + 0.2}, found)
+    assert math.isnan(verdict.motion_hz) and 'rests' not in ' '.join(verdict.sentences())
+    undecided = Verdict(
+        'a', 'b', ('b',), {'a': 0.2, 'b': 0.21}, (Pair('a', 'b', 0, 5.0, 9.0),), 5.0
+    )
+    assert 'rests' not in ' '.join(undecided.sentences())
 
 
 def test_without_a_reference_the_default_is_the_choice():

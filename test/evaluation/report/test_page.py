@@ -467,7 +467,7 @@ def row(source, error, late, coverage=0.95, joint='j'):
         time=time,
         truth=truth,
         estimate=estimate,
-        velocity={'rms': rms, 'delay_s': late, 'noise': error},
+        velocity={'rms': rms, 'delay_s': late, 'delay_95_s': 1e-4, 'noise': error},
         coverage=coverage,
         reference_cannot_tell=False,
     )
@@ -476,9 +476,9 @@ def row(source, error, late, coverage=0.95, joint='j'):
 def test_the_verdict_in_words():
     best, raw = row('edge_adaptive', 0.02, 0.0006, 0.94), row('finite_difference', 0.12, 0.0032)
     assert opening.words({'j': best}, {'j': raw}, {}, {}) == [
-        'Use edge_adaptive as it is. It follows within 0.6 ms; noise 0.02 rad/s at constant speed; '
+        'Use edge_adaptive as it is. It follows within 0.7 ms; noise 0.02 rad/s at constant speed; '
         'its 95 % interval contained 94 % of the errors. Your finite difference, low-passed at '
-        '50 Hz, is 3.2 ms late and 6 times noisier.'
+        '50 Hz, is 3.20 +- 0.10 ms late and 6 times noisier.'
     ]
     verdict = Verdict('pll', 'kalman', (), {'pll': 0.1, 'edge_adaptive': 0.2})
     rows = [best, row('pll', 0.2, 0.0)]
@@ -506,7 +506,7 @@ def test_findings_say_what_contradicts_expectation_and_why():
     default = AngleSettings.observer
     rows = {'j': [row('quiet', 0.05, 0.0), row(default, 0.2, 0.0, 0.6)]}
     late, better, narrow = contradictions(comparison, rows, {})
-    assert 'is 1.2 ms late' in late and '--correct-reference' in late
+    assert 'is 1.20 +- 0.20 ms late' in late and '--correct-reference' in late
     assert f'{default}, the default, is not the best here' in better and 'less noisy' in better
     assert f'too narrow for {default}' in narrow and '60 %' in narrow
     comparison.references['j'].lag_s = 1e-5

@@ -8,6 +8,7 @@ import itertools
 import json
 import math
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -26,7 +27,7 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.evaluation.compare.many import expanded
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
-from estimator_pkg.evaluation.tuning import any_observer, command, picture
+from estimator_pkg.evaluation.tuning import any_observer, command, picture, seek
 from estimator_pkg.evaluation.tuning.held_out import Compared
 from estimator_pkg.evaluation.tuning.objective import (
     PREFERENCES,
@@ -36,6 +37,7 @@ from estimator_pkg.evaluation.tuning.objective import (
     costs,
     measure,
 )
+from estimator_pkg.evaluation.tuning.output import founded
 from estimator_pkg.evaluation.tuning.records import records
 from estimator_pkg.evaluation.tuning.search import search
 from estimator_pkg.evaluation.tuning.study import Dimension
@@ -299,11 +301,13 @@ def test_the_yaml_is_what_the_node_takes(tmp_path, capsys):
 
 
 @pytest.mark.long
-def test_what_is_preferred_is_what_one_gets(tmp_path):
+def test_what_is_preferred_is_what_one_gets(tmp_path, capsys):
     bag = write_bag(tmp_path / 'bag', {'a': 2.0})
     found = {}
     for preference in ('smooth', 'fast'):
-        found[preference], _ = tuned(tmp_path, bag, '--observer', 'pll', '--prefer', preference)
+        found[preference], out = tuned(tmp_path, bag, '--observer', 'pll', '--prefer', preference)
+        assert re.search(r'delay [\d.]+ \+- [\d.]+ ms', out.read_text())
+        assert re.search(r'tuned .*  [\d.]+ \+- [\d.]+  ', capsys.readouterr().out)
     smooth, fast = (found[each]['tuned'][0] for each in ('smooth', 'fast'))
     assert fast['tried']['bandwidth_hz'] > smooth['tried']['bandwidth_hz']
     assert fast['best']['delay_s'] < smooth['best']['delay_s']
@@ -368,6 +372,15 @@ def test_a_delay_that_the_motion_does_not_tell_costs_the_whole_error():
     weights = PREFERENCES['fast']
     assert cost(Result(0.3, math.nan, 0.0, 1.0), still, weights) == pytest.approx(0.6)
     assert cost(Result(0.3, 0.001, 0.0, 1.0), still, weights) == pytest.approx(0.3)
+
+
+def test_gains_that_cost_the_same_number_do_not_replace_the_defaults():
+    pair = Compared(1, 0.1, 0.05, math.nan)
+    for cost_, why in ((0.20001, 'the tuned gains cost as much as the defaults'), (0.19, '')):
+        assert seek._why(pair, {'cost': 0.20002}, {'cost': cost_}, False).startswith(why)
+        assert bool(seek._why(pair, {'cost': 0.20002}, {'cost': cost_}, False)) == bool(why)
+    said = founded({'pair': pair._asdict(), 'why': '', 'cautions': ['c'], 'against': ''})
+    assert 'rests' not in ' '.join(said)
 
 
 @pytest.mark.long
