@@ -473,8 +473,9 @@ def _circle(settings: JointSettings) -> Circle:
 
 
 def _quantum(gains: Any) -> float:
-    """Return the quantum that gains declare [rad]; 0: none is known."""
-    return float(getattr(gains, 'quantum', 0.0) or 0.0)
+    """Return the quantum of a single angle that gains declare [rad]; 0: none is known."""
+    quantum = getattr(gains, 'quantum', None)
+    return float(quantum) if isinstance(quantum, (int, float)) else 0.0
 
 
 def _shape(state: Any) -> Any:

@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
 from estimator_pkg import streams
-from estimator_pkg.errors import UsageError, where
+from estimator_pkg.errors import UsageError, UserError, plainly, where
 from estimator_pkg.messages.field import Field
 from estimator_pkg.nodes import message_types
 from estimator_pkg.nodes.endpoints import Endpoints, get_message
@@ -184,11 +184,16 @@ class ObserverNode(Node):
         return stream.configure(stream.observer, stream.settings, self._common(values), overrides)
 
     def _check(self, values: Values, overrides: Mapping[str, Values]) -> None:
-        self.stream.check(self._configuration(values, overrides))
+        with plainly(f"observer '{self.stream.observer.name}'"):
+            self.stream.check(self._configuration(values, overrides))
 
     def _apply(self) -> None:
         self.stream.skip = self._ros.values['no_estimate'] == SKIP
-        self.stream.apply(self._configuration(self._ros.values, self._ros.overrides))
+        try:
+            with plainly(f"observer '{self.stream.observer.name}'"):
+                self.stream.apply(self._configuration(self._ros.values, self._ros.overrides))
+        except UserError as error:
+            self.get_logger().error(f'parameters are set, but not every joint uses them: {error}')
 
     # Services
 
