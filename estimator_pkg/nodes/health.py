@@ -52,7 +52,7 @@ class Health:
         'messages_dropped.failed': 'messages on which the observer failed',
         'dropped.duplicate': 'duplicates',
         'dropped.late': 'late samples',
-        'dropped.non_finite': 'samples that are not finite',
+        'dropped.non_finite': 'samples that are not finite, or too large for any joint',
         'dropped.zero_stamp': 'samples without a stamp',
         'dropped.misconfigured': 'samples of misconfigured joints',
         'dropped.repeated': 'repeated readings',
