@@ -464,6 +464,11 @@ class Joint:
         said = said or note_on_queue(_queue(self._track))
         return said or ('' if self.learner is None else self.learner.shaft.text())
 
+    @property
+    def needs_motion(self) -> bool:
+        """True while there is no estimate because the joint moves too little."""
+        return False
+
     def _count_new_starts(self) -> int:
         return sum(self.counts[verdict] for verdict in NEW_STARTS)
 

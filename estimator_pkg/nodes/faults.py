@@ -57,13 +57,16 @@ TEXTS: Mapping[str, str] = {
     'jump': 'the clock of the measurements jumped (a looping bag, a restarted simulation{several}):'
     ' its {kept}s are reset',
     'malformed': 'messages on {topic} are malformed and dropped: {why}',
-    'empty': '{count} of {received} messages on {topic} {why}',
+    'unused': '{count} of {received} messages on {topic} {why}',
+    'nothing': 'no estimate for {passed:.0f} s, though messages come on {topic}: {why}',
     'mismatched': 'messages on {topic} are dropped: {why}',
     'refused': "{count} samples on {topic} are beyond joints_max (newest name: '{name}'; "
     "{joints} joints exist): name the required joints in 'joints', or raise 'joints_max'",
     'lost': '{count} of {sent} messages on {topic} were lost in {passed:.0f} s: their rate is too '
     'high for this node or the network; lower it, or stop other processes',
 }
+# Faults that do not explain why nothing is estimated
+HARMLESS = ('back', 'clock', 'expired', 'jump', 'lost', 'no_clock', 'rate', 'silent', 'twice')
 
 
 def say(fault: str, **values: object) -> str:
@@ -134,38 +137,39 @@ class Faults:
 
     Parameters
     ----------
-    log : logs a text.
+    log : logs a fault: its kind, whose first word is that of `TEXTS`, and its text.
 
     Attributes
     ----------
     present : texts of the present faults, by kind.
+    logged : kinds that were logged since somebody cleared this set.
     """
 
-    def __init__(self, log: Callable[[str], None]) -> None:
+    def __init__(self, log: Callable[[str, str], None]) -> None:
         self._log = log
         self.present: dict[str, str] = {}
+        self.logged: set[str] = set()
         self._lasting: dict[str, str] = {}
         self._events: dict[str, tuple[str, float]] = {}  # text, and until when it is shown
         self._seen: dict[str, float] = {}  # when a fault was last present
 
-    def begin(
-        self, kind: str, text: str, now: float, log: Callable[[str], None] | None = None
-    ) -> None:
+    def begin(self, kind: str, text: str, now: float) -> None:
         """Report an event at once, and show it for a while."""
-        self._enter(kind, text, now, log or self._log)
+        self._enter(kind, text, now)
         self._events[kind] = text, now + SHOWN
         self._collect(now)
 
     def update(self, lasting: Mapping[str, str], now: float) -> None:
         """Take the faults that are present now; events are kept."""
         for kind, text in lasting.items():
-            self._enter(kind, text, now, self._log)
+            self._enter(kind, text, now)
         self._lasting = dict(lasting)
         self._collect(now)
 
-    def _enter(self, kind: str, text: str, now: float, log: Callable[[str], None]) -> None:
+    def _enter(self, kind: str, text: str, now: float) -> None:
         if now - self._seen.get(kind, -math.inf) > AGAIN:
-            log(text)
+            self._log(kind, text)
+            self.logged.add(kind)
         self._seen[kind] = now
 
     def _collect(self, now: float) -> None:

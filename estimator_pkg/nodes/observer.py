@@ -61,10 +61,10 @@ class ObserverNode(Node):
     def __init__(self, stream: type[Stream] | str, node_name: str = '', **options: Any) -> None:
         family = streams.named(stream) if isinstance(stream, str) else stream
         try:
-            # Overrides may name joints that have not appeared, so they cannot all be declared.
+            # Overrides may name joints that have not appeared, so they cannot all be declared; and
+            # rclpy's refusal of an undeclared parameter does not name it.
             super().__init__(
-                node_name or family.NODE,
-                **{'allow_undeclared_parameters': family.OVERRIDES, **options},
+                node_name or family.NODE, **{'allow_undeclared_parameters': True, **options}
             )
         except ParameterException as error:  # a parameter of rclpy, such as use_sim_time
             raise UsageError(in_words(error)) from error
@@ -132,7 +132,8 @@ class ObserverNode(Node):
         self._endpoints.open(steady)  # last: the queues of subscriptions are not long
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} from '
-            f'{" and ".join(self._endpoints.inputs)} on {self._endpoints.outputs[0].topic_name}'
+            f'{" and ".join(self._endpoints.inputs)} on {self._endpoints.outputs[0].topic_name} '
+            f'({self._ros.changed()})'
         )
         for name, hint in self._ros.of_others().items():
             self.get_logger().warning(f"unknown parameter '{name}': {hint}")

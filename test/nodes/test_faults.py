@@ -9,7 +9,7 @@ from estimator_pkg.nodes import faults
 
 def test_a_lasting_fault_is_logged_once_and_again_after_it_was_gone():
     logged = []
-    found = faults.Faults(logged.append)
+    found = faults.Faults(lambda kind, text: logged.append(text))
     for second in range(10):
         found.update({'late': 'text'}, float(second))
     assert logged == ['text'] and found.present == {'late': 'text'}
@@ -24,7 +24,7 @@ def test_a_lasting_fault_is_logged_once_and_again_after_it_was_gone():
 
 
 def test_faults_of_ever_new_kinds_are_not_kept():
-    found = faults.Faults(lambda text: None)
+    found = faults.Faults(lambda kind, text: None)
     for second in range(1000):
         found.update({f'type /joint_states node_{second}': 'text'}, float(second))
     assert len(found._seen) <= faults.AGAIN + 1

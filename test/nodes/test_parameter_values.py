@@ -4,6 +4,7 @@
 """Every parameter of the five nodes through ROS: types, automatic values, ranges, dumps."""
 
 import math
+import re
 from contextlib import contextmanager
 
 import dds
@@ -35,6 +36,7 @@ NODES = {  # the classes that declare the parameters, and how many of them decla
     for observer in map(observers.find, observers.names())
     if observer.kind == stream.KIND
 }
+NODES_OF = {name.partition('-')[0]: classes for name, (classes, _) in NODES.items()}
 SIMULATORS = {
     f'{name}_sim': ((RunSettings, registry.find(registry.SIMULATORS, name).parameters), 0)
     for name in registry.names(registry.SIMULATORS)
@@ -296,6 +298,34 @@ def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, probe):
                 assert result.successful, (key, before, result.reason)
         finally:
             node.destroy_node()
+
+
+@pytest.mark.parametrize('name', STREAMS)
+def test_the_start_names_what_is_not_the_default_and_unknown_names_are_refused(
+    name, probe, tmp_path, capfd
+):
+    """A file for another node changes nothing, which the line of the start shows."""
+    file, known = tmp_path / 'params.yaml', parameters_of(NODES_OF[name])
+    motor = {key: value for key, value in MOTOR.items() if key in known}
+    own = {'no_estimate': 'skip', 'gap_max': 0.2, 'timeout': 0.7}
+    for owner, reported in ((name, [*motor, 'no_estimate', 'timeout']), ('other', [*motor])):
+        tree = {owner: {'ros__parameters': own}, name: {'ros__parameters': motor}}
+        if owner == name:
+            tree = {name: {'ros__parameters': {**own, **motor}}}
+        file.write_text(yaml.dump(tree))
+        with in_context(file) as where:
+            node = ObserverNode(STREAMS[name], **where)
+            (refused,) = node.set_parameters([RosParameter('gap_mx', value=0.3)])
+            node.destroy_node()
+        said = capfd.readouterr().err
+        named = re.search(r' estimates .*/estimate \((.*)\)', said)[1]
+        if reported:
+            assert named.startswith('not the defaults: ')
+            assert sorted(named.partition(': ')[2].split(', ')) == sorted(reported)
+        else:
+            assert named == 'all parameters are defaults'
+        assert not refused.successful
+        assert refused.reason == "unknown parameter 'gap_mx': did you mean 'gap_max'?"
 
 
 @pytest.mark.parametrize('call', ['check', 'apply'])

@@ -12,6 +12,7 @@ import re
 import time
 
 import dds
+import motors
 import numpy as np
 import pytest
 import rclpy
@@ -112,6 +113,40 @@ def own(probe):
     yield start
     for each in made:
         each.close()
+
+
+def test_what_is_not_estimated_is_reported_but_not_each_standstill(own, capfd):
+    """Seconds of a motor: at rest at the start, then it turns, stops, and loses its voltage."""
+    drive = own(DriveStream, **MOTOR)
+    health, motor = drive.node.health, drive.node.stream.joint
+    begun, passed, row = time.monotonic(), 0, 0
+
+    def seconds(count, turns, voltage=1.0):
+        nonlocal passed, row
+        for _ in range(count):
+            for stamps, values in motors.steady(50, row, turns):
+                drive.node.stream.feed(
+                    0, drive_samples.encode(stamps, values * (1.0, 1.0, voltage, voltage)), 0
+                )
+            row, passed = row + 50, passed + 1
+            health.watch.look(begun + passed, every=True)
+            health._detector.look(begun + passed)
+            health._report(begun + passed)
+
+    def errors():
+        return [line for line in capfd.readouterr().err.splitlines() if 'no estimate' in line]
+
+    seconds(8, 0.0)
+    (said,) = errors()
+    assert '[ERROR]' in said and 'motor, motor_electrical: back-EMF too small' in said
+    assert 'no estimate for 4 s, though messages come on /drive_samples: ' in said
+    seconds(3, 100.0)
+    assert motor.estimate()[3] == TRACKING and 'nothing' not in health._faults.present
+    seconds(8, 0.0)
+    assert motor.needs_motion and not errors() and 'nothing' not in health._faults.present
+    seconds(8, 100.0, voltage=0.0)
+    (said,) = errors()
+    assert '[ERROR]' in said and 'all voltages are zero: is the voltage connected?' in said
 
 
 def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
