@@ -31,8 +31,8 @@ from estimator_pkg.nodes.faults import listed, say
 from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.misfits import misfits, type_name
 from estimator_pkg.nodes.outputs import Output, Outputs
-from estimator_pkg.nodes.qos import estimates, overriding, sensor_data
-from estimator_pkg.nodes.ros_parameters import in_words
+from estimator_pkg.nodes.qos import estimates, latched, overriding, sensor_data
+from estimator_pkg.nodes.ros_parameters import QOS, in_words
 
 
 def get_message(name: str) -> Any:
@@ -56,16 +56,20 @@ Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info
 class Endpoints:
     """Creates a node's subscriptions and publishers and counts the problems that DDS reports.
 
+    Parameters
+    ----------
+    node : the node. wait_for_subscriber : see `Outputs` [s].
+
     Attributes
     ----------
     qos_mismatches : number of publishers and subscriptions with incompatible QoS.
     outputs : the topics of answers.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, wait_for_subscriber: float) -> None:
         self._node = node
         self.qos_mismatches = 0
-        self.outputs = Outputs()
+        self.outputs = Outputs(wait_for_subscriber)
         self._inputs: list[Input] = []
         self._publishers: list[Publisher] = []
         self._written: dict[str, str] = {}  # topic -> the same before remapping
@@ -266,13 +270,19 @@ class Endpoints:
             each.drain()
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
-        """Create a publisher; raise UsageError for a wrong ``qos_overrides`` parameter."""
+        """Create a publisher; raise UsageError for a wrong ``qos_overrides`` parameter.
+
+        One that such a parameter makes transient local is latched, as the user expects of it.
+        """
+        name = f'{QOS}{self._node.resolve_topic_name(topic)}.publisher.durability'
+        durability = self._node._parameter_overrides.get(name)
+        latches = durability is not None and durability.value == 'transient_local'
 
         def make() -> Publisher:
             return self._node.create_publisher(
                 kind,
                 topic,
-                qos or estimates(),
+                qos or (latched() if latches else estimates()),
                 qos_overriding_options=overriding(),
                 event_callbacks=PublisherEventCallbacks(incompatible_qos=self._mismatch),
             )

@@ -109,7 +109,8 @@ class ObserverNode(Node):
 
     def _open(self) -> None:
         """Connect the ports."""
-        stream, self._endpoints = self.stream, Endpoints(self)
+        stream = self.stream
+        self._endpoints = Endpoints(self, stream.settings.wait_for_subscriber)
         for output in stream.outputs:
             self._endpoints.output(
                 get_message(output.type),

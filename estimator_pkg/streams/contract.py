@@ -131,6 +131,14 @@ class StreamSettings:
         'velocity is NaN, its position as measured), or skip (no message leaves until every joint '
         'of it has an estimate)',
     )
+    wait_for_subscriber: float = structural(
+        5.0,
+        unit='s',
+        range=(0.0, 60.0),
+        description='time after the inputs are connected in which the estimates wait for their '
+        'first subscriber, which then gets the last ones at once, at most the depth of the topic; '
+        '0: they do not wait',
+    )
 
     def find_observer(self) -> Observer:
         """Return the observer; raise UsageError for inconsistent settings."""
