@@ -92,6 +92,9 @@ class Detector:
         self._measure_offset(now)
         if not self.first_input and any(self._stream.received):
             self.first_input = now
+        if self._watch.estimated:
+            self._without_estimate, self._estimated = (now, self._stream.received[0]), True
+            self._faults.logged.clear()
         returned = self._watch.returned
         if returned:
             subject = of_joints(list(returned), self._stream.KEPT, ('is', 'are'))
@@ -132,10 +135,9 @@ class Detector:
         """Return why nothing is estimated for `SILENCE`, if no other fault explains it."""
         stream, statuses, logged = self._stream, self._watch.statuses, self._faults.logged
         kinds = {kind.partition(' ')[0] for kind in (*found, *logged)}
-        estimated, received = self._watch.estimated, stream.received[0]
-        if estimated or not received or 'silent' in kinds:
+        received = stream.received[0]
+        if not received or 'silent' in kinds:
             self._without_estimate = now, received
-            self._estimated = self._estimated or estimated
             logged.clear()
             return {}
         since, before = self._without_estimate

@@ -149,6 +149,24 @@ def test_what_is_not_estimated_is_reported_but_not_each_standstill(own, capfd):
     assert '[ERROR]' in said and 'all voltages are zero: is the voltage connected?' in said
 
 
+def test_joints_that_start_again_and_again_are_estimated(own, capfd):
+    """At each report they have just started (a driver that is killed every other second)."""
+    arm = own(AngleStream)
+    health, stream, begun = arm.node.health, arm.node.stream, time.monotonic()
+    for second in range(8):
+        for count in (20, 1):
+            for k in range(count):
+                stamp = BEGIN + (1000 * second + 10 * k) * MS
+                stream.feed(0, arm.encode(stamp, '', ('a',), (0.01 * k,)), 0)
+            health.watch.look(begun + second, every=True)
+            health._detector.look(begun + second)
+            if count > 1:
+                assert health.watch.estimated
+                stream.reset()
+        health._report(begun + second)
+    assert 'no estimate' not in capfd.readouterr().err
+
+
 def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
     from sensor_msgs.msg import JointState
 
