@@ -164,7 +164,7 @@ class Detector:
         suspected = self._endpoints.faults()
         for port, each in enumerate(self.inputs):
             if each.found and not self._stream.received[port] and not each.optional:
-                who = listed(each.found)
+                who = listed(dict.fromkeys(each.found))
                 suspected[f'mute {each.topic_name}'] = say('mute', who=who, topic=each.topic_name)
         before, self._suspected = self._suspected, suspected
         if now - self._started < INPUT_PATIENCE:
@@ -290,7 +290,7 @@ class Detector:
         """Return the text about an input, or some joints of it, that came until `since`."""
         left = sorted(name for name, when in each.left.items() if when > since - self._shortest)
         kind = 'ended' if left or not each.found else 'silent'
-        who = listed(left or each.found) or 'its publisher'
+        who = listed(left or dict.fromkeys(each.found)) or 'its publisher'
         return say(kind, what=what, passed=now - since, who=who)
 
     def _of_messages(self, new: Mapping[str, int]) -> dict[str, str]:

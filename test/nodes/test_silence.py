@@ -485,6 +485,26 @@ class Three(TwoThatAgree):
             self.send(number, names)
 
 
+class SameName(Case):
+    """another node publishes on its output (the same node, started twice)"""
+
+    report = (
+        'SPACE/joint_observer publishes SPACE/joint_observer/estimate as this node does, .*: stop '
+        "one of them, .*'-r __node:=NAME'"
+    )
+    later = estimates = True
+    longest = 8.0  # the other one starts, too
+
+    def inject(self):
+        words = dds.ros_args(remap=(f'__ns:={self.space}',))
+        self.other = dds.NodeProcess(f'{NODES} {self.node}', *words)
+
+    def close(self):
+        if self.cause is not None:
+            self.other.__exit__()
+        super().close()
+
+
 class ZeroStamps(Case):
     """stamps that are zero"""
 
