@@ -56,5 +56,19 @@ def estimates(functions, samples, dt=DT, rows=None):
     return np.array(status), np.array(reasons), np.array(electrical), state, coefficients
 
 
+def steady(count, begin=0, turns=100.0, rate=2500.0, rows=50):
+    """Batches of a motor that turns steadily, or stands: (stamps [ns], samples) of each."""
+    speed = TURN * turns
+    for k in range(begin, begin + count):
+        at = rows * k + np.arange(rows)
+        turned = np.exp(1j * speed * at / rate)
+        current = 5j * turned
+        voltage = (MOTOR['resistance'] + 1j * speed * MOTOR['inductance']) * current
+        voltage += 1j * speed * MOTOR['flux'] * turned
+        values = np.transpose([current.real, current.imag, voltage.real, voltage.imag])
+        values += np.random.default_rng(k).normal(0.0, 1e-3, values.shape)
+        yield 10**18 + np.rint(1e9 * at / rate).astype(np.int64), values
+
+
 def angle_error(found, truth):
     return np.degrees(np.angle(np.exp(1j * (found - truth))))

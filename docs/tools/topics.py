@@ -80,13 +80,13 @@ nodes and reads these tables from them; a test compares both.
 - Names are those before remapping. `~` is the node's name: `~/estimate` of `joint_observer` is
   `/joint_observer/estimate`. Remap with `-r joint_states:=/arm/joint_states`.
 - *On demand* outputs are computed only while somebody subscribes to them.
-- The answers of the first 5 s wait for the first subscriber, the last 500 of each output: DDS may
-  discover a subscriber that is already there only seconds later. They then come at once, with their
-  stamps.
+- The answers of the first 5 s (`wait_for_subscriber`) wait for the first subscriber, the last 500
+  of each output: DDS may discover a subscriber that is already there only seconds later. They then
+  come at once, with their stamps.
 - Inputs are best effort, so they match every publisher. A subscriber of an output may be reliable
   or best effort.
-- Parameters change reliability, durability, history and depth. Their names contain the topic after
-  remapping:
+- Parameters change reliability, durability, history and depth. An output that is made transient
+  local has depth 1, unless a parameter sets it. Their names contain the topic after remapping:
 
         ros2 run velocity_estimator joint_observer --ros-args \\
           -p qos_overrides./joint_states.subscription.reliability:=reliable

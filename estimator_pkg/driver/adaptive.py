@@ -22,7 +22,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive.evidence import Evidence
 from estimator_pkg.observers.adaptive.gains import structure
 from estimator_pkg.observers.adaptive.report import Origin, Report, report
-from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.contract import NOT_OBSERVABLE, Observer
 
 PIECE = 0.25  # length of a batch, in blocks of evidence
 
@@ -90,6 +90,11 @@ class AdaptiveJoint(Joint):
             self._look()
             begin = end
         return Estimates(*(np.concatenate(column) for column in zip(*pieces)))
+
+    @property
+    def needs_motion(self) -> bool:
+        """See `Joint`."""
+        return self.estimate()[3] == NOT_OBSERVABLE
 
     def report(self) -> Report:
         """Return the identified parameters."""

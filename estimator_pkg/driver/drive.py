@@ -23,9 +23,9 @@ from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.guard import AFTER_GAP, DUPLICATE, LATE, LATE_IN_A_ROW, MISCONFIGURED
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.track import make_track, newest, replaced, with_state
-from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, Observer
+from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING, Observer
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
-from estimator_pkg.observers.pmsm.watch import BLIND, describe
+from estimator_pkg.observers.pmsm.watch import BLIND, LOW_EMF, describe
 
 LONGEST_COAST = 10**9  # longest gap over which the angle is extrapolated [ns]
 
@@ -163,6 +163,9 @@ def run(
 REMEMBERED = 64  # number of batches for the detection of repeated ones
 GAP = 2.5  # this many sample periods without a sample are a gap
 UNKNOWN_GAP = 0.01  # length of a gap while the sample period is unknown [s]
+LASTS = 200_000_000  # what contradicts the motor data for this time is no start [ns],
+KEPT = 10**10  # and is kept as the reason for this time [ns]
+LONGEST_BATCH = 10**8  # longer times between two estimates are pauses [ns]
 FITS = 0.01  # allowed relative difference of the sample period from the stamps
 
 
@@ -198,6 +201,7 @@ class DriveJoint(Joint):
         self.fast = fast and available()
         self.misfit = ''
         self._late_batches = 0
+        self._contradiction = 0, 0, 0  # reasons without an estimate, their time, last stamp [ns]
         self._recent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         super().__init__(observer, gains, settings)
 
@@ -222,6 +226,7 @@ class DriveJoint(Joint):
         super().reset()
         self._recent.clear()
         self._late_batches = 0
+        self._contradiction = 0, 0, 0
 
     def warm_up(self) -> None:
         """Compile now, before samples arrive; functions without Numba support run as they are."""
@@ -291,9 +296,20 @@ class DriveJoint(Joint):
         self._count(out.verdict)
         used = np.flatnonzero(out.verdict < DUPLICATE)
         if len(used):
-            self.stamp_ns = int(stamps[used[-1]])
+            before_ns, self.stamp_ns = self.stamp_ns, int(stamps[used[-1]])
             self._measurement = tuple(samples[used[-1]].tolist())
+            status, reasons = int(out.status[used[-1]]), int(out.reasons[used[-1]])
+            self._note(status, reasons, self.stamp_ns - before_ns)
         return out
+
+    def _note(self, status: int, reasons: int, passed_ns: int) -> None:
+        """Note what contradicts the motor data since the last estimate; blind, nothing does."""
+        if status == TRACKING:
+            self._contradiction = 0, 0, 0
+        elif reasons and not reasons & BLIND:
+            before, total, _ = self._contradiction
+            total += min(passed_ns, LONGEST_BATCH)
+            self._contradiction = before | reasons, total, self.stamp_ns
 
     def _fits(self, stamps: NDArray[np.int64]) -> bool:
         """Return True if a batch's stamps fit the sample period, which they define if unset."""
@@ -322,6 +338,11 @@ class DriveJoint(Joint):
         self._count(out.verdict)
         return out
 
+    @property
+    def needs_motion(self) -> bool:
+        """See `Joint`."""
+        return self.running and self._motor.reasons(self.state) & BLIND == LOW_EMF
+
     def estimate(self) -> tuple[float, float, float, int]:
         """Return (position, velocity, nan, status), mechanical, at the last used sample."""
         if self.misfit:
@@ -348,6 +369,9 @@ class DriveJoint(Joint):
         if limit:
             return limit
         reasons = self._motor.reasons(self.state)
+        known, total, last_ns = self._contradiction
+        if total > LASTS and self.stamp_ns - last_ns < KEPT:
+            return describe(known | (reasons & ~LOW_EMF))
         if self.estimate()[3] != NOT_OBSERVABLE:
             return describe(reasons)
         reason, bound = describe(reasons & BLIND), self.speed_bound()

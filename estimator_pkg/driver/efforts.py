@@ -24,6 +24,7 @@ COMMANDED, MEASURED = 'commanded', 'measured'  # kinds of efforts
 REMEMBERED = 4096  # number of stored efforts of each input
 LONGEST = 10 * 10**9  # longest time between related samples or efforts [ns]
 LARGEST = 1e9  # largest valid input [N m, N, V or A]
+NO_EFFORT = "publish the effort, too, or set 'input: effort_command'"  # what to do without one
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ WHY_DROPPED = {
     'duplicate': 'repeated stamps: the driver publishes faster than it stamps',
     'late': 'stamps older than the previous one: messages overtake each other',
     'zero_stamp': 'no time stamp',
-    'non_finite': 'NaN or infinite positions',
+    'non_finite': 'NaN or infinite positions, or too large for any joint',
     'misconfigured': 'gains that are unstable at this sample rate: lower them, or sample faster',
     'repeated': 'repeated readings: the sensor is slower than its driver',
 }

@@ -464,6 +464,11 @@ class Joint:
         said = said or note_on_queue(_queue(self._track))
         return said or ('' if self.learner is None else self.learner.shaft.text())
 
+    @property
+    def needs_motion(self) -> bool:
+        """True while there is no estimate because the joint moves too little."""
+        return False
+
     def _count_new_starts(self) -> int:
         return sum(self.counts[verdict] for verdict in NEW_STARTS)
 
@@ -473,8 +478,9 @@ def _circle(settings: JointSettings) -> Circle:
 
 
 def _quantum(gains: Any) -> float:
-    """Return the quantum that gains declare [rad]; 0: none is known."""
-    return float(getattr(gains, 'quantum', 0.0) or 0.0)
+    """Return the quantum of a single angle that gains declare [rad]; 0: none is known."""
+    quantum = getattr(gains, 'quantum', None)
+    return float(quantum) if isinstance(quantum, (int, float)) else 0.0
 
 
 def _shape(state: Any) -> Any:

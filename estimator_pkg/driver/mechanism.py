@@ -17,7 +17,7 @@ from typing import Any
 
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings
+from estimator_pkg.driver.efforts import COMMAND, FIELD, NO_EFFORT, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers.circle import nearest_turn
@@ -190,6 +190,8 @@ class Mechanism(Joint):
         said = self.functions.why(self.state, self._design)
         if self._source == COMMAND and self._acting.is_unknown:
             said += f'{said and "; "}{self._acting.why_unknown()}'
+        elif said.startswith('no effort'):
+            said += f': {NO_EFFORT}'
         return said
 
     def why_silent(self) -> str:

@@ -5,10 +5,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple
 
 from estimator_pkg.observers.maths.clarke import clarke
+from estimator_pkg.observers.pmsm.drive import LARGEST
 
 WAITING = 100  # largest number of messages of each kind that wait for their partner
 CURRENT, VOLTAGE = 0, 1
@@ -99,9 +101,11 @@ class Phases:
     def current(self, a: float, b: float, c: float) -> Vector | None:
         """Return (alpha, beta) [A]; None if the phases do not sum to zero."""
         largest = max(abs(a), abs(b), abs(c))
+        if not largest < LARGEST:  # no current: the guard drops it
+            return math.nan, math.nan
         self._largest = max(largest, FORGETS * self._largest)
         imbalance = abs(a + b + c) / self._largest
-        if imbalance > self._tolerance:  # False for nan, which the guard drops
+        if imbalance > self._tolerance:
             self.unbalanced += 1
             self.worst = max(self.worst, imbalance)
             return None

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.circle import LARGEST, is_angle, wrap
 
 SPAN = 1.25  # turns that readings which wrap never span, noise included
 CONFIRMED = 8  # readings in a row beyond it: no outliers
@@ -54,7 +54,7 @@ class Turns(NamedTuple):
 
     def after(self, stamp_ns: int, reading: float) -> Turns:
         """Return what is known with one more sample, which its observer has not taken yet."""
-        if self.wraps or not math.isfinite(reading):
+        if self.wraps or not is_angle(reading):  # the guard drops it
             return self
         if self.counts:
             return self._counted(stamp_ns, reading)
@@ -102,8 +102,8 @@ class Turns(NamedTuple):
         """Return what is known from row `at` on, to that with which the span is too large."""
         rest, row = readings[at:], len(readings)
         low, high = float(np.min(rest)), float(np.max(rest))
-        if not math.isfinite(high - low):
-            rest = np.where(np.isfinite(rest), rest, math.nan)
+        if not (is_angle(low) and is_angle(high)):
+            rest = np.where(np.abs(rest) < LARGEST, rest, math.nan)
             low, high = float(np.fmin.reduce(rest)), float(np.fmax.reduce(rest))
         low, high = min(self.low, low), max(self.high, high)
         if high - low > SPAN * self.period:
@@ -125,7 +125,7 @@ class Turns(NamedTuple):
             if len(rest) > 1:
                 now = now._replace(stamp_ns=int(stamps[-2]), reading=float(rest[-2]), rate=math.nan)
             return now._counted(int(stamps[-1]), float(rest[-1])), len(readings)
-        rows = at + np.flatnonzero(np.isfinite(readings[at:]))
+        rows = at + np.flatnonzero(np.abs(rest) < LARGEST)
         times = np.append(self.stamp_ns, stamps[rows])
         angles = np.append(self.reading, readings[rows])
         passed, moved = np.diff(times), np.diff(angles)

@@ -21,6 +21,7 @@ from estimator_pkg.nodes.faults import Faults, listed, of_joints, say, which
 from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import JointWatch
 from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
+from estimator_pkg.observers.contract import MISCONFIGURED, STATUS_NAMES
 from estimator_pkg.params_file import OVERRIDES
 from estimator_pkg.streams.contract import PUBLISHER, Stream, stamp_remedy
 
@@ -34,6 +35,8 @@ RATE_CHANGE = 0.2  # relative change of a rate that is reported,
 RATE_AGREES = 0.1  # if two measurements of the new one differ by less than this
 RATE_SAMPLES = 4  # samples of one measurement at least
 RECENT = 5.0  # age of names that a topic carries [s]
+SILENCE = 4.0  # time without an estimate that is reported [s],
+MESSAGES = 8  # if so many messages have come in it: a slow stream takes longer to start
 NEW_CLOCK = 1.0  # simulated time before which samples may have the stamp 0 [s]
 
 
@@ -69,6 +72,8 @@ class Detector:
         self._started = monotonic()
         self.first_input = 0.0
         self._suspected: dict[str, str] = {}  # by others; seen twice in a row they are faults
+        self._missing: list[str] = []  # needed names that no message has had yet
+        self._missed: dict[str, str] = {}  # kind of the fault by joint of `per_joint`
         self._seen: set[str] = set()  # needed names that messages of the measurement have had
         # received messages by port, and when their number last grew
         self._arrivals = [(0, self._started)] * len(stream.inputs)
@@ -77,6 +82,8 @@ class Detector:
         self._often: set[str] = set()  # kinds of drops that were often at the last report
         self._losses: deque[tuple[int, int]] = deque(maxlen=LOSSES)
         self._rates: dict[str, _Rate] = {}
+        self._without_estimate = self._started, 0  # since when, and received messages then
+        self._estimated = False  # True after the first estimate
         self._clock_ran = False  # simulated time was beyond NEW_CLOCK
 
     def look(self, now: float) -> None:
@@ -85,6 +92,9 @@ class Detector:
         self._measure_offset(now)
         if not self.first_input and any(self._stream.received):
             self.first_input = now
+        if self._watch.estimated:
+            self._without_estimate, self._estimated = (now, self._stream.received[0]), True
+            self._faults.logged.clear()
         returned = self._watch.returned
         if returned:
             names = list(returned)
@@ -112,19 +122,50 @@ class Detector:
         found.update(self._of_names(now))
         found.update(self._of_silence(now))
         found.update(self._of_messages(new))
-        if any(kind.startswith('missing') for kind in found):  # this is why
+        if self._missing:  # this is why
             found.pop('mismatched', None)
         mixed = any(kind.startswith('twice') for kind in found)
         found.update(self._of_stamps(new, mixed, now))
         self._find_rates(new, now, mixed)
+        found.update(self._of_nothing(found, new, now))
         return found
+
+    def _of_nothing(
+        self, found: Mapping[str, str], new: Mapping[str, int], now: float
+    ) -> dict[str, str]:
+        """Return why nothing is estimated for `SILENCE`, if no other fault explains it."""
+        stream, statuses, logged = self._stream, self._watch.statuses, self._faults.logged
+        kinds = {kind.partition(' ')[0] for kind in (*found, *logged)}
+        received = stream.received[0]
+        if not received or 'silent' in kinds:
+            self._without_estimate = now, received
+            logged.clear()
+            return {}
+        since, before = self._without_estimate
+        if now - since < SILENCE or received - before < MESSAGES:
+            return {}
+        explained = 'failed' in kinds or any(
+            status == MISCONFIGURED for status, _ in statuses.values()
+        )
+        if not new['used']:
+            explained = explained or bool(kinds.difference(faults.HARMLESS, ['nothing']))
+        joints = stream.bank.joints.values()
+        if explained or (self._estimated and all(joint.needs_motion for joint in joints)):
+            return {}
+        topics = ' and '.join(
+            each.topic_name for each, count in zip(self.inputs, stream.received) if count
+        )
+        why = stream.why() or ', '.join(
+            f"'{name}' is {STATUS_NAMES[status]}" for name, (status, _) in statuses.items()
+        )
+        return {'nothing': say('nothing', passed=now - since, topic=topics, why=why)}
 
     def _of_graph(self, now: float) -> dict[str, str]:
         """Return faults among publishers and subscribers, once two reports have seen them."""
         suspected = self._endpoints.faults()
         for port, each in enumerate(self.inputs):
             if each.found and not self._stream.received[port] and not each.optional:
-                who = listed(each.found)
+                who = listed(dict.fromkeys(each.found))
                 suspected[f'mute {each.topic_name}'] = say('mute', who=who, topic=each.topic_name)
         before, self._suspected = self._suspected, suspected
         if now - self._started < INPUT_PATIENCE:
@@ -138,6 +179,7 @@ class Detector:
     def _of_names(self, now: float) -> dict[str, str]:
         """Return joints that are not in the messages, and those that several publishers send."""
         stream, found = self._stream, {}
+        shown = True  # the messages have shown their names
         for port, each in enumerate(self.inputs):
             several = len(each.found) > 1 and not each.optional
             if port == 0:
@@ -145,11 +187,12 @@ class Detector:
                 needed = stream.needed() - self._seen
                 came = {name for name in needed if name in joints and joints[name].received}
                 self._seen |= came | needed.intersection(each.senders.names)
-                missing = sorted(needed - self._seen)
-            watched = several or (port == 0 and bool(missing or self._watch.silent))
+                self._missing = sorted(needed - self._seen)
+            watched = several or (port == 0 and bool(self._missing or self._watch.silent))
             if not watched and each.watched:
                 each.senders.forget()
-            each.watched = watched
+            fresh, each.watched = watched and not each.watched, watched
+            shown = shown and not (port == 0 and fresh)
             twice = each.senders.twice(now)
             unnamed = UNNAMED_PUBLISHER in each.found and not each.unnamed
             each.unnamed = UNNAMED_PUBLISHER in each.found
@@ -162,28 +205,34 @@ class Detector:
                     who=faults.publishers(sorted(each.found)),
                     which=which(twice),
                 )
-        if missing and self.first_input and now - self.first_input >= JOINT_PATIENCE:
-            found.update(self._missing(missing, now))
+        patience = self.first_input + JOINT_PATIENCE
+        if self._missing and shown and self.first_input and now >= patience:
+            found.update(self._of_missing(self._missing, now))
         return found
 
-    def _missing(self, missing: list[str], now: float) -> dict[str, str]:
+    def _of_missing(self, missing: list[str], now: float) -> dict[str, str]:
         """Return the texts about joints that have never come, by the parameters that name them."""
         each, overrides = self.inputs[0], self._stream.overrides
         names = each.senders.recent(now - RECENT) or each.senders.recent(-math.inf)
         carried = names if each.type == JOINT_STATE else set(self._stream.bank.joints)
         selected = [name for name in missing if name not in overrides]
         overridden = [name for name in missing if name in overrides]
-        correct = listed(
-            (f'{OVERRIDES}.{name}.{key}' for name in overridden for key in overrides[name]), "'"
-        )
-        return {
-            kind: faults.absent(joints, each.topic_name, carried, otherwise, always)
-            for kind, joints, otherwise, always in (
-                ('missing', selected, "set 'joints' to names of the topic", ''),
-                ('missing override', overridden, '', f'correct {correct}'),
-            )
-            if joints
+        first = next((name for name in overridden if name not in self._missed), '')
+        self._missed = {  # those of a file are one fault, one that is set later is another
+            name: self._missed.get(name, f'missing override {first}') for name in overridden
         }
+        found = {}
+        if selected:
+            found['missing'] = faults.absent(
+                selected, each.topic_name, carried, "set 'joints' to names of the topic"
+            )
+        for kind in set(self._missed.values()):
+            joints = [name for name, its in self._missed.items() if its == kind]
+            correct = listed(
+                (f'{OVERRIDES}.{name}.{key}' for name in joints for key in overrides[name]), "'"
+            )
+            found[kind] = faults.absent(joints, each.topic_name, carried, '', f'correct {correct}')
+        return found
 
     def _note_arrivals(self, now: float) -> None:
         """Note which inputs have new messages, and report those that are back."""
@@ -244,7 +293,7 @@ class Detector:
         """Return the text about an input, or some joints of it, that came until `since`."""
         left = sorted(name for name, when in each.left.items() if when > since - self._shortest)
         kind = 'ended' if left or not each.found else 'silent'
-        who = listed(left or each.found) or 'its publisher'
+        who = listed(left or dict.fromkeys(each.found)) or 'its publisher'
         return say(kind, what=what, passed=now - since, who=who, which=which)
 
     def _of_messages(self, new: Mapping[str, int]) -> dict[str, str]:
@@ -253,12 +302,11 @@ class Detector:
         if new['messages_dropped.malformed']:
             where, why = stream.complaint
             found['malformed'] = say('malformed', topic=where, why=why)
-        empty = new.get('messages_dropped.empty', 0)
-        if empty > OFTEN * new['messages_received']:
-            received = new['messages_received']
-            found['empty'] = say(
-                'empty', count=empty, received=received, topic=topic, why=stream.EMPTY
-            )
+        received = new['messages_received']
+        for kind, why in stream.UNUSED.items():
+            count = new.get(f'messages_dropped.{kind}', 0)
+            if count > OFTEN * received:
+                found[kind] = say('unused', count=count, received=received, topic=topic, why=why)
         if new.get('messages_dropped.mismatched'):
             found['mismatched'] = say('mismatched', topic=topic, why=stream.MISMATCH)
         if new['dropped.refused']:

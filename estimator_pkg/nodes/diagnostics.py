@@ -52,7 +52,7 @@ EVENTS = VERDICTS[2:DUPLICATE]
 _DROPPED_FOR = {
     DUPLICATE: 'their stamps repeat',
     LATE: 'their stamps are late',
-    NON_FINITE: 'their numbers are not finite',
+    NON_FINITE: 'their numbers are not finite, or too large for any joint',
     ZERO_STAMP: 'they have no time stamp',
     REPEATED: 'they repeat the previous reading',
 }

@@ -29,10 +29,10 @@ from rclpy.timer import Timer
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.nodes.faults import listed, say
 from estimator_pkg.nodes.inputs import Input
-from estimator_pkg.nodes.misfits import misfits, type_name
+from estimator_pkg.nodes.misfits import full_name, misfits, type_name
 from estimator_pkg.nodes.outputs import Output, Outputs
-from estimator_pkg.nodes.qos import estimates, overriding, sensor_data
-from estimator_pkg.nodes.ros_parameters import in_words
+from estimator_pkg.nodes.qos import estimates, latched, overriding, sensor_data
+from estimator_pkg.nodes.ros_parameters import QOS, in_words
 from estimator_pkg.ros import observers
 
 
@@ -49,6 +49,8 @@ UNCHANGED = 0.1  # [s] without a change among publishers and subscribers: they k
 UNCHANGED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
 UNMATCHED = 1.0  # [s] that are waited for subscribers of our outputs that are not connected yet;
 # one whose QoS does not fit never is
+GHOST = 25.0  # [s] for which one that was there at our start may have crashed: DDS shows it for 20
+AT_START = 2.5  # [s] in which it is found
 LEFT = 20  # nodes that are remembered after they ended
 
 Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
@@ -57,22 +59,28 @@ Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info
 class Endpoints:
     """Creates a node's subscriptions and publishers and counts the problems that DDS reports.
 
+    Parameters
+    ----------
+    node : the node. wait_for_subscriber : see `Outputs` [s].
+
     Attributes
     ----------
     qos_mismatches : number of publishers and subscriptions with incompatible QoS.
     outputs : the topics of answers.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, wait_for_subscriber: float) -> None:
         self._node = node
         self.qos_mismatches = 0
-        self.outputs = Outputs()
+        self.outputs = Outputs(wait_for_subscriber)
         self._inputs: list[Input] = []
         self._publishers: list[Publisher] = []
         self._written: dict[str, str] = {}  # topic -> the same before remapping
         self._around: list[int] = []  # publishers of our inputs, subscriptions to our outputs
         self._discovered = monotonic() + UNCHANGED_AT_START  # when all of them know us
         self._often: Timer | None = None  # calls `connect`
+        self._started = monotonic()
+        self._first_seen: dict[bytes, float] = {}  # publishers of our first output, by identity
 
     @property
     def inputs(self) -> list[str]:
@@ -167,7 +175,28 @@ class Endpoints:
             others = node.get_subscriptions_info_by_topic(topic)
             kind, qos = type_name(publisher.msg_type), publisher.qos_profile
             texts.update(misfits(others, topic, kind, qos, 'subscription')[0])
+        texts.update(self._shared())
         return texts
+
+    def _shared(self) -> dict[str, str]:
+        """Return the text about another publisher of our first output, once it is surely alive."""
+        node, topic, now = self._node, self.outputs[0].topic_name, monotonic()
+        there = {
+            bytes(each.endpoint_gid): each for each in node.get_publishers_info_by_topic(topic)
+        }
+        before = self._first_seen
+        self._first_seen = {gid: before.get(gid, now) for gid in there}
+        own = node.get_fully_qualified_name()
+        who = sorted(
+            (full_name(each) != own, self._first_seen[gid], full_name(each))
+            for gid, each in there.items()
+        )
+        alive = [
+            name
+            for _, since, name in who[1:]  # the first one is this node
+            if since > self._started + AT_START or now - since > GHOST
+        ]
+        return {f'shared {topic}': say('shared', who=listed(alive), topic=topic)} if alive else {}
 
     def _instead(self, each: Input) -> str:
         """Return the topics with a publisher of an input's type that may be meant, as text."""
@@ -268,13 +297,19 @@ class Endpoints:
             each.drain()
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
-        """Create a publisher; raise UsageError for a wrong ``qos_overrides`` parameter."""
+        """Create a publisher; raise UsageError for a wrong ``qos_overrides`` parameter.
+
+        One that such a parameter makes transient local is latched, as the user expects of it.
+        """
+        name = f'{QOS}{self._node.resolve_topic_name(topic)}.publisher.durability'
+        durability = self._node._parameter_overrides.get(name)
+        latches = durability is not None and durability.value == 'transient_local'
 
         def make() -> Publisher:
             return self._node.create_publisher(
                 kind,
                 topic,
-                qos or estimates(),
+                qos or (latched() if latches else estimates()),
                 qos_overriding_options=overriding(),
                 event_callbacks=PublisherEventCallbacks(incompatible_qos=self._mismatch),
             )

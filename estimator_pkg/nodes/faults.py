@@ -11,7 +11,7 @@ A fault is reported in three ways: once on the terminal when it begins, and whil
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import defaultdict, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from time import monotonic
 
@@ -22,7 +22,9 @@ from estimator_pkg.messages.joint_state import Layout
 SHOWN = 5.0  # time for which an event stays among the faults [s]
 AGAIN = 2.0  # a fault that returns after this time is logged again [s]
 NAMED = 5  # largest number of names in a text
-SLOWEST_TURNS = 5.0  # time in which several publishers of a joint must alternate [s]
+SLOWEST_TURNS = 5.0  # time in which several publishers of a joint must alternate [s],
+RETURNS = 3  # this many times
+TRACKS = 8  # publishers of a joint that are distinguished
 FORGOTTEN = 60.0  # names that have not come for this time are forgotten [s]
 MEANT = 'did you mean '  # how `suggestion` begins where a name is near
 LAYOUTS = 8  # layouts that are kept to read names
@@ -36,6 +38,8 @@ TEXTS: Mapping[str, str] = {
     'connected; remap one of them',
     'qos': 'a {role} on {topic} has an incompatible QoS and is not connected: {who} has '
     '{policy} {theirs}, this node {ours}; {remedy}',
+    'shared': '{who} publishes {topic} as this node does, so its subscribers get both: stop one of '
+    "them, remap the topic, or start this node with another name ('-r __node:=NAME')",
     'twice': '{names} on {topic} from {who}: stop one of them, or remap its topic; the estimates '
     'mix their samples{which}',
     'missing': '{names} not in {topic}: {hint} ({which}it carries {carried})',
@@ -58,13 +62,18 @@ TEXTS: Mapping[str, str] = {
     'jump': 'the clock of the measurements jumped (a looping bag, a restarted simulation{several}):'
     ' its {kept}s are reset',
     'malformed': 'messages on {topic} are malformed and dropped: {why}',
-    'empty': '{count} of {received} messages on {topic} {why}',
+    'unused': '{count} of {received} messages on {topic} {why}',
+    'nothing': 'no estimate for {passed:.0f} s, though messages come on {topic}: {why}',
     'mismatched': 'messages on {topic} are dropped: {why}',
     'refused': "{count} samples on {topic} are beyond joints_max (newest name: '{name}'; "
     "{joints} joints exist): name the required joints in 'joints', or raise 'joints_max'",
     'lost': '{count} of {sent} messages on {topic} were lost in {passed:.0f} s: their rate is too '
     'high for this node or the network; lower it, or stop other processes',
 }
+# Faults that do not explain why nothing is estimated
+HARMLESS = (
+    *('back', 'clock', 'expired', 'jump', 'lost', 'no_clock', 'rate', 'shared', 'silent', 'twice'),
+)
 
 
 def say(fault: str, **values: object) -> str:
@@ -143,38 +152,39 @@ class Faults:
 
     Parameters
     ----------
-    log : logs a text.
+    log : logs a fault: its kind, whose first word is that of `TEXTS`, and its text.
 
     Attributes
     ----------
     present : texts of the present faults, by kind.
+    logged : kinds that were logged since somebody cleared this set.
     """
 
-    def __init__(self, log: Callable[[str], None]) -> None:
+    def __init__(self, log: Callable[[str, str], None]) -> None:
         self._log = log
         self.present: dict[str, str] = {}
+        self.logged: set[str] = set()
         self._lasting: dict[str, str] = {}
         self._events: dict[str, tuple[str, float]] = {}  # text, and until when it is shown
         self._seen: dict[str, float] = {}  # when a fault was last present
 
-    def begin(
-        self, kind: str, text: str, now: float, log: Callable[[str], None] | None = None
-    ) -> None:
+    def begin(self, kind: str, text: str, now: float) -> None:
         """Report an event at once, and show it for a while."""
-        self._enter(kind, text, now, log or self._log)
+        self._enter(kind, text, now)
         self._events[kind] = text, now + SHOWN
         self._collect(now)
 
     def update(self, lasting: Mapping[str, str], now: float) -> None:
         """Take the faults that are present now; events are kept."""
         for kind, text in lasting.items():
-            self._enter(kind, text, now, self._log)
+            self._enter(kind, text, now)
         self._lasting = dict(lasting)
         self._collect(now)
 
-    def _enter(self, kind: str, text: str, now: float, log: Callable[[str], None]) -> None:
+    def _enter(self, kind: str, text: str, now: float) -> None:
         if now - self._seen.get(kind, -math.inf) > AGAIN:
-            log(text)
+            self._log(kind, text)
+            self.logged.add(kind)
         self._seen[kind] = now
 
     def _collect(self, now: float) -> None:
@@ -187,8 +197,9 @@ class Faults:
 class Senders:
     """What the messages of a topic carry, and whether several publishers send the same joint.
 
-    Messages do not name their publisher, but the sequence numbers of one publisher only grow. Those
-    of a joint that two publishers send go back at least once for each message of the slower one.
+    Messages do not name their publisher, but the sequence numbers of one publisher only grow. If
+    two of them send a joint, its numbers go back again and again to where those of one ended. A
+    publisher that was killed and started again goes back to its beginning, once.
 
     Parameters
     ----------
@@ -207,21 +218,26 @@ class Senders:
     def forget(self) -> None:
         """Start again, with other publishers."""
         self.names: dict[str, float] = {}
-        self._newest: dict[str, int] = {}
-        self._turns: Counter[str] = Counter()
-        self._turned: dict[str, tuple[int, float]] = {}  # turns, and when they last grew
+        # the next number of each publisher of a joint, that of its newest message first
+        self._next: defaultdict[str, list[int]] = defaultdict(list)
+        self._returned: dict[str, deque[float]] = {}  # when numbers went back to one of them
 
     def saw(self, raw: bytes, sequence: int | None) -> None:
         """Take a message."""
-        newest, turns = self._newest, self._turns
-        names = self._names_of(raw)
-        self.names.update(dict.fromkeys(names, monotonic()))
+        names, now = self._names_of(raw), monotonic()
+        self.names.update(dict.fromkeys(names, now))
         if not sequence:  # this middleware provides no numbers
             return
         for name in names:
-            if sequence <= newest.get(name, 0):
-                turns[name] += 1
-            newest[name] = sequence
+            tracks = self._next[name]
+            # after a loss it is the nearest number before
+            known = max((each for each in tracks if each <= sequence), default=0)
+            if known == sequence < tracks[0]:
+                self._returned.setdefault(name, deque(maxlen=RETURNS)).append(now)
+            if known:
+                tracks.remove(known)
+            tracks.insert(0, sequence + 1)
+            del tracks[TRACKS:]
 
     def recent(self, since: float) -> set[str]:
         """Return the joints that came after this time."""
@@ -230,17 +246,15 @@ class Senders:
     def twice(self, now: float) -> list[str]:
         """Return the joints that several publishers send; to be called regularly."""
         for name in [name for name, when in self.names.items() if now - when > FORGOTTEN]:
-            for kept in (self.names, self._newest, self._turns, self._turned):
+            for kept in (self.names, self._next, self._returned):
                 kept.pop(name, None)
-        found = []
-        for name, turns in self._turns.items():
-            before, since = self._turned.get(name, (0, now))
-            if turns > before:
-                since = now
-            self._turned[name] = turns, since
-            if turns > 1 and now - since < SLOWEST_TURNS:  # one turn: a publisher started again
-                found.append(name)
-        return sorted(found)
+        return sorted(
+            name
+            for name, times in self._returned.items()
+            if len(times) == RETURNS
+            and now - times[-1] < SLOWEST_TURNS
+            and times[-1] - times[0] < RETURNS * SLOWEST_TURNS
+        )
 
     def _names_of(self, raw: bytes) -> Sequence[str]:
         if not self._named:

@@ -17,7 +17,7 @@ from estimator_pkg.driver.guard import VERDICTS
 from estimator_pkg.nodes.detection import INPUT_PATIENCE, JOINT_PATIENCE, Detector
 from estimator_pkg.nodes.diagnostics import ERROR, OK, WARN, array, counters, entry, joint_status
 from estimator_pkg.nodes.endpoints import Endpoints
-from estimator_pkg.nodes.faults import Faults, listed, of_joints, rounded, which
+from estimator_pkg.nodes.faults import HARMLESS, Faults, listed, of_joints, rounded, which
 from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import NEW, JointWatch, Status
 from estimator_pkg.nodes.qos import latched
@@ -52,7 +52,7 @@ class Health:
         'messages_dropped.failed': 'messages on which the observer failed',
         'dropped.duplicate': 'duplicates',
         'dropped.late': 'late samples',
-        'dropped.non_finite': 'samples that are not finite',
+        'dropped.non_finite': 'samples that are not finite, or too large for any joint',
         'dropped.zero_stamp': 'samples without a stamp',
         'dropped.misconfigured': 'samples of misconfigured joints',
         'dropped.repeated': 'repeated readings',
@@ -76,7 +76,7 @@ class Health:
         self._step_time = self._longest_step = 0.0
         self._started = self._last_report = monotonic()
         self._reported_unknown = self._reported_tracking = False
-        self._faults = Faults(lambda text: self._node.get_logger().warning(text))
+        self._faults = Faults(self._log)
         self.watch = JointWatch(stream)
         self._detector = Detector(node, stream, endpoints, self.watch, self._faults, DIAGNOSTICS)
         self._expired: dict[str, int] = {}  # counters of expired joints
@@ -106,8 +106,16 @@ class Health:
             f'the observer failed on a message of {topic}, and all '
             f'{self._stream.KEPT}s are reset: {why}',
             monotonic(),
-            self._node.get_logger().error,
         )
+
+    def _log(self, kind: str, text: str) -> None:
+        """Log a fault; it is an error while messages come and nothing is estimated."""
+        silent = any(self._stream.received) and not self.watch.estimated
+        logger = self._node.get_logger()
+        if kind == 'failed' or (silent and kind.partition(' ')[0] not in HARMLESS):
+            logger.error(text)
+        else:
+            logger.warning(text)
 
     def look(self) -> None:
         """Publish changes, and once a second the diagnostics."""
@@ -195,8 +203,7 @@ class Health:
 
     def _of_node(self, values: Mapping[str, Any], counted: Iterable[str] = ()) -> DiagnosticStatus:
         """Return the entry of the node, which is never OK while nothing is estimated."""
-        statuses = [status for status, _ in self.watch.statuses.values()]
-        estimated = any(status in VALID for status in statuses)
+        estimated = self.watch.estimated
         wrong = [*self._faults.present.values(), *counted]
         if not (wrong or estimated):
             wrong = [self._why_nothing()]
@@ -315,7 +322,7 @@ class Health:
                 lost.setdefault(why, []).append(name)
         for why, names in lost.items():
             text = of_joints(names, self._stream.KEPT, ('has', 'have')) + f' {why}{which(names)}'
-            self._faults.begin(f'lost {why}', text, monotonic())
+            self._faults.begin(f'unusable {why}', text, monotonic())
 
     def _report_unknown_parameters(self) -> None:
         """Log unknown parameters, once."""

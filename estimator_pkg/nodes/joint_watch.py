@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.nodes.diagnostics import dropped_for
-from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED
+from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED, VALID
 from estimator_pkg.streams.contract import Stream
 
 Status = tuple[int, str]  # status, and why
@@ -82,6 +82,11 @@ class JointWatch:
                 f'no usable sample for {joint.silence:.3g} s' + (f'; {reason}' if reason else '')
             )
         return status, joint.why()
+
+    @property
+    def estimated(self) -> bool:
+        """True if a joint had an estimate at the last look."""
+        return any(status in VALID for status, _ in self.statuses.values())
 
     def lost(self, name: str) -> bool:
         """Return True if a joint was lost at the last look."""

@@ -37,7 +37,7 @@ def misfits(
     texts, rest = {}, []
     qos = _offered(qos)
     for other in others:
-        who = _full_name(other)
+        who = full_name(other)
         if other.topic_type != kind:
             does = {'other': other.topic_type, 'topic': topic, 'type': kind}
             if role == 'publisher':
@@ -80,7 +80,7 @@ def _value(qos: QoSProfile, policy: str) -> str:
     return str(getattr(value, 'name', value)).lower()
 
 
-def _full_name(endpoint: Any) -> str:
+def full_name(endpoint: Any) -> str:
     """Return the node of another's endpoint; a publisher outside ROS has none."""
     if endpoint.node_name == UNNAMED:
         return UNNAMED_PUBLISHER

@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
 from estimator_pkg import streams
-from estimator_pkg.errors import UsageError, where
+from estimator_pkg.errors import UsageError, UserError, plainly, where
 from estimator_pkg.messages.field import Field
 from estimator_pkg.nodes import message_types
 from estimator_pkg.nodes.endpoints import Endpoints, get_message
@@ -61,10 +61,10 @@ class ObserverNode(Node):
     def __init__(self, stream: type[Stream] | str, node_name: str = '', **options: Any) -> None:
         family = streams.named(stream) if isinstance(stream, str) else stream
         try:
-            # Overrides may name joints that have not appeared, so they cannot all be declared.
+            # Overrides may name joints that have not appeared, so they cannot all be declared; and
+            # rclpy's refusal of an undeclared parameter does not name it.
             super().__init__(
-                node_name or family.NODE,
-                **{'allow_undeclared_parameters': family.OVERRIDES, **options},
+                node_name or family.NODE, **{'allow_undeclared_parameters': True, **options}
             )
         except ParameterException as error:  # a parameter of rclpy, such as use_sim_time
             raise UsageError(in_words(error)) from error
@@ -109,7 +109,8 @@ class ObserverNode(Node):
 
     def _open(self) -> None:
         """Connect the ports."""
-        stream, self._endpoints = self.stream, Endpoints(self)
+        stream = self.stream
+        self._endpoints = Endpoints(self, stream.settings.wait_for_subscriber)
         for output in stream.outputs:
             self._endpoints.output(
                 get_message(output.type),
@@ -132,7 +133,8 @@ class ObserverNode(Node):
         self._endpoints.open(steady)  # last: the queues of subscriptions are not long
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} from '
-            f'{" and ".join(self._endpoints.inputs)} on {self._endpoints.outputs[0].topic_name}'
+            f'{" and ".join(self._endpoints.inputs)} on {self._endpoints.outputs[0].topic_name} '
+            f'({self._ros.changed()})'
         )
         for name, hint in self._ros.of_others().items():
             self.get_logger().warning(f"unknown parameter '{name}': {hint}")
@@ -184,11 +186,16 @@ class ObserverNode(Node):
         return stream.configure(stream.observer, stream.settings, self._common(values), overrides)
 
     def _check(self, values: Values, overrides: Mapping[str, Values]) -> None:
-        self.stream.check(self._configuration(values, overrides))
+        with plainly(f"observer '{self.stream.observer.name}'"):
+            self.stream.check(self._configuration(values, overrides))
 
     def _apply(self) -> None:
         self.stream.skip = self._ros.values['no_estimate'] == SKIP
-        self.stream.apply(self._configuration(self._ros.values, self._ros.overrides))
+        try:
+            with plainly(f"observer '{self.stream.observer.name}'"):
+                self.stream.apply(self._configuration(self._ros.values, self._ros.overrides))
+        except UserError as error:
+            self.get_logger().error(f'parameters are set, but not every joint uses them: {error}')
 
     # Services
 

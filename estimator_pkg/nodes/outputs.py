@@ -11,11 +11,6 @@ from typing import Any
 
 from rclpy.publisher import Publisher
 
-from estimator_pkg.nodes.qos import KEPT
-
-WAIT_FOR_SUBSCRIBER = (
-    5.0  # [s] after the inputs are connected; Fast DDS announces a process every 3 s
-)
 TOGETHER = 0.1  # [s] between the first and the last subscription of one process, at most
 
 
@@ -25,6 +20,7 @@ class Output:
     A publisher sends nothing to a subscription that it does not know, and on a busy machine DDS
     discovers a process seconds late: one that has found us may be unknown to us. So the answers of
     the first seconds are kept, as many as the publisher itself keeps, until somebody subscribes.
+    (Fast DDS announces a process every 3 s.)
 
     Parameters
     ----------
@@ -41,7 +37,7 @@ class Output:
     def __init__(self, publisher: Publisher, on_demand: bool) -> None:
         self._publisher, self._on_demand = publisher, on_demand
         self.topic_name = publisher.topic_name
-        self._kept: deque[bytes] = deque(maxlen=KEPT)
+        self._kept: deque[bytes] = deque(maxlen=publisher.qos_profile.depth)
         self.wanted = self.waits = True
         self.publish: Any = self._kept.append
 
@@ -63,10 +59,17 @@ class Output:
 
 
 class Outputs(list[Output]):
-    """The outputs of a node. They wait for a subscriber together."""
+    """The outputs of a node. They wait for a subscriber together.
 
-    def __init__(self) -> None:
-        self._until = float('inf')
+    Parameters
+    ----------
+    wait : for how long after the inputs are connected [s]; 0: not at all.
+    """
+
+    def __init__(self, wait: float) -> None:
+        super().__init__()
+        self._wait = wait
+        self._until = float('inf') if wait else 0.0
 
     def look(self, connected: bool) -> bool:
         """Check for subscribers; return True while an output waits for one.
@@ -77,7 +80,7 @@ class Outputs(list[Output]):
         """
         now = monotonic()
         if connected:
-            self._until = min(self._until, now + WAIT_FOR_SUBSCRIBER)
+            self._until = min(self._until, now + self._wait)
         known = [each.look(now < self._until) for each in self]
         if any(known):
             self._until = min(self._until, now + TOGETHER)

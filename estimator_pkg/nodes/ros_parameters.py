@@ -10,8 +10,8 @@ a change and can refuse it with the reason; the post-set callback applies it.
 Every parameter has a type and a value. A parameter that the observer chooses has its automatic
 value, so ``--params-file`` reads the file that ``ros2 param dump`` writes.
 
-A node with overrides per joint (``per_joint.<joint>.<parameter>``) is made with
-``allow_undeclared_parameters=True``, because an override may come before its joint.
+The node is made with ``allow_undeclared_parameters=True``, because an override per joint
+(``per_joint.<joint>.<parameter>``) may come before its joint.
 """
 
 from __future__ import annotations
@@ -130,6 +130,23 @@ class RosParameters:
         self._node.add_pre_set_parameters_callback(self._before_set)
         self._node.add_on_set_parameters_callback(self._on_set)
         self._node.add_post_set_parameters_callback(self._after_set)
+
+    def changed(self) -> str:
+        """Return the names of the parameters that differ from their defaults, as text.
+
+        Parameters of rclpy (the QoS of a topic, use_sim_time) differ if they are set.
+        """
+        names = [
+            name
+            for name, value in self._initial.items()
+            if self._node.has_parameter(name)
+            and (
+                self.values[name] != self._known[name].default
+                if name in self._known
+                else value is not False
+            )
+        ]
+        return f'not the defaults: {", ".join(names)}' if names else 'all parameters are defaults'
 
     def unknown(self) -> dict[str, str]:
         """Return the initial parameters that are not declared, each with a hint for its name."""

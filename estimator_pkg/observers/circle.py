@@ -53,9 +53,9 @@ def nearest_turn(angle: float, near: float, period: float) -> float:
 
     Parameters
     ----------
-    angle, near : rad; without a finite `near` the angle is returned unchanged.
+    angle, near : rad; if one of them is no angle, `angle` is returned unchanged.
     period : wrap period, rad; 0: no circle.
     """
-    if period > 0.0 and math.isfinite(near) and math.isfinite(angle):
+    if period > 0.0 and is_angle(near) and is_angle(angle):
         return angle + period * math.floor((near - angle) / period + 0.5)
     return angle

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.circle import Circle, is_angle
 
 Past = tuple | None  # what an observer keeps of the readings since a start, see `Functions.again`
 
@@ -30,11 +30,6 @@ NOT_OBSERVABLE = 4  # the signals do not determine the state
 MISCONFIGURED = 5  # the gains are unstable at the measured sample rate
 VALID = (TRACKING, COASTING)  # only estimates with one of these statuses are published
 STATUS_NAMES = ('initialising', 'tracking', 'coasting', 'lost', 'not observable', 'misconfigured')
-
-
-def is_finite(measurement: float) -> bool:
-    """Return False for NaN and infinities."""
-    return measurement - measurement == 0.0
 
 
 def never_late(state: tuple) -> float:
@@ -92,7 +87,7 @@ class Functions:
     resume: Callable[[tuple, tuple, tuple, Any], tuple]
     limits: Callable[[float], str | None]
     group_delay: Callable[[float], float]
-    finite: Callable[[Any], bool] = is_finite
+    finite: Callable[[Any], bool] = is_angle
     blank: Any = 0.0
     no_input: Any = 0.0
     jump: Callable[[tuple, tuple], tuple] | None = None

@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from estimator_pkg.driver import identified as adaptive_file
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
-from estimator_pkg.driver.efforts import COMMAND, DrivenSettings
+from estimator_pkg.driver.efforts import COMMAND, NO_EFFORT, DrivenSettings
 from estimator_pkg.driver.identified import values_of
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
@@ -69,6 +69,10 @@ class AdaptiveStream(DrivenStream):
     SETTINGS = AdaptiveSettings
     PER_JOINT = DrivenSettings
     SEPARATE = True
+    UNUSED: ClassVar[Mapping[str, str]] = {
+        **DrivenStream.UNUSED,
+        'without_effort': f'have no effort and are dropped: {NO_EFFORT}',
+    }
     bank: AdaptiveBank
     settings: AdaptiveSettings
 
@@ -168,13 +172,14 @@ class AdaptiveStream(DrivenStream):
         """See `Stream`."""
         if self.bank.without_input and not self.bank.joints:
             return (
-                f'{self.topics[0]} has no effort, and the observer needs it as input of the model'
+                f'{self.topics[0]} has no effort, which the observer needs as input of the model: '
+                f'{NO_EFFORT}'
             )
+        joints: dict[str, list[str]] = {}
+        for name, report in self.bank.reports().items():
+            joints.setdefault(f'{report.phase}: {report.reason}', []).append(name)
         return (
-            '; '.join(
-                f'{name}: {report.phase}: {report.reason}'
-                for name, report in self.bank.reports().items()
-            )
+            '; '.join(f'{", ".join(names)}: {said}' for said, names in joints.items())
             or super().why()
         )
 

@@ -131,6 +131,14 @@ class StreamSettings:
         'velocity is NaN, its position as measured), or skip (no message leaves until every joint '
         'of it has an estimate)',
     )
+    wait_for_subscriber: float = structural(
+        5.0,
+        unit='s',
+        range=(0.0, 60.0),
+        description='time after the inputs are connected in which the estimates wait for their '
+        'first subscriber, which then gets the last ones at once, at most the depth of the topic; '
+        '0: they do not wait',
+    )
 
     def find_observer(self) -> Observer:
         """Return the observer; raise UsageError for inconsistent settings."""
@@ -186,8 +194,8 @@ class Stream(ABC):
     SEPARATE : each joint can be estimated without the others.
     IN_ARRAYS : `run` takes all samples of a joint at once.
     USUAL : usual topics of the family in a bag.
-    KEPT, EMPTY, MISMATCH, WRONG : texts: the word for a joint, what empty messages lack, why
-        messages are mismatched, and descriptions of further counters.
+    KEPT, UNUSED, MISMATCH, WRONG : texts: the word for a joint, why messages are unused by the
+        kind of `unused`, why they are mismatched, and descriptions of further counters.
     wanted : True for each output that is to be made.
     received, malformed : numbers of messages by port. answered : messages with an estimate.
     skip : True if a message with a joint that has no estimate is not answered.
@@ -207,10 +215,10 @@ class Stream(ABC):
     IN_ARRAYS: ClassVar[bool] = False
     USUAL: ClassVar[tuple[str, ...]] = ('/joint_states',)
     KEPT: ClassVar[str] = 'joint'
-    EMPTY: ClassVar[str] = (
-        'carry no position and are dropped: publish positions, or remap the input to a topic that '
-        'has them'
-    )
+    UNUSED: ClassVar[Mapping[str, str]] = {
+        'empty': 'carry no position and are dropped: publish positions, or remap the input to a '
+        'topic that has them'
+    }
     MISMATCH: ClassVar[str] = 'their names and positions differ in number'
     WRONG: ClassVar[Mapping[str, str]] = {}
 

@@ -147,7 +147,9 @@ class DriveStream(Stream):
     OVERRIDES = False
     WRAPS = False
     USUAL: ClassVar[tuple[str, ...]] = ('/drive_samples', '/current', '/voltage')
-    EMPTY = 'have no row and are dropped: publish at least one sample in each'
+    UNUSED: ClassVar[Mapping[str, str]] = {
+        'empty': 'have no row and are dropped: publish at least one sample in each'
+    }
     WRONG: ClassVar[Mapping[str, str]] = {
         'messages_dropped.unpaired': 'currents or voltages without their partner',
         'messages_dropped.unbalanced': 'currents whose phases do not sum to zero',

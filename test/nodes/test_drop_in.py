@@ -18,6 +18,8 @@ import dds
 import pytest
 import strangers
 
+from estimator_pkg.messages.joint_state import Decoder, Encoder
+
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
 STRANGERS = str(Path(strangers.__file__))
 # name: reliability, durability, rate [Hz], velocity of the driver; errors [rad, rad/s]
@@ -126,6 +128,55 @@ def heard():
                 end(driving)
         assert not any('Traceback' in node.output for node in nodes)
     return consumers.heard
+
+
+@pytest.mark.parametrize(
+    ('name', 'parameters', 'durability', 'old'),
+    [
+        ('kept', (), 'volatile', 100),
+        ('dropped', ('wait_for_subscriber:=0.0',), 'volatile', 0),
+        ('latched', (LATCHED.format('latched'),), 'transient_local', 1),
+    ],
+)
+def test_what_a_late_subscriber_gets_of_the_messages_before(
+    name, parameters, durability, old, probe
+):
+    """The first one all that waited for it; of a latched topic each gets the last one."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from sensor_msgs.msg import JointState
+
+    encode, decode, node = Encoder().encode, Decoder().decode, probe.node
+    driver = node.create_publisher(JointState, f'/{name}/joint_states_raw', 200)
+    remap = ('joint_states:=joint_states_raw', '~/estimate:=joint_states', f'__ns:=/{name}')
+    qos = QoSProfile(depth=1000, durability=DurabilityPolicy[durability.upper()])
+
+    def drive(first, count):
+        for k in range(first, first + count):
+            driver.publish(encode((k + 1) * 10_000_000, '', ['a'], [0.01 * k]))
+            probe.spin(0.005)
+
+    def subscribe():
+        got = []
+        listener = node.create_subscription(
+            JointState,
+            f'/{name}/joint_states',
+            lambda raw: got.append(decode(raw).stamp_ns // 10_000_000 - 1),
+            qos,
+            raw=True,
+        )
+        probe.until(listener.get_publisher_count)
+        probe.spin(1.0)
+        return got
+
+    with dds.NodeProcess(MODULE, *dds.ros_args(*parameters, remap=remap)) as process:
+        probe.until(driver.get_subscription_count)
+        drive(0, 100)
+        first = subscribe()
+        assert first == list(range(100))[100 - old :], process.output
+        drive(100, 20)
+        probe.until(lambda: first[-1] == 119)
+        assert first[old:] == list(range(100, 120))
+        assert subscribe() == ([119] if durability == 'transient_local' else [])
 
 
 @pytest.mark.parametrize('who', CONSUMERS)

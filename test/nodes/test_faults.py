@@ -3,13 +3,16 @@
 
 """The bookkeeping of faults: when one is logged, and how much is kept of ever-new names."""
 
+import numpy as np
+import pytest
+
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.nodes import faults
 
 
 def test_a_lasting_fault_is_logged_once_and_again_after_it_was_gone():
     logged = []
-    found = faults.Faults(logged.append)
+    found = faults.Faults(lambda kind, text: logged.append(text))
     for second in range(10):
         found.update({'late': 'text'}, float(second))
     assert logged == ['text'] and found.present == {'late': 'text'}
@@ -24,7 +27,7 @@ def test_a_lasting_fault_is_logged_once_and_again_after_it_was_gone():
 
 
 def test_faults_of_ever_new_kinds_are_not_kept():
-    found = faults.Faults(lambda text: None)
+    found = faults.Faults(lambda kind, text: None)
     for second in range(1000):
         found.update({f'type /joint_states node_{second}': 'text'}, float(second))
     assert len(found._seen) <= faults.AGAIN + 1
@@ -55,5 +58,44 @@ def test_ever_new_names_are_not_kept_and_two_publishers_of_a_joint_are_found(mon
         twice = senders.twice(now[0])
     assert twice == ['elbow']  # 'other' comes from one of them alone
     assert senders.recent(now[0] - 1.5) == {'elbow', 'other', 'new_998', 'new_999'}
-    for kept in (senders.names, senders._newest, senders._turns, senders._turned):
+    for kept in (senders.names, senders._next, senders._returned):
         assert len(kept) <= faults.FORGOTTEN + 3
+
+
+def saw(runs, monkeypatch):
+    """Return the joints that come twice, after messages of 5 ms: (number, is lost) of each."""
+    now = [0.0]
+    monkeypatch.setattr(faults, 'monotonic', lambda: now[0])
+    senders, raw = faults.Senders(True), Encoder().encode(10**18, '', ['elbow'], [0.0])
+    found = []
+    for number, lost in runs:
+        now[0] += 0.005
+        if not lost:
+            senders.saw(raw, number)
+        found += senders.twice(now[0])
+    return found
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_a_publisher_that_is_killed_again_and_again_is_one(seed, monkeypatch):
+    random = np.random.default_rng(seed)
+    numbers = [
+        first + k
+        for first, count in zip(random.integers(1, 60, 12), random.integers(2, 400, 12))
+        for k in range(count)
+    ]
+    assert not saw(zip(numbers, random.random(len(numbers)) < 0.1), monkeypatch)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_two_publishers_of_a_joint_are_found_whatever_their_numbers(seed, monkeypatch):
+    random = np.random.default_rng(seed)
+    numbers, due = random.integers(1, 300, 2), [0.0, 0.0]
+    numbers[1] = numbers[seed % 2]  # half of them in step
+    periods, sent = random.uniform(0.5, 5.0, 2), []
+    while len(sent) < 1000:
+        one = int(due[1] < due[0])
+        sent.append(int(numbers[one]))
+        numbers[one] += 1
+        due[one] += periods[one]
+    assert saw(zip(sent, random.random(1000) < 0.1), monkeypatch)[-1:] == ['elbow']

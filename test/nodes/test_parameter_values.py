@@ -4,9 +4,11 @@
 """Every parameter of the five nodes through ROS: types, automatic values, ranges, dumps."""
 
 import math
+import re
 from contextlib import contextmanager
 
 import dds
+import numpy as np
 import pytest
 import yaml
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
@@ -16,8 +18,10 @@ from rclpy.parameter import parameter_value_to_python
 
 from estimator_pkg import observers, registry, streams
 from estimator_pkg.errors import UsageError
+from estimator_pkg.messages import drive_samples
+from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.nodes.observer import ObserverNode
-from estimator_pkg.nodes.ros_parameters import RosParameters
+from estimator_pkg.nodes.ros_parameters import RosParameters, ros_values
 from estimator_pkg.parameters import declared
 from sim_pkg.contract import RunSettings
 
@@ -32,6 +36,7 @@ NODES = {  # the classes that declare the parameters, and how many of them decla
     for observer in map(observers.find, observers.names())
     if observer.kind == stream.KIND
 }
+NODES_OF = {name.partition('-')[0]: classes for name, (classes, _) in NODES.items()}
 SIMULATORS = {
     f'{name}_sim': ((RunSettings, registry.find(registry.SIMULATORS, name).parameters), 0)
     for name in registry.names(registry.SIMULATORS)
@@ -234,6 +239,113 @@ def test_each_value_is_set_and_reloaded(classes, per_joint, probe, tmp_path):
                     assert result.successful, result.reason
                     assert alike(plain(node.get_parameter(name).value), value)
                     assert ros.values[name] == known[name].check(value)
+
+
+def forms(parameter):
+    """Return the values that a file may have for a parameter, in each form that is read."""
+    if parameter.kind in (str, bool, tuple):
+        words = [word for word in parameter.choices if ':' not in word]
+        found = words or ([False, True] if parameter.kind is bool else [])
+    else:
+        default = parameter.default
+        (number, *_) = default if isinstance(default, tuple) else (default,)
+        if number is None:
+            number = min(max(parameter.minimum or 0.0, 1.0), parameter.maximum or 1.0)
+        found = [number, math.ceil(number)]
+        found += [[value] for value in found] if parameter.kind is list else []
+    return found if parameter.automatic is None else [parameter.plain(None), *found]
+
+
+def samples(node):
+    """Return two messages for the measurement of a node."""
+    stamps = [1_000_000_000, 1_001_000_000]
+    if node.stream.NODE == 'pmsm_observer':
+        return [drive_samples.encode(np.array([stamp]), np.ones((1, 4))) for stamp in stamps]
+    names = sorted(node.stream.needed()) or ['a']
+    numbers = [0.1] * len(names)
+    return [Encoder().encode(stamp, '', names, numbers, (), numbers) for stamp in stamps]
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, probe):
+    executable, _, observer = name.partition('-')
+    stream, known = STREAMS[executable], parameters_of(NODES[name][0])
+    overrides = {
+        'observer': observer,
+        **({'model': 'gripper'} if observer == 'switched' else {}),
+        **{motor: value for motor, value in MOTOR.items() if motor in known},
+    }
+    live = {name: parameter for name, parameter in known.items() if not parameter.structural}
+    with in_context() as where:
+        node = ObserverNode(
+            stream,
+            **where,
+            parameter_overrides=ros_values(
+                {name: value for name, value in overrides.items() if name in known}
+            ),
+        )
+        try:
+            for raw in samples(node):
+                node.stream.feed(0, raw, 0)
+            assert all(joint.used == 2 for joint in node.stream.bank.joints.values())
+            for key, parameter in live.items():
+                before = node.get_parameter(key).value
+                for value in [*forms(parameter), before]:
+                    (result,) = node.set_parameters([RosParameter(key, value=value)])
+                    assert result.successful or result.reason, (key, value)
+                    for joint in node.stream.bank.joints.values():
+                        assert joint.used == 2 and len(joint.estimate()) == 4
+                assert result.successful, (key, before, result.reason)
+        finally:
+            node.destroy_node()
+
+
+@pytest.mark.parametrize('name', STREAMS)
+def test_the_start_names_what_is_not_the_default_and_unknown_names_are_refused(
+    name, probe, tmp_path, capfd
+):
+    """A file for another node changes nothing, which the line of the start shows."""
+    file, known = tmp_path / 'params.yaml', parameters_of(NODES_OF[name])
+    motor = {key: value for key, value in MOTOR.items() if key in known}
+    own = {'no_estimate': 'skip', 'gap_max': 0.2, 'timeout': 0.7}
+    for owner, reported in ((name, [*motor, 'no_estimate', 'timeout']), ('other', [*motor])):
+        tree = {owner: {'ros__parameters': own}, name: {'ros__parameters': motor}}
+        if owner == name:
+            tree = {name: {'ros__parameters': {**own, **motor}}}
+        file.write_text(yaml.dump(tree))
+        with in_context(file) as where:
+            node = ObserverNode(STREAMS[name], **where)
+            (refused,) = node.set_parameters([RosParameter('gap_mx', value=0.3)])
+            node.destroy_node()
+        said = capfd.readouterr().err
+        named = re.search(r' estimates .*/estimate \((.*)\)', said)[1]
+        if reported:
+            assert named.startswith('not the defaults: ')
+            assert sorted(named.partition(': ')[2].split(', ')) == sorted(reported)
+        else:
+            assert named == 'all parameters are defaults'
+        assert not refused.successful
+        assert refused.reason == "unknown parameter 'gap_mx': did you mean 'gap_max'?"
+
+
+@pytest.mark.parametrize('call', ['check', 'apply'])
+def test_an_exception_at_a_change_is_one_line_and_the_call_is_answered(
+    call, probe, monkeypatch, capfd
+):
+    def fails(configuration):
+        raise IndexError('of a model')
+
+    with in_context() as where:
+        node = ObserverNode('mechanical', **where)
+        try:
+            monkeypatch.setattr(node.stream, call, fails)
+            (result,) = node.set_parameters([RosParameter('bandwidth_hz', value=20.0)])
+        finally:
+            node.destroy_node()
+    assert result.successful == (call == 'apply')
+    said = capfd.readouterr().err
+    assert "observer 'geso' failed: IndexError: of a model (line " in said
+    assert len(said.splitlines()) == 2  # that of the start, and this one
 
 
 @pytest.mark.parametrize('classes, per_joint', EVERY.values(), ids=EVERY)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from motors import steady
 
 from estimator_pkg import listing, observers, params_file
 from estimator_pkg.driver import drive
@@ -205,6 +206,21 @@ def test_why_names_what_hinders_and_the_bound_of_the_speed():
     assert motor.why().startswith('back-EMF too small')
     bound = float(motor.why().split('below ')[1].split()[0])
     assert 20.0 * math.pi / 30.0 < bound < 60.0
+
+
+def test_the_most_telling_reason_is_kept():
+    """With three times the flux three reasons alternate at each look."""
+    motor, said = joint(flux=5.7e-3), []
+    for stamps, values in steady(200):
+        motor.take(stamps, values)
+        said.append(motor.why())
+    assert len(set(said)) > 1
+    (kept,) = set(said[50:])
+    assert kept.startswith('flux linkage outside its range (wrong flux')
+    for stamps, values in steady(550, begin=200, turns=0.0):
+        motor.take(stamps, values)
+        said.append(motor.why())
+    assert said[200 + 450] == kept and said[-1].startswith('back-EMF too small')  # after 10 s
 
 
 # ---- pairs -------------------------------------------------------------------------------------

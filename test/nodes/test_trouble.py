@@ -12,6 +12,7 @@ import re
 import time
 
 import dds
+import motors
 import numpy as np
 import pytest
 import rclpy
@@ -114,6 +115,58 @@ def own(probe):
         each.close()
 
 
+def test_what_is_not_estimated_is_reported_but_not_each_standstill(own, capfd):
+    """Seconds of a motor: at rest at the start, then it turns, stops, and loses its voltage."""
+    drive = own(DriveStream, **MOTOR)
+    health, motor = drive.node.health, drive.node.stream.joint
+    begun, passed, row = time.monotonic(), 0, 0
+
+    def seconds(count, turns, voltage=1.0):
+        nonlocal passed, row
+        for _ in range(count):
+            for stamps, values in motors.steady(50, row, turns):
+                drive.node.stream.feed(
+                    0, drive_samples.encode(stamps, values * (1.0, 1.0, voltage, voltage)), 0
+                )
+            row, passed = row + 50, passed + 1
+            health.watch.look(begun + passed, every=True)
+            health._detector.look(begun + passed)
+            health._report(begun + passed)
+
+    def errors():
+        return [line for line in capfd.readouterr().err.splitlines() if 'no estimate' in line]
+
+    seconds(8, 0.0)
+    (said,) = errors()
+    assert '[ERROR]' in said and 'motor, motor_electrical: back-EMF too small' in said
+    assert 'no estimate for 4 s, though messages come on /drive_samples: ' in said
+    seconds(3, 100.0)
+    assert motor.estimate()[3] == TRACKING and 'nothing' not in health._faults.present
+    seconds(8, 0.0)
+    assert motor.needs_motion and not errors() and 'nothing' not in health._faults.present
+    seconds(8, 100.0, voltage=0.0)
+    (said,) = errors()
+    assert '[ERROR]' in said and 'all voltages are zero: is the voltage connected?' in said
+
+
+def test_joints_that_start_again_and_again_are_estimated(own, capfd):
+    """At each report they have just started (a driver that is killed every other second)."""
+    arm = own(AngleStream)
+    health, stream, begun = arm.node.health, arm.node.stream, time.monotonic()
+    for second in range(8):
+        for count in (20, 1):
+            for k in range(count):
+                stamp = BEGIN + (1000 * second + 10 * k) * MS
+                stream.feed(0, arm.encode(stamp, '', ('a',), (0.01 * k,)), 0)
+            health.watch.look(begun + second, every=True)
+            health._detector.look(begun + second)
+            if count > 1:
+                assert health.watch.estimated
+                stream.reset()
+        health._report(begun + second)
+    assert 'no estimate' not in capfd.readouterr().err
+
+
 def test_a_model_that_raises_costs_a_restart_and_not_the_node(own, capfd):
     from sensor_msgs.msg import JointState
 
@@ -151,9 +204,9 @@ def test_samples_that_are_all_dropped_are_reported_with_the_reason(own, capfd):
     said = capfd.readouterr().err
     assert (
         '7 joints have no usable sample for 0.02 s; received samples are dropped: their numbers '
-        "are not finite ('a', 'b', 'c', 'd', 'e' and 2 more)"
+        "are not finite, or too large for any joint ('a', 'b', 'c', 'd', 'e' and 2 more)"
     ) in said
-    assert live.node.health.watch.statuses['g'][1].endswith('their numbers are not finite')
+    assert live.node.health.watch.statuses['g'][1].endswith('too large for any joint')
 
 
 def test_a_slow_stream_is_not_lost_between_two_samples(own):

@@ -29,12 +29,14 @@ REASONS = {
     TOO_FAST: 'the rotor turns about half an electrical turn per sample or more: '
     'use a higher sample rate, or check the units of current, voltage and motor data '
     '(the estimate is valid again after standstill or ~/reset)',
-    LOW_EMF: 'back-EMF too small (slow or at rest): only a bound of the speed is known',
+    LOW_EMF: 'back-EMF too small (slow or at rest; if it turns, check motor data and units): '
+    'only a bound of the speed is known',
+    FLUX_RANGE: 'flux linkage outside its range (wrong flux, resistance, inductance or voltage?)',
+    MISALIGNED: 'the direction of the back-EMF contradicts the estimated angle (wrong flux, '
+    'inductance or voltage?)',
+    INCONSISTENT: 'the estimated speed is not the speed at which the back-EMF turns (wrong flux?)',
     SEARCHING: 'finding the rotor',
     RESET: 'frame or flux was reset',
-    FLUX_RANGE: 'flux linkage outside its range (wrong resistance, voltage or motor data?)',
-    MISALIGNED: 'the direction of the back-EMF contradicts the estimated angle',
-    INCONSISTENT: 'the estimated speed is not the speed at which the back-EMF turns',
 }
 
 ALIGNED = math.tan(math.radians(8.0))  # largest angle between frame and back-EMF
@@ -227,5 +229,5 @@ def look(
 
 
 def describe(reasons: int) -> str:
-    """Return the reasons in words, the most serious first; '' if there are none."""
-    return '; '.join(text for bit, text in REASONS.items() if reasons & bit)
+    """Return the most telling reason in words; '' if there is none."""
+    return next((text for bit, text in REASONS.items() if reasons & bit), '')
