@@ -36,6 +36,13 @@ def ros_args(*parameters: str, remap: Sequence[str] = (), file: Any = None) -> l
     return words
 
 
+def latched() -> Any:
+    """The QoS of ~/status."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
 class NodeProcess:
     """A node in a process of its own; use it as a context, so that it always ends.
 
@@ -124,7 +131,7 @@ class Probe:
         self.node = rclpy.create_node('probe')
         self.executor = runtime.make_executor()
         self.executor.add_node(self.node)
-        self._clients: dict[str, Any] = {}
+        self._clients: dict[str, tuple[Any, Any]] = {}  # and the node that knows each
 
     def close(self) -> None:
         import rclpy
@@ -133,9 +140,11 @@ class Probe:
         self.node.destroy_node()
         rclpy.try_shutdown()
 
-    def until(self, condition: Callable[[], Any]) -> None:
-        """Run the executor until `condition` holds; fails if it never does."""
-        assert until(condition, lambda: self.executor.spin_once(timeout_sec=0.01)), 'never came'
+    def until(
+        self, condition: Callable[[], Any], what: Callable[[], Any] = lambda: 'never came'
+    ) -> None:
+        """Run the executor until `condition` holds; fails with `what` if it never does."""
+        assert until(condition, lambda: self.executor.spin_once(timeout_sec=0.01)), what()
 
     def spin(self, seconds: float) -> None:
         """Run the executor for so long."""
@@ -149,14 +158,37 @@ class Probe:
         A client is kept, and in the executor before it is used: an answer that comes while
         EventsExecutor takes a client in may go unnoticed.
         """
-        client = self._clients.get(name)
-        if client is None:
-            client = self._clients[name] = self.node.create_client(kind, name)
-            self.until(client.service_is_ready)
-            self.spin(0.1)
+        status = f'{name.rpartition("/")[0]}/status'
+        client, knows = self._clients.get(name, (None, None))
+        if client is None or knows != self._publishers(status):
+            client = client or self.node.create_client(kind, name)
+            self.until(client.service_is_ready, lambda: f'{name} is not served')
+            self._introduce(status)
+            self._clients[name] = client, self._publishers(status)
         future = client.call_async(request)
-        self.until(future.done)
+        self.until(future.done, lambda: f'no answer of {name}')
         return future.result()
+
+    def _introduce(self, status: str) -> None:
+        """Wait until a node knows the clients that were made up to now.
+
+        rmw_fastrtps drops the answer to a client that the service has not discovered, although the
+        client has discovered the service ("client will not receive response"): 1 of 60 first calls
+        on a busy machine. What one process makes is discovered in its order, so a node that sends
+        its latched status to a new subscription knows the clients, too.
+        """
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        heard: list[Any] = []
+        if self._publishers(status):
+            new = self.node.create_subscription(DiagnosticArray, status, heard.append, latched())
+            self.until(lambda: heard, lambda: f'no {status}')
+            self.node.destroy_subscription(new)
+        self.spin(0.1)
+
+    def _publishers(self, topic: str) -> list[bytes]:
+        found = self.node.get_publishers_info_by_topic(topic)
+        return sorted(bytes(each.endpoint_gid) for each in found)
 
 
 class Observer:
@@ -186,7 +218,7 @@ class Observer:
         sim_time: bool = False,
     ) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
-        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import JointState
 
         from estimator_pkg.messages.joint_state import Decoder, Encoder
@@ -199,7 +231,6 @@ class Observer:
         self.reports = 0
         self.stamp_of_diagnostics = 0  # [ns]
         self._encode, self._decode = Encoder().encode, Decoder().decode
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
         node = probe.node
         self.publisher = node.create_publisher(
@@ -207,7 +238,7 @@ class Observer:
         )
         self._subscriptions = [
             node.create_subscription(JointState, f'{name}/estimate', self._answer, 1000, raw=True),
-            node.create_subscription(DiagnosticArray, f'{name}/status', self._status, latched),
+            node.create_subscription(DiagnosticArray, f'{name}/status', self._status, latched()),
             node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 50),
         ]
 
@@ -284,7 +315,10 @@ class Observer:
         return self.answers[start:]
 
     def _answered(self, count: int) -> None:
-        self.probe.until(lambda: len(self.answers) >= count)
+        self.probe.until(
+            lambda: len(self.answers) >= count,
+            lambda: f'{len(self.answers)} of {count} answers came; {self.next_report()[self.name]}',
+        )
 
     def next_report(self) -> dict[str, dict[str, str]]:
         """The values of the next /diagnostics that counts all up to now, by entry."""

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from estimator_pkg.bags.live import Live  # isort: skip  before rclpy: it prepares the environment
@@ -46,8 +46,7 @@ class RemoteParameters:
         """Return the present values by name; None for a parameter that is unset or unknown."""
         if not names:
             return {}
-        future = self._client.get_parameters(list(names))
-        values = self._answer(future).values
+        values = self._answer(lambda: self._client.get_parameters(list(names))).values
         if len(values) < len(names):  # one name is unknown: the answer is empty
             if len(names) == 1:
                 return {names[0]: None}
@@ -60,17 +59,29 @@ class RemoteParameters:
             Parameter(name, value=list(value) if isinstance(value, tuple) else value)
             for name, value in values.items()
         ]
-        result = self._answer(self._client.set_parameters_atomically(asked)).result
+        result = self._answer(lambda: self._client.set_parameters_atomically(asked)).result
         if not result.successful:
             raise UserError(f"the node '{self.name}' refused the gains: {result.reason}")
 
-    def _answer(self, future: Any) -> Any:
+    def _answer(self, request: Callable[[], Any]) -> Any:
+        """Return the answer to a request; it is made again once, because a node that has not
+        discovered this client drops its answer.
+        """
+        future = request()
+        if not self._came(future.done):
+            future = request()
         self._until(future.done, f"the node '{self.name}' does not answer: check that it runs")
         return future.result()
 
-    def _until(self, condition: Any, otherwise: str) -> None:
+    def _until(self, condition: Callable[[], Any], otherwise: str) -> None:
+        if not self._came(condition):
+            raise UserError(otherwise)
+
+    def _came(self, condition: Callable[[], Any]) -> bool:
+        """Wait for a condition; return False if it did not come true."""
         end = time.monotonic() + PATIENCE
         while not condition():
             if time.monotonic() > end or self._here.stopping:
-                raise UserError(otherwise)
+                return False
             self._here.spin(TURN)
+        return True

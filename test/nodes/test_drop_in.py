@@ -133,7 +133,7 @@ def heard():
 @pytest.mark.parametrize(
     ('name', 'parameters', 'durability', 'old'),
     [
-        ('kept', (), 'volatile', 100),
+        ('kept', ('wait_for_subscriber:=60.0',), 'volatile', 100),
         ('dropped', ('wait_for_subscriber:=0.0',), 'volatile', 0),
         ('latched', (LATCHED.format('latched'),), 'transient_local', 1),
     ],
@@ -142,11 +142,20 @@ def test_what_a_late_subscriber_gets_of_the_messages_before(
     name, parameters, durability, old, probe
 ):
     """The first one all that waited for it; of a latched topic each gets the last one."""
+    from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from sensor_msgs.msg import JointState
 
     encode, decode, node = Encoder().encode, Decoder().decode, probe.node
     driver = node.create_publisher(JointState, f'/{name}/joint_states_raw', 200)
+    reliable = f'qos_overrides./{name}/joint_states_raw.subscription.reliability:=reliable'
+    used = {}
+
+    def diagnosed(message):
+        (entry, *_) = message.status
+        used[entry.name] = int(dds.value(entry, 'messages_used'))
+
+    reports = node.create_subscription(DiagnosticArray, '/diagnostics', diagnosed, 50)
     remap = ('joint_states:=joint_states_raw', '~/estimate:=joint_states', f'__ns:=/{name}')
     qos = QoSProfile(depth=1000, durability=DurabilityPolicy[durability.upper()])
 
@@ -154,6 +163,7 @@ def test_what_a_late_subscriber_gets_of_the_messages_before(
         for k in range(first, first + count):
             driver.publish(encode((k + 1) * 10_000_000, '', ['a'], [0.01 * k]))
             probe.spin(0.005)
+        probe.until(lambda: used.get(f'/{name}/joint_observer') == first + count)
 
     def subscribe():
         got = []
@@ -168,7 +178,7 @@ def test_what_a_late_subscriber_gets_of_the_messages_before(
         probe.spin(1.0)
         return got
 
-    with dds.NodeProcess(MODULE, *dds.ros_args(*parameters, remap=remap)) as process:
+    with dds.NodeProcess(MODULE, *dds.ros_args(reliable, *parameters, remap=remap)) as process:
         probe.until(driver.get_subscription_count)
         drive(0, 100)
         first = subscribe()
@@ -177,6 +187,7 @@ def test_what_a_late_subscriber_gets_of_the_messages_before(
         probe.until(lambda: first[-1] == 119)
         assert first[old:] == list(range(100, 120))
         assert subscribe() == ([119] if durability == 'transient_local' else [])
+    node.destroy_subscription(reports)
 
 
 @pytest.mark.parametrize('who', CONSUMERS)

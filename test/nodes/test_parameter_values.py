@@ -276,6 +276,7 @@ def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, probe):
         **{motor: value for motor, value in MOTOR.items() if motor in known},
     }
     live = {name: parameter for name, parameter in known.items() if not parameter.structural}
+    of_joints = declared(stream.PER_JOINT) | declared(observers.find(observer).gains)
     with in_context() as where:
         node = ObserverNode(
             stream,
@@ -288,14 +289,17 @@ def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, probe):
             for raw in samples(node):
                 node.stream.feed(0, raw, 0)
             assert all(joint.used == 2 for joint in node.stream.bank.joints.values())
+            (joint, *_) = node.stream.bank.joints
             for key, parameter in live.items():
-                before = node.get_parameter(key).value
-                for value in [*forms(parameter), before]:
-                    (result,) = node.set_parameters([RosParameter(key, value=value)])
-                    assert result.successful or result.reason, (key, value)
-                    for joint in node.stream.bank.joints.values():
-                        assert joint.used == 2 and len(joint.estimate()) == 4
-                assert result.successful, (key, before, result.reason)
+                overridable = stream.OVERRIDES and key in of_joints
+                for full in (key, f'per_joint.{joint}.{key}')[: 1 + overridable]:
+                    before = node.get_parameter(key).value
+                    for value in [*forms(parameter), before]:
+                        (result,) = node.set_parameters([RosParameter(full, value=value)])
+                        assert result.successful or result.reason, (full, value)
+                        for each in node.stream.bank.joints.values():
+                            assert each.used == 2 and len(each.estimate()) == 4
+                    assert result.successful, (full, before, result.reason)
         finally:
             node.destroy_node()
 
