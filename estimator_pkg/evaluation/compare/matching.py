@@ -80,7 +80,7 @@ def match(
     found: list[tuple[NDArray[np.int64], Array, Array, Array, int]] = []
     offset = 0.0
     for number, mine in enumerate(ours):
-        other = _partner(stamps, mine, truth_stamps, theirs, number, len(ours))
+        other = partner(stamps, mine, truth_stamps, theirs, number, len(ours))
         if other is None:
             continue
         rows, speeds, angles, exact = _piece(
@@ -105,7 +105,7 @@ def match(
     )
 
 
-def _partner(
+def partner(
     stamps: Stamps,
     mine: NDArray[np.int64],
     truth_stamps: Stamps,
@@ -113,7 +113,10 @@ def _partner(
     number: int,
     count: int,
 ) -> NDArray[np.int64] | None:
-    """Return the piece of the truth for a piece of the estimates."""
+    """Return the piece of the truth for a piece of the estimates, the `number`-th of `count`.
+
+    It has the same number, or where some have no partner, most of its time in common.
+    """
     if len(theirs) == count:
         return theirs[number]
     low, high = stamps[mine[0]], stamps[mine[-1]]

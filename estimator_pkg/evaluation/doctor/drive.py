@@ -23,6 +23,7 @@ from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.compare.matching import pieces
 from estimator_pkg.evaluation.doctor.readings import FAIL, PASS, WARN, Finding
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
@@ -110,6 +111,8 @@ def _of_samples(drive: Drive) -> list[Finding]:
         text = f'{len(drive.stamps)} usable samples'
         return [Finding('samples', FAIL, text, 'record currents and voltages for a second')]
     steps = np.diff(drive.stamps) * 1e-9
+    back = int(np.count_nonzero(steps < 0.0))
+    steps = steps[steps > 0.0]
     step = float(np.median(steps))
     lost = float(np.sum(np.rint(steps / step) - 1.0)) / (len(steps) + 1)
     longest = float(np.max(steps))
@@ -120,6 +123,13 @@ def _of_samples(drive: Drive) -> list[Finding]:
             WARN if lost > LOST else PASS,
             f'{100.0 * lost:.2g} %, longest gap {number(longest * 1e3, 2)} ms',
             'send each sample' if lost > LOST else '',
+        ),
+        Finding(
+            'order of stamps',
+            FAIL if back else PASS,
+            f'the clock jumps back {back} time{"s" * (back > 1)}' if back else 'no jump back',
+            'one run or simulation per record; the longest is judged here' if back else '',
+            {'clock_jumps': back},
         ),
     ]
     for what, values, unit in (('current', drive.current, 'A'), ('voltage', drive.voltage, 'V')):
@@ -223,6 +233,7 @@ def _judged(
     """Return the result with the ranking of the candidates."""
     whole = recording(bag, setup, {}).per_sample()
     velocity, tracked, why = {}, {}, ''
+    run = max(pieces(moved.stamps), key=len)
     entries = {entry.label: entry for entry in candidates()}
     for label, entry in entries.items():
         try:
@@ -232,8 +243,8 @@ def _judged(
             continue
         if made is None or not len(made.stamps):
             continue
-        velocity[label] = at_reference(moved, made.stamps, made.velocity)
-        tracked[label] = len(made.stamps) / max(len(made.due), 1)
+        velocity[label] = at_reference(moved, made.stamps, made.velocity)[run]
+        tracked[label] = len(np.unique(made.stamps)) / max(len(made.due), 1)
     default = OBSERVER
     share = tracked.get(default, 0.0)
     found.append(
@@ -246,6 +257,7 @@ def _judged(
     )
     if not velocity:
         return Examined(name, found, [f'No ranking: {why or "no form has an estimate"}.'], {})
+    moved = moved.part(run)
     first, last = int(moved.stamps[0]), int(moved.stamps[-1])
     cut = first + round(TRAINED * (last - first))
 

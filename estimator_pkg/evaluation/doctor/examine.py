@@ -125,7 +125,8 @@ def checked(seen: Readings) -> list[Finding]:
     missing, seen = stamps.missing_stamps(seen), stamped(seen)
     if len(seen.rows) < FEWEST:
         text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
-        return [missing, Finding('readings', FAIL, text, 'record the joint for some seconds')]
+        few = Finding('readings', FAIL, text, 'record the joint for some seconds')
+        return [missing, stamps.order(seen), few]
     found = [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
     found.insert(len(stamps.CHECKS), missing)
     return found
@@ -143,6 +144,6 @@ def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
         return Examined(seen, found)
     rows = np.sort(velocities.stretch(seen))
     reference = velocities.reference(seen, rows)
-    found += velocities.checks(seen, reference)
+    found += velocities.checks(seen, reference, rows)
     made = None if reference is None else answer(seen, reference, rows, motion_hz)
     return Examined(seen, found, made)

@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.series import at_stamps
+from estimator_pkg.evaluation.compare.matching import partner, pieces
 from estimator_pkg.evaluation.ranking import pairs as test
 from estimator_pkg.evaluation.ranking.cautions import cautions
 from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
@@ -52,9 +53,15 @@ def at_reference(reference: Motion, stamps: NDArray[np.int64], velocity: Array) 
 
     Parameters
     ----------
-    stamps, velocity : shape (k,), estimates [ns], [rad/s].
+    stamps, velocity : shape (k,), estimates [ns], [rad/s], in the order of their publication.
     """
-    return at_stamps(reference.stamps, stamps, velocity)
+    found = np.full(len(reference.stamps), np.nan)
+    ours, theirs = pieces(reference.stamps), pieces(stamps)
+    for number, mine in enumerate(ours):
+        other = partner(reference.stamps, mine, stamps, theirs, number, len(ours))
+        if other is not None:
+            found[mine] = at_stamps(reference.stamps[mine], stamps[other], velocity[other])
+    return found
 
 
 def rank(
