@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.evaluation.compare.delay import GAP
 from estimator_pkg.evaluation.compare.interpolation import cubic
 
@@ -80,7 +81,7 @@ def match(
     found: list[tuple[NDArray[np.int64], Array, Array, Array, int]] = []
     offset = 0.0
     for number, mine in enumerate(ours):
-        other = partner(stamps, mine, truth_stamps, theirs, number, len(ours))
+        other = _partner(stamps, mine, truth_stamps, theirs, number, len(ours))
         if other is None:
             continue
         rows, speeds, angles, exact = _piece(
@@ -105,7 +106,23 @@ def match(
     )
 
 
-def partner(
+def exact(stamps: Stamps, known: Stamps, values: Array) -> Array:
+    """Return the values at the same stamps in the same piece, shape (n,); nan elsewhere.
+
+    Parameters
+    ----------
+    stamps : shape (n,) [ns]. known, values : shape (k,); both in order of arrival.
+    """
+    found = np.full(len(stamps), np.nan)
+    ours, theirs = pieces(stamps), pieces(known)
+    for number, mine in enumerate(ours):
+        other = _partner(stamps, mine, known, theirs, number, len(ours))
+        if other is not None:
+            found[mine] = at_stamps(stamps[mine], known[other], values[other])
+    return found
+
+
+def _partner(
     stamps: Stamps,
     mine: NDArray[np.int64],
     truth_stamps: Stamps,

@@ -33,8 +33,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.series import at_stamps
-from estimator_pkg.evaluation.compare.matching import partner, pieces
+from estimator_pkg.evaluation.compare.matching import exact
 from estimator_pkg.evaluation.ranking import pairs as test
 from estimator_pkg.evaluation.ranking.cautions import cautions
 from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
@@ -55,13 +54,7 @@ def at_reference(reference: Motion, stamps: NDArray[np.int64], velocity: Array) 
     ----------
     stamps, velocity : shape (k,), estimates [ns], [rad/s], in the order of their publication.
     """
-    found = np.full(len(reference.stamps), np.nan)
-    ours, theirs = pieces(reference.stamps), pieces(stamps)
-    for number, mine in enumerate(ours):
-        other = partner(reference.stamps, mine, stamps, theirs, number, len(ours))
-        if other is not None:
-            found[mine] = at_stamps(reference.stamps[mine], stamps[other], velocity[other])
-    return found
+    return exact(reference.stamps, stamps, velocity)
 
 
 def rank(

@@ -68,14 +68,14 @@ class BackEmf(NamedTuple):
     stamps : shape (m,) [ns]. angle : shape (m,), electrical, not wrapped [rad]; nan: too little
     back-EMF.
     size : shape (m,), its amplitude [V]. speed : shape (m,), rough [rad/s], electrical.
-    along : shape (m,), current along the back-EMF [A].
+    current : shape (m,), along + j across the back-EMF [A].
     """
 
     stamps: NDArray[np.int64]
     angle: Array
     size: Array
     speed: Array
-    along: Array
+    current: Vectors
 
     def series(self) -> Series:
         """Return the angles as a measured position."""
@@ -182,7 +182,8 @@ def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
         times = middle[at][rows]
         own = _followed(turned_by[rows], pace[rows], times)
         fine = np.gradient(own, times)
-        pace[rows] = _averaged(fine, min(RUN, len(rows))).real
+        whole = _averaged(np.ones(len(rows)), min(RUN, len(rows)))
+        pace[rows] = (_averaged(fine, min(RUN, len(rows))) / whole).real
         # where the rotor turns back it is not seen: the sign is that of the run
         own += (0.5 * step) * fine - 0.5 * np.pi * np.sign(own[-1] - own[0])
         if len(last):
@@ -191,8 +192,11 @@ def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
             turns = np.rint((angle[last[-1]] + ahead - own[0]) / (2.0 * np.pi))
             own += 2.0 * np.pi * turns
         angle[rows], last = own, rows
-    along = (mean[at] * np.conj(slow[at] * np.exp(1j * frame[at]))).real / np.maximum(size, 1e-300)
-    return BackEmf(drive.stamps[1:][at], angle, size, pace, along)
+    turned = np.where(known, mean * np.exp(-1j * frame), 0.0)
+    alike = np.convolve(turned, window, 'same')[at] * np.conj(slow[at])
+    alike /= np.maximum(share[at] * size, 1e-300)
+    size /= np.sinc(pace * step / (2.0 * np.pi))  # it turned during each sample
+    return BackEmf(drive.stamps[1:][at], angle, size, pace, alike)
 
 
 def _followed(angle: Array, speed: Array, time: Array) -> Array:
