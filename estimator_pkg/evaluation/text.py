@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 import math
+import shlex
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from estimator_pkg.printable import printable
 
@@ -25,6 +26,22 @@ def wrapped(line: str, width: int = WIDTH) -> list[str]:
         break_long_words=False,
         break_on_hyphens=False,
     ) or ['']
+
+
+def started(node: str, path: str, remaps: Iterable[str]) -> str:
+    """Return the command that starts a node with a parameter file and these remappings."""
+    words = [
+        '--ros-args',
+        '--params-file',
+        path,
+        *(word for each in remaps for word in ('-r', each)),
+    ]
+    return shlex.join([node, *words])
+
+
+def for_node(node: str, remaps: Iterable[str] = ()) -> list[str]:
+    """Return the same as lines of a comment in the file itself."""
+    return [f'For the node: {started(node, "THIS_FILE", ())}', *(f'  -r {each}' for each in remaps)]
 
 
 def number(value: float | None, digits: int = 4) -> str:

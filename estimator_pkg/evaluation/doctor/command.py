@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import destination, whole_file
+from estimator_pkg import destination, streams, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.selection import MADE, TRUTH
-from estimator_pkg.bags.wiring import wired
+from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare import requested
@@ -30,7 +30,7 @@ from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive,
 from estimator_pkg.evaluation.doctor.readings import FAIL, Readings
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
 from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
-from estimator_pkg.evaluation.text import wrapped
+from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.messages.joint_state import TYPE
@@ -111,8 +111,8 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     examined = [Examined(none, found.findings, said=tuple(found.said))]
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
     print(report.text(examined, Choice()))
-    parameters = drive.as_yaml(found, origin, settings)
-    _write(parsed, examined, Choice(), origin, parameters)
+    parameters = drive.as_yaml(found, origin, chosen.input | settings)
+    _write(parsed, examined, Choice(), origin, parameters, chosen)
     return {
         'origin': origin,
         'topic': chosen.topics[0].name,
@@ -140,11 +140,13 @@ def _write(
     choice: Choice,
     origin: str,
     parameters: str,
+    setup: Setup,
 ) -> None:
-    """Write the requested files and print their names."""
+    """Write the requested files; print their names, and how to start the node."""
     if parsed.out:
         whole_file.write_text(parsed.out, parameters)
-        show('', f'parameters: {parsed.out}')
+        node = started(streams.named(setup.kind).NODE, parsed.out, setup.remaps)
+        show('', f'parameters: {parsed.out}', f'node: {node}')
     else:
         show('', 'A parameter file of this: add --out params.yaml')
     if parsed.html:
@@ -161,6 +163,8 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
                 '--params is for drives: use --set for the parameters of joint_observer'
             )
         settings = parse_assignments(parsed.set)
+        if 'observer' in settings:
+            raise UsageError('--set observer: doctor compares all observers, so omit it')
         chosen = setup(bag, parsed.measurement, parsed.angle, parsed.wrap_period, settings)
         joints = readings(bag, chosen)
         topic = chosen.topics[0].name
@@ -181,10 +185,11 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
     head = f'{origin}: {topic}, {len(joints)} joint{"s" * (len(joints) > 1)}'
     show(*wrapped(head), '')
     print(report.text(examined, choice))
-    if not parsed.set and parsed.wrap_period != 2.0 * math.pi:
-        settings = {'wrap_period': parsed.wrap_period}
-    parameters = report.as_yaml(examined, choice, origin, settings)
-    _write(parsed, examined, choice, origin, parameters)
+    settings = chosen.input | settings
+    if parsed.wrap_period != 2.0 * math.pi:
+        settings.setdefault('wrap_period', parsed.wrap_period)
+    parameters = report.as_yaml(examined, choice, origin, settings, chosen.remaps)
+    _write(parsed, examined, choice, origin, parameters, chosen)
     return {
         'origin': origin,
         'topic': topic,

@@ -37,7 +37,7 @@ from estimator_pkg.evaluation.reference.back_emf import (
     signals,
 )
 from estimator_pkg.evaluation.reference.motion import Motion, motion
-from estimator_pkg.evaluation.text import number, wrapped
+from estimator_pkg.evaluation.text import for_node, number, wrapped
 from estimator_pkg.streams.drive import ELECTRICAL, DriveSettings, DriveStream
 
 OBSERVER = 'pmsm'
@@ -367,11 +367,11 @@ def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str
 
     Parameters
     ----------
-    settings : parameters that the user gave.
+    settings : parameters that the user gave, and those of the input.
     """
     lines = [
         f'Made by velocity_estimator doctor from {origin}.',
-        f'For the node {DriveStream.NODE}: --ros-args --params-file THIS_FILE',
+        *for_node(DriveStream.NODE),
         'Judged without ground truth, by the off-line angle of the back-EMF.',
         *examined.said[:2],
     ]

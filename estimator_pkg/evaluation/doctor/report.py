@@ -14,6 +14,7 @@ from estimator_pkg import params_file, yaml_text
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.doctor.readings import FAIL, LEVELS, PASS, WARN, Finding
+from estimator_pkg.evaluation.text import for_node
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.streams.angle import AngleStream
 
@@ -130,20 +131,26 @@ def summary(examined: Sequence[Examined]) -> str:
 
 
 def as_yaml(
-    examined: Sequence[Examined], choice: Choice, origin: str, settings: Mapping[str, Any]
+    examined: Sequence[Examined],
+    choice: Choice,
+    origin: str,
+    settings: Mapping[str, Any],
+    remaps: Sequence[str] = (),
 ) -> str:
     """Return a parameter file for `joint_observer`.
 
     Parameters
     ----------
-    origin : what the readings are from. settings : parameters that the user set.
+    origin : what the readings are from. settings : parameters that the user set, and those of the
+        input. remaps : of the node's topics.
     """
     quanta = {each.readings.name: each.readings.quantum for each in examined}
     known = {name: float(f'{count:.6g}') for name, count in quanta.items() if count}
+    known = {} if 'quantum' in settings else known
     common = known and len(set(known.values())) == 1 and len(known) == len(quanta)
     lines = [
         f'Made by velocity_estimator doctor from {origin}.',
-        f'For the node {AngleStream.NODE}: --ros-args --params-file THIS_FILE',
+        *for_node(AngleStream.NODE, remaps),
     ]
     how = f'{choice.observer} with these gains' if any(choice.gains.values()) else choice.observer
     usual = 'at its defaults' if choice.observer == DEFAULT else f'{DEFAULT}, the default,'

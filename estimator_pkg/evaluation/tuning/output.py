@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import params_file, streams, yaml_text
-from estimator_pkg.evaluation.text import WIDTH, number, table, wrapped
+from estimator_pkg.evaluation.text import WIDTH, for_node, number, table, wrapped
 from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.settings import TuneSettings, single
 from estimator_pkg.parameters import Parameter, declared
@@ -56,6 +56,7 @@ def as_yaml(
     held: Mapping[str, Any],
     tuned: Sequence[Mapping[str, Any]],
     held_out: float,
+    remaps: Sequence[str] = (),
 ) -> str:
     """Return a parameter file for the observer's node, with comments on the tuning.
 
@@ -63,13 +64,14 @@ def as_yaml(
     ----------
     held : fixed parameters, which the node needs too.
     tuned : results of `seek.seek`; one without a joint applies to all of them.
+    remaps : of the node's topics.
     """
     observer = tuning.entry.observer
     stream = streams.of_observer(observer)
     tuned_ = 'tuned from data' if any(each['gains'] for each in tuned) else 'its defaults'
     about = [
         f'Gains of {observer}: {tuned_} (preference: {tuning.preference}).',
-        f'For the node {stream.NODE}: --ros-args --params-file THIS_FILE',
+        *for_node(stream.NODE, remaps),
     ]
     for each in tuned:
         about += _origin(each, held_out)

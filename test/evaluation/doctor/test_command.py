@@ -30,21 +30,22 @@ from estimator_pkg.evaluation.doctor.readings import Readings
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
 from estimator_pkg.messages.joint_state import TYPE, Encoder
+from estimator_pkg.streams.angle import AngleStream
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 START = 1_700_000_000_000_000_000
 
 
-def bag(path, joints, rate=250.0, seconds=12.0, stamped=True):
+def bag(path, joints, rate=250.0, seconds=12.0, stamped=True, topic='/joint_states'):
     """A bag of joint states: name -> position over time."""
     encode = Encoder().encode
     with BagWriter(path) as writer:
-        writer.add_topic('/joint_states', TYPE)
+        writer.add_topic(topic, TYPE)
         for k in range(int(rate * seconds)):
             now = START + round(k / rate * 1e9)
             angles = [float(of(k / rate)) for of in joints.values()]
             raw = encode(now if stamped else 0, '', list(joints), angles)
-            writer.write('/joint_states', now + 200_000, raw)
+            writer.write(topic, now + 200_000, raw)
     return str(path)
 
 
@@ -88,6 +89,52 @@ def test_the_file_is_one_that_the_node_takes(report):
     assert common.pop('observer') == result['observer']
     Configuration(observers.find(result['observer']), common, overrides)
     assert overrides['elbow']['quantum'] == pytest.approx(2.0 * math.pi / 4096, rel=1e-4)
+
+
+YAW = '/vicon/Group466CF/Group466CF/pose'
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    'path, topic, field, expected',
+    [
+        (
+            'vicon/yawbag',
+            YAW,
+            'pose.orientation.yaw',
+            {'input': 'field', 'field_type': 'geometry_msgs/msg/PoseStamped'},
+        ),
+        (
+            'simulated/trapezoid_raw_counts',
+            '/angle',
+            'data',
+            {'input': 'angle', 'angle_type': 'Int32', 'counts_per_revolution': 4096},
+        ),
+    ],
+)
+def test_the_file_of_an_angle_names_input_and_topic(path, topic, field, expected, tmp_path, capsys):
+    out, counts = tmp_path / 'p.yaml', expected.get('counts_per_revolution')
+    words = ['--set', f'counts_per_revolution={counts}', '--set', 'quantum=0.002'] if counts else []
+    words += ['--wrap-period', '3.0', '--angle', f'{topic}:{field}', '--out', str(out)]
+    main(['doctor', str(BAGS / path), *words])
+    remap = '' if topic == '/angle' else f' -r angle:={topic}'
+    node = f'node: joint_observer --ros-args --params-file {out}{remap}\n'
+    assert node in capsys.readouterr().out
+    text = out.read_text()
+    assert remap.strip() in text and text.count('quantum:') <= 1
+    values = params_file.load(out)
+    assert values.items() >= {**expected, 'wrap_period': 3.0}.items()
+    (port,) = AngleStream.of(values).inputs
+    with open_bag(BAGS / path) as bag:
+        assert port.topic == 'angle' and port.type == bag.topics[topic].type
+    assert (port.field or 'data') == field
+
+
+@pytest.mark.long
+def test_a_topic_of_joint_states_is_remapped(tmp_path, capsys):
+    path = bag(tmp_path / 'arm', {'elbow': swing}, seconds=1.0, topic='/arm/states')
+    main(['doctor', path, '--out', str(tmp_path / 'p.yaml')])
+    assert 'p.yaml -r joint_states:=/arm/states\n' in capsys.readouterr().out
 
 
 @pytest.mark.long
@@ -187,6 +234,7 @@ def test_a_bag_is_opened_once_with_its_limit(tmp_path, monkeypatch, capsys):
         ([str(BAGS / 'simulated/drive_profile'), '--set', 'flux=-1'], 2, 'flux'),
         ([str(BAGS / 'vicon/yawbag'), '--angle', 'a:b', '--params', 'x'], 2, 'is for drives'),
         ([str(BAGS / 'vicon/yawbag')], 1, 'a number with --angle'),
+        ([str(BAGS / 'simulated/sine_12bit'), '--set', 'observer=pll'], 2, 'so omit it'),
         ([], 2, 'one of the two'),
         (['bag', '--live', '3'], 2, 'one of the two'),
         (['--live', '0'], 2, 'between 0.5 and 3600 s'),

@@ -165,6 +165,7 @@ def test_runs_of_a_drive_are_not_mixed(batches, tmp_path):
     assert code == 1 and found['order of stamps']['clock_jumps'] == 1
     assert {name for name, each in found.items() if each['level'] != 'PASS'} == {'order of stamps'}
     assert found['flux linkage']['flux'] == pytest.approx(MOTOR['flux'], rel=0.02)
+    assert ('input: ' in whole['parameters']) != batches  # the node's default is batches
     code, alone = doctor(tmp_path, drive(tmp_path / 'alone', parts[1:], batches), *words)
     assert code == 0
     rms = [each['joints']['motor_electrical']['verdict']['rms']['pmsm'] for each in (whole, alone)]
