@@ -10,8 +10,9 @@ import contextlib
 import io
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
-from estimator_pkg.evaluation.doctor.readings import FAIL, Readings
+from estimator_pkg.evaluation.doctor.readings import FAIL, WARN, Finding, Readings
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
 from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
 from estimator_pkg.evaluation.text import started, wrapped
@@ -91,12 +92,11 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         return _examined(parsed, parsed.bag, parsed.bag)
     if not 0.5 <= parsed.live <= 3600.0:
         raise UsageError(f'--live is {parsed.live:g} s: it must be between 0.5 and 3600 s')
-    named = parsed.measurement or (parsed.angle or '').partition(':')[0]
-    topics = [named] if named else _joint_states()
+    topics, made = _running(parsed.measurement or (parsed.angle or '').partition(':')[0])
     with contextlib.ExitStack() as stack:
         with contextlib.redirect_stdout(io.StringIO()):  # where the bag is does not matter
             path = stack.enter_context(recorded(topics[:-1], topics[-1], parsed.live))
-        return _examined(parsed, path, f'{", ".join(topics)}, {parsed.live:g} s live')
+        return _examined(parsed, path, f'{", ".join(topics)}, {parsed.live:g} s live', made)
 
 
 def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
@@ -154,7 +154,13 @@ def _write(
         show(f'page: {parsed.html}')
 
 
-def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, Any]:
+def _examined(
+    parsed: argparse.Namespace,
+    path: str,
+    origin: str,
+    made: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, Any]:
+    """Examine the readings of a bag; `made`: topic -> node of ours that publishes it."""
     with open_bag(path, parsed.unpack_limit) as bag:
         if is_drive(bag, parsed.measurement, parsed.angle):
             return _drive(parsed, bag, origin)
@@ -177,6 +183,7 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
     ):
         examined = []
         for each in run_many(examine, jobs):
+            each.findings[:0] = _own(topic, made)
             examined.append(each)
             advance(1)
     choice = choose(
@@ -208,8 +215,22 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
     }
 
 
-def _joint_states() -> list[str]:
-    """Return the running topics of joint states that may be a measurement.
+def _own(topic: str, made: Mapping[str, str]) -> list[Finding]:
+    """Return the finding on a topic that is an estimate of ours; [] for any other."""
+    if topic not in made and not topic.endswith(MADE):
+        return []
+    of = f'the estimate of {made[topic]}' if topic in made else 'an estimate of ours'
+    remedy = 'name the topic of the driver with --measurement'
+    return [Finding('topic', WARN, f'{topic} is {of}, not a measurement', remedy)]
+
+
+def _running(named: str) -> tuple[list[str], dict[str, str]]:
+    """Return the running topics that may be a measurement, and topic -> node of ours that makes it.
+
+    Parameters
+    ----------
+    named : the user's choice; '': topics of joint states, and estimates of ours only if there is
+        nothing else.
 
     Raises
     ------
@@ -218,6 +239,8 @@ def _joint_states() -> list[str]:
     from estimator_pkg.bags.live import live
 
     with live('doctor') as here:
+        from estimator_pkg.ros.observers import makers
+
         end = time.monotonic() + APPEAR
         found: list[str] = []
         while time.monotonic() < end and not here.stopping:
@@ -225,9 +248,11 @@ def _joint_states() -> list[str]:
             names = [
                 name
                 for name, types in here.node.get_topic_names_and_types()
-                if TYPE in types
-                and TRUTH not in f'{name}/'
-                and not name.endswith(MADE)
+                if (
+                    name == named
+                    if named
+                    else TYPE in types and TRUTH not in f'{name}/' and not name.endswith(MADE)
+                )
                 and here.node.count_publishers(name)
             ]
             if names and not found:
@@ -235,12 +260,13 @@ def _joint_states() -> list[str]:
             found = names
         if here.stopping:
             raise KeyboardInterrupt
-    if not found:
+        made = makers(here.node, found)
+    if not found and not named:
         raise UserError(
             f'nobody publishes joint states ({TYPE}) within {APPEAR:g} s: start the driver, check '
             'ROS_DOMAIN_ID, or name a number with --angle TOPIC:FIELD'
         )
-    return found
+    return [name for name in found if name not in made] or found or [named], made
 
 
 COMMAND = Command(

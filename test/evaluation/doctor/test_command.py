@@ -254,9 +254,8 @@ def test_no_readable_joint_is_exit_code_1(tmp_path, capsys):
     assert 'no position is finite' in capsys.readouterr().err
 
 
-@pytest.mark.dds
-@pytest.mark.long
-def test_a_running_topic_is_examined(tmp_path):
+def listening(folder, *words):
+    """Text and result of `doctor --live` beside a driver that publishes /arm/states."""
     import dds
 
     probe = dds.Probe()
@@ -267,8 +266,8 @@ def test_a_running_topic_is_examined(tmp_path):
         publisher = probe.node.create_publisher(JointState, '/arm/states', qos_profile_sensor_data)
         encode = Encoder().encode
         process = subprocess.Popen(
-            [sys.executable, '-m', 'estimator_pkg.cli', 'doctor', '--live', '2']
-            + ['--json', str(tmp_path / 'result.json')],
+            [sys.executable, '-m', 'estimator_pkg.cli', 'doctor', '--live', '2', *words]
+            + ['--json', str(folder / 'result.json')],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -283,11 +282,41 @@ def test_a_running_topic_is_examined(tmp_path):
     finally:
         probe.close()
     assert process.returncode == 0, errors
+    result = json.loads((folder / 'result.json').read_text())
+    return text, {each['check']: each for each in result['joints']['elbow']['findings']}
+
+
+@pytest.mark.dds
+@pytest.mark.long
+def test_a_running_topic_is_examined(tmp_path):
+    text, checks = listening(tmp_path)
     assert text.startswith('/arm/states, 2 s live: /arm/states, 1 joint')
-    result = json.loads((tmp_path / 'result.json').read_text())
-    checks = {each['check']: each for each in result['joints']['elbow']['findings']}
     assert checks['clock']['level'] == 'PASS' and 50.0 < checks['rate']['hz'] < 500.0
     assert checks['resolution']['counts_per_turn'] == pytest.approx(4096.0, rel=1e-3)
+    assert 'topic' not in checks
+
+
+@pytest.mark.dds
+@pytest.mark.long
+def test_an_estimate_of_ours_is_no_measurement(tmp_path):
+    import dds
+
+    remap = 'joint_states:=/arm/states', '~/estimate:=/joint_states', '__node:=ours'
+    node = 'estimator_pkg.nodes.executables joint_observer'
+    with dds.NodeProcess(node, *dds.ros_args(remap=remap)):
+        text, checks = listening(tmp_path)
+        assert text.startswith('/arm/states, 2 s live: /arm/states, 1 joint')
+        assert 'topic' not in checks
+        text, checks = listening(tmp_path, '--measurement', '/joint_states')
+    assert checks['topic']['level'] == 'WARN'
+    assert checks['topic']['value'] == '/joint_states is the estimate of /ours, not a measurement'
+
+
+def test_an_estimate_in_a_bag_is_named(tmp_path, capsys):
+    topic = '/joint_observer/estimate'
+    path = bag(tmp_path / 'made', {'elbow': swing}, seconds=1.0, topic=topic)
+    assert main(['doctor', path, '--measurement', topic]) == 0
+    assert 'WARN  topic' in capsys.readouterr().out
 
 
 def test_a_better_one_that_is_not_taken_is_named_with_the_reason():
