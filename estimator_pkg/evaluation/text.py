@@ -6,12 +6,14 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 import textwrap
 from collections.abc import Iterable, Sequence
 
 from estimator_pkg.printable import printable
 
+RAD = re.compile(r'(?:(?<=[\d-] )|(?<=\[))rad(/s)?\b')  # as a unit
 WIDTH = 80  # columns of a terminal
 SHORTEST = 9  # names are cut to this length at most
 
@@ -26,6 +28,14 @@ def wrapped(line: str, width: int = WIDTH) -> list[str]:
         break_long_words=False,
         break_on_hyphens=False,
     ) or ['']
+
+
+def units(text: str, period: float) -> str:
+    """Return a text that has rad with the unit of a joint without a wrap period: m or rad.
+
+    Such a joint is prismatic, or counts turns.
+    """
+    return text if period else RAD.sub(r'm\1 or rad\1', text)
 
 
 def started(node: str, path: str, remaps: Iterable[str]) -> str:

@@ -184,7 +184,7 @@ def test_doctors_command_starts_a_node_on_the_topic_that_it_examined(probe, tmp_
     out = tmp_path / 'p.yaml'
     bag = bag_of(tmp_path / 'bag', '/mocap/body', POSE, raws, [1] * len(raws))
     words = ['--angle', '/mocap/body:pose.orientation.yaw', '--out', str(out)]
-    cli.main(['doctor', str(bag), *words])
+    assert cli.main(['doctor', str(bag), *words]) == 0
     _, words = capsys.readouterr().out.split('node: joint_observer ')
     made = []
     publisher = probe.node.create_publisher(message_class(POSE), '/mocap/body', 50)

@@ -107,7 +107,8 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     chosen = wired(DriveStream, bag, values, Request(None, None))
     found = drive.examine(bag, chosen, drive.needed(settings), parsed.motion_hz)
     nothing = np.zeros(0)
-    none = Readings(found.name, np.zeros(0, np.int64), np.zeros(0, np.int64), nothing, nothing, 0.0)
+    no_stamps = np.zeros(0, np.int64)
+    none = Readings(found.name, no_stamps, no_stamps, nothing, nothing, math.tau)
     examined = [Examined(none, found.findings, said=tuple(found.said))]
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
     print(report.text(examined, Choice()))

@@ -21,6 +21,7 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.doctor import angles, stamps, velocities
 from estimator_pkg.evaluation.doctor.choice import Answer, answer
 from estimator_pkg.evaluation.doctor.readings import FAIL, Finding, Readings
+from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers.circle import LARGEST
 from estimator_pkg.streams.contract import PUBLISHER, Request
@@ -146,4 +147,5 @@ def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
     reference = velocities.reference(seen, rows)
     found += velocities.checks(seen, reference, rows)
     made = None if reference is None else answer(seen, reference, rows, motion_hz)
+    found = [each._replace(value=units(each.value, seen.period)) for each in found]
     return Examined(seen, found, made)

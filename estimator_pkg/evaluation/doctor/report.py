@@ -14,7 +14,7 @@ from estimator_pkg import params_file, yaml_text
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.doctor.readings import FAIL, LEVELS, PASS, WARN, Finding
-from estimator_pkg.evaluation.text import for_node
+from estimator_pkg.evaluation.text import for_node, units
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.streams.angle import AngleStream
 
@@ -75,6 +75,8 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
             found[name] = [f'No ranking: {why}. {keep}']
         else:
             found[name] = sentences(name, each.answer, choice)
+    period = {each.readings.name: each.readings.period for each in examined}
+    found = {name: [units(each, period[name]) for each in said] for name, said in found.items()}
     same = set.intersection(*map(set, found.values())) if len(found) > 1 else set()
     common = [sentence for sentence in next(iter(found.values()), []) if sentence in same]
     found = {name: [each for each in said if each not in same] for name, said in found.items()}

@@ -251,7 +251,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 tuning = tune_settings(parsed)
                 tuned = [kept(joint, groups[joint], text) for joint, text in results.items()]
                 notes.append(f'the file has {parsed.observer} as it is')
-    print(output.describe(chosen_results, notes))
+    print(output.describe(chosen_results, notes, parsed.wrap_period))
     wiring = seen[0].seen.recording.setup
     held = _held(parsed, tuning, wiring)
     whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))

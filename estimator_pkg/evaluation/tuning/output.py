@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import params_file, streams, yaml_text
-from estimator_pkg.evaluation.text import WIDTH, for_node, number, table, wrapped
+from estimator_pkg.evaluation.text import WIDTH, for_node, number, table, units, wrapped
 from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.settings import TuneSettings, single
 from estimator_pkg.parameters import Parameter, declared
@@ -75,6 +76,8 @@ def as_yaml(
     ]
     for each in tuned:
         about += _origin(each, held_out)
+    period = held.get('wrap_period', math.tau)
+    about = [units(line, period) for line in about]
     lines = [yaml_text.comment(each) for line in about for each in wrapped(line, WIDTH - 2)]
     lines += ['/**:', '  ros__parameters:']
     if 'observer' in declared(stream.SETTINGS):
@@ -92,7 +95,7 @@ def as_yaml(
                 lines.append(f'    {yaml_text.key(params_file.OVERRIDES + "." + joint)}:')
                 indent = '      '
             lines += [
-                f'{indent}{name}: {scalar(value)}{_about(tuning.gains[name])}'
+                f'{indent}{name}: {scalar(value)}{units(_about(tuning.gains[name]), period)}'
                 for name, value in gains.items()
             ]
     if lines[-1] == '  ros__parameters:':
@@ -183,8 +186,15 @@ def _expected(result: Mapping[str, Any]) -> str:
     )
 
 
-def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> str:
-    """Return the results as text: gains, default and tuned errors, on held-out data."""
+def describe(
+    tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = (), period: float = math.tau
+) -> str:
+    """Return the results as text: gains, default and tuned errors, on held-out data.
+
+    Parameters
+    ----------
+    period : wrap period of the positions [rad]; 0: none.
+    """
     rows = []
     for each in tuned:
         for label, gains, result in (
@@ -220,5 +230,5 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
         lines += [f'{of}: {text}' for text in founded(each)]
     if any(each['interrupted'] for each in tuned):
         lines.append('interrupted: these are the best gains so far')
-    said = [each for line in [*lines, *notes] for each in wrapped(line)]
-    return '\n'.join([head, _table(rows), *said])
+    said = [each for line in [*lines, *notes] for each in wrapped(units(line, period))]
+    return '\n'.join([units(head, period), _table(rows), *said])
