@@ -38,20 +38,18 @@ def units(text: str, period: float) -> str:
     return text if period else RAD.sub(r'm\1 or rad\1', text)
 
 
-def started(node: str, path: str, remaps: Iterable[str]) -> str:
-    """Return the command that starts a node with a parameter file and these remappings."""
-    words = [
-        '--ros-args',
-        '--params-file',
-        path,
-        *(word for each in remaps for word in ('-r', each)),
-    ]
-    return shlex.join([node, *words])
+def started(node: str, path: str, remaps: Iterable[str]) -> list[str]:
+    """Return the command that starts a node with a parameter file, a line for each remapping."""
+    lines = [f'node: {node} --ros-args --params-file {shlex.quote(path)}']
+    lines += [f'  -r {shlex.quote(each)}' for each in remaps]
+    return [f'{line} \\' for line in lines[:-1]] + lines[-1:]
 
 
 def for_node(node: str, remaps: Iterable[str] = ()) -> list[str]:
     """Return the same as lines of a comment in the file itself."""
-    return [f'For the node: {started(node, "THIS_FILE", ())}', *(f'  -r {each}' for each in remaps)]
+    return [f'For the {line}' for line in started(node, 'THIS_FILE', ())] + [
+        f'  -r {each}' for each in remaps
+    ]
 
 
 def number(value: float | None, digits: int = 4) -> str:

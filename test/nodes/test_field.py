@@ -191,7 +191,7 @@ def test_doctors_command_starts_a_node_on_the_topic_that_it_examined(probe, tmp_
     listener = probe.node.create_subscription(
         JointState, '/joint_observer/estimate', made.append, 50, raw=True
     )
-    with dds.NodeProcess(MODULE, *shlex.split(words)):
+    with dds.NodeProcess(MODULE, *shlex.split(words.replace('\\\n', ''))):
         probe.until(publisher.get_subscription_count)
         probe.until(listener.get_publisher_count)
         publisher.publish(raws[5])

@@ -146,8 +146,8 @@ def _write(
     """Write the requested files; print their names, and how to start the node."""
     if parsed.out:
         whole_file.write_text(parsed.out, parameters)
-        node = started(streams.named(setup.kind).NODE, parsed.out, setup.remaps)
-        show('', f'parameters: {parsed.out}', f'node: {node}')
+        node = streams.named(setup.kind).NODE
+        show('', f'parameters: {parsed.out}', *started(node, parsed.out, setup.remaps))
     else:
         show('', 'A parameter file of this: add --out params.yaml')
     if parsed.html:
@@ -240,8 +240,6 @@ def _running(named: str) -> tuple[list[str], dict[str, str]]:
     from estimator_pkg.bags.live import live
 
     with live('doctor') as here:
-        from estimator_pkg.ros.observers import makers
-
         end = time.monotonic() + APPEAR
         found: list[str] = []
         while time.monotonic() < end and not here.stopping:
@@ -261,7 +259,7 @@ def _running(named: str) -> tuple[list[str], dict[str, str]]:
             found = names
         if here.stopping:
             raise KeyboardInterrupt
-        made = makers(here.node, found)
+        made = here.makers(found)
     if not found and not named:
         raise UserError(
             f'nobody publishes joint states ({TYPE}) within {APPEAR:g} s: start the driver, check '

@@ -256,7 +256,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     held = _held(parsed, tuning, wiring)
     whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))
     node = streams.of_observer(tuning.entry.observer).NODE
-    show(f'gains: {out}', f'node: {started(node, parsed.out, wiring.remaps)}')
+    show(f'gains: {out}', *started(node, parsed.out, wiring.remaps))
     if parsed.plot:
         picture.draw(chosen_results, parsed.plot, sought)
         show(f'noise against delay: {parsed.plot}')

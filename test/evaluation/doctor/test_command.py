@@ -128,11 +128,12 @@ def test_the_file_of_an_angle_names_input_and_topic(
     assert (
         main(['doctor', str(path), '--angle', f'{topic}:{field}', '--out', str(out), *words]) == 0
     )
-    remap = '' if topic == '/angle' else f' -r angle:={topic}'
-    node = f'node: joint_observer --ros-args --params-file {out}{remap}\n'
+    remap = '' if topic == '/angle' else f'-r angle:={topic}'
+    more = f' \\\n  {remap}' if remap else ''
+    node = f'node: joint_observer --ros-args --params-file {out}{more}\n'
     assert node in capsys.readouterr().out
     text = out.read_text()
-    assert remap.strip() in text and text.count('quantum:') == 1
+    assert remap in text and text.count('quantum:') == 1
     values = params_file.load(out)
     assert values.items() >= expected.items()
     (port,) = AngleStream.of(values).inputs
@@ -156,7 +157,7 @@ def test_metres_are_not_called_rad(command, tmp_path, capsys):
 def test_a_topic_of_joint_states_is_remapped(tmp_path, capsys):
     path = bag(tmp_path / 'arm', {'elbow': swing}, seconds=1.0, topic='/arm/states')
     main(['doctor', path, '--out', str(tmp_path / 'p.yaml')])
-    assert 'p.yaml -r joint_states:=/arm/states\n' in capsys.readouterr().out
+    assert 'p.yaml \\\n  -r joint_states:=/arm/states\n' in capsys.readouterr().out
 
 
 @pytest.mark.long

@@ -665,7 +665,7 @@ def test_a_field_of_another_type_is_in_the_file_for_the_node(tmp_path, capsys):
     topic, out = '/vicon/Group466CF/Group466CF/pose', str(tmp_path / 'g.yaml')
     words = ['--angle', f'{topic}:pose.orientation.yaw', '--observer', 'pll', '--trials', '1']
     assert main(['tune', str(YAW), *words, '--out', out]) == 0
-    command_line = f'joint_observer --ros-args --params-file {out} -r angle:={topic}'
+    command_line = f'joint_observer --ros-args --params-file {out} \\\n  -r angle:={topic}'
     assert f'\nnode: {command_line}\n' in capsys.readouterr().out
     assert f'-r angle:={topic}' in Path(out).read_text()
     values = params_file.load(out)
