@@ -9,7 +9,8 @@ r"""A drive's log as CSV into a bag for pmsm_observer, and a bag into CSV.
 
 Two columns of currents (or voltages) are alpha and beta, three are the phases a, b and c. With
 --phases, two columns are the phases a and b, and c = -a - b. The first row of the file has the
-names. docs/first_drive.md has the sign conventions.
+names. Columns separated by semicolons have decimal commas. docs/first_drive.md has the sign
+conventions.
 """
 
 from __future__ import annotations
@@ -33,17 +34,20 @@ Array = NDArray[np.float64]
 SAMPLES, TRUTH = '/drive_samples', '/ground_truth/joint_states'
 FIRST = 1_000_000_000  # [s] added to the times: a stamp of zero means that there is none
 UNITS = {'s': 1e9, 'ms': 1e6, 'us': 1e3, 'ns': 1.0}
+SPEEDS = {'rad/s': 1.0, 'rpm': np.pi / 30.0}
 
 
 def columns(path: Path, names: list[str]) -> list[Array]:
     """Return these columns of a CSV file; raise UserError with the missing name, or the line."""
-    rows = csv.DictReader(whole_file.read_text(path).splitlines())
+    lines = whole_file.read_text(path).splitlines()
+    separator, decimal = (';', ',') if lines and ';' in lines[0] else (',', '.')
+    rows = csv.DictReader(lines, delimiter=separator)
     for name in names:
         if name not in (rows.fieldnames or ()):
             raise UserError(f"{path} has no column '{name}', only {rows.fieldnames}")
     try:
-        table = [[float(row[name]) for name in names] for row in rows]
-    except (TypeError, ValueError) as error:
+        table = [[float((row[name] or '').replace(decimal, '.')) for name in names] for row in rows]
+    except ValueError as error:
         raise UserError(f'{path}, line {rows.line_num}: {error}') from None
     if not table:
         raise UserError(f'{path} has no row below its names')
@@ -57,6 +61,19 @@ def alpha_beta(parts: list[Array], phases: bool) -> list[Array]:
     a, b, *rest = parts
     c = rest[0] if rest else -a - b
     return [(2.0 * a - b - c) / 3.0, (b - c) / np.sqrt(3.0)]
+
+
+def hint(speed: Array, voltage: list[Array], stamps: NDArray[np.int64]) -> str:
+    """Return a hint if the voltages turn slower than a motor of one pole pair at this speed."""
+    vector = voltage[0] + 1j * voltage[1]
+    turned = np.abs(np.angle(vector[1:] * np.conj(vector[:-1]))) / (np.diff(stamps) * 1e-9)
+    electrical, mechanical = float(np.median(turned)), float(np.median(np.abs(speed)))
+    if electrical > 0.9 * mechanical:
+        return ''
+    return (
+        f'the voltages turn at {electrical:.4g} rad/s, slower than the speed of {mechanical:.4g} '
+        'rad/s: is it in rpm? Add --speed-unit rpm'
+    )
 
 
 def to_bag(given: argparse.Namespace) -> str:
@@ -75,6 +92,11 @@ def to_bag(given: argparse.Namespace) -> str:
     i = alpha_beta(values[: len(current)], given.phases)
     u = alpha_beta(values[len(current) : len(current) + len(voltage)], given.phases)
     samples = np.column_stack([*i, *u])
+    if given.speed:
+        values[-1] *= SPEEDS[given.speed_unit]
+        said = hint(values[-1], u, stamps)
+        if said:
+            print(f'hint: {said}', file=sys.stderr)
     with BagWriter(given.bag) as bag:
         bag.add_topic(SAMPLES, drive_samples.TYPE)
         if given.speed:
@@ -127,7 +149,8 @@ def main() -> int:
     into.add_argument('--current', required=True, metavar='COLUMNS', help='[A]')
     into.add_argument('--voltage', required=True, metavar='COLUMNS', help='phase voltages [V]')
     into.add_argument('--phases', action='store_true', help='two columns are the phases a and b')
-    into.add_argument('--speed', metavar='COLUMN', help='measured, mechanical [rad/s]: the truth')
+    into.add_argument('--speed', metavar='COLUMN', help='measured, mechanical: the truth')
+    into.add_argument('--speed-unit', default='rad/s', choices=SPEEDS)
     into.add_argument('--batch', type=int, default=200, help='samples in a message (200)')
     into.set_defaults(run=to_bag)
     out = commands.add_parser('to-csv', help='a bag to CSV')

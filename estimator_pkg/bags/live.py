@@ -9,7 +9,7 @@ Imports ROS, so the commands import it when they run.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -65,6 +65,12 @@ class Live:
     def spin(self, seconds: float) -> None:
         """Run callbacks for at most `seconds`; at least one, if any is due."""
         self._executor.spin_once(timeout_sec=seconds)
+
+    def makers(self, topics: Iterable[str]) -> dict[str, str]:
+        """Return topic -> observer that publishes it, for those that one does."""
+        from estimator_pkg.ros.observers import makers
+
+        return makers(self.node, topics)
 
     def close(self) -> None:
         """Remove the node from the graph."""

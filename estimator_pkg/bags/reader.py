@@ -161,13 +161,18 @@ class Bag:
                 f"topic '{topic}' of {self.path} is {found.type}, not {' or '.join(types)}"
             )
         if not found.count:
-            raise UserError(f"topic '{topic}' of {self.path} has no messages: name another")
+            raise UserError(f"topic '{topic}' of {self.path} has 0 messages: name another")
         return found
+
+    def check_messages(self) -> None:
+        """Raise UserError if the bag has no message at all."""
+        if not self.count:
+            raise UserError(f'{self.path} is an empty bag: it has {self.listing()}; name another')
 
     def listing(self) -> str:
         """Return the topics with their types and counts, as text."""
         return ', '.join(
-            f'{topic.name} ({topic.type}, {topic.count})'
+            f'{topic.name} ({topic.type}, {topic.count} message{"s" * (topic.count != 1)})'
             for topic in sorted(self.topics.values(), key=lambda item: item.name)
         )
 

@@ -52,7 +52,12 @@ class Estimate(NamedTuple):
 
 
 class Recording(ABC):
-    """The input of one family's observers from a bag; it can be sent to another process."""
+    """The input of one family's observers from a bag; it can be sent to another process.
+
+    setup : its settings and topics.
+    """
+
+    setup: Setup
 
     @abstractmethod
     def run(

@@ -42,6 +42,7 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
                 f'number in it with --angle {named}:FIELD'
             )
         return bag.require(named, [TYPE]).name
+    bag.check_messages()
     names = measured_topics(bag)
     if len(names) == 1:
         return bag.require(names[0], [TYPE]).name

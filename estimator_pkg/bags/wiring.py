@@ -18,6 +18,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.parameters import declared
+from estimator_pkg.streams.angle import ANGLE, ANGLE_TYPES, FIELD
 from estimator_pkg.streams.contract import Request, Stream
 
 DATA = 'data'  # the field of the number in std_msgs
@@ -41,6 +42,27 @@ class Setup:
     def topics(self) -> tuple[Topic, ...]:
         """The topics of the stream, the measurement first."""
         return tuple(topic for topic in self.ports if topic is not None)
+
+    @property
+    def input(self) -> dict[str, Any]:
+        """Return the parameters with which a node reads what the observer reads here."""
+        if not self.path:
+            return {name: value for name, value in self.values.items() if name == 'input'}
+        kind = self.topics[0].type
+        package, _, name = kind.rpartition('/')
+        if package == 'std_msgs/msg' and name in ANGLE_TYPES:
+            return {'input': ANGLE, 'angle_type': name}
+        return {'input': FIELD, 'field_type': kind, 'field': self.path}
+
+    @property
+    def remaps(self) -> list[str]:
+        """Return the node's topics that have another name in the bag, as FROM:=TO."""
+        inputs = streams.named(self.kind).of(self.values).inputs
+        return [
+            f'{port.topic}:={topic.name}'
+            for port, topic in zip(inputs, self.ports)
+            if topic is not None and topic.name != f'/{port.topic}'
+        ]
 
     def having(self, values: Mapping[str, Any]) -> Setup:
         """Return the same with these parameters in addition to its own."""

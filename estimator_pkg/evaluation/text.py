@@ -6,11 +6,14 @@
 from __future__ import annotations
 
 import math
+import re
+import shlex
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from estimator_pkg.printable import printable
 
+RAD = re.compile(r'(?:(?<=[\d-] )|(?<=\[))rad(/s)?\b')  # as a unit
 WIDTH = 80  # columns of a terminal
 SHORTEST = 9  # names are cut to this length at most
 
@@ -25,6 +28,28 @@ def wrapped(line: str, width: int = WIDTH) -> list[str]:
         break_long_words=False,
         break_on_hyphens=False,
     ) or ['']
+
+
+def units(text: str, period: float) -> str:
+    """Return a text that has rad with the unit of a joint without a wrap period: m or rad.
+
+    Such a joint is prismatic, or counts turns.
+    """
+    return text if period else RAD.sub(r'm\1 or rad\1', text)
+
+
+def started(node: str, path: str, remaps: Iterable[str]) -> list[str]:
+    """Return the command that starts a node with a parameter file, a line for each remapping."""
+    lines = [f'node: {node} --ros-args --params-file {shlex.quote(path)}']
+    lines += [f'  -r {shlex.quote(each)}' for each in remaps]
+    return [f'{line} \\' for line in lines[:-1]] + lines[-1:]
+
+
+def for_node(node: str, remaps: Iterable[str] = ()) -> list[str]:
+    """Return the same as lines of a comment in the file itself."""
+    return [f'For the {line}' for line in started(node, 'THIS_FILE', ())] + [
+        f'  -r {each}' for each in remaps
+    ]
 
 
 def number(value: float | None, digits: int = 4) -> str:

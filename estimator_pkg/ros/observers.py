@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -18,10 +19,10 @@ DIAGNOSTICS, STATES = 'diagnostic_msgs/msg/DiagnosticArray', 'sensor_msgs/msg/Jo
 def observers(node: Any) -> set[str]:
     """Return the nodes that publish ~/status and serve ~/reset, by their full names."""
     publishing = {
-        f'{each.node_namespace.rstrip("/")}/{each.node_name}' + STATUS
+        name + STATUS
         for topic, types in node.get_topic_names_and_types()
         if topic.endswith(STATUS) and DIAGNOSTICS in types
-        for each in node.get_publishers_info_by_topic(topic)
+        for name in _publishers(node, topic)
     }
     services = {
         name
@@ -39,6 +40,20 @@ def outputs(node: Any, name: str) -> dict[str, list[str]]:
         return dict(node.get_publisher_names_and_types_by_node(own, space or '/'))
     except Exception:  # of rcl: the node has just gone
         return {}
+
+
+def makers(node: Any, topics: Iterable[str]) -> dict[str, str]:
+    """Return the observer that publishes each of these topics; none: the topic is left out."""
+    ours = observers(node)
+    return {topic: name for topic in topics for name in _publishers(node, topic) if name in ours}
+
+
+def _publishers(node: Any, topic: str) -> list[str]:
+    """Return the full names of the nodes that publish a topic."""
+    return [
+        f'{each.node_namespace.rstrip("/")}/{each.node_name}'
+        for each in node.get_publishers_info_by_topic(topic)
+    ]
 
 
 def estimate_topics(node: Any, name: str) -> tuple[str, str]:

@@ -20,6 +20,7 @@ from mcap.writer import CompressionType
 
 from estimator_pkg.bags.reader import natural, open_bag
 from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
 
@@ -476,7 +477,7 @@ def test_require_says_what_is_there(tmp_path):
         with pytest.raises(
             UserError,
             match=r"no topic '/nope': it has /chatter \(std_msgs/msg/"
-            r'String, 2\), /joint_states \(',
+            r'String, 2 messages\), /joint_states \(',
         ):
             bag.require('/nope')
         with pytest.raises(UserError, match=r"'joint_states' \(did you mean '/joint_states'\?\)"):
@@ -490,9 +491,17 @@ def test_topics_without_messages_are_known(tmp_path):
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic(STATES, TYPE)
     with open_bag(tmp_path / 'bag') as bag:
-        with pytest.raises(UserError, match='has no messages'):
+        with pytest.raises(UserError, match='has 0 messages'):
             bag.require(STATES, [TYPE])
         assert list(bag.messages()) == []
+
+
+@pytest.mark.parametrize('command', ['doctor', 'evaluate', 'replay'])
+def test_an_empty_bag_says_how_many_messages_it_has(command, tmp_path, capsys):
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic(STATES, TYPE)
+    assert main([command, str(tmp_path / 'bag')]) == 1
+    assert '(sensor_msgs/msg/JointState, 0 messages)' in capsys.readouterr().err
 
 
 def test_messages_that_are_not_of_ros_2_are_refused(tmp_path):

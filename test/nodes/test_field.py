@@ -5,6 +5,7 @@
 
 import math
 import os
+import shlex
 from collections import Counter
 
 import dds
@@ -172,6 +173,34 @@ def test_live_equals_replay_to_the_byte(name, probe, tmp_path):
     assert made == deviations
     assert {answer.names for answer in live.answers} == {('body',)}
     assert len(live.answers) == len(raws) - len(unanswered)
+
+
+def test_doctors_command_starts_a_node_on_the_topic_that_it_examined(probe, tmp_path, capsys):
+    from sensor_msgs.msg import JointState
+
+    from estimator_pkg.ros.message_class import message_class
+
+    raws = [pose(BEGIN + k * 5 * MS, 0.3 * math.sin(0.02 * k)) for k in range(400)]
+    out = tmp_path / 'p.yaml'
+    bag = bag_of(tmp_path / 'bag', '/mocap/body', POSE, raws, [1] * len(raws))
+    words = ['--angle', '/mocap/body:pose.orientation.yaw', '--out', str(out)]
+    assert cli.main(['doctor', str(bag), *words]) == 0
+    _, words = capsys.readouterr().out.split('node: joint_observer ')
+    made = []
+    publisher = probe.node.create_publisher(message_class(POSE), '/mocap/body', 50)
+    listener = probe.node.create_subscription(
+        JointState, '/joint_observer/estimate', made.append, 50, raw=True
+    )
+    with dds.NodeProcess(MODULE, *shlex.split(words.replace('\\\n', ''))):
+        probe.until(publisher.get_subscription_count)
+        probe.until(listener.get_publisher_count)
+        publisher.publish(raws[5])
+        probe.until(lambda: made)
+    answer = Decoder().decode(made[0])
+    assert (answer.names, answer.stamp_ns) == (('joint',), BEGIN + 25 * MS)
+    assert answer.positions == pytest.approx((0.3 * math.sin(0.1),), abs=1e-9)
+    probe.node.destroy_publisher(publisher)
+    probe.node.destroy_subscription(listener)
 
 
 def test_a_number_of_a_package_of_the_machine(probe, tmp_path):

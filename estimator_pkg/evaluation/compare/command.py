@@ -177,7 +177,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         try:
             for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
                 with interrupts.gently():  # a bag is evaluated completely or not at all
-                    text = describe(comparison, parsed.wide)
+                    text = describe(comparison, parsed.wide, chosen.wrap_period)
                     print(text + '\n')
                     result[comparison.bag] = comparison.as_dict()
                     if data is not None:

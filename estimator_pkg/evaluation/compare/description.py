@@ -11,7 +11,16 @@ from estimator_pkg.evaluation.compare.comparison import ROUNDING, Comparison
 from estimator_pkg.evaluation.compare.truth import SMOOTHED
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
-from estimator_pkg.evaluation.text import WIDTH, error, fixed, interval, number, table, wrapped
+from estimator_pkg.evaluation.text import (
+    WIDTH,
+    error,
+    fixed,
+    interval,
+    number,
+    table,
+    units,
+    wrapped,
+)
 from estimator_pkg.streams.drive import ELECTRICAL
 
 HEADER = (
@@ -33,12 +42,12 @@ HEADER = (
 NARROW = ('estimate', 'joint', 'rms', 'max', 'delay ms', 'noise', 'dropped')
 
 
-def describe(comparison: Comparison, wide: bool = False) -> str:
+def describe(comparison: Comparison, wide: bool = False, period: float = math.tau) -> str:
     """Return the comparison as text.
 
     Parameters
     ----------
-    wide : all columns; else those that fit 80.
+    wide : all columns; else those that fit 80. period : wrap period of the positions; 0: none.
     """
     head = f'{comparison.bag}: velocity errors [rad/s] against {comparison.truth}, at zero shift'
     lines: list[str] = []
@@ -100,8 +109,9 @@ def describe(comparison: Comparison, wide: bool = False) -> str:
             removed = comparison.corrected[joint]
             bias = f', bias {removed["bias"]:.4f} rad/s' if removed['bias'] else ''
             lines.append(f'  removed: lag {_ms(removed["lag_s"]):.2f} ms{bias}')
-    said = [each for line in lines + remarks + list(comparison.notes) for each in wrapped(line)]
-    return '\n'.join([*wrapped(head), shown, *said])
+    lines = [units(line, period) for line in [head, *lines, *remarks, *comparison.notes]]
+    said = [each for line in lines[1:] for each in wrapped(line)]
+    return '\n'.join([*wrapped(lines[0]), shown, *said])
 
 
 def describe_smoother(smoothed: Smoothed, own: float) -> str:

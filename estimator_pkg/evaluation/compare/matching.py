@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.evaluation.compare.delay import GAP
 from estimator_pkg.evaluation.compare.interpolation import cubic
 
@@ -105,6 +106,22 @@ def match(
     )
 
 
+def exact(stamps: Stamps, known: Stamps, values: Array) -> Array:
+    """Return the values at the same stamps in the same piece, shape (n,); nan elsewhere.
+
+    Parameters
+    ----------
+    stamps : shape (n,) [ns]. known, values : shape (k,); both in order of arrival.
+    """
+    found = np.full(len(stamps), np.nan)
+    ours, theirs = pieces(stamps), pieces(known)
+    for number, mine in enumerate(ours):
+        other = _partner(stamps, mine, known, theirs, number, len(ours))
+        if other is not None:
+            found[mine] = at_stamps(stamps[mine], known[other], values[other])
+    return found
+
+
 def _partner(
     stamps: Stamps,
     mine: NDArray[np.int64],
@@ -113,7 +130,10 @@ def _partner(
     number: int,
     count: int,
 ) -> NDArray[np.int64] | None:
-    """Return the piece of the truth for a piece of the estimates."""
+    """Return the piece of the truth for a piece of the estimates, the `number`-th of `count`.
+
+    It has the same number, or where some have no partner, most of its time in common.
+    """
     if len(theirs) == count:
         return theirs[number]
     low, high = stamps[mine[0]], stamps[mine[-1]]

@@ -93,6 +93,7 @@ def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options)
 
 
 def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Options) -> Truth:
+    bag.check_messages()
     topic = options.truth or TRUTH
     if options.truth is None and topic not in bag.topics:
         if not options.observers and DriveStream.recognises(bag.topics.__contains__, False):

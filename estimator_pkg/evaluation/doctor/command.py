@@ -10,27 +10,28 @@ import contextlib
 import io
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from estimator_pkg import destination, whole_file
+from estimator_pkg import destination, streams, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.selection import MADE, TRUTH
-from estimator_pkg.bags.wiring import wired
+from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
-from estimator_pkg.evaluation.doctor.readings import Readings
+from estimator_pkg.evaluation.doctor.readings import WARN, Finding, Readings
 from estimator_pkg.evaluation.doctor.velocities import LONGEST
 from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
-from estimator_pkg.evaluation.text import wrapped
+from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.messages.joint_state import TYPE
@@ -95,12 +96,11 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         return _examined(parsed, parsed.bag, parsed.bag)
     if not 0.5 <= parsed.live <= 3600.0:
         raise UsageError(f'--live is {parsed.live:g} s: it must be between 0.5 and 3600 s')
-    named = parsed.measurement or (parsed.angle or '').partition(':')[0]
-    topics = [named] if named else _joint_states()
+    topics, made = _running(parsed.measurement or (parsed.angle or '').partition(':')[0])
     with contextlib.ExitStack() as stack:
         with contextlib.redirect_stdout(io.StringIO()):  # where the bag is does not matter
             path = stack.enter_context(recorded(topics[:-1], topics[-1], parsed.live))
-        return _examined(parsed, path, f'{", ".join(topics)}, {parsed.live:g} s live')
+        return _examined(parsed, path, f'{", ".join(topics)}, {parsed.live:g} s live', made)
 
 
 def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
@@ -111,12 +111,13 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     chosen = wired(DriveStream, bag, values, Request(None, None))
     found = drive.examine(bag, chosen, drive.needed(settings), parsed.motion_hz)
     nothing = np.zeros(0)
-    none = Readings(found.name, np.zeros(0, np.int64), np.zeros(0, np.int64), nothing, nothing, 0.0)
+    no_stamps = np.zeros(0, np.int64)
+    none = Readings(found.name, no_stamps, no_stamps, nothing, nothing, math.tau)
     examined = [Examined(none, found.findings, said=tuple(found.said))]
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
     print(report.text(examined, Choice()))
-    parameters = drive.as_yaml(found, origin, settings)
-    _write(parsed, examined, Choice(), origin, parameters)
+    parameters = drive.as_yaml(found, origin, chosen.input | settings)
+    _write(parsed, examined, Choice(), origin, parameters, chosen)
     return {
         'origin': origin,
         'topic': chosen.topics[0].name,
@@ -144,15 +145,17 @@ def _write(
     choice: Choice,
     origin: str,
     parameters: str,
+    setup: Setup,
 ) -> None:
-    """Write the requested files and print their names."""
+    """Write the requested files; print their names, and how to start the node."""
     if not parameters:
         checks = dict.fromkeys(found.check for each in examined for found in each.failed)
         none = f'{parsed.out} is not written' if parsed.out else 'No parameter file'
         show('', *wrapped(f'{none}: mend what FAILs first: {", ".join(checks)}'))
     elif parsed.out:
         whole_file.write_text(parsed.out, parameters)
-        show('', f'parameters: {parsed.out}')
+        node = streams.named(setup.kind).NODE
+        show('', f'parameters: {parsed.out}', *started(node, parsed.out, setup.remaps))
     else:
         show('', 'A parameter file of this: add --out params.yaml')
     if parsed.html:
@@ -160,7 +163,13 @@ def _write(
         show(f'page: {parsed.html}')
 
 
-def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, Any]:
+def _examined(
+    parsed: argparse.Namespace,
+    path: str,
+    origin: str,
+    made: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, Any]:
+    """Examine the readings of a bag; `made`: topic -> node of ours that publishes it."""
     with open_bag(path, parsed.unpack_limit) as bag:
         if is_drive(bag, parsed.measurement, parsed.angle):
             return _drive(parsed, bag, origin)
@@ -169,6 +178,8 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
                 '--params is for drives: use --set for the parameters of joint_observer'
             )
         settings = parse_assignments(parsed.set)
+        if 'observer' in settings:
+            raise UsageError('--set observer: doctor compares all observers, so omit it')
         chosen = setup(bag, parsed.measurement, parsed.angle, parsed.wrap_period, settings)
         joints = readings(bag, chosen)
         topic = chosen.topics[0].name
@@ -181,6 +192,7 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
     ):
         examined = []
         for each in run_many(examine, jobs):
+            each.findings[:0] = _own(topic, made)
             examined.append(each)
             advance(1)
     choice = choose(
@@ -189,10 +201,11 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
     head = f'{origin}: {topic}, {len(joints)} joint{"s" * (len(joints) > 1)}'
     show(*wrapped(head), '')
     print(report.text(examined, choice))
-    if not parsed.set and parsed.wrap_period != 2.0 * math.pi:
-        settings = {'wrap_period': parsed.wrap_period}
-    parameters = report.as_yaml(examined, choice, origin, settings)
-    _write(parsed, examined, choice, origin, parameters)
+    settings = chosen.input | settings
+    if parsed.wrap_period != 2.0 * math.pi:
+        settings.setdefault('wrap_period', parsed.wrap_period)
+    parameters = report.as_yaml(examined, choice, origin, settings, chosen.remaps)
+    _write(parsed, examined, choice, origin, parameters, chosen)
     return {
         'origin': origin,
         'topic': topic,
@@ -211,8 +224,22 @@ def _examined(parsed: argparse.Namespace, path: str, origin: str) -> dict[str, A
     }
 
 
-def _joint_states() -> list[str]:
-    """Return the running topics of joint states that may be a measurement.
+def _own(topic: str, made: Mapping[str, str]) -> list[Finding]:
+    """Return the finding on a topic that is an estimate of ours; [] for any other."""
+    if topic not in made and not topic.endswith(MADE):
+        return []
+    of = f'the estimate of {made[topic]}' if topic in made else 'an estimate of ours'
+    remedy = 'name the topic of the driver with --measurement'
+    return [Finding('topic', WARN, f'{topic} is {of}, not a measurement', remedy)]
+
+
+def _running(named: str) -> tuple[list[str], dict[str, str]]:
+    """Return the running topics that may be a measurement, and topic -> node of ours that makes it.
+
+    Parameters
+    ----------
+    named : the user's choice; '': topics of joint states, and estimates of ours only if there is
+        nothing else.
 
     Raises
     ------
@@ -228,9 +255,11 @@ def _joint_states() -> list[str]:
             names = [
                 name
                 for name, types in here.node.get_topic_names_and_types()
-                if TYPE in types
-                and TRUTH not in f'{name}/'
-                and not name.endswith(MADE)
+                if (
+                    name == named
+                    if named
+                    else TYPE in types and TRUTH not in f'{name}/' and not name.endswith(MADE)
+                )
                 and here.node.count_publishers(name)
             ]
             if names and not found:
@@ -238,12 +267,13 @@ def _joint_states() -> list[str]:
             found = names
         if here.stopping:
             raise KeyboardInterrupt
-    if not found:
+        made = here.makers(found)
+    if not found and not named:
         raise UserError(
             f'nobody publishes joint states ({TYPE}) within {APPEAR:g} s: start the driver, check '
             'ROS_DOMAIN_ID, or name a number with --angle TOPIC:FIELD'
         )
-    return found
+    return [name for name in found if name not in made] or found or [named], made
 
 
 COMMAND = Command(

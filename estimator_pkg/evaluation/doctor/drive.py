@@ -23,6 +23,7 @@ from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.compare.matching import exact, pieces
 from estimator_pkg.evaluation.doctor.readings import FAIL, PASS, WARN, Finding
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
@@ -36,10 +37,11 @@ from estimator_pkg.evaluation.reference.back_emf import (
     signals,
 )
 from estimator_pkg.evaluation.reference.motion import Motion, motion
-from estimator_pkg.evaluation.text import number, wrapped
+from estimator_pkg.evaluation.text import for_node, number, wrapped
 from estimator_pkg.streams.drive import ELECTRICAL, DriveSettings, DriveStream
 
 OBSERVER = 'pmsm'
+PHASES = 'phases'  # name of a check
 VARIANTS = ('hybrid', 'continuous')  # the default is 'identifier'
 FILTERS = (100.0, 300.0, 3000.0)  # of the speed [Hz], tried besides the default
 TRAINED = 0.7  # part of the record on which the form is chosen
@@ -47,8 +49,17 @@ GAP = 1.5  # a longer step has lost samples [median sample times]
 LOST = 0.01  # a larger fraction of lost samples is reported
 SEEN = 0.5  # a smaller fraction of angles with enough back-EMF is reported
 FLUX = 0.15  # a larger relative difference of the flux linkage is reported
-RESISTANCE = 0.2  # the same of the resistance, if it is
-SURE = 3.0  # this many standard deviations
+RESISTANCE = 0.2  # the same of the resistance, if it is outside its 95 % interval
+NORMAL = 1.96  # half of a 95 % interval [standard deviations]
+BLOCK, FEWEST = 10, 20  # windows that are averaged; least number of such blocks
+SHOWN = 250.0  # least power of a current that shows the resistance, over that of the noise
+ALIKE = 20.0  # neighbouring blocks share disturbances: fewer are independent
+SYSTEMATIC = 0.02  # relative error of a resistance without any noise
+HALF = 0.35, 0.7  # a resistance of this part of the one given: that was line to line
+CLEARLY = 0.5  # so is one whose half, with half of the inductance, leaves less than this part
+SLOWEST = 500.0  # a lower rate is that of a wrong unit of time [Hz]
+TOGETHER = 0.02  # time over which currents and voltages turn together [s],
+OPPOSED = 3.0  # or against each other: by this factor
 ANY = {'resistance': 1.0, 'inductance': 1e-3, 'flux': 0.1, 'pole_pairs': 1}  # to read the topics
 UNITS = {
     'resistance': 'ohm, one phase to the star point: half of line to line',
@@ -83,25 +94,33 @@ def examine(
     """
     name = f'{setup.values.get("joint", DriveSettings.joint)}{ELECTRICAL}'
     drive = signals(bag, setup)
-    found = _of_samples(drive)
     if missing:
+        found = _of_samples(drive)
         give = '; '.join(f'{each} ({UNITS[each]})' for each in missing)
         found.append(Finding('motor data', FAIL, f'not given: {", ".join(missing)}', f'set {give}'))
         options = ' '.join(f'--set {each}=...' for each in missing)
         said = [f'No ranking: the motor data are needed. Add {options}, or --params FILE.']
         return Examined(name, found, said, {})
-    emf = back_emf(drive, setup.values)
-    moved = None
-    if emf is not None and np.isfinite(emf.angle).any():
-        found += _of_back_emf(emf, setup.values)
-        moved = motion(emf.stamps, emf.angle, 0.0)
-    else:
-        remedy = 'turn the motor faster; check voltages, resistance and flux'
-        found.append(Finding('back-EMF', FAIL, 'too small in every sample', remedy))
+    found, moved = checked(drive, setup.values)
     if moved is None or moved.seldom:
         return Examined(name, found, ['No ranking: the rotor cannot be seen. Keep pmsm.'], {})
-    moved = of_angles(moved)
-    return _judged(name, found, bag, setup, moved, motion_hz)
+    return _judged(name, found, bag, setup, of_angles(moved), motion_hz)
+
+
+def checked(drive: Drive, values: Mapping[str, Any]) -> tuple[list[Finding], Motion | None]:
+    """Return the findings on a drive with these motor data, and the motion that it shows."""
+    found = _of_samples(drive)
+    emf = back_emf(drive, values)
+    if emf is None or not np.isfinite(emf.angle).any():
+        remedy = (
+            'turn the motor faster; check voltages and flux, and that resistance and inductance '
+            'are of one phase (half of line to line)'
+        )
+        return [*found, Finding('back-EMF', FAIL, 'too small in every sample', remedy)], None
+    moved = motion(emf.stamps, emf.angle, 0.0)
+    swapped = any(each.check == PHASES and each.level == WARN for each in found)
+    found.append(_of_back_emf(emf))
+    return found + ([] if moved is None or swapped else _of_motor(emf, moved, values)), moved
 
 
 def _of_samples(drive: Drive) -> list[Finding]:
@@ -110,16 +129,33 @@ def _of_samples(drive: Drive) -> list[Finding]:
         text = f'{len(drive.stamps)} usable samples'
         return [Finding('samples', FAIL, text, 'record currents and voltages for a second')]
     steps = np.diff(drive.stamps) * 1e-9
+    back = int(np.count_nonzero(steps < 0.0))
+    steps = steps[steps > 0.0]
     step = float(np.median(steps))
     lost = float(np.sum(np.rint(steps / step) - 1.0)) / (len(steps) + 1)
     longest = float(np.max(steps))
+    slow = 1.0 / step < SLOWEST
     found = [
-        Finding('rate', PASS, f'{1.0 / step:.6g} Hz, {len(drive.stamps)} samples'),
+        Finding(
+            'rate',
+            WARN if slow else PASS,
+            f'{1.0 / step:.6g} Hz, {len(drive.stamps)} samples',
+            'check the unit of the stamps: milliseconds as seconds? A drive is sampled at kHz'
+            if slow
+            else '',
+        ),
         Finding(
             'lost samples',
             WARN if lost > LOST else PASS,
             f'{100.0 * lost:.2g} %, longest gap {number(longest * 1e3, 2)} ms',
             'send each sample' if lost > LOST else '',
+        ),
+        Finding(
+            'order of stamps',
+            FAIL if back else PASS,
+            f'the clock jumps back {back} time{"s" * (back > 1)}' if back else 'no jump back',
+            'one run or simulation per record; the longest is judged here' if back else '',
+            {'clock_jumps': back},
         ),
     ]
     for what, values, unit in (('current', drive.current, 'A'), ('voltage', drive.voltage, 'V')):
@@ -129,31 +165,64 @@ def _of_samples(drive: Drive) -> list[Finding]:
         remedy = '' if most > 0.0 else f'the {what} is zero throughout: is it connected?'
         text = f'amplitude {number(rms, 3)} {unit} rms, up to {number(most, 3)} {unit}'
         found.append(Finding(what, level, text, remedy))
-    return found
+    return [*found, _sense(drive)]
 
 
-def _of_back_emf(emf: BackEmf, values: Mapping[str, Any]) -> list[Finding]:
-    """Return the findings on what can be seen of the rotor, and on the motor data."""
+def _sense(drive: Drive) -> Finding:
+    """Return whether currents and voltages turn the same way.
+
+    Of two vectors that turn the same way, the product of one with the conjugate of the other is
+    nearly constant; of two that turn against each other, the product itself is.
+    """
+    count = max(4, round(TOGETHER / (float(np.median(np.abs(np.diff(drive.stamps)))) * 1e-9)))
+    whole = len(drive.stamps) // count * count
+    current, voltage = (each[:whole].reshape(-1, count) for each in (drive.current, drive.voltage))
+    same, against = (
+        float(np.sum(np.abs(np.mean(current * each, axis=1))))
+        for each in (np.conj(voltage), voltage)
+    )
+    if against > OPPOSED * same:
+        return Finding(
+            PHASES,
+            WARN,
+            'currents and voltages turn in opposite directions',
+            'two phases are swapped in one of them: give both in the order a, b, c',
+        )
+    seen = same > OPPOSED * against
+    return Finding(PHASES, PASS, 'turn the same way' if seen else 'this record does not show it')
+
+
+def _of_back_emf(emf: BackEmf) -> Finding:
+    """Return the finding on how long the rotor is seen."""
     seen = np.isfinite(emf.angle)
     share = float(np.mean(seen))
     fastest = float(np.max(np.abs(emf.speed[seen])))
-    found = [
-        Finding(
-            'back-EMF',
-            PASS if share >= SEEN else WARN,
-            f'shows the rotor for {100.0 * share:.0f} % of the time, up to '
-            f'{number(fastest, 4)} rad/s (electrical)',
-            '' if share >= SEEN else 'nothing is judged while the motor is slow: turn it faster',
-        )
-    ]
-    size, speed, along = (
-        each[seen & np.isfinite(each)] for each in (emf.size, np.abs(emf.speed), emf.along)
+    return Finding(
+        'back-EMF',
+        PASS if share >= SEEN else WARN,
+        f'shows the rotor for {100.0 * share:.0f} % of the time, up to '
+        f'{number(fastest, 4)} rad/s (electrical)',
+        '' if share >= SEEN else 'nothing is judged while the motor is slow: turn it faster',
     )
-    flux, more, stddev = _fitted(size, speed, along)
-    given = float(values['flux'])
-    off = flux / given - 1.0
-    wrong = abs(off) > FLUX
-    found.append(
+
+
+def _of_motor(emf: BackEmf, moved: Motion, values: Mapping[str, Any]) -> list[Finding]:
+    """Return the findings on flux linkage and resistance.
+
+    Parameters
+    ----------
+    moved : the motion that the angles of the back-EMF show.
+    """
+    speed = exact(emf.stamps, moved.stamps[moved.firm], moved.plain[moved.firm])
+    known = np.isfinite(speed)
+    if np.count_nonzero(known) < FEWEST:
+        return []
+    size, speed, current = emf.size[known], speed[known], emf.current[known]
+    flux, more, half_width = _fitted(size, np.abs(speed), current.real)
+    given, resistance = float(values['flux']), float(values['resistance'])
+    inductance = float(values['inductance'])
+    wrong = abs(flux / given - 1.0) > FLUX
+    found = [
         Finding(
             'flux linkage',
             WARN if wrong else PASS,
@@ -163,46 +232,66 @@ def _of_back_emf(emf: BackEmf, values: Mapping[str, Any]) -> list[Finding]:
             else '',
             {'flux': flux},
         )
-    )
-    resistance = float(values['resistance'])
-    doubt = abs(more) > max(SURE * stddev, RESISTANCE * resistance)
+    ]
+    halved = np.abs(size + 0.5 * (resistance + 1j * inductance * speed) * current)
+    half = _rest(halved, np.abs(speed)) < CLEARLY * _rest(size, np.abs(speed))
+    fits = resistance + more
+    half_width = math.hypot(half_width, SYSTEMATIC * resistance)
+    shown = half_width < resistance
+    doubt = half or (shown and abs(more) > max(half_width, RESISTANCE * resistance))
     text = (
-        f'{number(resistance + more, 3)} +- {number(stddev, 2)} ohm fits best, given '
+        f'half of {number(resistance, 3)} ohm, with half of the inductance, fits better'
+        if half
+        else f'{number(fits, 3)} +- {number(half_width, 2)} ohm (95 %) fits best, given '
         f'{number(resistance, 3)} ohm'
-        if stddev < resistance
+        if shown
         else 'this record does not show it'
     )
-    found.append(
-        Finding(
-            'resistance',
-            WARN if doubt and stddev < resistance else PASS,
-            text,
-            'check the resistance (one phase to the star point, warm), and the dead time'
-            if doubt and stddev < resistance
-            else '',
-            {'resistance': resistance + more, 'stddev': stddev},
+    if half or HALF[0] < fits / resistance < HALF[1]:
+        remedy = (
+            'resistance and inductance line to line? One phase to the star point has half: set '
+            f'resistance to {number(0.5 * resistance, 3)}, inductance to '
+            f'{number(0.5 * inductance, 3)}'
         )
-    )
-    return found
+    elif fits < 0.0:
+        remedy = 'turn the sign of the current: it must be counted into the motor'
+    else:
+        remedy = 'check the resistance (one phase to the star point, warm), and the dead time'
+    numbers = {'resistance': fits, 'stddev': half_width / NORMAL}
+    level = WARN if doubt else PASS
+    return [*found, Finding('resistance', level, text, remedy if doubt else '', numbers)]
 
 
-def _fitted(size: np.ndarray, speed: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
-    """Return (flux linkage [Wb], missing resistance [ohm], its standard deviation [ohm]).
+def _blocks(values: np.ndarray) -> np.ndarray:
+    """Return the means of `BLOCK` neighbours each, whose noise is less."""
+    count = max(1, min(BLOCK, len(values) // FEWEST))
+    return values[: len(values) // count * count].reshape(-1, count).mean(axis=1)
+
+
+def _rest(size: np.ndarray, speed: np.ndarray) -> float:
+    """Return the size of what a flux linkage alone leaves of the amplitude."""
+    size, speed = _blocks(size), _blocks(speed)
+    return float(np.linalg.norm(size - speed * (size @ speed) / (speed @ speed)))
+
+
+def _fitted(size: np.ndarray, speed: np.ndarray, current: np.ndarray) -> tuple[float, float, float]:
+    """Return (flux linkage [Wb], missing resistance [ohm], half of its 95 % interval [ohm]).
 
     Least squares of the amplitude: flux times speed, plus resistance times the current along it.
+    The part of the current that does not follow the speed shows the resistance, if it is not the
+    noise of the sensor.
     """
-    columns = np.stack([speed, along], axis=1)
-    normal = columns.T @ columns
-    flux = float(np.median(size / np.maximum(speed, 1e-9)))
-    scale = np.sqrt(np.diag(normal))
-    if not (scale > 0.0).all() or np.linalg.cond(normal / np.outer(scale, scale)) > 1e6:
-        return flux, 0.0, math.inf
-    inverse = np.linalg.inv(normal)
-    fitted = inverse @ (columns.T @ size)
-    rest = size - columns @ fitted
-    alike = 20.0  # neighbouring windows share disturbances: fewer are independent
-    stddev = math.sqrt(alike * float(rest @ rest) / len(size) * float(inverse[1, 1]))
-    return float(fitted[0]), float(fitted[1]), stddev
+    size, speed, current = _blocks(size), _blocks(speed), _blocks(current)
+    power = float(speed @ speed)
+    apart = current - speed * (current @ speed) / power
+    noise = float(np.median(np.abs(np.diff(current, 2)))) * 1.4826 / math.sqrt(6.0)
+    own = float(apart @ apart)
+    if own <= SHOWN * noise**2 * len(apart):
+        return float(size @ speed) / power, 0.0, math.inf
+    more = float(apart @ size) / own
+    flux = float((size - more * current) @ speed) / power
+    rest = size - flux * speed - more * current
+    return flux, more, NORMAL * math.sqrt(ALIKE * float(np.mean(rest**2)) / own)
 
 
 def candidates() -> list[Entry]:
@@ -223,6 +312,7 @@ def _judged(
     """Return the result with the ranking of the candidates."""
     whole = recording(bag, setup, {}).per_sample()
     velocity, tracked, why = {}, {}, ''
+    run = max(pieces(moved.stamps), key=len)
     entries = {entry.label: entry for entry in candidates()}
     for label, entry in entries.items():
         try:
@@ -232,8 +322,8 @@ def _judged(
             continue
         if made is None or not len(made.stamps):
             continue
-        velocity[label] = at_reference(moved, made.stamps, made.velocity)
-        tracked[label] = len(made.stamps) / max(len(made.due), 1)
+        velocity[label] = at_reference(moved, made.stamps, made.velocity)[run]
+        tracked[label] = len(np.unique(made.stamps)) / max(len(made.due), 1)
     default = OBSERVER
     share = tracked.get(default, 0.0)
     found.append(
@@ -246,6 +336,7 @@ def _judged(
     )
     if not velocity:
         return Examined(name, found, [f'No ranking: {why or "no form has an estimate"}.'], {})
+    moved = moved.part(run)
     first, last = int(moved.stamps[0]), int(moved.stamps[-1])
     cut = first + round(TRAINED * (last - first))
 
@@ -276,11 +367,11 @@ def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str
 
     Parameters
     ----------
-    settings : parameters that the user gave.
+    settings : parameters that the user gave, and those of the input.
     """
     lines = [
         f'Made by velocity_estimator doctor from {origin}.',
-        f'For the node {DriveStream.NODE}: --ros-args --params-file THIS_FILE',
+        *for_node(DriveStream.NODE),
         'Judged without ground truth, by the off-line angle of the back-EMF.',
         *examined.said[:2],
     ]

@@ -21,6 +21,7 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.doctor import angles, stamps, velocities
 from estimator_pkg.evaluation.doctor.choice import Answer, answer
 from estimator_pkg.evaluation.doctor.readings import FAIL, Finding, Readings
+from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.observers.circle import LARGEST
 from estimator_pkg.streams.contract import PUBLISHER, Request
@@ -130,7 +131,8 @@ def checked(seen: Readings) -> list[Finding]:
     missing, seen = stamps.missing_stamps(seen), stamped(seen)
     if len(seen.rows) < FEWEST:
         text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
-        return [missing, Finding('readings', FAIL, text, 'record the joint for some seconds')]
+        few = Finding('readings', FAIL, text, 'record the joint for some seconds')
+        return [missing, stamps.order(seen), few]
     found = [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
     found.insert(len(stamps.CHECKS), missing)
     return found
@@ -153,7 +155,9 @@ def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
         return Examined(seen, found)
     rows = np.sort(velocities.stretch(seen))
     reference = velocities.reference(seen, rows)
-    found += velocities.checks(seen, reference)
-    if reference is None or failed(found):
-        return Examined(seen, found)
-    return Examined(seen, found, answer(seen, reference, rows, motion_hz))
+    found += velocities.checks(seen, reference, rows)
+    made = None
+    if reference is not None and not failed(found):
+        made = answer(seen, reference, rows, motion_hz)
+    found = [each._replace(value=units(each.value, seen.period)) for each in found]
+    return Examined(seen, found, made)

@@ -15,6 +15,7 @@ from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.doctor.readings import FAIL, LEVELS, PASS, WARN, Finding, to_mend
 from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.text import for_node, units
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.streams.angle import AngleStream
 
@@ -77,6 +78,8 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
             found[name] = [f'No ranking: {why}. {keep}']
         else:
             found[name] = sentences(name, each.answer, choice)
+    period = {each.readings.name: each.readings.period for each in examined}
+    found = {name: [units(each, period[name]) for each in said] for name, said in found.items()}
     same = set.intersection(*map(set, found.values())) if len(found) > 1 else set()
     common = [sentence for sentence in next(iter(found.values()), []) if sentence in same]
     found = {name: [each for each in said if each not in same] for name, said in found.items()}
@@ -133,13 +136,18 @@ def summary(examined: Sequence[Examined]) -> str:
 
 
 def as_yaml(
-    examined: Sequence[Examined], choice: Choice, origin: str, settings: Mapping[str, Any]
+    examined: Sequence[Examined],
+    choice: Choice,
+    origin: str,
+    settings: Mapping[str, Any],
+    remaps: Sequence[str] = (),
 ) -> str:
     """Return a parameter file for `joint_observer`.
 
     Parameters
     ----------
-    origin : what the readings are from. settings : parameters that the user set.
+    origin : what the readings are from. settings : parameters that the user set, and those of the
+        input. remaps : of the node's topics.
 
     It is empty while a check FAILs: no gains fit readings that are wrong.
     """
@@ -147,10 +155,11 @@ def as_yaml(
         return ''
     quanta = {each.readings.name: each.readings.quantum for each in examined}
     known = {name: float(f'{count:.6g}') for name, count in quanta.items() if count}
+    known = {} if 'quantum' in settings else known
     common = known and len(set(known.values())) == 1 and len(known) == len(quanta)
     lines = [
         f'Made by velocity_estimator doctor from {origin}.',
-        f'For the node {AngleStream.NODE}: --ros-args --params-file THIS_FILE',
+        *for_node(AngleStream.NODE, remaps),
     ]
     how = f'{choice.observer} with these gains' if any(choice.gains.values()) else choice.observer
     usual = 'at its defaults' if choice.observer == DEFAULT else f'{DEFAULT}, the default,'

@@ -166,7 +166,7 @@ def order(seen: Readings) -> Finding:
         *(['check the clock of the driver'] if len(alone) else []),
         *(['publish in the order of the stamps; look for two publishers'] if len(late) else []),
     ]
-    level = FAIL if len(late) > OFTEN * len(seen.stamps_ns) else WARN
+    level = FAIL if len(jumps) or len(late) > OFTEN * len(seen.stamps_ns) else WARN
     return Finding('order of stamps', level, '; '.join(parts), '; '.join(remedies), numbers)
 
 

@@ -34,13 +34,16 @@ LOW_PASS = declared(type(DIFFERENCE.joint().observer.gains()))['bandwidth_hz'].d
 
 
 def stretch(seen: Readings, longest: int = LONGEST) -> Rows:
-    """Return at most `longest` consecutive readings without a jump, those that move most.
+    """Return at most `longest` consecutive readings without a jump, of the joint or of the clock.
+
+    Those in which the joint moves most are taken.
 
     They are indices, shape (k,). A reading that jumps and returns at once is left out.
     """
     jumps = np.flatnonzero(seen.leaps)
     alone = jumps[np.isin(jumps + 1, jumps) & ~np.isin(jumps - 1, jumps)] + 1
-    cuts = np.setdiff1d(jumps, np.r_[alone - 1, alone]) + 1
+    turns = np.union1d(jumps, np.flatnonzero(~seen.joined))
+    cuts = np.setdiff1d(turns, np.r_[alone - 1, alone]) + 1
     way = np.concatenate([[0.0], np.cumsum(np.where(seen.leaps, 0.0, np.abs(seen.moves)))])
     parts = [
         slice(first, min(first + longest, end))
@@ -65,14 +68,14 @@ def reference(seen: Readings, rows: Rows) -> Motion | None:
     return None if found is None or found.seldom else found
 
 
-def checks(seen: Readings, found: Motion | None) -> list[Finding]:
+def checks(seen: Readings, found: Motion | None, rows: Rows) -> list[Finding]:
     """Return the findings on the raw and the low-passed difference, and a published velocity.
 
     One on the reference comes first if its readings contradict it.
 
     Parameters
     ----------
-    found : as `reference` returns it.
+    found : as `reference` returns it. rows : the readings that it is of.
     """
     if found is None:
         why = 'no reference: the joint moves too little'
@@ -84,7 +87,7 @@ def checks(seen: Readings, found: Motion | None) -> list[Finding]:
 
     def error(values: Array) -> tuple[float, float, Delay]:
         """Return (rms error, noise, delay): noise is the error beyond the delay."""
-        at = at_stamps(found.stamps[firm], seen.stamps_ns, values)
+        at = at_stamps(found.stamps[firm], seen.stamps_ns[rows], values[rows])
         good = np.isfinite(at)
         if np.count_nonzero(good) < FEWEST:
             return math.nan, math.nan, UNKNOWN

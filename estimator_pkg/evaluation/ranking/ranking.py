@@ -33,7 +33,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.series import at_stamps
+from estimator_pkg.evaluation.compare.matching import exact
 from estimator_pkg.evaluation.ranking import pairs as test
 from estimator_pkg.evaluation.ranking.cautions import cautions
 from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
@@ -52,9 +52,9 @@ def at_reference(reference: Motion, stamps: NDArray[np.int64], velocity: Array) 
 
     Parameters
     ----------
-    stamps, velocity : shape (k,), estimates [ns], [rad/s].
+    stamps, velocity : shape (k,), estimates [ns], [rad/s], in the order of their publication.
     """
-    return at_stamps(reference.stamps, stamps, velocity)
+    return exact(reference.stamps, stamps, velocity)
 
 
 def rank(

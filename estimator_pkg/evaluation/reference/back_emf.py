@@ -23,6 +23,7 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
+from estimator_pkg.evaluation.compare.matching import PAUSE, pieces
 from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.reference.motion import Motion
 from estimator_pkg.messages import drive_samples, vector3
@@ -51,8 +52,9 @@ STANDING = (
 class Drive(NamedTuple):
     """The signals of a drive.
 
-    stamps : shape (n,) [ns], ascending. current : shape (n,) [A]. voltage : shape (n,) [V], mean
-    over the sample time before each stamp. Both are amplitude-invariant vectors alpha + j beta.
+    stamps : shape (n,) [ns], ascending but where the clock jumps back. current : shape (n,) [A].
+    voltage : shape (n,) [V], mean over the sample time before each stamp. Both are
+    amplitude-invariant vectors alpha + j beta.
     """
 
     stamps: NDArray[np.int64]
@@ -66,14 +68,14 @@ class BackEmf(NamedTuple):
     stamps : shape (m,) [ns]. angle : shape (m,), electrical, not wrapped [rad]; nan: too little
     back-EMF.
     size : shape (m,), its amplitude [V]. speed : shape (m,), rough [rad/s], electrical.
-    along : shape (m,), current along the back-EMF [A].
+    current : shape (m,), along + j across the back-EMF [A].
     """
 
     stamps: NDArray[np.int64]
     angle: Array
     size: Array
     speed: Array
-    along: Array
+    current: Vectors
 
     def series(self) -> Series:
         """Return the angles as a measured position."""
@@ -114,11 +116,10 @@ def signals(bag: Bag, setup: Setup) -> Drive:
         return Drive(np.zeros(0, np.int64), none, none)
     every, table = np.concatenate(stamps), np.concatenate(rows)
     good = np.flatnonzero((every > 0) & np.isfinite(table).all(axis=1))
-    every, first = np.unique(every[good], return_index=True)
-    table = table[good[first]]
+    order = good[np.concatenate([good[:0], *pieces(every[good])])]
     scale = 1.0 / POWER_INVARIANT if values.get('scaling') == 'power' else 1.0
-    vectors = np.ascontiguousarray(scale * table).view(np.complex128)  # current, voltage
-    return Drive(every, vectors[:, 0], vectors[:, 1])
+    vectors = np.ascontiguousarray(scale * table[order]).view(np.complex128)  # current, voltage
+    return Drive(every[order], vectors[:, 0], vectors[:, 1])
 
 
 def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
@@ -139,6 +140,9 @@ def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
         return None
     steps = np.diff(drive.stamps) * 1e-9
     step = float(np.median(steps))
+    hop = max(1, round(1.0 / (RATE * step)))
+    back = steps <= 0.0
+    steps = np.where(back, PAUSE, steps)
     current, voltage = drive.current, _acting(drive.voltage, float(values.get('voltage_delay', 0)))
     mean = 0.5 * (current[1:] + current[:-1])
     dead = float(values.get('dead_time_voltage', 0.0))
@@ -147,12 +151,12 @@ def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
         voltage = np.concatenate([voltage[:1], voltage[1:] - dead * signs])
     emf = voltage[1:] - resistance * mean - inductance * np.diff(current) / steps
     known = np.abs(steps - step) <= 0.5 * step  # over a gap the voltage is not known
+    known &= np.convolve(back, np.ones(2 * hop + 1), 'same') < 0.5  # no window is of two runs
     middle = np.cumsum(steps) - 0.5 * steps
     speed = _rough_speed(emf, known, step)
     if speed is None:
         return None
     frame = np.cumsum(speed * np.diff(middle, prepend=middle[0]))  # turns about as fast
-    hop = max(1, round(1.0 / (RATE * step)))
     window = np.hanning(2 * hop + 1)[1:]
     window /= np.sum(window)
     turned = np.where(known, emf * np.exp(-1j * frame), 0.0)
@@ -178,7 +182,8 @@ def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
         times = middle[at][rows]
         own = _followed(turned_by[rows], pace[rows], times)
         fine = np.gradient(own, times)
-        pace[rows] = _averaged(fine, min(RUN, len(rows))).real
+        whole = _averaged(np.ones(len(rows)), min(RUN, len(rows)))
+        pace[rows] = (_averaged(fine, min(RUN, len(rows))) / whole).real
         # where the rotor turns back it is not seen: the sign is that of the run
         own += (0.5 * step) * fine - 0.5 * np.pi * np.sign(own[-1] - own[0])
         if len(last):
@@ -187,8 +192,11 @@ def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
             turns = np.rint((angle[last[-1]] + ahead - own[0]) / (2.0 * np.pi))
             own += 2.0 * np.pi * turns
         angle[rows], last = own, rows
-    along = (mean[at] * np.conj(slow[at] * np.exp(1j * frame[at]))).real / np.maximum(size, 1e-300)
-    return BackEmf(drive.stamps[1:][at], angle, size, pace, along)
+    turned = np.where(known, mean * np.exp(-1j * frame), 0.0)
+    alike = np.convolve(turned, window, 'same')[at] * np.conj(slow[at])
+    alike /= np.maximum(share[at] * size, 1e-300)
+    size /= np.sinc(pace * step / (2.0 * np.pi))  # it turned during each sample
+    return BackEmf(drive.stamps[1:][at], angle, size, pace, alike)
 
 
 def _followed(angle: Array, speed: Array, time: Array) -> Array:

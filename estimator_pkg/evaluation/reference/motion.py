@@ -112,7 +112,10 @@ class Motion:
 
     def between(self, first: int, last: int) -> Motion:
         """Return the part with first < stamp <= last [ns]."""
-        kept = (self.stamps > first) & (self.stamps <= last)
+        return self.part((self.stamps > first) & (self.stamps <= last))
+
+    def part(self, kept: NDArray) -> Motion:
+        """Return these of the readings: rows, or a mask of shape (n,)."""
         cut_ = {name: getattr(self, name)[kept] for name in ('stamps', 'time', 'position', 'firm')}
         velocity = self.velocity[kept]
         plain = self.plain[kept] if self.put_back else velocity

@@ -13,7 +13,7 @@ from typing import Any
 
 from estimator_pkg import destination, interrupts, streams, whole_file
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
@@ -28,6 +28,7 @@ from estimator_pkg.evaluation.options import (
     truth_argument,
 )
 from estimator_pkg.evaluation.report.plot import check
+from estimator_pkg.evaluation.text import started
 from estimator_pkg.evaluation.tuning import any_observer, live, output, picture
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import Record, records
@@ -35,7 +36,6 @@ from estimator_pkg.evaluation.tuning.seek import COMPILE_FROM, kept, seek
 from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import show
-from estimator_pkg.streams.angle import ANGLE, ANGLE_TYPES, FIELD
 
 TRIALS = 40
 
@@ -251,11 +251,12 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 tuning = tune_settings(parsed)
                 tuned = [kept(joint, groups[joint], text) for joint, text in results.items()]
                 notes.append(f'the file has {parsed.observer} as it is')
-    print(output.describe(chosen_results, notes))
-    whole_file.write_text(
-        out, output.as_yaml(tuning, _held(parsed, tuning, seen[0].bag), tuned, held_out)
-    )
-    show(f'gains: {out}')
+    print(output.describe(chosen_results, notes, parsed.wrap_period))
+    wiring = seen[0].seen.recording.setup
+    held = _held(parsed, tuning, wiring)
+    whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))
+    node = streams.of_observer(tuning.entry.observer).NODE
+    show(f'gains: {out}', *started(node, parsed.out, wiring.remaps))
     if parsed.plot:
         picture.draw(chosen_results, parsed.plot, sought)
         show(f'noise against delay: {parsed.plot}')
@@ -356,23 +357,14 @@ def _notes(seen: Sequence[Record]) -> list[str]:
     ]
 
 
-def _held(parsed: argparse.Namespace, tuning: TuneSettings, path: str) -> dict[str, Any]:
+def _held(parsed: argparse.Namespace, tuning: TuneSettings, wiring: Setup) -> dict[str, Any]:
     """Return the fixed parameters, which the node needs too.
 
     Parameters
     ----------
-    path : of a bag of the search.
+    wiring : of a recording of the search.
     """
-    held = tuning.held
-    if parsed.angle:
-        topic, _, field = parsed.angle.partition(':')
-        with open_bag(path, parsed.unpack_limit) as bag:
-            kind = bag.topics[topic].type
-        package, _, name = kind.rpartition('/')
-        if package == 'std_msgs/msg' and name in ANGLE_TYPES:
-            held |= {'input': ANGLE, 'angle_type': name}
-        else:
-            held |= {'input': FIELD, 'field_type': kind, 'field': field}
+    held = wiring.input | tuning.held
     wraps = streams.of_observer(tuning.entry.observer).WRAPS
     if wraps and parsed.wrap_period != WRAP_PERIOD:
         held.setdefault('wrap_period', parsed.wrap_period)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import params_file, streams, yaml_text
-from estimator_pkg.evaluation.text import WIDTH, interval, number, table, wrapped
+from estimator_pkg.evaluation.text import WIDTH, for_node, interval, number, table, units, wrapped
 from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.settings import TuneSettings, single
 from estimator_pkg.parameters import Parameter, declared
@@ -57,6 +57,7 @@ def as_yaml(
     held: Mapping[str, Any],
     tuned: Sequence[Mapping[str, Any]],
     held_out: float,
+    remaps: Sequence[str] = (),
 ) -> str:
     """Return a parameter file for the observer's node, with comments on the tuning.
 
@@ -64,16 +65,19 @@ def as_yaml(
     ----------
     held : fixed parameters, which the node needs too.
     tuned : results of `seek.seek`; one without a joint applies to all of them.
+    remaps : of the node's topics.
     """
     observer = tuning.entry.observer
     stream = streams.of_observer(observer)
     tuned_ = 'tuned from data' if any(each['gains'] for each in tuned) else 'its defaults'
     about = [
         f'Gains of {observer}: {tuned_} (preference: {tuning.preference}).',
-        f'For the node {stream.NODE}: --ros-args --params-file THIS_FILE',
+        *for_node(stream.NODE, remaps),
     ]
     for each in tuned:
         about += _origin(each, held_out)
+    period = held.get('wrap_period', math.tau)
+    about = [units(line, period) for line in about]
     lines = [yaml_text.comment(each) for line in about for each in wrapped(line, WIDTH - 2)]
     lines += ['/**:', '  ros__parameters:']
     if 'observer' in declared(stream.SETTINGS):
@@ -91,7 +95,7 @@ def as_yaml(
                 lines.append(f'    {yaml_text.key(params_file.OVERRIDES + "." + joint)}:')
                 indent = '      '
             lines += [
-                f'{indent}{name}: {scalar(value)}{_about(tuning.gains[name])}'
+                f'{indent}{name}: {scalar(value)}{units(_about(tuning.gains[name]), period)}'
                 for name, value in gains.items()
             ]
     if lines[-1] == '  ros__parameters:':
@@ -187,8 +191,15 @@ def _late(result: Mapping[str, Any]) -> str:
     return interval(result['delay_s'] * 1e3, result['delay_95_s'] * 1e3)
 
 
-def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> str:
-    """Return the results as text: gains, default and tuned errors, on held-out data."""
+def describe(
+    tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = (), period: float = math.tau
+) -> str:
+    """Return the results as text: gains, default and tuned errors, on held-out data.
+
+    Parameters
+    ----------
+    period : wrap period of the positions [rad]; 0: none.
+    """
     rows = []
     for each in tuned:
         for label, gains, result in (
@@ -224,5 +235,5 @@ def describe(tuned: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()) -> s
         lines += [f'{of}: {text}' for text in founded(each)]
     if any(each['interrupted'] for each in tuned):
         lines.append('interrupted: these are the best gains so far')
-    said = [each for line in [*lines, *notes] for each in wrapped(line)]
-    return '\n'.join([head, _table(rows), *said])
+    said = [each for line in [*lines, *notes] for each in wrapped(units(line, period))]
+    return '\n'.join([units(head, period), _table(rows), *said])

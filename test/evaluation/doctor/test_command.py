@@ -32,22 +32,24 @@ from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
 from estimator_pkg.evaluation.reference.smoother import smoother
 from estimator_pkg.evaluation.reference.smoother.noise import Noise
+from estimator_pkg.messages import vector3
 from estimator_pkg.messages.joint_state import TYPE, Encoder
+from estimator_pkg.streams.angle import AngleStream
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 START = 1_700_000_000_000_000_000
 
 
-def bag(path, joints, rate=250.0, seconds=12.0, stamped=True):
+def bag(path, joints, rate=250.0, seconds=12.0, stamped=True, topic='/joint_states'):
     """A bag of joint states: name -> position over time."""
     encode = Encoder().encode
     with BagWriter(path) as writer:
-        writer.add_topic('/joint_states', TYPE)
+        writer.add_topic(topic, TYPE)
         for k in range(int(rate * seconds)):
             now = START + round(k / rate * 1e9)
             angles = [float(of(k / rate)) for of in joints.values()]
             raw = encode(now if stamped else 0, '', list(joints), angles)
-            writer.write('/joint_states', now + 200_000, raw)
+            writer.write(topic, now + 200_000, raw)
     return str(path)
 
 
@@ -93,6 +95,74 @@ def test_the_file_is_one_that_the_node_takes(report):
     assert common.pop('observer') == result['observer']
     Configuration(observers.find(result['observer']), common, overrides)
     assert overrides['elbow']['quantum'] == pytest.approx(2.0 * math.pi / 4096, rel=1e-4)
+
+
+def tilts(path):
+    """A bag of tilts, one number in messages of another type."""
+    with BagWriter(path) as writer:
+        writer.add_topic('/imu/tilt', vector3.TYPE)
+        for k in range(1000):
+            now = START + k * 4_000_000
+            writer.write('/imu/tilt', now, vector3.encode(now, '', swing(k / 250.0), 0.0))
+    return path
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    'topic, field, words, expected',
+    [
+        (
+            '/imu/tilt',
+            'vector.x',
+            ['--wrap-period', '0'],
+            {'input': 'field', 'field_type': vector3.TYPE, 'wrap_period': 0.0},
+        ),
+        (
+            '/angle',
+            'data',
+            ['--set', 'counts_per_revolution=4096', '--set', 'quantum=0.002'],
+            {'input': 'angle', 'angle_type': 'Int32', 'counts_per_revolution': 4096},
+        ),
+    ],
+)
+def test_the_file_of_an_angle_names_input_and_topic(
+    topic, field, words, expected, tmp_path, capsys
+):
+    path = BAGS / 'simulated/trapezoid_raw_counts' if topic == '/angle' else tilts(tmp_path / 'b')
+    out = tmp_path / 'p.yaml'
+    assert (
+        main(['doctor', str(path), '--angle', f'{topic}:{field}', '--out', str(out), *words]) == 0
+    )
+    remap = '' if topic == '/angle' else f'-r angle:={topic}'
+    more = f' \\\n  {remap}' if remap else ''
+    node = f'node: joint_observer --ros-args --params-file {out}{more}\n'
+    assert node in capsys.readouterr().out
+    text = out.read_text()
+    assert remap in text and text.count('quantum:') == 1
+    values = params_file.load(out)
+    assert values.items() >= expected.items()
+    (port,) = AngleStream.of(values).inputs
+    with open_bag(path) as found:
+        assert port.topic == 'angle' and port.type == found.topics[topic].type
+    assert (port.field or 'data') == field
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('command', ['doctor', 'evaluate', 'tune'])
+def test_metres_are_not_called_rad(command, tmp_path, capsys):
+    path, out = bag(tmp_path / 'lift', {'lift': swing}, seconds=4.0), tmp_path / 'p.yaml'
+    words = ['--out', str(out)] if command != 'evaluate' else []
+    words += ['--trials', '1', '--observer', 'kalman'] if command == 'tune' else []
+    assert main([command, path, '--wrap-period', '0', *words]) == 0
+    text = capsys.readouterr().out + (out.read_text() if words else '')
+    assert 'm/s or rad/s' in text and not re.search(r'(?<!or)\s\[?rad', text)
+
+
+@pytest.mark.long
+def test_a_topic_of_joint_states_is_remapped(tmp_path, capsys):
+    path = bag(tmp_path / 'arm', {'elbow': swing}, seconds=1.0, topic='/arm/states')
+    main(['doctor', path, '--out', str(tmp_path / 'p.yaml')])
+    assert 'p.yaml \\\n  -r joint_states:=/arm/states\n' in capsys.readouterr().out
 
 
 @pytest.mark.long
@@ -306,6 +376,7 @@ def test_a_bag_is_opened_once_with_its_limit(tmp_path, monkeypatch, capsys):
         ([str(BAGS / 'simulated/drive_profile'), '--set', 'flux=-1'], 2, 'flux'),
         ([str(BAGS / 'vicon/yawbag'), '--angle', 'a:b', '--params', 'x'], 2, 'is for drives'),
         ([str(BAGS / 'vicon/yawbag')], 1, 'a number with --angle'),
+        ([str(BAGS / 'simulated/sine_12bit'), '--set', 'observer=pll'], 2, 'so omit it'),
         ([], 2, 'one of the two'),
         (['bag', '--live', '3'], 2, 'one of the two'),
         (['--live', '0'], 2, 'between 0.5 and 3600 s'),
@@ -325,9 +396,8 @@ def test_no_readable_joint_is_exit_code_1(tmp_path, capsys):
     assert 'no position is finite' in capsys.readouterr().err
 
 
-@pytest.mark.dds
-@pytest.mark.long
-def test_a_running_topic_is_examined(tmp_path):
+def listening(folder, *words):
+    """Text and result of `doctor --live` beside a driver that publishes /arm/states."""
     import dds
 
     probe = dds.Probe()
@@ -338,8 +408,8 @@ def test_a_running_topic_is_examined(tmp_path):
         publisher = probe.node.create_publisher(JointState, '/arm/states', qos_profile_sensor_data)
         encode = Encoder().encode
         process = subprocess.Popen(
-            [sys.executable, '-m', 'estimator_pkg.cli', 'doctor', '--live', '2']
-            + ['--json', str(tmp_path / 'result.json')],
+            [sys.executable, '-m', 'estimator_pkg.cli', 'doctor', '--live', '2', *words]
+            + ['--json', str(folder / 'result.json')],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -354,11 +424,41 @@ def test_a_running_topic_is_examined(tmp_path):
     finally:
         probe.close()
     assert process.returncode == 0, errors
+    result = json.loads((folder / 'result.json').read_text())
+    return text, {each['check']: each for each in result['joints']['elbow']['findings']}
+
+
+@pytest.mark.dds
+@pytest.mark.long
+def test_a_running_topic_is_examined(tmp_path):
+    text, checks = listening(tmp_path)
     assert text.startswith('/arm/states, 2 s live: /arm/states, 1 joint')
-    result = json.loads((tmp_path / 'result.json').read_text())
-    checks = {each['check']: each for each in result['joints']['elbow']['findings']}
     assert checks['clock']['level'] == 'PASS' and 50.0 < checks['rate']['hz'] < 500.0
     assert checks['resolution']['counts_per_turn'] == pytest.approx(4096.0, rel=1e-3)
+    assert 'topic' not in checks
+
+
+@pytest.mark.dds
+@pytest.mark.long
+def test_an_estimate_of_ours_is_no_measurement(tmp_path):
+    import dds
+
+    remap = 'joint_states:=/arm/states', '~/estimate:=/joint_states', '__node:=ours'
+    node = 'estimator_pkg.nodes.executables joint_observer'
+    with dds.NodeProcess(node, *dds.ros_args(remap=remap)):
+        text, checks = listening(tmp_path)
+        assert text.startswith('/arm/states, 2 s live: /arm/states, 1 joint')
+        assert 'topic' not in checks
+        text, checks = listening(tmp_path, '--measurement', '/joint_states')
+    assert checks['topic']['level'] == 'WARN'
+    assert checks['topic']['value'] == '/joint_states is the estimate of /ours, not a measurement'
+
+
+def test_an_estimate_in_a_bag_is_named(tmp_path, capsys):
+    topic = '/joint_observer/estimate'
+    path = bag(tmp_path / 'made', {'elbow': swing}, seconds=1.0, topic=topic)
+    assert main(['doctor', path, '--measurement', topic]) == 0
+    assert 'WARN  topic' in capsys.readouterr().out
 
 
 def test_a_better_one_that_is_not_taken_is_named_with_the_reason():

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.drive_ranking import CONDITIONS, MOTOR, run
+from benchmarks.drive_ranking import CONDITIONS, MOTOR, run, simulated
 from estimator_pkg import params_file, streams
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.wiring import wired
@@ -130,17 +130,106 @@ def test_what_is_missing_is_named_with_its_unit(bare, tmp_path, capsys):
     assert 'add --observer pmsm and its motor data' in capsys.readouterr().err
 
 
+def recorded(path, values):
+    """Signals of the bag, read with these parameters."""
+    with open_bag(path) as bag:
+        setup = wired(streams.named('drive'), bag, values, Request(None, None))
+        return signals(bag, setup)
+
+
+def checks(read, values):
+    """Findings on these signals with these motor data, by check."""
+    return {each.check: each for each in drive.checked(read, values)[0]}
+
+
 @pytest.mark.parametrize(
-    'name, factor, check', [('flux', 1.4, 'flux linkage'), ('resistance', 0.5, 'resistance')]
+    'name, factor, check',
+    [
+        ('flux', 1.4, 'flux linkage'),
+        ('resistance', 0.5, 'resistance'),
+        ('resistance', 2.0, 'resistance'),
+    ],
 )
 def test_wrong_motor_data_are_named(name, factor, check):
-    with open_bag(REVERSAL) as bag:
-        values = {'observer': 'pmsm', **MOTOR, name: factor * MOTOR[name]}
-        setup = wired(streams.named('drive'), bag, values, Request(None, None))
-        found = drive._of_back_emf(back_emf(signals(bag, setup), values), values)
-    (finding,) = (each for each in found if each.check == check)
+    values = {'observer': 'pmsm', **MOTOR, name: factor * MOTOR[name]}
+    finding = checks(recorded(REVERSAL, values), values)[check]
     assert finding.level == 'WARN' and finding.remedy
-    assert finding.numbers[name] == pytest.approx(MOTOR[name], rel=0.15)
+    assert finding.numbers[name] == pytest.approx(MOTOR[name], rel=0.05)
+
+
+SERVO = {'resistance': 2.1, 'inductance': 0.009, 'flux': 0.059, 'pole_pairs': 4}
+SERVO_SIM = (
+    *(f'{name}={value}' for name, value in SERVO.items()),
+    *('inertia=5.6e-5', 'rated_current=3.6', 'current_max=10.8', 'load_quadratic=1e-6'),
+    *('coulomb=0.02', 'dc_voltage=300', 'current_noise=0.02', 'adc_range=20', 'current_hz=800'),
+    *('speed_hz=25', 'speed_rpm=3000'),
+)
+MOTIONS = ('p1', 'ramps', 'reversal', 'standstill')
+DRIVES = [
+    *((MOTOR, ('current_noise=0.1', f'profile={each}'), 1) for each in MOTIONS),
+    *((MOTOR, ('current_noise=0.1', f'profile={each}', 'speed_rpm=2000'), 2) for each in MOTIONS),
+    (MOTOR, ('profile=constant', 'load_constant=0.1', 'current_noise=0.1'), 1),
+    (MOTOR, ('inverter=switched',), 1),
+    (MOTOR, ('publish_rate=5000', 'batch=50'), 1),
+    *((SERVO, (*SERVO_SIM, f'profile={each}'), seed) for each in MOTIONS for seed in (1, 2)),
+    (SERVO, (*SERVO_SIM, 'profile=constant', 'load_constant=1'), 1),
+]
+
+
+@pytest.fixture(scope='module')
+def simulations(tmp_path_factory):
+    """(motor data, signals) of drives without a fault: motions, speeds, loads, seeds."""
+    folder, found = tmp_path_factory.mktemp('drives'), []
+    for k, (motor, settings, seed) in enumerate(DRIVES):
+        seconds = 2.0 if motor is SERVO else 1.0
+        simulated(folder / str(k), (*settings, f'seed={seed}'), seconds)
+        found.append((motor, recorded(folder / str(k), {'observer': 'pmsm', **motor})))
+    return found
+
+
+@pytest.mark.long
+def test_drives_without_a_fault_pass(simulations):
+    for motor, read in simulations:
+        found = checks(read, motor)
+        named = {name for name, each in found.items() if each.level != 'PASS'}
+        assert named <= {'back-EMF'}  # slow for half of the time
+        numbers = found['resistance'].numbers
+        error = abs(numbers['resistance'] - motor['resistance'])
+        assert error < max(2.5 * numbers['stddev'], 0.03 * motor['resistance'])
+        assert found['flux linkage'].numbers['flux'] == pytest.approx(motor['flux'], rel=0.01)
+
+
+@pytest.mark.long
+def test_resistance_and_inductance_line_to_line_are_named(simulations):
+    for motor, read in simulations:
+        double = {name: 2.0 * motor[name] for name in ('resistance', 'inductance')}
+        finding = checks(read, motor | double)['resistance']
+        assert finding.level == 'WARN' and 'line to line?' in finding.remedy
+        assert f'resistance to {motor["resistance"]:g}' in finding.remedy
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('turn', [0, 1, 2], ids=['b and c', 'a and b', 'a and c'])
+def test_two_swapped_currents_are_named(turn, simulations):
+    for motor, read in simulations:
+        turned = np.exp(2j * np.pi * turn / 3.0) * np.conj(read.current)
+        finding = checks(read._replace(current=turned), motor)['phases']
+        assert finding.level == 'WARN' and 'swapped' in finding.remedy
+
+
+@pytest.mark.long
+def test_milliseconds_taken_for_seconds_are_named(simulations):
+    for motor, read in simulations:
+        stamps = read.stamps[0] + 1000 * (read.stamps - read.stamps[0])
+        finding = checks(read._replace(stamps=stamps), motor)['rate']
+        assert finding.level == 'WARN' and 'milliseconds' in finding.remedy
+
+
+@pytest.mark.long
+def test_a_current_counted_out_of_the_motor_is_named(simulations):
+    motor, read = simulations[1]
+    finding = checks(read._replace(current=-read.current), motor)['resistance']
+    assert finding.level == 'WARN' and 'sign of the current' in finding.remedy
 
 
 @pytest.mark.slow

@@ -674,17 +674,17 @@ def test_raw_counts(tmp_path, capsys):
     assert '  wheel: received 2000, used 2000' in capsys.readouterr().out
 
 
-def test_a_field_of_another_type_is_in_the_file_for_the_node(capsys):
-    parser = argparse.ArgumentParser()
-    command.arguments(parser)
-    topic = '/vicon/Group466CF/Group466CF/pose'
-    words = ['--angle', f'{topic}:pose.orientation.yaw', '--observer', 'pll', '--out', 'g.yaml']
-    parsed = parser.parse_args([str(YAW), *words])
-    held = command._held(parsed, command.tune_settings(parsed), str(YAW))
-    assert held['input'] == 'field' and held['field'] == 'pose.orientation.yaw'
-    assert held['field_type'] == 'geometry_msgs/msg/PoseStamped'
-    given = [word for key, value in held.items() for word in ('--set', f'{key}={value}')]
-    assert main(['replay', str(YAW), '--observer', 'pll', '--measurement', topic, *given]) == 0
+def test_a_field_of_another_type_is_in_the_file_for_the_node(tmp_path, capsys):
+    topic, out = '/vicon/Group466CF/Group466CF/pose', str(tmp_path / 'g.yaml')
+    words = ['--angle', f'{topic}:pose.orientation.yaw', '--observer', 'pll', '--trials', '1']
+    assert main(['tune', str(YAW), *words, '--out', out]) == 0
+    command_line = f'joint_observer --ros-args --params-file {out} \\\n  -r angle:={topic}'
+    assert f'\nnode: {command_line}\n' in capsys.readouterr().out
+    assert f'-r angle:={topic}' in Path(out).read_text()
+    values = params_file.load(out)
+    assert values['input'] == 'field' and values['field'] == 'pose.orientation.yaw'
+    assert values['field_type'] == 'geometry_msgs/msg/PoseStamped'
+    assert main(['replay', str(YAW), '--measurement', topic, '--params', out]) == 0
     assert 'received' in capsys.readouterr().out
 
 
