@@ -39,7 +39,8 @@ SPEEDS = {'rad/s': 1.0, 'rpm': np.pi / 30.0}
 
 def columns(path: Path, names: list[str]) -> list[Array]:
     """Return these columns of a CSV file; raise UserError with the missing name, or the line."""
-    lines = whole_file.read_text(path).splitlines()
+    # a spreadsheet begins a file with a byte order mark
+    lines = whole_file.read_text(path).removeprefix('\ufeff').splitlines()
     separator, decimal = (';', ',') if lines and ';' in lines[0] else (',', '.')
     rows = csv.DictReader(lines, delimiter=separator)
     for name in names:

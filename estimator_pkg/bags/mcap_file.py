@@ -18,7 +18,7 @@ from array import array
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
@@ -247,7 +247,7 @@ class McapFile:
         try:
             cut = len(packed) < packed_size
             unpacking.check(f'{self.path}: the chunk at byte {part.at}', size, self._limit)
-            data = unpacking.unpack(packed, compression, size + 1, torn=cut)
+            data: Any = unpacking.unpack(packed, compression, size + 1, torn=cut)
             if len(data) != size and not cut:
                 raise ValueError('wrong size')
         except unpacking.damaged() as error:

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from estimator_pkg import interrupts, whole_file
 from estimator_pkg.bags import sqlite_file, unpacking
@@ -46,7 +47,7 @@ def recover(path: str, out: str, unpack_limit: int = unpacking.LIMIT) -> dict[st
     with interrupts.gently(), BagWriter(out, keep=True) as writer:
         for file in files:
             for topic, message in _messages(file, unpack_limit):
-                raw: bytes | memoryview = message.raw
+                raw: Any = message.raw
                 if topic.serialization == CDR and raw.startswith(ZSTD):
                     raw = unpacking.unpack_message(
                         memoryview(raw), f'{file}: a message', unpack_limit

@@ -260,7 +260,7 @@ def test_without_out_nothing_is_written(recording, tmp_path, capsys, monkeypatch
 def test_an_observer_that_fails_is_reported_in_one_line(recording, tmp_path, capsys, monkeypatch):
     """As an observer or a model of the user's own may, at any sample."""
 
-    def fails(self, *samples):
+    def fails(self, *samples, **options):
         return {}['gone']
 
     monkeypatch.setattr(Bank, 'joint', fails)
@@ -270,7 +270,12 @@ def test_an_observer_that_fails_is_reported_in_one_line(recording, tmp_path, cap
     assert said.count('\n') == 1
     assert "the observer failed: KeyError: 'gone' (line " in said and 'of test_replay.py)' in said
     assert not out.exists()
-    monkeypatch.setattr('estimator_pkg.driver.joint.Joint.run', lambda *a, **b: fails(None))
+    run = Joint.run
+
+    def fails_as_pll(self, *samples, **options):
+        return (fails if self.observer.name == 'pll' else run)(self, *samples, **options)
+
+    monkeypatch.setattr(Joint, 'run', fails_as_pll)
     assert cli.main(['evaluate', str(recording), '--observer', 'pll']) == 1
     said = capsys.readouterr().err.splitlines()
     assert "observer 'pll' failed: KeyError: 'gone' (line " in said[-1]
@@ -361,7 +366,12 @@ def test_a_stray_stamp_is_no_gap(size):
             "or set 'stamp_source: publisher'",
         ),
         (1, ['a'], [math.nan], 'a: every sample dropped: NaN or infinite'),
-        (1, ['a', 'b'], [math.nan] * 2, 'every sample dropped: NaN or infinite positions (a, b)'),
+        (
+            1,
+            ['a', 'b'],
+            [math.nan] * 2,
+            'every sample dropped: NaN or infinite positions, or too large for any joint (a, b)',
+        ),
         (-1, ['a'], [0.1], 'a: 8 of 9 samples dropped: repeated stamps'),
         (1, ['a', 'b'], [0.1], 'no message of /joint_states has as many positions as names'),
         (1, ['a'], [], 'no message of /joint_states has a position'),

@@ -427,9 +427,7 @@ class WrongFlux(AnotherLayout):
     """motor data that the signals contradict (pmsm_observer, three times the flux)"""
 
     parameters = tuple(each.replace('1.9e-3', '5.7e-3') for each in MOTOR)
-    report = (
-        r'no estimate for \d s, though messages come on SPACE/drive_samples: motor.*\(wrong flux, '
-    )
+    report = r'no estimate for \d s, though messages come on SPACE/drive_samples: .*\(wrong flux, '
     longest = 7.0
 
     def tick(self):
