@@ -292,8 +292,9 @@ def markdown_tables(kinds: dict[str, list[Item]]) -> str:
         '- *Required*: there is no default, so set it.',
         '- *At start only*: a running node refuses the change.',
         '',
-        '**A parameter file is code.** A value of the form `package.module:name` (of `injection` and '
-        '`model`) imports that module, in nodes and in commands. Load only files that you trust.',
+        '**A parameter file is code.** A value of the form `package.module:name` (of `injection` '
+        'and `model`) imports that module, in nodes and in commands. Load only files that you '
+        'trust.',
         '',
         '`ros2 param dump NODE > FILE` writes every parameter of a running node, those of single '
         'joints included. `--params-file FILE` starts the same node again, and `replay --params '

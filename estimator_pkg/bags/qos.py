@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -39,14 +40,14 @@ def profile(*, reliable: bool = True, transient_local: bool = False, depth: int 
     )
 
 
-def plain(profiles: list[Qos]) -> list[dict[str, Any]]:
+def plain(profiles: Sequence[Qos]) -> list[dict[str, Any]]:
     """Return the profiles in the form of Jazzy's metadata.yaml."""
     from rosbags.rosbag2.metadata import dump_qos_v9
 
-    return [{**item} for item in dump_qos_v9(profiles)]
+    return [{**item} for item in dump_qos_v9(list(profiles))]
 
 
-def to_text(profiles: list[Qos]) -> str:
+def to_text(profiles: Sequence[Qos]) -> str:
     """Return the profiles in the form of an MCAP channel: YAML."""
     if not profiles:
         return ''

@@ -64,16 +64,7 @@ class Output:
         self._numbers = {}
         for name in bag.topics:
             if name in self.copied:
-                topic = bag.topics[name]
-                self._numbers[name] = writer.add_topic(
-                    name,
-                    topic.type,
-                    topic.qos,
-                    definition=topic.definition,
-                    definition_format=topic.definition_format,
-                    type_hash=topic.type_hash,
-                    serialization=topic.serialization,
-                )
+                self._numbers[name] = writer.add(bag.topics[name])
         self.own = [
             writer.add_topic(name, kind, qos.profile(depth=50)) for name, kind in types.items()
         ]

@@ -13,7 +13,6 @@ import lz4.frame
 import pytest
 import zstandard
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
 
 from estimator_pkg import cli
 from estimator_pkg.bags import unpacking
@@ -180,15 +179,6 @@ def test_the_limit_by_itself_stops_a_chunk_that_declares_gigabytes(tmp_path):
     path = with_chunk(tmp_path / 'bag.mcap', 'zstd without its size', MIB, 4 << 30)
     with pytest.raises(UserError, match='more than 256 MiB'):
         open_bag(path)
-
-
-def test_the_index_bounds_a_chunk_too(tmp_path, capsys):
-    path = make.mcap(tmp_path / 'bag.mcap', make.content(), compression=CompressionType.ZSTD)
-    with open_bag(path) as bag:
-        mcap, _ = bag._mcaps[0]
-        mcap._parts = [part._replace(size=100) for part in mcap._parts]
-        assert not list(bag.messages())
-    assert 'wrong size' in capsys.readouterr().err
 
 
 @pytest.mark.long
