@@ -16,7 +16,6 @@ import struct
 import zlib
 from array import array
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,18 +35,13 @@ from estimator_pkg.messages.block import Block, rows
 MAGIC = b'\x89MCAP0\r\n'
 RECORD = struct.Struct('<BQ')  # opcode, length of the body
 MESSAGE = np.dtype(
-    [
-        ('opcode', 'u1'),
-        ('length', '<u8'),
-        ('channel', '<u2'),
-        ('sequence', '<u4'),
-        ('log_ns', '<u8'),
-        ('publish_ns', '<u8'),
-    ]
+    {
+        'names': ['opcode', 'length', 'channel', 'sequence', 'log_ns', 'publish_ns'],
+        'formats': ['u1', '<u8', '<u2', '<u4', '<u8', '<u8'],
+    }
 )  # a message record without its payload; packed: 31 bytes
 LAST = np.uint64(2**63 - 1)  # [ns] later times than in 2262 are wrong
 LARGEST = 1 << 32  # allowed size of a chunk [bytes]
-CHANNELS = 1 << 16  # allowed number of channels
 
 
 class _Chunk(NamedTuple):
@@ -80,17 +74,17 @@ class McapFile:
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
         self._counts: dict[int, int] = {}  # messages by channel
+        self._places = np.full(1 << 16, -1)  # in `topics`, by channel
         self._chunks: list[_Chunk] = []
         self._file = path.open('rb')  # closed by `close`
         self._size = path.stat().st_size
+        self._summarised = self._has_summary()
         try:
-            if not self._has_summary():
+            if not self._summarised:
                 self._scan()
         except BaseException:
             self.close()
             raise
-        self._places = np.full(CHANNELS, -1)  # in `topics`, by channel
-        self._places[list(self._channels)] = range(len(self._channels))
         self.topics = [self._topic(channel) for channel in self._channels.values()]
 
     def close(self) -> None:
@@ -100,19 +94,7 @@ class McapFile:
     def parts(self, places: NDArray[np.int64]) -> Iterator[Part]:
         """Yield all chunks."""
         for chunk in self._chunks:
-            yield Part(chunk.start_ns, chunk.size, partial(self._placed, chunk))
-
-    def _placed(self, chunk: _Chunk) -> Block:
-        """Return the messages of a chunk that belong to a topic."""
-        block = self._load(chunk)
-        known = self._places[block.topic] >= 0
-        if not known.all():
-            self._warn(
-                f'{self.path} is damaged: {np.count_nonzero(~known)} messages have no topic and '
-                'are skipped'
-            )
-            block = block.take(known)
-        return replace(block, topic=self._places[block.topic])
+            yield Part(chunk.start_ns, chunk.size, partial(self._load, chunk))
 
     def _topic(self, channel: Channel) -> Topic:
         schema = self._schemas.get(channel.schema_id)
@@ -120,7 +102,7 @@ class McapFile:
             channel.topic,
             schema.name if schema else '',
             self._counts.get(channel.id, 0),
-            tuple(qos.parse(channel.metadata.get('offered_qos_profiles', ''))),
+            qos.of_text(channel.metadata.get('offered_qos_profiles', '')),
             schema.data.decode('utf-8', 'replace') if schema else '',
             channel.metadata.get('topic_type_hash', ''),
             schema.encoding if schema else '',
@@ -140,6 +122,7 @@ class McapFile:
             return False
         self._channels, self._schemas = summary.channels, summary.schemas
         self._counts = counts
+        self._places[list(self._channels)] = range(len(self._channels))
         self._chunks = [
             _Chunk(
                 index.chunk_start_offset,
@@ -174,9 +157,8 @@ class McapFile:
             if len(block):
                 start_ns, size = int(block.log_ns.min()), len(block.data)
                 self._chunks.append(chunk._replace(start_ns=start_ns, size=size))
-            for channel, count in enumerate(np.bincount(block.topic).tolist()):
-                if count and channel in self._channels:
-                    self._counts[channel] = self._counts.get(channel, 0) + count
+            for channel, count in zip(self._channels, np.bincount(block.topic).tolist()):
+                self._counts[channel] = self._counts.get(channel, 0) + count
         if not whole and not self._channels:
             raise UserError(
                 f'{self.path} ends before its first message: there is nothing to recover'
@@ -191,23 +173,24 @@ class McapFile:
         return memoryview(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
 
     def _learn(self, opcode: int, body: memoryview) -> None:
-        """Read the record of a topic, if it is one."""
+        """Read the record of a topic, if it is one, and no summary has them all."""
         stream = ReadDataStream(io.BytesIO(body))
         try:
             if opcode == Opcode.SCHEMA:
                 schema = Schema.read(stream)
                 self._schemas[schema.id] = schema
-            elif opcode == Opcode.CHANNEL:
+            elif opcode == Opcode.CHANNEL and not self._summarised:
                 channel = Channel.read(stream)
                 self._channels[channel.id] = channel
+                self._places[list(self._channels)] = range(len(self._channels))
         except Exception:  # as above
             self._warn(f'{self.path}: the description of a topic is damaged')
 
     def _load(self, chunk: _Chunk) -> Block:
-        """Return the messages of a chunk; `topic` is their channel."""
+        """Return the messages of a chunk that belong to a topic."""
         if chunk.at < 0:
             data = np.frombuffer(self._mapped(), np.uint8)[: chunk.size]
-            return _block(data, self._walk(data, len(MAGIC))[0])
+            return self._block(data, self._walk(data, len(MAGIC))[0])
         data, torn = self._unpacked(chunk)
         indexed = self._indexed(chunk, data)
         if indexed is not None:
@@ -218,7 +201,7 @@ class McapFile:
                 f'{self.path}: the chunk at byte {chunk.at} is damaged: only {len(offsets)} '
                 'of its messages can be read'
             )
-        return _block(data, offsets)
+        return self._block(data, offsets)
 
     def _unpacked(self, chunk: _Chunk) -> tuple[NDArray[np.uint8], bool]:
         """Return the chunk's records, and True if its end is missing; none if it is damaged.
@@ -272,7 +255,7 @@ class McapFile:
             and not len(before)
             and end == offsets[0]
         )
-        return _block(data, offsets, heads) if whole else None
+        return self._block(data, offsets, heads) if whole else None
 
     def _walk(self, data: NDArray[np.uint8], at: int) -> tuple[NDArray[np.int64], int]:
         """Return the offsets of message records in `data` from `at` on, and where they end."""
@@ -284,6 +267,28 @@ class McapFile:
                 found.append(start)
         return np.array(found, np.int64), end
 
+    def _block(
+        self, data: NDArray[np.uint8], offsets: NDArray[np.int64], heads: Any = None
+    ) -> Block:
+        """Return the messages of known topics whose records are at `offsets`."""
+        if heads is None:
+            heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
+        log_ns = np.minimum(heads['log_ns'], LAST).astype(np.int64)
+        publish_ns = np.minimum(heads['publish_ns'], LAST).astype(np.int64)
+        block = Block(
+            self._places[heads['channel']],
+            log_ns,
+            np.where(publish_ns > 0, publish_ns, log_ns),
+            data,
+            offsets + MESSAGE.itemsize,
+            offsets + RECORD.size + heads['length'].astype(np.int64),
+        ).in_log_order()
+        strange = np.count_nonzero(block.topic < 0)
+        if strange:
+            self._warn(f'{self.path} is damaged: {strange} messages have no topic and are skipped')
+            block = block.take(block.topic >= 0)
+        return block
+
 
 def _records(view: bytes | memoryview, at: int) -> Iterator[tuple[int, int, int]]:
     """Yield (opcode, start, end) of the complete records from `at` on."""
@@ -294,19 +299,3 @@ def _records(view: bytes | memoryview, at: int) -> Iterator[tuple[int, int, int]
             return
         yield opcode, at, end
         at = end
-
-
-def _block(data: NDArray[np.uint8], offsets: NDArray[np.int64], heads: Any = None) -> Block:
-    """Return the messages whose records are at `offsets`; `topic` is their channel."""
-    if heads is None:
-        heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
-    log_ns = np.minimum(heads['log_ns'], LAST).astype(np.int64)
-    publish_ns = np.minimum(heads['publish_ns'], LAST).astype(np.int64)
-    return Block(
-        heads['channel'].astype(np.int64),
-        log_ns,
-        np.where(publish_ns > 0, publish_ns, log_ns),
-        data,
-        offsets + MESSAGE.itemsize,
-        offsets + RECORD.size + heads['length'].astype(np.int64),
-    ).in_log_order()

@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 
 from estimator_pkg import whole_file
-from estimator_pkg.bags import qos, unpacking
+from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.source import CDR, Part, Source, Topic, UnreadableError
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
@@ -34,6 +34,7 @@ from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
 
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
+qos = Lazy('estimator_pkg.bags.qos')
 sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
 zstandard = Lazy('zstandard')
 
@@ -375,7 +376,7 @@ class Bag:
             Topic(
                 name,
                 type_name,
-                qos=tuple(qos.parse(about.get('offered_qos_profiles'))),
+                qos=qos.of_metadata(about.get('offered_qos_profiles')),
                 type_hash=type_hash if isinstance(type_hash, str) else '',
                 serialization=str(about.get('serialization_format') or CDR),
             )

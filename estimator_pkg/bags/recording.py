@@ -195,12 +195,7 @@ class PositionRecording(Recording):
             count = len(series.stamps_ns)
             cut = count - round(held_out * count)
             for part, rows in zip(parts, (slice(cut), slice(cut, None))):
-                part[name] = Series(
-                    series.stamps_ns[rows],
-                    series.position[rows],
-                    series.velocity[rows],
-                    series.effort[rows],
-                )
+                part[name] = Series._make(values[rows] for values in series)
         return replace(self, series=parts[0]), replace(self, series=parts[1])
 
     def by_joint(self) -> Mapping[str | None, Recording]:
@@ -298,8 +293,9 @@ def _estimates(
         if not count:
             continue
         stddev = np.full(count, np.nan)
-        if name in deviation_of:  # it has the same messages
-            stddev = deviation_of[name].velocity[has]
+        deviation = deviation_of.get(name)
+        if deviation is not None and len(deviation.stamps_ns) == len(has):  # the same messages
+            stddev = deviation.velocity[has]
         owner = owners.get(name, '')
         joint = stream.bank.joints.get(owner)
         history = (stream.history or {}).get(owner) or History()

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import qos, unpacking
+from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.feeding import answers, in_order
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.wiring import Setup, parameters, requested, wired
@@ -24,12 +24,15 @@ from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.block import Block
+from estimator_pkg.optional import Lazy
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import Answers, Request, Stream
 from estimator_pkg.streams.history import GAP
+
+qos = Lazy('estimator_pkg.bags.qos')
 
 
 class Output:

@@ -31,7 +31,6 @@ import numpy as np
 import yaml
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags.definitions import define
 from estimator_pkg.bags.source import CDR, Topic
 from estimator_pkg.destination import METADATA
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Qos
 
 mcap_output = Lazy('estimator_pkg.bags.mcap_output')
-interfaces = Lazy('rosbags.interfaces')
+qos_profiles = Lazy('estimator_pkg.bags.qos')
 
 CHUNK_SIZE = 1 << 20  # bytes of messages per chunk
 VERSION = 9  # of metadata.yaml, as Jazzy writes it
@@ -142,7 +141,7 @@ class BagWriter:
         """
         if qos is None:
             qos = qos_profiles.profile()
-        profiles = (qos,) if isinstance(qos, interfaces.Qos) else tuple(qos)
+        profiles = (qos,) if isinstance(qos, qos_profiles.Qos) else tuple(qos)
         return self.add(
             Topic(
                 name,
