@@ -42,6 +42,7 @@ MESSAGE = np.dtype(
 )  # a message record without its payload; packed: 31 bytes
 LAST = np.uint64(2**63 - 1)  # [ns] later times than in 2262 are wrong
 LARGEST = 1 << 32  # allowed size of a chunk [bytes]
+ARRAYS = 96  # bytes in arrays for each message
 
 
 class _Chunk(NamedTuple):
@@ -196,11 +197,10 @@ class McapFile:
         if indexed is not None:
             return indexed
         offsets, end = self._walk(data, 0)
+        what = f'{self.path}: the chunk at byte {chunk.at}'
         if end < len(data) and not torn:
-            self._warn(
-                f'{self.path}: the chunk at byte {chunk.at} is damaged: only {len(offsets)} '
-                'of its messages can be read'
-            )
+            self._warn(f'{what} is damaged: only {len(offsets)} of its messages can be read')
+        unpacking.check(what, len(data) + ARRAYS * len(offsets), self._limit)
         return self._block(data, offsets)
 
     def _unpacked(self, chunk: _Chunk) -> tuple[NDArray[np.uint8], bool]:
@@ -224,7 +224,7 @@ class McapFile:
             if len(data) != size and not torn:
                 raise ValueError('wrong size')
             checksum = found.uncompressed_crc
-            if checksum and not torn and zlib.crc32(data) != checksum:
+            if checksum and not torn and zlib.crc32(data.data) != checksum:
                 raise ValueError('wrong checksum')
             return data[:size], torn
         except unpacking.TooLargeError:
@@ -265,7 +265,7 @@ class McapFile:
                 self._learn(opcode, view[start + RECORD.size : end])
             elif end - start >= MESSAGE.itemsize:
                 found.append(start)
-        return np.array(found, np.int64), end
+        return np.frombuffer(found, np.int64), end
 
     def _block(
         self, data: NDArray[np.uint8], offsets: NDArray[np.int64], heads: Any = None

@@ -284,7 +284,9 @@ def _estimates(
 ) -> dict[str, Estimate]:
     """Return the estimates by joint, from the messages of the first two outputs of a stream."""
     every, deviation_of = series_of(published)[0], series_of(deviations)[0]
-    due = np.unique(np.concatenate([series.stamps_ns for series in every.values()] or [[]]))
+    due = np.unique(
+        np.concatenate([np.zeros(0, np.int64), *(one.stamps_ns for one in every.values())])
+    )
     owners = {joint: name for name in stream.bank.joints for joint in stream.names_of(name)}
     found = {}
     for name, series in every.items():

@@ -31,7 +31,10 @@ BOMBS = {
 
 
 def with_chunk(path, kind, unpacked, declared):
-    """An MCAP without index whose second chunk unpacks to `unpacked` and declares `declared`."""
+    """An MCAP without index whose second chunk unpacks to `unpacked` and declares `declared`.
+
+    `unpacked` is a number of bytes, or the bytes.
+    """
     from mcap.data_stream import RecordBuilder
     from mcap.records import Chunk
 
@@ -108,6 +111,13 @@ def overlapping(path, kind, size):
     )
 
 
+def with_tiny_messages(path, kind, size):
+    """A chunk of as many messages as have place in it, which takes more memory than its bytes."""
+    record = b'\5' + (22).to_bytes(8, 'little') + (1).to_bytes(2, 'little') + bytes(20)
+    records = record * (size // len(record))
+    return with_chunk(path, kind, records, len(records))
+
+
 def with_message(path, kind, size):
     """A bag with messages compressed one by one, one of which unpacks to `size` bytes."""
     path = make.KINDS['sqlite3, messages compressed'](path.with_suffix(''), make.content(9))
@@ -137,6 +147,7 @@ def with_computed_messages(path, kind, size):
     [
         *((lambda path, kind, size: with_chunk(path, kind, size, size), kind) for kind in BOMBS),
         (with_computed_messages, ''),
+        (with_tiny_messages, 'zstd'),
         (with_message, 'zstd'),
         (with_message, 'zstd without its size'),
         (overlapping, ''),
