@@ -85,7 +85,7 @@ def read_in_process(path, limit):
         [sys.executable, '-c', PEAK, str(path), str(limit)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         check=True,
     )
     count, kilobytes = map(int, done.stdout.split())
