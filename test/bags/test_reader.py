@@ -92,7 +92,9 @@ def test_the_recordings_are_read_as_rosbags_reads_them(path):
         expected = [
             (connection.topic, time, bytes(raw)) for connection, time, raw in reader.messages()
         ]
-    assert read(path.parent) == expected
+    found = read(path.parent)
+    assert [time for _, time, _ in found] == [time for _, time, _ in expected]
+    assert sorted(found) == sorted(expected)  # versions of rosbags differ at equal times
 
 
 def test_recordings_fit_into_six_megabytes():
