@@ -15,7 +15,7 @@ import mmap
 import struct
 import zlib
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -92,7 +92,7 @@ class McapFile:
         """Close the file."""
         self._file.close()
 
-    def parts(self, places: NDArray[np.int64]) -> Iterator[Part]:
+    def parts(self, places: Sequence[int]) -> Iterator[Part]:
         """Yield all chunks."""
         for chunk in self._chunks:
             yield Part(chunk.start_ns, chunk.size, partial(self._load, chunk))

@@ -160,8 +160,8 @@ class Bag:
 
         def parts() -> Iterator[Part]:
             for source, index in self._sources:
-                places = np.flatnonzero(keep[index])
-                for part in source.parts(places) if len(places) else ():
+                places = np.flatnonzero(keep[index]).tolist()
+                for part in source.parts(places) if places else ():
                     yield part._replace(load=partial(_kept, part.load, index, keep))
 
         if all(source.sorts for source, _ in self._sources):

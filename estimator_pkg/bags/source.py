@@ -5,12 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
-
-from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block
@@ -71,7 +69,7 @@ class Source(Protocol):
     topics: list[Topic]
     sorts: bool
 
-    def parts(self, places: NDArray) -> Iterable[Part]:
+    def parts(self, places: Sequence[int]) -> Iterable[Part]:
         """Return the parts with messages of the topics at these places, and maybe others."""
 
     def close(self) -> None:

@@ -8,14 +8,13 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import apsw
-from numpy.typing import NDArray
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from estimator_pkg.bags import unpacking
@@ -79,9 +78,9 @@ class SqliteFile:
         """Close the file."""
         self._reader.close()
 
-    def parts(self, places: NDArray) -> Iterator[Part]:
+    def parts(self, places: Sequence[int]) -> Iterator[Part]:
         """Yield the messages of these topics in log order."""
-        connections = {self._connections[place].id: place for place in places.tolist()}
+        connections = {self._connections[place].id: place for place in places}
         topic: list[int] = []
         times: list[int] = []
         raws: list[bytes] = []
