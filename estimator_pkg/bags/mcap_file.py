@@ -223,8 +223,7 @@ class McapFile:
             data = unpacking.unpack(found.data, found.compression, size + 1, torn=torn)
             if len(data) != size and not torn:
                 raise ValueError('wrong size')
-            checksum = found.uncompressed_crc
-            if checksum and not torn and zlib.crc32(data.data) != checksum:
+            if not torn and found.uncompressed_crc not in (0, zlib.crc32(data.data)):
                 raise ValueError('wrong checksum')
             return data[:size], torn
         except unpacking.TooLargeError:
