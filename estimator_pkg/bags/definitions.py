@@ -44,7 +44,7 @@ def define(type_name: str) -> tuple[str, str]:
     store = jazzy()
     if type_name in store.fielddefs:
         text, _ = store.generate_msgdef(type_name, ros_version=2)
-        return text, store.hash_rihs01(type_name)
+        return text, _hash(type_name) or store.hash_rihs01(type_name)
     return _installed(type_name)
 
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,63 +58,38 @@ def _one_by_one(stream: Stream, ports: Sequence[int], block: Block) -> list[Answ
     ]
 
 
-class Encoded:
-    """Collects the messages that belong to a block of measurements.
+def in_order(
+    block: Block, topic: NDArray[np.int64], answered: Iterable[tuple[int, Answers]]
+) -> Block:
+    """Return messages of a block and the answers to it, each answer behind its message.
+
+    An answer has the log time of its message, and is published then.
 
     Parameters
     ----------
-    block : the measurements.
+    topic : shape (n,), new topic of each message of the block; -1: the message is left out.
+    answered : new topic of the answers, and answers.
     """
-
-    def __init__(self, block: Block) -> None:
-        self._block = block
-        self._rows: list[NDArray[np.int64]] = []
-        self._topics: list[NDArray[np.int64]] = []
-        self._ranks: list[NDArray[np.int64]] = []
-        self._raws: list[NDArray[np.uint8]] = []
-
-    def add(
-        self,
-        topic: int,
-        rank: NDArray[np.int64] | int,
-        rows: NDArray[np.int64],
-        raw: NDArray[np.uint8],
-    ) -> None:
-        """Add messages on a topic, each with the log time of the measurement in its row.
-
-        Parameters
-        ----------
-        rank : order among the messages of one measurement; one number, or one per message.
-        raw : shape (n, bytes of one message).
-        """
-        self._rows.append(rows)
-        self._topics.append(np.full(len(rows), topic))
-        self._ranks.append(np.full(len(rows), rank))
-        self._raws.append(raw)
-
-    def merged(self, topic: NDArray[np.int64]) -> Block:
-        """Return these messages, each after its measurement, and the copied ones of the block.
-
-        Parameters
-        ----------
-        topic : shape (n,), number in the new bag for each message of the block; -1: not copied.
-        """
-        block = self._block
-        copied = np.flatnonzero(topic >= 0)
-        rows = np.concatenate([copied, *self._rows])
-        rank = np.concatenate([np.zeros(len(copied), np.int64), *self._ranks])
-        sizes = np.concatenate(
-            [np.full(len(raw), raw.shape[1]) for raw in self._raws] or [np.zeros(0, np.int64)]
-        )
-        ends = len(block.data) + np.cumsum(sizes)
-        order = np.lexsort((rank, rows))
-        times = block.publish_ns[rows]
-        times[len(copied) :] = block.log_ns[rows[len(copied) :]]
-        return Block(
-            np.concatenate([topic[copied], *self._topics]),
-            block.log_ns[rows],
-            times,
-            np.concatenate([block.data, *(raw.ravel() for raw in self._raws)]),
-            np.concatenate([block.start[copied], ends - sizes]),
-            np.concatenate([block.end[copied], ends]),
-        ).take(order)
+    kept = np.flatnonzero(topic >= 0)
+    data = [block.data] if len(kept) else []
+    topics, rows, ranks = [topic[kept]], [kept], [np.zeros(len(kept), np.int64)]
+    sizes = [np.zeros(0, np.int64)]
+    for number, each in answered:
+        count, size = each.raw.shape
+        topics.append(np.full(count, number))
+        rows.append(each.rows)
+        ranks.append(np.broadcast_to(np.asarray(each.rank), count))
+        sizes.append(np.full(count, size))
+        data.append(each.raw.ravel())
+    row, size = np.concatenate(rows), np.concatenate(sizes)
+    ends = sum(map(len, data)) - size.sum() + np.cumsum(size)
+    published = block.publish_ns[row]
+    published[len(kept) :] = block.log_ns[row[len(kept) :]]
+    return Block(
+        np.concatenate(topics),
+        block.log_ns[row],
+        published,
+        np.concatenate(data) if data else block.data[:0],
+        np.concatenate([block.start[kept], ends - size]),
+        np.concatenate([block.end[kept], ends]),
+    ).take(np.lexsort((np.concatenate(ranks), row)))

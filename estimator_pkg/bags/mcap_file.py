@@ -3,7 +3,7 @@
 
 """One MCAP file: opened and indexed by the mcap library, its chunks read as blocks.
 
-A chunk's messages are found through its message index, all at once. If there is no index (the
+The messages of a chunk are found through its message index, all at once. If there is no index (the
 recorder crashed, or the end of the file is missing), the records are read one by one, as far as
 they are complete.
 """
@@ -15,59 +15,47 @@ import mmap
 import struct
 import zlib
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, ChunkIndex, Schema
+from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 
-from estimator_pkg.bags import unpacking
+from estimator_pkg.bags import qos, unpacking
+from estimator_pkg.bags.source import Part, Topic
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, rows
 
 MAGIC = b'\x89MCAP0\r\n'
-_RECORD = struct.Struct('<BQ')  # opcode, length of the body
-_CHUNK = struct.Struct('<QQQII')  # start, end, size, checksum, length of the next text
-LAST = np.uint64(2**63 - 1)  # [ns] later times than in 2262 are wrong
+RECORD = struct.Struct('<BQ')  # opcode, length of the body
 MESSAGE = np.dtype(
-    [
-        ('opcode', 'u1'),
-        ('length', '<u8'),
-        ('channel', '<u2'),
-        ('sequence', '<u4'),
-        ('log_ns', '<u8'),
-        ('publish_ns', '<u8'),
-    ]
-)  # packed: 31 bytes
+    {
+        'names': ['opcode', 'length', 'channel', 'sequence', 'log_ns', 'publish_ns'],
+        'formats': ['u1', '<u8', '<u2', '<u4', '<u8', '<u8'],
+    }
+)  # a message record without its payload; packed: 31 bytes
+LAST = np.uint64(2**63 - 1)  # [ns] later times than in 2262 are wrong
 LARGEST = 1 << 32  # allowed size of a chunk [bytes]
-CHANNELS = 1 << 16  # allowed number of channels
-_FIXED = MESSAGE.itemsize - _RECORD.size  # length of a message record's body without the payload
+ARRAYS = 96  # bytes in arrays for each message
 
 
-class _Part(NamedTuple):
-    """A chunk, or all records of a file without chunks."""
+class _Chunk(NamedTuple):
+    """Place of a chunk in the file; -1: of all records of a file without chunks."""
 
-    at: int  # position of the chunk record; -1: the file has no chunks
-    start_ns: int
-    index_size: int  # bytes of message index after the chunk; 0: none
-    size: int = 0  # bytes of the chunk's records by the index; 0: not declared
+    at: int
+    start_ns: int = 0
+    size: int = 0  # bytes of its records; 0: as it declares
+    index_size: int = 0  # bytes of message index behind it
 
 
 class McapFile:
-    """An MCAP file that is open for reading.
-
-    Attributes
-    ----------
-    channels, schemas : by id, in the form of the mcap library.
-    counts : channel id -> number of messages.
-    metadata : the metadata records by name.
+    """An MCAP file that is open for reading; see `estimator_pkg.bags.source.Source`.
 
     Parameters
     ----------
@@ -75,266 +63,238 @@ class McapFile:
 
     Raises
     ------
-    UserError : it is empty, not an MCAP file, or contains nothing readable.
+    UserError : it contains nothing readable.
     """
 
-    def __init__(
-        self, path: Path, warn: Callable[[str], None], limit: int = unpacking.LIMIT
-    ) -> None:
+    sorts = True
+
+    def __init__(self, path: Path, warn: Callable[[str], None], limit: int) -> None:
         self.path = path
         self._warn = warn
         self._limit = limit
-        self.channels: dict[int, Channel] = {}
-        self.schemas: dict[int, Schema] = {}
-        self.counts: dict[int, int] = {}
-        self.metadata: dict[str, dict[str, str]] = {}
-        self._parts: list[_Part] = []
+        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._counts: dict[int, int] = {}  # messages by channel
+        self._places = np.full(1 << 16, -1)  # in `topics`, by channel
+        self._chunks: list[_Chunk] = []
         self._file = path.open('rb')  # closed by `close`
         self._size = path.stat().st_size
+        self._summarised = self._has_summary()
         try:
-            self._open()
+            if not self._summarised:
+                self._scan()
         except BaseException:
-            self._file.close()
+            self.close()
             raise
+        self.topics = [self._topic(channel) for channel in self._channels.values()]
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
 
-    def _open(self) -> None:
-        start = self._file.read(len(MAGIC))
-        if not start:
-            raise UserError(f'{self.path} is empty (0 bytes): name another file')
-        if start != MAGIC:
-            raise UserError(f'{self.path} is not an MCAP file: it starts with other bytes')
-        if not self._indexed():
-            self._scan()
+    def parts(self, places: Sequence[int]) -> Iterator[Part]:
+        """Yield all chunks."""
+        for chunk in self._chunks:
+            yield Part(chunk.start_ns, chunk.size, partial(self._load, chunk))
 
-    def _indexed(self) -> bool:
+    def _topic(self, channel: Channel) -> Topic:
+        schema = self._schemas.get(channel.schema_id)
+        return Topic(
+            channel.topic,
+            schema.name if schema else '',
+            self._counts.get(channel.id, 0),
+            qos.of_text(channel.metadata.get('offered_qos_profiles', '')),
+            schema.data.decode('utf-8', 'replace') if schema else '',
+            channel.metadata.get('topic_type_hash', ''),
+            schema.encoding if schema else '',
+            channel.message_encoding,
+        )
+
+    def _has_summary(self) -> bool:
         """Open through the summary at the end of the file; return False without a summary."""
         try:
-            self._file.seek(0)
-            reader = SeekingReader(self._file)
-            summary = reader.get_summary()
-            if summary is None or summary.statistics is None or not summary.chunk_indexes:
-                return False
-            if any(
-                channel not in summary.channels
-                for channel in summary.statistics.channel_message_counts
-            ):
-                return False
-            for metadata in reader.iter_metadata():
-                self.metadata[metadata.name] = metadata.metadata
-        except Exception:  # the library may raise anything for a damaged file: read its records
+            summary = SeekingReader(self._file).get_summary()
+        except Exception:  # the library may raise anything for a damaged file
             return False
-        self.channels, self.schemas = dict(summary.channels), dict(summary.schemas)
-        self.counts = dict(summary.statistics.channel_message_counts)
-        self._parts = [_part(index) for index in summary.chunk_indexes]
+        if summary is None or summary.statistics is None or not summary.chunk_indexes:
+            return False
+        counts = summary.statistics.channel_message_counts
+        if not counts.keys() <= summary.channels.keys():
+            return False
+        self._channels, self._schemas = summary.channels, summary.schemas
+        self._counts = counts
+        self._places[list(self._channels)] = range(len(self._channels))
+        self._chunks = [
+            _Chunk(
+                index.chunk_start_offset,
+                index.message_start_time,
+                index.uncompressed_size,
+                index.message_index_length,
+            )
+            for index in summary.chunk_indexes
+        ]
         return True
 
     def _scan(self) -> None:
         """Read all records; warn if the end of the file is missing."""
-        size = self._size
-        at, whole, loose = len(MAGIC), False, False
-        view = memoryview(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
-        end = size
-        while at + _RECORD.size <= size:
-            opcode, length = _RECORD.unpack_from(view, at)
-            body = at + _RECORD.size
+        found, loose, whole, end = [], False, False, len(MAGIC)
+        view = self._mapped()
+        for opcode, start, end in _records(view, len(MAGIC)):
             if opcode == Opcode.CHUNK:
-                self._parts.append(_Part(at, 0, 0))
+                found.append(_Chunk(start))
             elif opcode == Opcode.MESSAGE:
                 loose = True
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and body + length <= size:
-                self._learn(opcode, view[body : body + length])
             elif opcode == Opcode.DATA_END:
                 whole = True
-                end = at
                 break
-            elif opcode == 0:  # not a record: the file was truncated and padded
-                end = at
-                break
-            at = body + length
+            else:
+                self._learn(opcode, view[start + RECORD.size : end])
+        if not whole and end < self._size and view[end] == Opcode.CHUNK:
+            found.append(_Chunk(end))  # its end is missing
         if loose:
-            self._parts = [_Part(-1, 0, end)]  # here the index size is the end of the data
-        found = []
-        for part in self._parts:
-            block = self._load(part)
+            found = [_Chunk(-1, size=end)]
+        for chunk in found:
+            block = self._load(chunk)
             if len(block):
-                found.append(part._replace(start_ns=int(block.log_ns.min()), size=len(block.data)))
-                for channel, count in zip(
-                    *(array.tolist() for array in np.unique(block.topic, return_counts=True))
-                ):
-                    if channel in self.channels:
-                        self.counts[channel] = self.counts.get(channel, 0) + count
-        self._parts = found
-        if not whole and not self.channels:
+                start_ns, size = int(block.log_ns.min()), len(block.data)
+                self._chunks.append(chunk._replace(start_ns=start_ns, size=size))
+            for channel, count in zip(self._channels, np.bincount(block.topic).tolist()):
+                self._counts[channel] = self._counts.get(channel, 0) + count
+        if not whole and not self._channels:
             raise UserError(
                 f'{self.path} ends before its first message: there is nothing to recover'
             )
         if not whole:
             self._warn(
                 f'{self.path} ends early (was its recorder killed?): '
-                f'reading the {sum(self.counts.values())} complete messages'
+                f'reading the {sum(self._counts.values())} complete messages'
             )
 
+    def _mapped(self) -> memoryview:
+        return memoryview(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
+
     def _learn(self, opcode: int, body: memoryview) -> None:
+        """Read the record of a topic, if it is one, and no summary has them all."""
         stream = ReadDataStream(io.BytesIO(body))
         try:
             if opcode == Opcode.SCHEMA:
                 schema = Schema.read(stream)
-                self.schemas[schema.id] = schema
-            else:
+                self._schemas[schema.id] = schema
+            elif opcode == Opcode.CHANNEL and not self._summarised:
                 channel = Channel.read(stream)
-                self.channels[channel.id] = channel
-        except (struct.error, UnicodeDecodeError, EndOfFile):
+                self._channels[channel.id] = channel
+                self._places[list(self._channels)] = range(len(self._channels))
+        except Exception:  # as above
             self._warn(f'{self.path}: the description of a topic is damaged')
 
-    def parts(self) -> Iterator[tuple[int, int, Callable[[], Block]]]:
-        """Yield (time of its first message, bytes, function that reads it) for every chunk.
-
-        In the blocks `topic` is the channel id.
-        """
-        for part in self._parts:
-            yield part.start_ns, part.size, partial(self._load, part)
-
-    def _load(self, part: _Part) -> Block:
-        if part.at < 0:
-            whole = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
-            data = np.frombuffer(whole, np.uint8)[: part.index_size]
+    def _load(self, chunk: _Chunk) -> Block:
+        """Return the messages of a chunk that belong to a topic."""
+        if chunk.at < 0:
+            data = np.frombuffer(self._mapped(), np.uint8)[: chunk.size]
             return self._block(data, self._walk(data, len(MAGIC))[0])
+        data, torn = self._unpacked(chunk)
+        indexed = self._indexed(chunk, data)
+        if indexed is not None:
+            return indexed
+        offsets, end = self._walk(data, 0)
+        what = f'{self.path}: the chunk at byte {chunk.at}'
+        if end < len(data) and not torn:
+            self._warn(f'{what} is damaged: only {len(offsets)} of its messages can be read')
+        unpacking.check(what, len(data) + ARRAYS * len(offsets), self._limit)
+        return self._block(data, offsets)
+
+    def _unpacked(self, chunk: _Chunk) -> tuple[NDArray[np.uint8], bool]:
+        """Return the chunk's records, and True if its end is missing; none if it is damaged.
+
+        Then the file has been read up to the end of the chunk.
+        """
+        what, torn = f'{self.path}: the chunk at byte {chunk.at}', False
         try:
-            data, cut = self._chunk(part)
+            self._file.seek(chunk.at)
+            opcode, length = RECORD.unpack(self._file.read(RECORD.size))
+            torn = chunk.at + RECORD.size + length > self._size
+            if opcode != Opcode.CHUNK:
+                raise ValueError('no chunk starts here')
+            found = Chunk.read(ReadDataStream(self._file))
+            size = found.uncompressed_size
+            if size > (chunk.size or LARGEST) and not torn:
+                raise ValueError('wrong size')
+            unpacking.check(what, size, self._limit)
+            data = unpacking.unpack(found.data, found.compression, size + 1, torn=torn)
+            if len(data) != size and not torn:
+                raise ValueError('wrong size')
+            if not torn and found.uncompressed_crc not in (0, zlib.crc32(data.data)):
+                raise ValueError('wrong checksum')
+            return data[:size], torn
         except unpacking.TooLargeError:
             raise
-        except UserError as error:
-            self._warn(str(error))
-            data, cut = np.zeros(0, np.uint8), False
-        indexed = self._indexed_offsets(part) if len(data) else None
-        if indexed is not None and self._complete(indexed, data):
-            return self._block(data, indexed)
-        walked, end = self._walk(data, 0)
-        if not cut and (end < len(data) or (indexed is not None and len(walked) != len(indexed))):
-            self._warn(
-                f'{self.path}: the chunk at byte {part.at} is damaged: only {len(walked)} '
-                'of its messages can be read'
-            )
-        return self._block(data, walked)
+        except Exception as error:  # as above
+            if not torn:
+                self._warn(f'{what} is damaged ({first_line(error)}), its messages are skipped')
+            return np.zeros(0, np.uint8), torn
 
-    def _chunk(self, part: _Part) -> tuple[NDArray[np.uint8], bool]:
-        """Return the chunk's unpacked records, and True if its end is missing."""
-
-        def damaged(why: str) -> UserError:
-            return UserError(
-                f'{self.path}: the chunk at byte {part.at} is damaged ({why}), '
-                'its messages are skipped'
-            )
-
-        self._file.seek(min(part.at, self._size))
-        head = self._file.read(_RECORD.size + _CHUNK.size)
-        if len(head) < _RECORD.size + _CHUNK.size or head[0] != Opcode.CHUNK:
-            raise damaged('no chunk starts here')
-        _, _, size, checksum, text = _CHUNK.unpack_from(head, _RECORD.size)
-        size = min(size, part.size or size)
-        if size > LARGEST or text > 64:
-            raise damaged('wrong size')
-        rest = self._file.read(text + 8)
-        compression = rest[:text].decode('utf-8', 'replace')
-        packed_size = int.from_bytes(rest[text:], 'little')
-        if packed_size > LARGEST:
-            raise damaged('wrong size')
-        packed = self._read(packed_size) if len(rest) == text + 8 else b''
-        try:
-            cut = len(packed) < packed_size
-            unpacking.check(f'{self.path}: the chunk at byte {part.at}', size, self._limit)
-            data: Any = unpacking.unpack(packed, compression, size + 1, torn=cut)
-            if len(data) != size and not cut:
-                raise ValueError('wrong size')
-        except unpacking.damaged() as error:
-            raise damaged(first_line(error)) from error
-        if checksum and not cut and zlib.crc32(data) != checksum:
-            raise damaged('wrong checksum')
-        return data, cut
-
-    def _read(self, size: int) -> bytes:
-        """Read `size` bytes, or up to the end: a damaged size must not use all the memory."""
-        return self._file.read(min(size, self._size))
-
-    def _indexed_offsets(self, part: _Part) -> NDArray[np.int64] | None:
-        """Return the offsets of message records by the chunk's index; None if there is no index.
-
-        The file must have been read up to the end of the chunk, because the index follows it.
-        """
-        raw = self._read(part.index_size)
-        at, found = 0, []
-        while at + _RECORD.size + 6 <= len(raw):
-            opcode, length = _RECORD.unpack_from(raw, at)
+    def _indexed(self, chunk: _Chunk, data: NDArray[np.uint8]) -> Block | None:
+        """Return the messages that the chunk's index names; None if it does not name them all."""
+        raw = self._file.read(min(chunk.index_size, self._size))
+        found = [np.zeros(0, np.uint64)]
+        for opcode, start, end in _records(raw, 0):
             if opcode == Opcode.MESSAGE_INDEX:
-                count = int.from_bytes(raw[at + 11 : at + 15], 'little') // 16
-                if at + 15 + 16 * count > len(raw):
-                    return None
-                found.append(np.frombuffer(raw, '<u8', 2 * count, at + 15)[1::2])
-            at += _RECORD.size + length
-        return np.sort(np.concatenate(found).astype(np.int64)) if found else None
-
-    def _complete(self, offsets: NDArray[np.int64], data: NDArray[np.uint8]) -> bool:
-        """Return True if message records are at the offsets, and nowhere else in `data`."""
+                count = max(end - start - 15, 0) // 16  # pairs of time and offset
+                found.append(np.frombuffer(raw, '<u8', 2 * count, start + 15)[1::2])
+        offsets = np.sort(np.concatenate(found).astype(np.int64))
         if not len(offsets) or offsets[0] < 0 or offsets[-1] > len(data) - MESSAGE.itemsize:
-            return False
-        heads = rows(data, offsets, _RECORD.size)
-        lengths = heads[:, 1:].copy().view('<u8')[:, 0].astype(np.int64)
-        if np.any(heads[:, 0] != Opcode.MESSAGE) or lengths.min() < _FIXED:
-            return False
-        before = np.concatenate([[0], offsets + _RECORD.size + lengths])
-        after = np.concatenate([offsets, [len(data)]])
-        return not np.any(before > after) and not any(
-            len(self._walk(data[: after[gap]], int(before[gap]))[0])
-            for gap in np.flatnonzero(before != after)
+            return None
+        heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
+        ends = offsets + RECORD.size + heads['length'].astype(np.int64)
+        before, end = self._walk(data[: offsets[0]], 0)
+        whole = (
+            np.all(heads['opcode'] == Opcode.MESSAGE)
+            and np.all(ends - offsets >= MESSAGE.itemsize)
+            and np.array_equal(ends, np.append(offsets[1:], len(data)))
+            and not len(before)
+            and end == offsets[0]
         )
+        return self._block(data, offsets, heads) if whole else None
 
     def _walk(self, data: NDArray[np.uint8], at: int) -> tuple[NDArray[np.int64], int]:
         """Return the offsets of message records in `data` from `at` on, and where they end."""
-        view = data.data
-        size, found = len(view), array('q')
-        while at + _RECORD.size <= size:
-            opcode, length = _RECORD.unpack_from(view, at)
-            after = at + _RECORD.size + length
-            if after > size or opcode == 0:
-                break
-            if opcode == Opcode.MESSAGE:
-                if length >= _FIXED:
-                    found.append(at)
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._learn(opcode, view[at + _RECORD.size : after])
-            at = after
-        return np.array(found, np.int64), at
+        view, end, found = data.data, at, array('q')
+        for opcode, start, end in _records(view, at):
+            if opcode != Opcode.MESSAGE:
+                self._learn(opcode, view[start + RECORD.size : end])
+            elif end - start >= MESSAGE.itemsize:
+                found.append(start)
+        return np.frombuffer(found, np.int64), end
 
-    def _block(self, data: NDArray[np.uint8], offsets: NDArray[np.int64]) -> Block:
-        heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
+    def _block(
+        self, data: NDArray[np.uint8], offsets: NDArray[np.int64], heads: Any = None
+    ) -> Block:
+        """Return the messages of known topics whose records are at `offsets`."""
+        if heads is None:
+            heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
         log_ns = np.minimum(heads['log_ns'], LAST).astype(np.int64)
         publish_ns = np.minimum(heads['publish_ns'], LAST).astype(np.int64)
-        start = offsets + MESSAGE.itemsize
-        known = np.zeros(CHANNELS, bool)
-        known[list(self.channels)] = True
-        strangers = int(np.count_nonzero(~known[heads['channel']]))
-        if strangers:
-            self._warn(
-                f'{self.path} is damaged: {strangers} messages have no topic and are skipped'
-            )
-        return Block(
-            heads['channel'].astype(np.int64),
+        block = Block(
+            self._places[heads['channel']],
             log_ns,
             np.where(publish_ns > 0, publish_ns, log_ns),
             data,
-            start,
-            start + heads['length'].astype(np.int64) - _FIXED,
+            offsets + MESSAGE.itemsize,
+            offsets + RECORD.size + heads['length'].astype(np.int64),
         ).in_log_order()
+        strange = np.count_nonzero(block.topic < 0)
+        if strange:
+            self._warn(f'{self.path} is damaged: {strange} messages have no topic and are skipped')
+            block = block.take(block.topic >= 0)
+        return block
 
 
-def _part(index: ChunkIndex) -> _Part:
-    return _Part(
-        index.chunk_start_offset,
-        index.message_start_time,
-        index.message_index_length,
-        index.uncompressed_size,
-    )
+def _records(view: bytes | memoryview, at: int) -> Iterator[tuple[int, int, int]]:
+    """Yield (opcode, start, end) of the complete records from `at` on."""
+    while at + RECORD.size <= len(view):
+        opcode, length = RECORD.unpack_from(view, at)
+        end = at + RECORD.size + length
+        if end > len(view) or not opcode:  # 0: the file was truncated and padded
+            return
+        yield opcode, at, end
+        at = end

@@ -14,65 +14,33 @@ import difflib
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 
 from estimator_pkg import whole_file
-from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags import unpacking
+from estimator_pkg.bags.source import CDR, Part, Source, Topic, UnreadableError
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
-from estimator_pkg.messages.block import Block, compact, from_messages, join
+from estimator_pkg.messages.block import Block, compact, from_messages, join, rows
 from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
 
-if TYPE_CHECKING:
-    from rosbags.interfaces import Qos
-
-    from estimator_pkg.bags.mcap_file import McapFile
-    from estimator_pkg.bags.sqlite_file import SqliteFile
-
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
+qos = Lazy('estimator_pkg.bags.qos')
 sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
 zstandard = Lazy('zstandard')
 
 INFORMATION = 'rosbag2_bagfile_information'
-CDR = 'cdr'
-ROS1 = b'#ROSBAG'
-
-
-class UnreadableError(UserError):
-    """A topic exists, but none of its messages can be decoded."""
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic of a bag.
-
-    Attributes
-    ----------
-    name, type : as in '/joint_states', 'sensor_msgs/msg/JointState'.
-    count : messages in the bag.
-    qos : the profiles that its publishers offered.
-    definition, type_hash : the message definition and RIHS01 hash; empty if the bag has none.
-    definition_format : 'ros2msg' or 'ros2idl'.
-    serialization : 'cdr', or another format of a foreign recorder.
-    """
-
-    name: str
-    type: str
-    count: int
-    qos: tuple[Qos, ...] = ()
-    definition: str = field(default='', repr=False)
-    type_hash: str = ''
-    definition_format: str = 'ros2msg'
-    serialization: str = CDR
+SUFFIXES = ('.mcap', '.db3', '.zstd')
+ZSTD = b'\x28\xb5\x2f\xfd'  # a compressed message starts with this, CDR with a zero
 
 
 class Message(NamedTuple):
@@ -100,13 +68,16 @@ class Bag:
         self._size = 0  # bytes of all files
         self.warnings: list[str] = []
         self.topics: dict[str, Topic] = {}
-        self._names: list[str] = []
-        self._mcaps: list[tuple[McapFile, np.ndarray]] = []  # with channel id -> topic index
-        self._sqlites: list[tuple[SqliteFile, np.ndarray]] = []  # with place -> topic index
-        self._unpack_messages = False
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._sources: list[tuple[Source, np.ndarray]] = []  # with the indices of its topics
+        self._packed: bool | None = None  # messages are compressed one by one; None: unknown
+        self._stack = ExitStack()
         try:
             self._open()
+        except OSError as error:
+            self.close()
+            raise UserError(
+                f'cannot read {error.filename or path}: {error.strerror or error}'
+            ) from error
         except BaseException:
             self.close()
             raise
@@ -119,12 +90,7 @@ class Bag:
 
     def close(self) -> None:
         """Close all files."""
-        for mcap, _ in self._mcaps:
-            mcap.close()
-        for sqlite, _ in self._sqlites:
-            sqlite.close()
-        if self._folder is not None:
-            self._folder.cleanup()
+        self._stack.close()
 
     @property
     def count(self) -> int:
@@ -180,88 +146,87 @@ class Bag:
         """Yield the messages of these topics (None: all), in log order."""
         for names, block in self.blocks(topics):
             view = block.data.data
-            for row in zip(
-                block.topic.tolist(),
-                block.log_ns.tolist(),
-                block.publish_ns.tolist(),
-                block.start.tolist(),
-                block.end.tolist(),
-            ):
-                yield Message(names[row[0]], row[1], row[2], bytes(view[row[3] : row[4]]))
+            columns = block.topic, block.log_ns, block.publish_ns, block.start, block.end
+            for topic, log_ns, publish_ns, start, end in zip(*map(np.ndarray.tolist, columns)):
+                yield Message(names[topic], log_ns, publish_ns, bytes(view[start:end]))
 
     def blocks(self, topics: Iterable[str] | None = None) -> Iterator[tuple[list[str], Block]]:
         """Yield (names, block): many messages at a time; `block.topic` are indices of `names`."""
         chosen = set(self.topics if topics is None else topics)
-        keep = np.array([name in chosen for name in self._names] + [False])
-        for block in _merged(
-            sorted(self._parts(keep), key=lambda part: part[0])
-            if not self._sqlites
-            else self._sqlite_parts(keep),
-            self._has_room,
-        ):
-            for part in self._unpacked(block) if self._unpack_messages else (block,):
+        names = list(self.topics)
+        keep = np.array([name in chosen for name in names] + [False])  # the last one for -1
+        for block in self._in_log_order(self._parts(keep)):
+            for part in self._unpacked(block) if self._is_packed(block) else (block,):
                 if len(part):
-                    yield self._names, part
+                    yield names, part
 
-    def _has_room(self, size: int) -> None:
-        """Raise TooLargeError if sorting takes too much memory, `size` bytes."""
-        unpacking.check(
-            f'{self.path}: sorting the messages that overlap in time',
-            size,
-            max(self._limit, unpacking.RATIO * self._size),
-            'needs',
-        )
+    def _parts(self, keep: np.ndarray) -> Iterable[Part]:
+        """Return the parts of all files; the files of a split database follow each other."""
 
-    def _parts(self, keep: np.ndarray) -> Iterator[tuple[int, int, Callable[[], Block]]]:
-        for mcap, index in self._mcaps:
-            channels = [channel for channel in mcap.counts if keep[index[channel]]]
-            if not channels:
+        def parts() -> Iterator[Part]:
+            for source, index in self._sources:
+                places = np.flatnonzero(keep[index]).tolist()
+                for part in source.parts(places) if places else ():
+                    yield part._replace(load=partial(_kept, part.load, index, keep))
+
+        if all(source.sorts for source, _ in self._sources):
+            return sorted(parts(), key=lambda part: part.start_ns)
+        return parts()
+
+    def _in_log_order(self, parts: Iterable[Part]) -> Iterator[Block]:
+        """Yield blocks in log order from parts sorted by their first time, which may overlap."""
+        most = max(self._limit, unpacking.RATIO * self._size)
+        held: Block | None = None
+        for start_ns, size, load in parts:
+            if held is None or not len(held) or held.log_ns[-1] <= start_ns:
+                if held is not None:
+                    yield held
+                held = load()
                 continue
-            for start_ns, size, load in mcap.parts():
+            cut = int(np.searchsorted(held.log_ns, start_ns, 'right'))
+            yield held.take(slice(0, cut))
+            held = compact(held.take(slice(cut, None)))
+            unpacking.check(
+                f'{self.path}: sorting the messages that overlap in time',
+                2 * (len(held.data) + size),  # these messages, and the same joined
+                most,
+                'needs',
+            )
+            held = join([held, load()]).in_log_order()
+        if held is not None:
+            yield held
 
-                def translated(
-                    load: Callable[[], Block] = load, index: np.ndarray = index
-                ) -> Block:
-                    block = load()
-                    topic = index[np.minimum(block.topic, len(index) - 1)]
-                    block = replace(block, topic=topic)
-                    chosen = keep[topic]
-                    return block if chosen.all() else block.take(chosen)
-
-                yield start_ns, size, translated
-
-    def _sqlite_parts(self, keep: np.ndarray) -> Iterator[tuple[int, int, Callable[[], Block]]]:
-        """Yield the blocks of all files in turn; the files of a split bag follow each other."""
-        for sqlite, index in self._sqlites:
-            for start_ns, load in sqlite.parts(set(np.flatnonzero(keep[index]).tolist())):
-                block = load()
-                yield start_ns, len(block.data), partial(replace, block, topic=index[block.topic])
+    def _is_packed(self, block: Block) -> bool:
+        """Return True if messages of the block are compressed one by one."""
+        if self._packed is not None:
+            return self._packed
+        starts = block.start[block.end - block.start >= len(ZSTD)]
+        heads = rows(block.data, starts, len(ZSTD))
+        return bool(np.any(np.all(heads == np.frombuffer(ZSTD, np.uint8), axis=1)))
 
     def _unpacked(self, block: Block) -> Iterator[Block]:
         """Yield the messages of a bag with messages compressed one by one, a few MB at a time."""
         view = block.data.data
-        rows: list[int] = []
+        good: list[int] = []
         raws: list[memoryview] = []
         size = 0
 
         def unpacked() -> Block:
-            good = block.take(np.array(rows, np.int64))
-            return from_messages(
-                good.topic.tolist(), good.log_ns.tolist(), good.publish_ns.tolist(), raws
-            )
+            taken = block.take(np.array(good, np.int64))
+            return from_messages(taken.topic, taken.log_ns, taken.publish_ns, raws)
 
         for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
+            raw = view[start:end]
             try:
-                raw = unpacking.unpack_message(
-                    view[start:end], f'{self.path}: a message', self._limit
-                )
+                if self._packed or raw[: len(ZSTD)] == ZSTD:
+                    raw = unpacking.unpack_message(raw, f'{self.path}: a message', self._limit)
             except zstandard.ZstdError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are skipped')
                 continue
             if size + len(raw) > unpacking.PIECE:
                 yield unpacked()
-                rows, raws, size = [], [], 0
-            rows.append(row)
+                good, raws, size = [], [], 0
+            good.append(row)
             raws.append(raw)
             size += len(raw)
         yield unpacked()
@@ -290,61 +255,69 @@ class Bag:
             )
 
     def _open(self) -> None:
-        try:
-            if self.path.is_dir():
-                self._open_folder()
-            elif self.path.exists():
-                self._open_file(self.path)
-            else:
-                raise UserError(f'{self.path} does not exist')
-        except OSError as error:
-            raise UserError(
-                f'cannot read {error.filename or self.path}: {error.strerror or error}'
-            ) from error
+        if self.path.is_dir():
+            self._open_folder()
+        elif self.path.exists():
+            self._open_file(self.path)
+        else:
+            raise UserError(f'{self.path} does not exist')
         if not self.topics:
             raise UserError(f'{self.path} is an empty bag: it has no topics; name another')
 
     def _open_folder(self) -> None:
         information = self._metadata()
-        files = self._files(information)
-        mode = str(information.get('compression_mode') or '').lower()
-        self._unpack_messages = mode == 'message'
+        files = self._files(information.get('relative_file_paths'))
+        by_message = str(information.get('compression_mode') or '').lower() == 'message'
         packed = information.get('compression_format')
-        if self._unpack_messages and packed not in ('zstd', '', None):
+        if by_message and packed not in ('zstd', '', None):
             raise UserError(
                 f"{self.path}: its messages are compressed with '{packed}', but only zstd is "
                 'supported: convert the bag'
             )
+        self._packed = by_message if information else None
         problems = []
         for file in files:
             try:
                 self._open_file(file)
             except UserError as error:
                 problems.append(str(error))
-        if problems and not self._mcaps and not self._sqlites:
+        if problems and not self._sources:
             raise UserError(problems[0])
         for problem in problems:
             self.warn(f'{problem}; it is skipped')
-        for about in _described(information):
-            self._add_described(about)
+        described = information.get('topics_with_message_count')
+        for item in described if isinstance(described, list) else ():
+            self._describe(item.get('topic_metadata') if isinstance(item, dict) else None)
 
-    def _files(self, information: Mapping[str, Any]) -> list[Path]:
+    def _metadata(self) -> dict[str, Any]:
+        """Return the content of the metadata; {} without valid ones."""
+        file = self.path / METADATA
+        if not file.exists():
+            return {}
+        try:
+            return dict(yaml.safe_load(whole_file.read_text(file))[INFORMATION])
+        except OSError:
+            raise
+        except Exception:  # the library may raise anything for a damaged file
+            self.warn(f'{file} is not valid metadata: reading the files in its folder')
+            return {}
+
+    def _files(self, listed: Any) -> list[Path]:
         """Return the files of the folder: those that its metadata list, else those it has."""
-        listed = _names_of_files(information)
-        if listed:
-            files = [self.path / name for name in listed]
-            missing = [file.name for file in files if not file.is_file()]
-            if len(missing) == len(files):
+        valid = isinstance(listed, list) and all(isinstance(name, str) for name in listed)
+        names = [Path(name).name for name in listed] if valid else []
+        if names and not any(name in ('', '..') or '\0' in name for name in names):
+            missing = [name for name in names if not (self.path / name).is_file()]
+            if len(missing) == len(names):
                 raise UserError(f'{self.path}: {missing[0]}, listed in {METADATA}, is missing')
             if missing:
                 self.warn(
                     f'{self.path}: {", ".join(missing)}, listed in {METADATA}, is missing: '
                     'its messages are skipped'
                 )
-            return [file for file in files if file.is_file()]
+            return [self.path / name for name in names if name not in missing]
         files = sorted(
-            (file for file in self.path.iterdir() if file.suffix in ('.mcap', '.db3', '.zstd')),
-            key=natural,
+            (file for file in self.path.iterdir() if file.suffix in SUFFIXES), key=natural
         )
         if not files:
             raise UserError(
@@ -357,135 +330,88 @@ class Bag:
             )
         return files
 
-    def _add_described(self, about: Mapping[str, Any]) -> None:
-        """Add a topic as the metadata describe it; its messages are counted in the files."""
-        name, type_name = about.get('name'), about.get('type')
-        if not (isinstance(name, str) and name and isinstance(type_name, str)):
-            self.warn(
-                f'{self.path / METADATA}: the description of a topic is damaged and is skipped'
-            )
-            return
-        type_hash, serialization = (
-            about.get('type_description_hash'),
-            about.get('serialization_format'),
-        )
-        self._add(
-            name,
-            type_name,
-            0,
-            qos_profiles.parse(about.get('offered_qos_profiles')),
-            type_hash=type_hash if isinstance(type_hash, str) else '',
-            serialization=CDR if serialization in (None, '') else str(serialization),
-        )
-
-    def _metadata(self) -> dict[str, Any]:
-        file = self.path / METADATA
-        if not file.exists():
-            return {}
-        try:
-            return dict(yaml.safe_load(whole_file.read_text(file))[INFORMATION])
-        except OSError:
-            raise
-        except Exception:  # the library may raise anything for a damaged file
-            self.warn(f'{file} is not valid metadata: reading the files in its folder')
-            return {}
-
     def _open_file(self, file: Path) -> None:
         if not file.is_file():
             raise UserError(f'cannot read {file}: {whole_file.NOT_A_FILE}')
         if file.suffix == '.zstd':
-            file = self._unpacked_file(file)
+            packed, file = file, self._temporary() / file.stem
+            unpacking.unpack_file(packed, file, self._limit)
         with open(file, 'rb') as stream:
-            start = stream.read(len(ROS1))
+            start = stream.read(16)
         self._size += file.stat().st_size
-        if start == ROS1:
+        if start.startswith(b'SQLite format 3\0'):
+            logs = sqlite_file.logs(file)
+            if logs:
+                self.warn(f'{file} was not closed: it is read with {" and ".join(logs)}')
+                file = sqlite_file.completed(file, logs, self._temporary())
+            self._add(sqlite_file.SqliteFile(file, self.warn, self._limit))
+        elif start.startswith(b'\x89MCAP0\r\n'):
+            self._add(mcap_file.McapFile(file, self.warn, self._limit))
+        elif start.startswith(b'#ROSBAG'):
             raise UserError(
                 f"{file} is a bag of ROS 1: convert it with 'rosbags-convert --src {file.name} "
                 f"--dst {file.stem}'"
             )
-        if start[:6] == b'SQLite':
-            self._add_sqlite(sqlite_file.SqliteFile(file, self.warn, self._limit))
-        elif start[:5] == b'\x89MCAP':
-            self._add_mcap(mcap_file.McapFile(file, self.warn, self._limit))
         elif not start:
             raise UserError(f'{file} is empty (0 bytes): name another file')
         else:
             raise UserError(f'{file} is not a bag: it is neither MCAP nor sqlite3')
 
-    def _unpacked_file(self, file: Path) -> Path:
-        if self._folder is None:
-            self._folder = tempfile.TemporaryDirectory(prefix='bag')
-        target = Path(self._folder.name, file.stem)
-        unpacking.unpack_file(file, target, self._limit)
-        return target
+    def _temporary(self) -> Path:
+        """Return a new folder that lives as long as the bag is open."""
+        return Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix='bag')))
 
-    def _add_mcap(self, mcap: McapFile) -> None:
-        index = np.full(max(mcap.channels, default=0) + 2, -1)
-        for key, channel in mcap.channels.items():
-            schema = mcap.schemas.get(channel.schema_id)
-            index[key] = self._add(
-                channel.topic,
-                schema.name if schema else '',
-                mcap.counts.get(key, 0),
-                qos_profiles.parse(channel.metadata.get('offered_qos_profiles', '')),
-                definition=schema.data.decode('utf-8', 'replace') if schema else '',
-                type_hash=channel.metadata.get('topic_type_hash', ''),
-                definition_format=schema.encoding if schema else '',
-                serialization=channel.message_encoding,
-            )
-        self._mcaps.append((mcap, index))
+    def _add(self, source: Source) -> None:
+        self._stack.callback(source.close)
+        index = np.array([self._index(topic) for topic in source.topics], np.int64)
+        self._sources.append((source, index))
 
-    def _add_sqlite(self, sqlite: SqliteFile) -> None:
-        index = []
-        for item in sqlite.connections:
-            extension: Any = item.ext  # rosbag2's; rosbags has the same class for rosbag1
-            index.append(
-                self._add(
-                    item.topic,
-                    item.msgtype,
-                    item.msgcount,
-                    list(extension.offered_qos_profiles),
-                    definition=item.msgdef.data,
-                    type_hash=item.digest,
-                    serialization=str(extension.serialization_format),
-                )
-            )
-        self._sqlites.append((sqlite, np.array(index, np.int64)))
-
-    def _add(
-        self,
-        name: str,
-        type_name: str,
-        count: int,
-        qos: Sequence[Qos],
-        *,
-        definition: str = '',
-        type_hash: str = '',
-        definition_format: str = 'ros2msg',
-        serialization: str = CDR,
-    ) -> int:
-        """Return the topic's index; -1 if another type of the same name came before."""
-        known = self.topics.get(name)
-        if known is None:
-            self._names.append(name)
-            known = Topic(name, type_name, 0)
-        elif known.type != type_name:
+    def _describe(self, about: Any) -> None:
+        """Add a topic as the metadata describe it; its messages are counted in the files."""
+        about = about if isinstance(about, dict) else {}
+        name, type_name, type_hash = (
+            about.get(key) for key in ('name', 'type', 'type_description_hash')
+        )
+        if not (isinstance(name, str) and name and isinstance(type_name, str)):
             self.warn(
-                f"{self.path}: topic '{name}' has two types, {known.type} and {type_name}: "
+                f'{self.path / METADATA}: the description of a topic is damaged and is skipped'
+            )
+            return
+        self._index(
+            Topic(
+                name,
+                type_name,
+                qos=qos.of_metadata(about.get('offered_qos_profiles')),
+                type_hash=type_hash if isinstance(type_hash, str) else '',
+                serialization=str(about.get('serialization_format') or CDR),
+            )
+        )
+
+    def _index(self, topic: Topic) -> int:
+        """Add a topic, or the messages of a known one, and return its index.
+
+        It is -1 if another type of the same name came before.
+        """
+        known = self.topics.setdefault(topic.name, replace(topic, count=0, qos=()))
+        if known.type != topic.type:
+            self.warn(
+                f"{self.path}: topic '{topic.name}' has two types, {known.type} and {topic.type}: "
                 'the latter is skipped'
             )
             return -1
-        self.topics[name] = Topic(
-            name,
-            type_name,
-            known.count + count,
-            known.qos + tuple(item for item in qos if item not in known.qos),
-            known.definition or definition,
-            known.type_hash or type_hash,
-            definition_format if definition and not known.definition else known.definition_format,
-            serialization if known.serialization == CDR else known.serialization,
+        defined = known if known.definition else topic
+        self.topics[topic.name] = replace(
+            known,
+            count=known.count + topic.count,
+            qos=known.qos + tuple(item for item in topic.qos if item not in known.qos),
+            definition=defined.definition,
+            definition_format=defined.definition_format,
+            type_hash=known.type_hash or topic.type_hash,
+            serialization=topic.serialization
+            if known.serialization == CDR
+            else known.serialization,
         )
-        return self._names.index(name)
+        return list(self.topics).index(topic.name)
 
 
 def open_bag(path: str | Path, unpack_limit: int = unpacking.LIMIT) -> Bag:
@@ -502,52 +428,21 @@ def open_bag(path: str | Path, unpack_limit: int = unpacking.LIMIT) -> Bag:
     return Bag(Path(path), unpack_limit)
 
 
-def _names_of_files(information: Mapping[str, Any]) -> list[str]:
-    """Return the file names that the metadata list; [] if the list is invalid."""
-    listed = information.get('relative_file_paths')
-    if not isinstance(listed, list) or not all(isinstance(name, str) for name in listed):
-        return []
-    names = [Path(name).name for name in listed]
-    return [] if any(name in ('', '..') or '\0' in name for name in names) else names
-
-
-def _described(information: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the descriptions of topics in the metadata; {} for an invalid one."""
-    listed = information.get('topics_with_message_count')
-    found = [
-        item.get('topic_metadata') if isinstance(item, Mapping) else None
-        for item in (listed if isinstance(listed, list) else [])
-    ]
-    return [about if isinstance(about, Mapping) else {} for about in found]
-
-
 def natural(file: Path) -> list[tuple]:
     """Return a sort key under which wbag_10 comes after wbag_9."""
     parts = re.findall(r'(\d+)|(\D)', file.name)
     return [(0, int(digits), '') if digits else (1, 0, letter) for digits, letter in parts]
 
 
-def _merged(
-    parts: Iterable[tuple[int, int, Callable[[], Block]]], has_room: Callable[[int], None]
-) -> Iterator[Block]:
-    """Yield blocks in log order from parts sorted by their first time, which may overlap.
+def _kept(load: Callable[[], Block], index: np.ndarray, keep: np.ndarray) -> Block:
+    """Return the messages of a part that belong to a chosen topic.
 
     Parameters
     ----------
-    has_room : raises UserError if overlapping messages take too many bytes.
+    index : of the topic in the bag, by its place in the file. keep : True for chosen indices.
     """
-    held: Block | None = None
-    for start_ns, size, load in parts:
-        if held is not None and len(held) and held.log_ns[-1] > start_ns:
-            cut = int(np.searchsorted(held.log_ns, start_ns, 'right'))
-            if cut:
-                yield held.take(slice(0, cut))
-            held = compact(held.take(slice(cut, None)))
-            has_room(2 * (len(held.data) + size))  # these messages, and the same joined
-            held = join([held, load()]).in_log_order()
-            continue
-        if held is not None and len(held):
-            yield held
-        held = load()
-    if held is not None and len(held):
-        yield held
+    block = load()
+    topic = index[block.topic]
+    block = replace(block, topic=topic)
+    chosen = keep[topic]
+    return block if chosen.all() else block.take(chosen)

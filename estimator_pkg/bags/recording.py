@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -14,18 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import streams
-from estimator_pkg.bags.feeding import STRIDE, answers
+from estimator_pkg.bags.feeding import answers, in_order
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.series import Series, at_stamps, of_positions, positions
+from estimator_pkg.bags.series import Series, at_stamps, of_positions, positions, series_of
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.block import Block, compact
-from estimator_pkg.messages.drive_samples import Batch
 from estimator_pkg.messages.joint_state import TYPE
-from estimator_pkg.messages.joint_state_block import decode_block
 from estimator_pkg.observers.contract import VALID
-from estimator_pkg.streams.contract import PUBLISHER, Answers, Stream
+from estimator_pkg.streams.contract import PUBLISHER, Stream
 from estimator_pkg.streams.history import History
 from estimator_pkg.streams.sources import FieldSamples
 
@@ -202,12 +200,7 @@ class PositionRecording(Recording):
             count = len(series.stamps_ns)
             cut = count - round(held_out * count)
             for part, rows in zip(parts, (slice(cut), slice(cut, None))):
-                part[name] = Series(
-                    series.stamps_ns[rows],
-                    series.position[rows],
-                    series.velocity[rows],
-                    series.effort[rows],
-                )
+                part[name] = Series._make(values[rows] for values in series)
         return replace(self, series=parts[0]), replace(self, series=parts[1])
 
     def by_joint(self) -> Mapping[str | None, Recording]:
@@ -238,16 +231,24 @@ class MessageRecording(Recording):
     ) -> dict[str, Estimate]:
         """See `Recording`."""
         stream = self.setup.having({**values, 'observer': observer}).start()
-        collected = _Collected(stream, self.fine)
+        of_samples = [self.fine and each.type == drive_samples.TYPE for each in stream.outputs]
+        stream.wanted[:] = [number < 2 or wanted for number, wanted in enumerate(of_samples)]
+        blocks = []
         for names, block in self.blocks:
-            collected.add(answers(stream, names, block))
+            made = [(each.output, each) for each in answers(stream, names, block)]
+            blocks.append(in_order(block, np.full(len(block), -1), made))
         stream.end(self.path)
-        found = collected.estimates(stream)
+        found = _estimates(stream, _on(blocks, 0), _on(blocks, 1))
         if not found:
             why = stream.why()
             raise UserError(
                 f'{self.path}: {observer} publishes no estimate' + (f': {why}' if why else '')
             )
+        if any(of_samples):
+            motor = next(iter(stream.bank.joints))
+            name = next(iter(stream.names_of(motor)[1:]), '')
+            if name in found:
+                found[name] = _of_every_sample(_on(blocks, of_samples.index(True)), found[name])
         return found
 
     def split(self, held_out: float) -> tuple[Recording, Recording]:
@@ -279,100 +280,60 @@ class MessageRecording(Recording):
         return sum(len(block) for _, block in self.blocks)
 
 
-class _Collected:
-    """Collects estimates from the messages that contain them."""
-
-    def __init__(self, stream: Stream, fine: bool) -> None:
-        self._first = 0
-        self._fine = {
-            number
-            for number, output in enumerate(stream.outputs)
-            if fine and output.type == drive_samples.TYPE
-        }
-        stream.wanted[:] = [
-            number < 2 or number in self._fine for number in range(len(stream.outputs))
-        ]
-        self._batches: list[Batch] = []
-        # by output: keys (number of the answer), stamps, and the messages' numbers by joint
-        self._pieces: tuple[dict[str, list], ...] = ({}, {})
-        self._due: list[NDArray[np.int64]] = []
-
-    def add(self, made: Iterable[Answers]) -> None:
-        """Add the answers to the next block."""
-        last = 0
-        for each in made:
-            if len(each.rows):
-                last = max(last, int(each.rows[-1]) + 1)
-            if each.output in self._fine:
-                self._batches += [drive_samples.decode(raw.tobytes()) for raw in each.raw]
-            if each.output > 1:
-                continue
-            count, size = each.raw.shape
-            keys = (each.rows + self._first) * 2**16 + np.broadcast_to(
-                np.asarray(each.rank) // STRIDE, count
-            )
-            ends, none = np.arange(1, count + 1) * size, np.zeros(count, np.int64)
-            groups, _ = decode_block(Block(none, none, none, each.raw.ravel(), ends - size, ends))
-            for group in groups:
-                if each.output == 0:
-                    self._due.append(group.stamps_ns)
-                for column, name in enumerate(group.names):
-                    has = ~np.isnan(group.arrays[1][:, column])  # NaN: no estimate
-                    self._pieces[each.output].setdefault(name, []).append(
-                        (
-                            keys[group.rows][has],
-                            group.stamps_ns[has],
-                            group.arrays[0][has, column],
-                            group.arrays[1][has, column],
-                        )
-                    )
-        self._first += last
-
-    def estimates(self, stream: Stream) -> dict[str, Estimate]:
-        """Return the estimates by joint."""
-        due = np.unique(np.concatenate(self._due)) if self._due else np.zeros(0, np.int64)
-        deviations = {name: _joined(pieces) for name, pieces in self._pieces[1].items()}
-        owners = {joint: name for name in stream.bank.joints for joint in stream.names_of(name)}
-        found = {}
-        for name, pieces in self._pieces[0].items():
-            keys, stamps, position, velocity = _joined(pieces)
-            if not len(keys):
-                continue
-            stddev = np.full(len(stamps), np.nan)
-            if name in deviations:
-                known, _, _, of_velocity = deviations[name]
-                stddev = at_stamps(keys, known, of_velocity)
-            owner = owners.get(name, '')
-            joint = stream.bank.joints.get(owner)
-            history = (stream.history or {}).get(owner)
-            status_stamps, status = (history or History()).noted()
-            found[name] = Estimate(
-                stamps,
-                position,
-                velocity,
-                stddev,
-                joint.samples()
-                if joint
-                else {'received': len(stamps), 'used': len(stamps), 'dropped': {}},
-                dict(history.seconds()) if history else {},
-                status_stamps,
-                status,
-                due,
-            )
-        if self._batches:
-            name = next(iter(stream.names_of(next(iter(stream.bank.joints)))[1:]), '')
-            if name in found:
-                found[name] = _of_batches(self._batches, found[name])
-        return found
+def _on(blocks: list[Block], output: int) -> list[Block]:
+    return [block.take(block.topic == output) for block in blocks]
 
 
-def _of_batches(batches: list[Batch], one_each: Estimate) -> Estimate:
-    """Return the estimates of every sample.
+def _estimates(
+    stream: Stream, published: list[Block], deviations: list[Block]
+) -> dict[str, Estimate]:
+    """Return the estimates by joint, from the messages of the first two outputs of a stream."""
+    every, deviation_of = series_of(published)[0], series_of(deviations)[0]
+    due = np.unique(
+        np.concatenate([np.zeros(0, np.int64), *(one.stamps_ns for one in every.values())])
+    )
+    owners = {joint: name for name in stream.bank.joints for joint in stream.names_of(name)}
+    found = {}
+    for name, series in every.items():
+        has = ~np.isnan(series.velocity)  # NaN: no estimate
+        count = int(has.sum())
+        if not count:
+            continue
+        stddev = np.full(count, np.nan)
+        deviation = deviation_of.get(name)
+        if deviation is not None and len(deviation.stamps_ns) == len(has):  # the same messages
+            stddev = deviation.velocity[has]
+        owner = owners.get(name, '')
+        joint = stream.bank.joints.get(owner)
+        history = (stream.history or {}).get(owner) or History()
+        samples = {'received': count, 'used': count, 'dropped': {}}
+        found[name] = Estimate(
+            series.stamps_ns[has],
+            series.position[has],
+            series.velocity[has],
+            stddev,
+            joint.samples() if joint else samples,
+            dict(history.seconds()),
+            *history.noted(),
+            due,
+        )
+    return found
+
+
+def _of_every_sample(blocks: list[Block], one_each: Estimate) -> Estimate:
+    """Return the estimates in batches of samples.
 
     Parameters
     ----------
     one_each : the last of every batch, the only ones with a published standard deviation.
     """
+    batches = [
+        drive_samples.decode(block.data[start:end].tobytes())
+        for block in blocks
+        for start, end in zip(block.start.tolist(), block.end.tolist())
+    ]
+    if not batches:
+        return one_each
     stamps = np.concatenate([batch.stamps_ns for batch in batches])
     values = np.concatenate([batch.values for batch in batches])
     valid = values[:, 3] > 0.5
@@ -383,10 +344,3 @@ def _of_batches(batches: list[Batch], one_each: Estimate) -> Estimate:
         velocity_stddev=at_stamps(stamps[valid], one_each.stamps, one_each.velocity_stddev),
         due=np.unique(stamps),
     )
-
-
-def _joined(pieces: list) -> tuple[NDArray, ...]:
-    """Return the columns of all pieces in the order of their keys."""
-    columns = [np.concatenate([piece[i] for piece in pieces]) for i in range(4)]
-    order = np.argsort(columns[0], kind='stable')
-    return tuple(column[order] for column in columns)

@@ -9,21 +9,22 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import qos, unpacking
-from estimator_pkg.bags.feeding import Encoded, answers
+from estimator_pkg.bags import unpacking
+from estimator_pkg.bags.feeding import answers, in_order
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.wiring import Setup, parameters, requested, wired
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.block import Block
+from estimator_pkg.optional import Lazy
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
@@ -31,26 +32,28 @@ from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import Answers, Request, Stream
 from estimator_pkg.streams.history import GAP
 
+qos = Lazy('estimator_pkg.bags.qos')
+
 
 class Output:
-    """Writes copied topics and new ones.
+    """Writes copied topics of a bag, and the outputs of a stream that are wanted.
 
     Parameters
     ----------
+    node : name of the node, before those of its outputs.
     copy : topics of `bag` to copy; None: all.
-    types : the new topics' names and message types.
 
     Attributes
     ----------
-    topics, own : names of the new topics, and their numbers in the writer.
-    copied : the copied topics.
+    topics : names of the new topics. copied : names of the copied ones.
     """
 
     def __init__(
-        self, bag: Bag, writer: BagWriter, copy: list[str] | None, types: Mapping[str, str]
+        self, bag: Bag, writer: BagWriter, stream: Stream, node: str, copy: list[str] | None
     ) -> None:
         self._writer = writer
-        self.topics = list(types)
+        outputs = [(f'{node}/{each.name}', each.type) for each in stream.outputs]
+        self.topics = [name for (name, _), made in zip(outputs, stream.wanted) if made]
         for name in copy or ():
             bag.require(name)
         chosen = set(bag.topics if copy is None else copy)
@@ -61,32 +64,25 @@ class Output:
                 file=sys.stderr,
             )
         self.copied = chosen - set(self.topics)
-        self._numbers = {}
-        for name in bag.topics:
-            if name in self.copied:
-                topic = bag.topics[name]
-                self._numbers[name] = writer.add_topic(
-                    name,
-                    topic.type,
-                    topic.qos,
-                    definition=topic.definition,
-                    definition_format=topic.definition_format,
-                    type_hash=topic.type_hash,
-                    serialization=topic.serialization,
-                )
-        self.own = [
-            writer.add_topic(name, kind, qos.profile(depth=50)) for name, kind in types.items()
-        ]
+        self._copies = {
+            name: writer.add(topic) for name, topic in bag.topics.items() if name in self.copied
+        }
+        self._own = {
+            number: writer.add_topic(name, kind, qos.profile(depth=50))
+            for number, (name, kind) in enumerate(outputs)
+            if stream.wanted[number]
+        }
 
-    def write_among(self, names: list[str], block: Block, made: Encoded) -> None:
-        """Write the copied messages of the block, and the new ones after their measurements.
+    def write(self, names: list[str], block: Block, made: list[Answers]) -> None:
+        """Write the copied messages of a block, and each answer behind its message.
 
         Parameters
         ----------
         names : the bag's topics, in the order of the block's topic numbers.
         """
-        lookup = np.array([self._numbers.get(name, -1) for name in names])
-        self._writer.write_block(made.merged(lookup[block.topic]))
+        number = np.array([self._copies.get(name, -1) for name in names])
+        answered = [(self._own[each.output], each) for each in made]
+        self._writer.write_block(in_order(block, number[block.topic], answered))
 
 
 NODE_NAME = re.compile(r'/?([A-Za-z_]\w*/)*[A-Za-z_]\w*', re.ASCII)
@@ -171,34 +167,19 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             BagWriter(parsed.out) if parsed.out is not None else nullcontext() as writer,
         ):
             output, interrupted = None, False
-            own: dict[int, int] = {}
             if parsed.smoothed and not any(each.extra for each in stream.outputs):
                 raise UsageError(f'--smoothed is for observers of single angles, not {stream.NODE}')
-            stream.wanted[:] = [parsed.smoothed or not each.extra for each in stream.outputs]
+            stream.wanted[:] = [
+                writer is not None and (parsed.smoothed or not each.extra)
+                for each in stream.outputs
+            ]
             if writer is not None:
-                output = Output(
-                    bag,
-                    writer,
-                    parsed.copy,
-                    {
-                        f'{node}/{each.name}': each.type
-                        for each, made in zip(stream.outputs, stream.wanted)
-                        if made
-                    },
-                )
-                wanted = [number for number, each in enumerate(stream.wanted) if each]
-                own = dict(zip(wanted, output.own))
-            else:
-                stream.wanted[:] = [False] * len(stream.outputs)
+                output = Output(bag, writer, stream, node, parsed.copy)
+            copied = output.copied if output else set()
             with progress('replay', sum(topic.count for topic in setup.topics)) as advance:
-                for count, names, block, made in fed(
-                    bag, setup, stream, output.copied if output else set()
-                ):
+                for count, names, block, made in fed(bag, setup, stream, copied):
                     if output is not None:
-                        encoded = Encoded(block)
-                        for each in made:
-                            encoded.add(own[each.output], each.rank, each.rows, each.raw)
-                        output.write_among(names, block, encoded)
+                        output.write(names, block, made)
                     advance(count)
                     interrupted = bool(interrupts.came())
                     if interrupted:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.errors import UserError
+from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.messages.joint_state_block import Decoded, decode_block
 from estimator_pkg.observers.circle import LARGEST
@@ -45,22 +47,30 @@ def joint_series(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, 
         messages can be decoded.
     """
     bag.require(topic, [TYPE])
+    found, count, malformed = series_of((block for _, block in bag.blocks([topic])), by_publisher)
+    bag.count_malformed(topic, count, malformed)
+    if not found:
+        why = 'names a joint' if count else 'can be read'
+        raise UserError(f"no message on topic '{topic}' of {bag.path} {why}")
+    return found
+
+
+def series_of(
+    blocks: Iterable[Block], by_publisher: bool = False
+) -> tuple[dict[str, Series], int, int]:
+    """Return the joints in blocks of JointStates, the number of messages and of malformed ones."""
     pieces: dict[str, list[tuple[NDArray, Decoded, int]]] = {}
-    first = unread = 0
-    for _, block in bag.blocks([topic]):
-        groups, malformed = decode_block(block)
-        unread += len(malformed)
+    count = malformed = 0
+    for block in blocks:
+        groups, unread = decode_block(block)
+        malformed += len(unread)
         for group in groups:
             if by_publisher:
                 group = group._replace(stamps_ns=block.publish_ns[group.rows])
             for column, name in enumerate(group.names):
-                pieces.setdefault(name, []).append((group.rows + first, group, column))
-        first += len(block)
-    bag.count_malformed(topic, first, unread)
-    if not pieces:
-        why = 'names a joint' if first else 'can be read'
-        raise UserError(f"no message on topic '{topic}' of {bag.path} {why}")
-    return {name: _series(items) for name, items in pieces.items()}
+                pieces.setdefault(name, []).append((group.rows + count, group, column))
+        count += len(block)
+    return {name: _series(items) for name, items in pieces.items()}, count, malformed
 
 
 def positions(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Series]:

@@ -6,56 +6,42 @@
 from __future__ import annotations
 
 import os
-import shlex
-from collections.abc import Callable, Iterator
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import apsw
-from rosbags.interfaces import Connection
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from estimator_pkg.bags import unpacking
+from estimator_pkg.bags.source import Part, Topic
 from estimator_pkg.errors import UserError, first_line
-from estimator_pkg.messages.block import Block, from_messages
+from estimator_pkg.messages.block import from_messages
 
-MAGIC = b'SQLite format 3\0'
-ENDINGS = ('', '-wal', '-journal')  # of the files of one database
 ROWS = 4096  # messages per block, if they are small
 
 
 class SqliteFile:
-    """A sqlite3 file that is open for reading.
+    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source.Source`.
 
     Parameters
     ----------
     limit : bytes that a message may have, if the file is not larger: its columns can be computed.
 
-    Attributes
-    ----------
-    connections : its topics, in the form of rosbags.
-
     Raises
     ------
-    UserError : it is empty, damaged, or not a bag.
+    UserError : it is damaged, or not a bag.
     """
+
+    sorts = False
 
     def __init__(self, path: Path, warn: Callable[[str], None], limit: int) -> None:
         self.path = path
         self._warn = warn
-        for ending in ENDINGS[1:]:
-            log = path.with_name(path.name + ending)
-            if log.exists() and log.stat().st_size:
-                warn(
-                    f'{path} was not closed and is read without {log.name}: `velocity_estimator '
-                    f'record --recover {shlex.quote(str(path))} --out BAG` makes it complete'
-                )
-        with open(path, 'rb') as file:
-            start = file.read(len(MAGIC))
-        if not start:
-            raise UserError(f'{path} is empty (0 bytes): name another file')
-        if start != MAGIC:
-            raise UserError(f'{path} is not an sqlite3 file: it starts with other bytes')
         for_library = _within_uri(path)
         self._reader = Sqlite3Reader(for_library)
         try:
@@ -66,47 +52,55 @@ class SqliteFile:
         assert self._reader.dbconn is not None
         self._most = min(max(limit, path.stat().st_size), 2**31 - 1)
         self._reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, self._most)
-        every = list(self._reader.connections)
-        self.connections: list[Connection] = [
-            item for item in every if isinstance(item.topic, str) and isinstance(item.msgtype, str)
+        self._connections = [
+            item
+            for item in self._reader.connections
+            if isinstance(item.topic, str) and isinstance(item.msgtype, str)
         ]
-        if len(self.connections) < len(every):
+        if len(self._connections) < len(self._reader.connections):
             warn(f'{path}: the description of a topic is damaged')
-        self._places = {item.id: place for place, item in enumerate(self.connections)}
+        self.topics = []
+        for item in self._connections:
+            extension: Any = item.ext  # rosbag2's; rosbags has the same class for rosbag1
+            self.topics.append(
+                Topic(
+                    item.topic,
+                    item.msgtype,
+                    item.msgcount,
+                    tuple(extension.offered_qos_profiles),
+                    item.msgdef.data,
+                    item.digest,
+                    serialization=str(extension.serialization_format),
+                )
+            )
 
     def close(self) -> None:
         """Close the file."""
         self._reader.close()
 
-    def parts(self, topics: set[int]) -> Iterator[tuple[int, Callable[[], Block]]]:
-        """Yield (time of its first message, function that returns it) for each block.
-
-        Parameters
-        ----------
-        topics : indices in `connections`; the blocks' `topic` are such indices, too.
-        """
-        connections = [self.connections[place] for place in sorted(topics)]
-        if not connections:
-            return
+    def parts(self, places: Sequence[int]) -> Iterator[Part]:
+        """Yield the messages of these topics in log order."""
+        connections = {self._connections[place].id: place for place in places}
         topic: list[int] = []
         times: list[int] = []
         raws: list[bytes] = []
-        size = 0
+        size = strange = 0
 
-        def full() -> tuple[int, Callable[[], Block]]:
+        def full() -> Part:
             block = from_messages(topic, times, times, raws)
-            return times[0], lambda: block
+            return Part(times[0], size, lambda: block)
 
-        strange = 0
         try:
-            for connection, time_ns, raw in self._reader.messages(connections):
+            for connection, time_ns, raw in self._reader.messages(
+                [self._connections[place] for place in connections.values()]
+            ):
                 if not isinstance(raw, bytes) or not isinstance(time_ns, int):
                     strange += 1
                     continue
                 if len(raws) == ROWS or (raws and size + len(raw) > unpacking.PIECE):
                     yield full()
                     topic, times, raws, size = [], [], [], 0
-                topic.append(self._places[connection.id])
+                topic.append(connections[connection.id])
                 times.append(time_ns)
                 raws.append(raw)
                 size += len(raw)
@@ -118,6 +112,24 @@ class SqliteFile:
             yield full()
         if strange:
             self._warn(f'{self.path} is damaged: {strange} messages are not bytes and are skipped')
+
+
+def logs(path: Path) -> list[str]:
+    """Return the names of the log or journal of a database that was not closed."""
+    found = [path.with_name(path.name + end) for end in ('-wal', '-journal')]
+    return [log.name for log in found if log.is_file() and log.stat().st_size]
+
+
+def completed(path: Path, logs: list[str], folder: Path) -> Path:
+    """Copy a database into `folder` and complete or revert its last writes; return the copy."""
+    for name in (path.name, *logs):
+        shutil.copyfile(path.with_name(name), folder / name)
+    try:
+        with closing(sqlite3.connect(folder / path.name)) as base:
+            base.execute('pragma journal_mode = delete')
+    except sqlite3.Error as error:
+        raise UserError(f'{path} cannot be completed: {first_line(error)}') from error
+    return folder / path.name
 
 
 def _within_uri(path: Path) -> Path:

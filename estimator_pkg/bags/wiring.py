@@ -12,8 +12,9 @@ from typing import Any
 
 from estimator_pkg import observers, params_file, registry, streams
 from estimator_pkg.bags.definitions import fields_of, store_for
-from estimator_pkg.bags.reader import Bag, Topic
+from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics, measurement_topic
+from estimator_pkg.bags.source import Topic
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE

@@ -21,7 +21,8 @@ import re
 import secrets
 import shlex
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -30,8 +31,9 @@ import numpy as np
 import yaml
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import qos as qos_profiles
 from estimator_pkg.bags.definitions import define
+from estimator_pkg.bags.source import CDR, Topic
+from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block, from_messages
 from estimator_pkg.optional import Lazy
@@ -40,12 +42,11 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Qos
 
 mcap_output = Lazy('estimator_pkg.bags.mcap_output')
-interfaces = Lazy('rosbags.interfaces')
+qos_profiles = Lazy('estimator_pkg.bags.qos')
 
 CHUNK_SIZE = 1 << 20  # bytes of messages per chunk
 VERSION = 9  # of metadata.yaml, as Jazzy writes it
 OTHERS = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
-HOW = '`velocity_estimator record --recover {} --out BAG` makes a bag of it'
 LATEST = 2**63 - 1  # start time of a bag without messages
 
 
@@ -68,13 +69,8 @@ class BagWriter:
         self.path = Path(os.path.abspath(path))
         self._name = Path(path)
         self._bare = self.path.suffix == '.mcap'
-        self._topics: dict[str, tuple[int, dict[str, Any]]] = {}
-        self._pending: tuple[list[int], list[int], list[int], list[bytes | memoryview]] = (
-            [],
-            [],
-            [],
-            [],
-        )
+        self._topics: dict[str, tuple[int, Topic]] = {}
+        self._pending: tuple[list, ...] = ([], [], [], [])  # channels, both times, messages
         self._pending_size = 0
         if self.path.suffix in OTHERS:
             raise UserError(
@@ -90,10 +86,10 @@ class BagWriter:
         for folder in crashed(self.path):
             interrupts.say(
                 f'warning: {folder} contains an incomplete {path}, whose process was killed: '
-                f'{HOW.format(shlex.quote(str(folder)))}'
+                f'{_how_to_recover(folder)}'
             )
         self._folder: Path | None = None
-        self._file = f'{self.path.stem}_0.mcap' if not self._bare else self.path.name
+        self._file = self.path.name if self._bare else f'{self.path.stem}_0.mcap'
         self._stream: BinaryIO | None = None
         try:
             self._folder = _new_folder(self.path)
@@ -131,9 +127,8 @@ class BagWriter:
         qos: Sequence[Qos] | Qos | None = None,
         *,
         definition: str = '',
-        definition_format: str = 'ros2msg',
         type_hash: str = '',
-        serialization: str = 'cdr',
+        serialization: str = CDR,
     ) -> int:
         """Declare a topic; return its number for `write_block`.
 
@@ -141,40 +136,33 @@ class BagWriter:
         ----------
         name, type_name : as in '/joint_states', 'sensor_msgs/msg/JointState'.
         qos : the offered profile or profiles; None: reliable, volatile, keep last 10.
-        definition, definition_format, type_hash : from another bag; by default looked up.
-        serialization : of its messages, from another bag.
+        definition, type_hash : by default looked up.
+        serialization : of its messages.
         """
-        if name in self._topics:
-            return self._topics[name][0]
-        profiles: Any = (
-            [qos_profiles.profile()]
-            if qos is None
-            else [qos]
-            if isinstance(qos, interfaces.Qos)
-            else list(qos)
+        if qos is None:
+            qos = qos_profiles.profile()
+        profiles = (qos,) if isinstance(qos, qos_profiles.Qos) else tuple(qos)
+        return self.add(
+            Topic(
+                name,
+                type_name,
+                qos=profiles,
+                definition=definition,
+                type_hash=type_hash,
+                serialization=serialization,
+            )
         )
-        known = define(type_name)
-        if not definition:
-            definition, definition_format = known[0], 'ros2msg'
-        type_hash = type_hash or known[1]
-        channel = self._mcap.add_channel(
-            name,
-            type_name,
-            definition_format,
-            definition,
-            {'offered_qos_profiles': qos_profiles.to_text(profiles), 'topic_type_hash': type_hash},
-            serialization,
-        )
-        self._topics[name] = (
-            channel,
-            {
-                'name': name,
-                'type': type_name,
-                'serialization_format': serialization,
-                'offered_qos_profiles': qos_profiles.plain(profiles),
-                'type_description_hash': type_hash,
-            },
-        )
+
+    def add(self, topic: Topic) -> int:
+        """Declare a topic like one of another bag; return its number for `write_block`."""
+        if topic.name in self._topics:
+            return self._topics[topic.name][0]
+        definition, type_hash = define(topic.type)
+        if not topic.definition:
+            topic = replace(topic, definition=definition, definition_format='ros2msg')
+        topic = replace(topic, type_hash=topic.type_hash or type_hash)
+        channel: int = self._mcap.add_channel(topic)
+        self._topics[topic.name] = channel, topic
         return channel
 
     def write(
@@ -196,9 +184,10 @@ class BagWriter:
             self.flush()
 
     def write_block(self, block: Block) -> None:
-        """Write many messages; `block.topic` are numbers from `add_topic`."""
+        """Write many messages; `block.topic` are numbers from `add_topic` or `add`."""
         self.flush()
-        self._write(block)
+        with self._writing():
+            self._mcap.write(block)
 
     def flush(self) -> None:
         """Pass the messages of `write` to the operating system.
@@ -207,24 +196,30 @@ class BagWriter:
         ------
         UserError : they cannot be written (the disk is full, say).
         """
-        if self._pending[0]:
-            block = from_messages(*self._pending)
-            self._pending = ([], [], [], [])
-            self._pending_size = 0
-            self._write(block)
-        if self._stream is not None:
-            try:
-                self._stream.flush()
-            except OSError as error:
-                self._torn = True
+        block = from_messages(*self._pending)
+        self._pending, self._pending_size = ([], [], [], []), 0
+        with self._writing() as stream:
+            self._mcap.write(block)
+            stream.flush()
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[BinaryIO]:
+        """Yield the stream; after any error, such as a second Ctrl-C, its end is unknown."""
+        assert self._stream is not None
+        try:
+            yield self._stream
+        except BaseException as error:
+            self._torn = True
+            if isinstance(error, OSError):
                 raise self._unwritable(error) from error
+            raise
 
     def counts(self) -> dict[str, int]:
         """Return the number of messages written so far, by topic."""
         pending = np.bincount(self._pending[0], minlength=len(self._topics) + 1).tolist()
+        written = self._mcap.statistics.channel_message_counts
         return {
-            name: self._mcap.counts[channel] + pending[channel]
-            for name, (channel, _) in self._topics.items()
+            name: written[channel] + pending[channel] for name, (channel, _) in self._topics.items()
         }
 
     def close(self) -> None:
@@ -234,24 +229,22 @@ class BagWriter:
         ------
         UserError : that failed; nothing is left over, except with `keep`.
         """
+        assert self._stream is not None and self._folder is not None
         try:
             self.flush()
             information = self._information()
             self._mcap.finish(
                 {'serialized_metadata': yaml.safe_dump(information, sort_keys=False).strip()}
             )
-            assert self._stream is not None
             self._stream.close()
             if not self._bare:
                 text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
-                assert self._folder is not None
-                (self._folder / 'metadata.yaml').write_text(text, encoding='utf-8')
+                (self._folder / METADATA).write_text(text, encoding='utf-8')
             self._move()
-        except OSError as error:
+        except BaseException as error:
             self._give_up()
-            raise self._unwritable(error) from error
-        except BaseException:
-            self._give_up()
+            if isinstance(error, OSError):
+                raise self._unwritable(error) from error
             raise
 
     def _move(self) -> None:
@@ -264,10 +257,9 @@ class BagWriter:
         if self._bare:
             with open(self.path, 'xb'):
                 pass
-            made: Path = self._folder / self._file
         else:
             self.path.mkdir()
-            made = self._folder
+        made = self._folder / self._file if self._bare else self._folder
         try:
             os.replace(made, self.path)
         except OSError:
@@ -282,76 +274,76 @@ class BagWriter:
 
     def _give_up(self) -> None:
         """Remove everything; with `keep`, keep all that is readable."""
-        if not self._keep or not any(self._mcap.counts.values()):
+        if not self._keep or not self._mcap.statistics.message_count:
             self.abort()
             return
-        if self._stream is not None:
-            with contextlib.suppress(OSError):
-                self._stream.close()
+        self._close_stream()
         with contextlib.suppress(OSError):
             self._move()
         self._print_kept()
 
     def _print_kept(self) -> None:
-        if self._folder is None:
-            interrupts.say(f'{self._name} contains the messages written so far')
-        else:
-            interrupts.say(
-                f'{self._folder} contains the messages written so far: '
-                + HOW.format(shlex.quote(str(self._folder)))
-            )
+        where = f'{self._folder or self._name} contains the messages written so far'
+        interrupts.say(f'{where}: {_how_to_recover(self._folder)}' if self._folder else where)
 
     def abort(self) -> None:
         """Remove everything that was written."""
-        if self._stream is not None:
-            with contextlib.suppress(OSError):
-                self._stream.close()
+        self._close_stream()
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
             self._folder = None
 
-    def _write(self, block: Block) -> None:
-        if not len(block):
-            return
-        try:
-            self._mcap.write(block)
-        except BaseException as error:  # a second Ctrl-C too
-            self._torn = True
-            if isinstance(error, OSError):
-                raise self._unwritable(error) from error
-            raise
+    def _close_stream(self) -> None:
+        if self._stream is not None:
+            with contextlib.suppress(OSError):
+                self._stream.close()
 
     def _information(self) -> dict[str, Any]:
-        count = sum(self._mcap.counts.values())
-        start = {'nanoseconds_since_epoch': self._mcap.start_ns if count else LATEST}
-        length = {'nanoseconds': self._mcap.end_ns - self._mcap.start_ns if count else 0}
+        """Return the metadata of the bag, as Jazzy writes them."""
+        found = self._mcap.statistics
+        count = found.message_count
+        start = found.message_start_time if count else LATEST
+        length = found.message_end_time - start if count else 0
+
+        def extent() -> dict[str, Any]:
+            return {
+                'duration': {'nanoseconds': length},
+                'starting_time': {'nanoseconds_since_epoch': start},
+                'message_count': count,
+            }
+
         return {
             'version': VERSION,
             'storage_identifier': 'mcap',
-            'duration': {**length},
-            'starting_time': {**start},
-            'message_count': count,
+            **extent(),
             'topics_with_message_count': [
-                {'topic_metadata': about, 'message_count': self._mcap.counts[channel]}
-                for channel, about in self._topics.values()
+                {
+                    'topic_metadata': {
+                        'name': topic.name,
+                        'type': topic.type,
+                        'serialization_format': topic.serialization,
+                        'offered_qos_profiles': qos_profiles.plain(topic.qos),
+                        'type_description_hash': topic.type_hash,
+                    },
+                    'message_count': found.channel_message_counts[channel],
+                }
+                for channel, topic in self._topics.values()
             ],
             'compression_format': '',
             'compression_mode': '',
             'relative_file_paths': [self._file],
-            'files': [
-                {
-                    'path': self._file,
-                    'starting_time': {**start},
-                    'duration': {**length},
-                    'message_count': count,
-                }
-            ],
+            'files': [{'path': self._file, **extent()}],
             'custom_data': None,
             'ros_distro': 'jazzy',
         }
 
     def _unwritable(self, error: OSError) -> UserError:
         return UserError(f'{self._name} cannot be written: {error.strerror or error}')
+
+
+def _how_to_recover(folder: Path) -> str:
+    path = shlex.quote(str(folder))
+    return f'`velocity_estimator record --recover {path} --out BAG` makes a bag of it'
 
 
 def _new_folder(path: Path) -> Path:

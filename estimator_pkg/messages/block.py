@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True)
@@ -76,12 +76,14 @@ def compact(block: Block) -> Block:
 
 
 def from_messages(
-    topic: Sequence[int],
-    log_ns: Sequence[int],
-    publish_ns: Sequence[int],
-    raws: Sequence[bytes | memoryview],
+    topic: ArrayLike, log_ns: ArrayLike, publish_ns: ArrayLike, raws: Sequence[bytes | memoryview]
 ) -> Block:
-    """Return a block of single messages."""
+    """Return a block of single messages.
+
+    Parameters
+    ----------
+    topic, log_ns, publish_ns : shape (n,). raws : n messages.
+    """
     end = np.cumsum([len(raw) for raw in raws], dtype=np.int64)
     start = np.concatenate([np.zeros(1, np.int64), end[:-1]]) if len(raws) else end
     return Block(

@@ -13,7 +13,6 @@ import lz4.frame
 import pytest
 import zstandard
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
 
 from estimator_pkg import cli
 from estimator_pkg.bags import unpacking
@@ -32,7 +31,10 @@ BOMBS = {
 
 
 def with_chunk(path, kind, unpacked, declared):
-    """An MCAP without index whose second chunk unpacks to `unpacked` and declares `declared`."""
+    """An MCAP without index whose second chunk unpacks to `unpacked` and declares `declared`.
+
+    `unpacked` is a number of bytes, or the bytes.
+    """
     from mcap.data_stream import RecordBuilder
     from mcap.records import Chunk
 
@@ -83,7 +85,7 @@ def read_in_process(path, limit):
         [sys.executable, '-c', PEAK, str(path), str(limit)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         check=True,
     )
     count, kilobytes = map(int, done.stdout.split())
@@ -107,6 +109,13 @@ def overlapping(path, kind, size):
     return make.mcap(
         path, [(make.OTHER, make.START + t, message) for t in times], chunk_size=size // 4
     )
+
+
+def with_tiny_messages(path, kind, size):
+    """A chunk of as many messages as have place in it, which takes more memory than its bytes."""
+    record = b'\5' + (22).to_bytes(8, 'little') + (1).to_bytes(2, 'little') + bytes(20)
+    records = record * (size // len(record))
+    return with_chunk(path, kind, records, len(records))
 
 
 def with_message(path, kind, size):
@@ -138,6 +147,7 @@ def with_computed_messages(path, kind, size):
     [
         *((lambda path, kind, size: with_chunk(path, kind, size, size), kind) for kind in BOMBS),
         (with_computed_messages, ''),
+        (with_tiny_messages, 'zstd'),
         (with_message, 'zstd'),
         (with_message, 'zstd without its size'),
         (overlapping, ''),
@@ -180,15 +190,6 @@ def test_the_limit_by_itself_stops_a_chunk_that_declares_gigabytes(tmp_path):
     path = with_chunk(tmp_path / 'bag.mcap', 'zstd without its size', MIB, 4 << 30)
     with pytest.raises(UserError, match='more than 256 MiB'):
         open_bag(path)
-
-
-def test_the_index_bounds_a_chunk_too(tmp_path, capsys):
-    path = make.mcap(tmp_path / 'bag.mcap', make.content(), compression=CompressionType.ZSTD)
-    with open_bag(path) as bag:
-        mcap, _ = bag._mcaps[0]
-        mcap._parts = [part._replace(size=100) for part in mcap._parts]
-        assert not list(bag.messages())
-    assert 'wrong size' in capsys.readouterr().err
 
 
 @pytest.mark.long

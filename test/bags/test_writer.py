@@ -8,7 +8,6 @@ import subprocess
 import sys
 
 import bag_making as make
-import numpy as np
 import pytest
 import yaml
 from bag_making import OTHER, START, STATES, STORE, TEXT
@@ -331,15 +330,3 @@ def test_places_that_cannot_be_written_are_refused_at_once(tmp_path):
         BagWriter(tmp_path / 'nowhere' / 'bag')
     with pytest.raises(UserError, match='cannot be written'):
         BagWriter('/proc/bag')
-
-
-def test_frames_of_many_lengths_are_those_of_few(monkeypatch):
-    from estimator_pkg.bags import mcap_output
-
-    raws = [bytes([i]) * (i % 5) for i in range(40)]
-    block = from_messages([1] * 40, list(range(40)), list(range(40)), raws)
-    few, starts = mcap_output.frame(block)
-    monkeypatch.setattr(mcap_output, 'FEW_LENGTHS', 0)
-    many, others = mcap_output.frame(block)
-    assert np.array_equal(few, many)
-    assert np.array_equal(starts, others)

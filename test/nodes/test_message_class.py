@@ -109,3 +109,9 @@ def test_a_type_name_leads_to_no_file_outside_share(tmp_path, monkeypatch):
     assert define('own_msgs/msg/Foo')[0] == 'float64 x\n'
     for name in ('../secret/msg/Foo', f'{tmp_path}/secret/msg/Foo', 'own_msgs/../own_msgs/msg/Foo'):
         assert define(name) == ('', '')
+
+
+def test_the_type_hash_is_that_of_the_installed_package():
+    """Of a type with `char`, too, for which rosbags 0.11.9 computes another one."""
+    expected = 'RIHS01_3ad2d04dd29ba19d04b16659afa3ccaedd691914b02a64e82e252f2fa6a586a9'
+    assert define('std_msgs/msg/Char')[1] == expected

@@ -1,0 +1,76 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a file of a bag contains: its topics, and its messages in parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from estimator_pkg.errors import UserError
+from estimator_pkg.messages.block import Block
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Qos
+
+CDR = 'cdr'
+
+
+class UnreadableError(UserError):
+    """A topic exists, but none of its messages can be decoded."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes
+    ----------
+    name, type : as in '/joint_states', 'sensor_msgs/msg/JointState'.
+    count : messages in the bag.
+    qos : the profiles that its publishers offered.
+    definition, type_hash : the message definition and RIHS01 hash; empty if the bag has none.
+    definition_format : 'ros2msg' or 'ros2idl'.
+    serialization : 'cdr', or another format of a foreign recorder.
+    """
+
+    name: str
+    type: str
+    count: int = 0
+    qos: tuple[Qos, ...] = ()
+    definition: str = field(default='', repr=False)
+    type_hash: str = ''
+    definition_format: str = 'ros2msg'
+    serialization: str = CDR
+
+
+class Part(NamedTuple):
+    """Messages that are read together.
+
+    start_ns : time of the first one. size : bytes when they are read.
+    load : reads them; the blocks' `topic` are places in the topics of their file.
+    """
+
+    start_ns: int
+    size: int
+    load: Callable[[], Block]
+
+
+class Source(Protocol):
+    """A file of a bag that is open for reading.
+
+    sorts : its parts are known in advance, so they can be sorted with those of other files.
+    """
+
+    path: Path
+    topics: list[Topic]
+    sorts: bool
+
+    def parts(self, places: Sequence[int]) -> Iterable[Part]:
+        """Return the parts with messages of the topics at these places, and maybe others."""
+
+    def close(self) -> None:
+        """Close the file."""
