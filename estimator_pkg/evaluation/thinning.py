@@ -39,17 +39,6 @@ def extremes(values: Array, points: int) -> NDArray[np.int64]:
     return chosen[chosen < count]
 
 
-def changes(values: NDArray, points: int) -> NDArray[np.int64]:
-    """Return the indices that draw a staircase, shape (k,): steps and ends, at most `points`."""
-    if not len(values):
-        return np.zeros(0, np.int64)
-    steps = np.flatnonzero(np.diff(values)) + 1
-    chosen = np.unique(np.concatenate([[0], steps, [len(values) - 1]]))
-    if len(chosen) > points:
-        chosen = chosen[np.linspace(0, len(chosen) - 1, points).astype(np.int64)]
-    return chosen
-
-
 def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Array, NDArray]:
     """Return (time [s], values), shape (k,), of chosen samples; nan where the record has a gap."""
     steps = np.diff(time)
