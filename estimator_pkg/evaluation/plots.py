@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.thinning import HOLE, extremes
+from estimator_pkg.evaluation.thinning import HOLE, extremes, limits
 from estimator_pkg.optional import needs
 from estimator_pkg.printable import escaped, printable
 
@@ -75,9 +75,7 @@ class Style(NamedTuple):
 def styles(sources: Iterable[str]) -> dict[str, Style]:
     """Return a style for each; colours and dashes both differ between neighbours."""
     return {
-        source: Style(
-            COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
-        )
+        source: Style(COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)])
         for i, source in enumerate(sources)
     }
 
@@ -143,7 +141,10 @@ def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:
 
 
 def over_time(
-    panels: Mapping[str, Sequence[Curve]], rows: int, shown: Iterable[str], names: Sequence[str] = ()
+    panels: Mapping[str, Sequence[Curve]],
+    rows: int,
+    shown: Iterable[str] = (),
+    names: Sequence[str] = (),
 ) -> tuple[Any, str]:
     """Return (panels above each other with one time axis, what is left out).
 
@@ -160,6 +161,7 @@ def over_time(
         CustomJSTransform,
         FixedTicker,
         HoverTool,
+        Range1d,
         Span,
     )
 
@@ -187,27 +189,39 @@ def over_time(
         overlay=Span(dimension='height', line_color=GREY, line_dash='dotted'), visible=False
     )
     made: list[Any] = []
-    shown, number = set(shown), 0
+    shown, number = {'', *shown}, 0
     for title, panel in panels.items():
         steps = any(each.kind == 'step' for each in panel)
         low = len(panel) == 1 or steps
-        plot = figure(title, '', '', LOW if low else TALL, x_range=made[0].x_range if made else None)
+        plot = figure(
+            title, '', '', LOW if low else TALL, x_range=made[0].x_range if made else None
+        )
         # A line that is not seen has a point at each instant, which the pointer finds.
         every = plot.line('time', 'time', source=data, line_alpha=0.0)
         lines = []
         for each in panel:
             name = f'c{number}'
             number += 1
-            more = {'source': data, 'visible': not each.source or each.source in shown}
+            more = {'source': data, 'visible': each.source in shown}
             more |= {'name': printable(each.source)} if each.source else {}
             if each.kind == 'band':
                 below = {'field': name, 'transform': minus}
-                lines.append(plot.varea('time', below, name, **more, **each.style))
+                plot.varea('time', below, name, **more, **each.style)
             elif each.kind == 'step':
                 lines.append(plot.step('time', name, mode='after', **more, **each.style))
             else:
                 lines.append(plot.line('time', name, **more, **each.style))
-        plot.y_range.renderers = lines
+        plot.y_range.renderers = lines  # not `every`, nor bands: they are wide at a start
+        outer = limits(
+            [
+                each.values
+                for each in panel
+                if each.kind == 'line' and (not each.source or each.source in shown)
+            ]
+        )
+        if outer:
+            plot.y_range = Range1d(*outer)
+            plot.title.text += '; outliers are beyond'
         if steps:
             ticks = range(1 + round(max(float(np.nanmax(each.values)) for each in panel)))
             plot.yaxis.ticker = FixedTicker(ticks=list(ticks))
@@ -243,7 +257,8 @@ def figure(title: str, x: str, y: str, height: int = TALL, **more: Any) -> Any:
         tools='box_zoom,pan,reset,save',
         active_drag='box_zoom',
         min_border_left=70,
-        **{name: value for name, value in more.items() if value is not None},
+        window_axis='x',  # zoomed in time, the vertical axis follows
+        **more,
     )
     wheel = WheelZoomTool(modifiers='ctrl')  # the wheel alone scrolls the page
     made.add_tools(wheel)

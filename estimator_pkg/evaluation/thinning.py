@@ -65,7 +65,7 @@ def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
             least, most = min(least, float(np.nanmin(line))), max(most, float(np.nanmax(line)))
         part = line[:: max(1, len(line) // ENOUGH)]
         some.append(part[np.isfinite(part)])
-    known = np.concatenate(some)
+    known = np.concatenate([np.zeros(0), *some])
     if not len(known):
         return None
     low, high = np.percentile(known, [100.0 - MOST, MOST])

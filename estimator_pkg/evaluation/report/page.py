@@ -11,9 +11,9 @@ from pathlib import Path
 from types import TracebackType
 
 from estimator_pkg import __version__, destination, whole_file
+from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.many import LeftOut
-from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, opening, tradeoff
@@ -245,10 +245,10 @@ class Report:
             plots.styles(self._sources),
         )
         picture = (
-            f'{self._plots.add(drawn)}<p class="note">Down and to the left is better. A point is an estimate, its '
-            'line the same observer with other gains. The grey band is the Pareto front: nothing '
-            'has both less delay and less noise. A dark rim marks the points on it. Noise: rms error '
-            'after the delay is taken out'
+            f'{self._plots.add(drawn)}<p class="note">Down and to the left is better. A point is '
+            'an estimate, its line the same observer with other gains. The grey band is the Pareto '
+            'front: nothing has both less delay and less noise. A dark rim marks the points on it. '
+            'Noise: rms error after the delay is taken out'
             + (f', of {escaped(moving)}, which moves fastest' if joints > 1 else '')
             + '.</p>'
             if drawn is not None

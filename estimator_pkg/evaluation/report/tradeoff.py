@@ -248,12 +248,18 @@ def picture(found: Sequence[Sweep], styles: Mapping[str, Style]) -> Any:
     if seen:
         x, y = np.transpose(seen)
         plot.step(x, y, mode='after', line_color=GREY, line_width=7, line_alpha=0.45)
+    shown = noise
     for each in found:
-        near = (each.delay * 1e3 <= widest) & (each.noise <= top)
+        near = (each.delay * 1e3 <= widest) & (each.noise <= top) & (each.noise > 0.0)
+        shown = np.append(shown, each.noise[near])
         plot.line(each.delay[near] * 1e3, each.noise[near], **styles[each.source].line)
     names = [printable(each.source) for each in there]
     on_front = [(max(each.own[0], 0.0), each.own[1]) in best for each in there]
-    place = np.argsort(np.argsort(noise))  # neighbours have their names on different sides
+    right = late > 0.5 * (late.min() + late.max())  # their names are on their left
+    heights = noise.copy()  # of the names, which do not overlap
+    order, apart = np.argsort(noise), (shown.max() / shown.min()) ** 0.06
+    for one, two in zip(order, order[1:]):
+        heights[two] = max(heights[two], heights[one] * apart)
     colours = [styles[each.source].colour for each in there]
     columns = {
         'x': late,
@@ -261,14 +267,17 @@ def picture(found: Sequence[Sweep], styles: Mapping[str, Style]) -> Any:
         'name': names,
         'colour': colours,
         'ring': ['#1d1d1f' if each else colour for each, colour in zip(on_front, colours)],
-        'align': ['right' if each % 2 else 'left' for each in place],
-        'offset': [-9 if each % 2 else 9 for each in place],
+        'align': ['right' if each else 'left' for each in right],
+        'offset': [-9 if each else 9 for each in right],
+        'height': heights,
     }
     data = ColumnDataSource(columns)
-    plot.scatter('x', 'y', source=data, size=11, fill_color='colour', line_color='ring', line_width=2)
+    plot.scatter(
+        'x', 'y', source=data, size=11, fill_color='colour', line_color='ring', line_width=2
+    )
     plot.text(
         'x',
-        'y',
+        'height',
         'name',
         source=data,
         x_offset='offset',
@@ -276,5 +285,4 @@ def picture(found: Sequence[Sweep], styles: Mapping[str, Style]) -> Any:
         text_baseline='middle',
         text_font_size='12px',
     )
-    plot.x_range.range_padding = 0.35  # for the names
     return plot
