@@ -193,9 +193,9 @@ def over_time(
     for title, panel in panels.items():
         steps = any(each.kind == 'step' for each in panel)
         low = len(panel) == 1 or steps
-        plot = figure(
-            title, '', '', LOW if low else TALL, x_range=made[0].x_range if made else None
-        )
+        plot = figure(title, '', '', LOW if low else TALL)
+        if made:
+            plot.x_range = made[0].x_range
         # A line that is not seen has a point at each instant, which the pointer finds.
         every = plot.line('time', 'time', source=data, line_alpha=0.0)
         lines = []
@@ -212,18 +212,14 @@ def over_time(
             else:
                 lines.append(plot.line('time', name, **more, **each.style))
         plot.y_range.renderers = lines  # not `every`, nor bands: they are wide at a start
-        outer = limits(
-            [
-                each.values
-                for each in panel
-                if each.kind == 'line' and (not each.source or each.source in shown)
-            ]
-        )
+        front = [each for each in panel if each.kind == 'line' and each.source in shown]
+        outer = limits(each.values for each in front)
         if outer:
             plot.y_range = Range1d(*outer)
             plot.title.text += '; outliers are beyond'
         if steps:
             ticks = range(1 + round(max(float(np.nanmax(each.values)) for each in panel)))
+            plot.y_range = Range1d(-0.6, len(ticks) - 0.4)
             plot.yaxis.ticker = FixedTicker(ticks=list(ticks))
             plot.yaxis.major_label_overrides = {i: names[i] for i in ticks}
         plot.add_tools(

@@ -147,7 +147,9 @@ def sample_times(seen: Measurement) -> Any:
     high = max(float(np.max(milliseconds)) * 1.1, 2.0 * usual)
     heights, edges = np.histogram(milliseconds, np.geomspace(low, high, 61))
     title = 'sample times' + (' (triangles: gaps)' if len(holes) else '')
-    plot = figure(title, 'sample time [ms]', 'samples', x_axis_type='log', y_axis_type='log')
+    axes = {'x_axis_type': 'log', 'y_axis_type': 'log'}
+    plot = figure(title, 'sample time [ms]', 'samples', **axes)
+    plot.x_range.start, plot.x_range.end = low, high
     some = heights > 0
     plot.quad(edges[:-1][some], edges[1:][some], heights[some], 0.5, fill_color='#0072b2')
     plot.scatter(holes, np.full(len(holes), 0.6), marker='triangle', size=9, color='#d55e00')

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -258,7 +259,7 @@ def picture(found: Sequence[Sweep], styles: Mapping[str, Style]) -> Any:
     right = late > 0.5 * (late.min() + late.max())  # their names are on their left
     heights = noise.copy()  # of the names, which do not overlap
     order, apart = np.argsort(noise), (shown.max() / shown.min()) ** 0.06
-    for one, two in zip(order, order[1:]):
+    for one, two in itertools.pairwise(order):
         heights[two] = max(heights[two], heights[one] * apart)
     colours = [styles[each.source].colour for each in there]
     columns = {
