@@ -145,13 +145,14 @@ def over_time(
     rows: int,
     shown: Iterable[str] = (),
     names: Sequence[str] = (),
+    whole: bool = False,
 ) -> tuple[Any, str]:
     """Return (panels above each other with one time axis, what is left out).
 
     Parameters
     ----------
-    panels : by title. rows : most instants. shown : sources that are visible at first.
-    names : of the integer values of steps.
+    panels : by title, each with its most important curve first. rows : most instants. shown : sources that are visible at first.
+    names : of the integer values of steps. whole : outliers are in the picture.
     """
     from bokeh.layouts import gridplot
     from bokeh.models import (
@@ -189,7 +190,8 @@ def over_time(
         overlay=Span(dimension='height', line_color=GREY, line_dash='dotted'), visible=False
     )
     made: list[Any] = []
-    shown, number = {'', *shown}, 0
+    shown, names_ = {'', *shown}, iter(columns)
+    next(names_)
     for title, panel in panels.items():
         steps = any(each.kind == 'step' for each in panel)
         low = len(panel) == 1 or steps
@@ -199,9 +201,7 @@ def over_time(
         # A line that is not seen has a point at each instant, which the pointer finds.
         every = plot.line('time', 'time', source=data, line_alpha=0.0)
         lines = []
-        for each in panel:
-            name = f'c{number}'
-            number += 1
+        for each, name in reversed(list(zip(panel, names_))):  # the first is on top
             more = {'source': data, 'visible': each.source in shown}
             more |= {'name': printable(each.source)} if each.source else {}
             if each.kind == 'band':
@@ -213,7 +213,7 @@ def over_time(
                 lines.append(plot.line('time', name, **more, **each.style))
         plot.y_range.renderers = lines  # not `every`, nor bands: they are wide at a start
         front = [each for each in panel if each.kind == 'line' and each.source in shown]
-        outer = limits(each.values for each in front)
+        outer = None if whole else limits(each.values for each in front)
         if outer:
             plot.y_range = Range1d(*outer)
             plot.title.text += '; outliers are beyond'

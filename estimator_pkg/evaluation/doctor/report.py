@@ -255,4 +255,5 @@ def over_time(readings: Readings, instants: int) -> tuple[Any, str]:
             'time since the sample before [ms]': [Curve('sample time', '@ ms', time, steps, blue)],
         },
         instants,
+        whole=True,
     )

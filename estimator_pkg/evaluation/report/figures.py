@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ def group(
     rows: Sequence[Row],
     instants: int,
     styles: Mapping[str, Style],
-    shown: Iterable[str],
+    shown: Collection[str],
 ) -> tuple[Any, str]:
     """Return (angle, velocity, error and status of a joint over time, what is left out)."""
     first = min(float(row.time[0]) for row in rows)
@@ -52,7 +52,8 @@ def group(
                 Curve('measured position', '@ rad', time[good], series.position[good], style)
             ]
     reference = Curve('reference', '@ rad/s', rows[0].time, rows[0].truth, REFERENCE)
-    velocities, errors, bands, statuses = [reference], [], [], []
+    velocities: list[Curve] = []
+    errors, bands, statuses = [], [], []
     for i, row in enumerate(rows):
         name, line, estimate, stddev = row.source, styles[row.source].line, row.estimate, row.stddev
         error = estimate - row.truth
@@ -66,8 +67,8 @@ def group(
             offset = SPACING * (i / (len(rows) - 1) - 0.5) if len(rows) > 1 else 0.0
             at, status = row.status_time[inside], row.status[inside] + offset
             statuses.append(Curve(name, '@', at, status, line, name, 'step'))
-    panels['velocity [rad/s]; grey: reference'] = velocities
-    panels['error and 95 % interval [rad/s]'] = bands + errors
+    panels['velocity [rad/s]; grey: reference'] = [*velocities, reference]
+    panels['error and 95 % interval [rad/s]'] = errors + bands
     if statuses:
         panels['status'] = statuses
     return over_time(panels, instants, shown, STATUS_NAMES)
@@ -75,12 +76,12 @@ def group(
 
 def lines(
     plot: Any,
-    found: Iterable[tuple[str, Array, Array]],
+    found: Sequence[tuple[str, Array, Array]],
     styles: Mapping[str, Style],
-    shown: Iterable[str],
+    shown: Collection[str],
 ) -> Any:
     """Add lines (source, x, y) to a plot; return it."""
-    for source, x, y in found:
+    for source, x, y in reversed(found):  # the best is on top
         plot.line(x, y, name=printable(source), visible=source in shown, **styles[source].line)
     return plot
 

@@ -493,6 +493,7 @@ def test_the_page_fits_a_phone_and_is_legible_in_the_dark(tmp_path):
                 driver.get(page.as_uri())
                 wide = driver.execute_script('return document.documentElement.scrollWidth')
                 assert wide <= width
+                assert driver.execute_script('return Bokeh.documents[0].all_models.size') > 50
             colour = driver.execute_script(
                 "return getComputedStyle(document.querySelector('td.PASS')).color"
             )
