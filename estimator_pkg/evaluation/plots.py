@@ -151,7 +151,8 @@ def over_time(
 
     Parameters
     ----------
-    panels : by title, each with its most important curve first. rows : most instants. shown : sources that are visible at first.
+    panels : by title, each with its most important curve first. rows : most instants.
+    shown : sources that are visible at first.
     names : of the integer values of steps. whole : outliers are in the picture.
     """
     from bokeh.layouts import gridplot
@@ -183,7 +184,7 @@ def over_time(
             formats[f'@{name}'] = CustomJSHover(
                 args={'names': list(names)}, code='return names[Math.round(value)] ?? "-"'
             )
-    data = ColumnDataSource(columns)
+    data = ColumnDataSource({**columns, 'zero': np.zeros(len(times), np.int8)})
     minus = CustomJSTransform(v_func='return xs.map(x => -x)')
     tips_ = [(label, ', '.join(texts)) for label, texts in tips.items()]
     cursor = CrosshairTool(
@@ -199,7 +200,8 @@ def over_time(
         if made:
             plot.x_range = made[0].x_range
         # A line that is not seen has a point at each instant, which the pointer finds.
-        every = plot.line('time', 'time', source=data, line_alpha=0.0)
+        plot.extra_y_ranges = {'middle': Range1d(-1, 1)}
+        every = plot.line('time', 'zero', source=data, line_alpha=0.0, y_range_name='middle')
         lines = []
         for each, name in reversed(list(zip(panel, names_))):  # the first is on top
             more = {'source': data, 'visible': each.source in shown}

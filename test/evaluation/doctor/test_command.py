@@ -170,7 +170,7 @@ def test_the_page_has_verdict_file_and_checks(report):
     folder, _, _ = report
     page = (folder / 'page.html').read_text()
     assert page.index('Verdict') < page.index('Parameter file') < page.index('Checks')
-    assert 'ros__parameters' in page and 'class="WARN"' in page and '<script' not in page
+    assert 'ros__parameters' in page and 'WARN">WARN' in page and '<script src' not in page
 
 
 @pytest.mark.long

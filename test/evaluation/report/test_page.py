@@ -164,7 +164,7 @@ def of_panel(driver, title, what):
 def place(driver, title):
     """Scroll to a panel; return the middle of its frame in the window."""
     return driver.execute_script(
-        f"""const view = Bokeh.index.get_by_id(({PANEL}).id);
+        f"""const view = Bokeh.index.find_one_by_id(({PANEL}).id);
         view.el.scrollIntoView({{block: 'center'}});
         const box = view.el.getBoundingClientRect();
         return [box.left + view.frame.bbox.left + view.frame.bbox.width / 2,
@@ -255,8 +255,9 @@ def test_one_legend_shows_and_hides_estimates_in_all_plots(page, driver):
     buttons = driver.find_elements('css selector', '.legend button')
     assert len(buttons) == 2
     name = buttons[1].get_attribute('data-s')
-    lines = f"""return [...Bokeh.documents[0].all_models].filter(
-        each => each.type === 'GlyphRenderer' && each.name === '{name}').map(each => each.visible)"""
+    lines = f"""return [...Bokeh.documents[0].all_models]
+        .filter(each => each.type === 'GlyphRenderer' && each.name === '{name}')
+        .map(each => each.visible)"""
     seen = driver.execute_script(lines)
     assert len(seen) >= 16 and all(seen)  # best and raw difference are in front; two bags
     driver.execute_script('arguments[0].click()', buttons[1])
