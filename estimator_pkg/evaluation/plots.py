@@ -25,7 +25,7 @@ GREY = '#9a9a9e'  # of references
 NUMBERS = 1_200_000  # of all curves over time of a page: 6.4 MB
 FEWEST = 200  # points of a curve
 TALL, LOW = 250, 130  # height of a panel [pixels]
-# The legend shows and hides estimates in all plots. A finger scrolls the page.
+# The legend shows and hides estimates in all plots.
 SCRIPT = """
 const models = () => Bokeh.documents.flatMap(each => [...each.all_models]);
 for (const button of document.querySelectorAll('.legend button'))
@@ -91,7 +91,7 @@ class Curve(NamedTuple):
 
     label: str
     text: str
-    time: Array
+    time: NDArray[np.floating]
     values: NDArray
     style: Mapping[str, Any]
     source: str = ''
@@ -111,7 +111,7 @@ class Curve(NamedTuple):
         return found.astype(np.float32)
 
 
-def longest(time: Array) -> float:
+def longest(time: NDArray[np.floating]) -> float:
     """Return the longest time between samples that a line crosses [s]."""
     return HOLE * float(np.median(np.diff(time))) if len(time) > 1 else np.inf
 
@@ -128,8 +128,9 @@ def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:
     times = [each.time[extremes(each.values, points)] for each in drawn]
     for each in drawn:
         steps = np.diff(each.time)
-        holes = np.flatnonzero(steps > longest(each.time)) if each.kind == 'line' else []
-        times.append(each.time[holes] + 0.5 * steps[holes] if len(holes) else np.zeros(0))
+        if each.kind == 'line':
+            holes = np.flatnonzero(steps > longest(each.time))
+            times.append(each.time[holes] + 0.5 * steps[holes])
     chosen = np.unique(np.concatenate(times))
     if most <= points:
         return chosen, ''

@@ -120,7 +120,7 @@ def error_spectrum(rows: Sequence[Row]) -> tuple[Any, Any]:
             frequency = np.add.reduceat(frequency, starts) / count
             root = np.sqrt(np.add.reduceat(root**2, starts) / count)
         found.append((row.source, frequency, np.where(root > 0.0, root, np.nan)))
-    axes = {'x_axis_type': 'log', 'y_axis_type': 'log'}
+    axes: dict[str, Any] = {'x_axis_type': 'log', 'y_axis_type': 'log'}
     return figure('spectrum of the error', 'frequency [Hz]', '(rad/s) / root Hz', **axes), found
 
 
@@ -148,7 +148,7 @@ def sample_times(seen: Measurement) -> Any:
     high = max(float(np.max(milliseconds)) * 1.1, 2.0 * usual)
     heights, edges = np.histogram(milliseconds, np.geomspace(low, high, 61))
     title = 'sample times' + (' (triangles: gaps)' if len(holes) else '')
-    axes = {'x_axis_type': 'log', 'y_axis_type': 'log'}
+    axes: dict[str, Any] = {'x_axis_type': 'log', 'y_axis_type': 'log'}
     plot = figure(title, 'sample time [ms]', 'samples', **axes)
     plot.x_range.start, plot.x_range.end = low, high
     some = heights > 0

@@ -277,6 +277,27 @@ def test_on_a_phone_it_fits_and_shows_the_first_number(page, driver, scheme):
 
 
 @pytest.mark.page
+def test_a_hostile_name_is_text_in_plots(tmp_path, driver):
+    name = "</script><img src=x onerror=document.title='hit'>$$x$$ @time '\\"
+    made = plots.Plots()
+    time = np.arange(100) * 0.01
+    line = plots.styles([name])[name].line
+    panels, _ = plots.over_time(
+        {'velocity': [plots.Curve(name, '@', time, np.sin(time), line, name)]}, 1000, [name]
+    )
+    sweep = tradeoff.Sweep(name, '', (), np.zeros(0), np.zeros(0), (0.01, 0.1))
+    picture = tradeoff.picture([sweep], plots.styles([name]))
+    path = tmp_path / 'page.html'
+    path.write_text(made.page(name, made.add(panels) + made.add(picture)))
+    driver.get_log('performance')
+    on_screen(driver, path, 1280)
+    assert driver.title.startswith('</script><img')
+    assert not driver.find_elements('css selector', 'img')
+    asked = [line['message'] for line in driver.get_log('performance')]
+    assert not [each for each in asked if '"url":"http' in each and 'requestWillBeSent' in each]
+
+
+@pytest.mark.page
 def test_it_prints_completely(page, driver):
     on_screen(driver, page[0], 1280)
     paper = driver.execute_cdp_cmd('Page.printToPDF', {'preferCSSPageSize': True})
