@@ -20,7 +20,7 @@ EXTRAS = {
         'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9',
     ],
     'fast': ['numba>=0.61,<1'],
-    'report': ['matplotlib>=3.8,<4'],
+    'report': ['matplotlib>=3.8,<4', 'bokeh>=3.7,<4'],
     'tune': ['optuna>=4,<5'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],
@@ -55,7 +55,7 @@ setup(
     version='0.1.0',
     packages=find_packages(include=['estimator_pkg*', 'sim_pkg*']),
     package_data={
-        'estimator_pkg': ['py.typed', 'evaluation/report/page.*s'],
+        'estimator_pkg': ['py.typed', 'evaluation/page.css'],
         'sim_pkg': ['py.typed', 'reproduce/*/references.csv'],
     },
     data_files=[

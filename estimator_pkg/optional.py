@@ -131,6 +131,7 @@ KNOWN = (
     *BAGS,
     'numba',
     'matplotlib',
+    'bokeh',
     'optuna',
     'distributed',
     'scipy',

@@ -24,6 +24,7 @@ from estimator_pkg.bags.selection import MADE, TRUTH
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
@@ -80,7 +81,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='YAML',
         help='write a parameter file for joint_observer, unless a check FAILs',
     )
-    parser.add_argument('--html', metavar='FILE', help='write the report as a page')
+    parser.add_argument('--html', metavar='FILE', help='write the report as a page with plots')
     unpacking.arguments(parser)
 
 
@@ -92,6 +93,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     for path in (parsed.out, parsed.html):
         if path is not None:
             destination.check(path)
+    if parsed.html:
+        plots.check()
     if parsed.bag is not None:
         return _examined(parsed, parsed.bag, parsed.bag)
     if not 0.5 <= parsed.live <= 3600.0:

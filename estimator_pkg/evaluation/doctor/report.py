@@ -10,10 +10,22 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from estimator_pkg import params_file, yaml_text
+from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
-from estimator_pkg.evaluation.doctor.readings import FAIL, LEVELS, PASS, WARN, Finding, to_mend
+from estimator_pkg.evaluation.doctor.readings import (
+    FAIL,
+    LEVELS,
+    PASS,
+    WARN,
+    Finding,
+    Readings,
+    to_mend,
+)
+from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.text import for_node, units
 from estimator_pkg.printable import escaped, printable
@@ -22,23 +34,7 @@ from estimator_pkg.streams.angle import AngleStream
 WIDTH = 80
 NAME = 19  # columns of a check's name
 ALL = 'all joints'
-STYLE = """
-:root { color-scheme: light dark }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 1rem auto; padding: 0 1rem;
-overflow-wrap: anywhere }
-h1 { font-size: clamp(1.2rem, 4.5vw, 1.8rem) } h3 { margin-bottom: .3rem }
-.use { font-weight: 600; margin: .3rem 0 } ul { margin: .3rem 0; padding-left: 1.2rem }
-table { border-collapse: collapse; width: 100% }
-td { border-top: 1px solid #8884; padding: .3rem .6rem .3rem 0; vertical-align: top }
-td:first-child { font-weight: 600; width: 4rem } td:nth-child(2) { width: 11rem }
-.PASS { color: light-dark(#1d7a38, #62c87c) } .WARN { color: light-dark(#8f5600, #e5a33c) }
-.FAIL { color: light-dark(#b8242a, #ff7b7f) }
-pre { overflow-x: auto; overflow-wrap: normal; font-size: .875rem }
-pre { padding: .8rem; background: #8882; border-radius: .4rem }
-small { display: block; opacity: .8 }
-@media (max-width: 40rem) { td { display: block; border: 0; padding: 0; width: auto !important }
-tr { display: block; border-top: 1px solid #8884; padding: .4rem 0 } }
-"""
+NUMBERS = 6  # of each instant of a joint's plots
 
 
 def shared(examined: Sequence[Examined]) -> tuple[list[Finding], list[list[Finding]]]:
@@ -201,13 +197,9 @@ def as_yaml(
 
 
 def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: str) -> str:
-    """Return the report as a page without scripts, readable on a phone and in the dark."""
-    parts = [
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<title>Doctor: {escaped(origin)}</title><style>{STYLE}</style></head><body>',
-        f'<h1>{escaped(origin)}</h1><h2>Verdict</h2>',
-    ]
+    """Return the report as a page, readable on a phone and in the dark."""
+    made = plots.Plots()
+    parts = [f'<h1>{escaped(origin)}</h1><h2>Verdict</h2>']
     for name, said in verdicts(examined, choice).items():
         use = [each for each in said[:1] if name != ALL]
         parts.append(f'<h3>{escaped(name or "joint")}</h3>')
@@ -220,11 +212,48 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
     for heading, findings in blocks(examined):
         parts.append(f'<h3>{escaped(heading)}</h3><table>')
         parts += [
-            f'<tr><td class="{each.level}">{each.level}</td><td>{escaped(each.check)}</td>'
-            f'<td>{escaped(each.value)}'
+            f'<tr><td class="text {each.level}">{each.level}</td>'
+            f'<td class="text">{escaped(each.check)}</td><td class="text">{escaped(each.value)}'
             + (f'<small>{escaped(each.remedy)}</small>' if each.remedy else '')
             + '</td></tr>'
             for each in findings
         ]
         parts.append('</table>')
-    return '\n'.join([*parts, '</body></html>\n'])
+    drawn = [each.readings for each in examined if len(each.readings.rows) > 1]
+    if drawn:
+        parts.append('<h2>Plots</h2>')
+    for each in drawn:
+        panels, note = over_time(each, plots.NUMBERS // (len(drawn) * NUMBERS))
+        parts += [f'<h3>{escaped(each.name or "joint")}</h3>', made.add(panels)]
+        parts += [f'<p class="note">{note}</p>'] if note else []
+    return made.page(f'Doctor: {origin}', '\n'.join(parts))
+
+
+def over_time(readings: Readings, instants: int) -> tuple[Any, str]:
+    """Return (position, velocities and sample times of a joint, what is left out)."""
+    rows, estimates = readings.rows, readings.difference
+    time = (readings.stamps_ns[rows] - readings.start_ns) * 1e-9
+    ahead = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])  # the clock jumps back
+    rows, time = rows[ahead], time[ahead]
+    grey, blue = (
+        {'line_color': colour, 'line_width': 1.5} for colour in (plots.GREY, plots.COLOURS[0])
+    )
+    unit = units('rad', readings.period)
+    recorded = readings.velocity[rows]
+    difference = np.where(estimates.used, estimates.velocity, np.nan)[rows]
+    velocities = [Curve('finite difference', f'@ {unit}/s', time, difference, blue)]
+    if np.isfinite(recorded).any():
+        velocities.insert(0, Curve('in the messages', f'@ {unit}/s', time, recorded, grey))
+    steps = np.diff(time, prepend=np.nan) * 1e3
+    return plots.over_time(
+        {
+            f'position [{unit}]': [
+                Curve('position', f'@ {unit}', time, readings.position[rows], blue)
+            ],
+            f'velocity [{unit}/s]; blue: finite difference'
+            + ', grey: in the messages' * (len(velocities) > 1): velocities,
+            'time since the sample before [ms]': [Curve('sample time', '@ ms', time, steps, blue)],
+        },
+        instants,
+        whole=True,
+    )

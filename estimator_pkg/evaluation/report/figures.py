@@ -1,63 +1,115 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Small plots of a joint: error against speed, its spectrum and distribution, sample times."""
+"""Plots of a joint: curves over time, the largest error, error by speed, spectrum, distribution."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.comparison import Row
+from estimator_pkg.evaluation.compare.comparison import BAND, Comparison, Row
+from estimator_pkg.evaluation.plots import GREY, Curve, Style, figure, over_time
 from estimator_pkg.evaluation.report.findings import Measurement
 from estimator_pkg.evaluation.report.spectrum import by_speed, density, normalised
-from estimator_pkg.evaluation.report.svg import Axis, Plot, Style
+from estimator_pkg.observers.contract import STATUS_NAMES
+from estimator_pkg.printable import printable
+
+Array = NDArray[np.float64]
 
 HOLES_MARKED = 200
 AROUND = 300  # samples on either side of the largest error
 FREQUENCIES = 160  # points of a spectrum, evenly on its logarithmic axis
+SPACING = 0.5  # lines of several statuses are drawn within this distance
+REFERENCE = {'line_color': GREY, 'line_width': 3}
 
 
-def around_the_worst(best: Row, rows: Sequence[Row], styles: Mapping[str, Style]) -> str:
-    """Return every sample around the largest error of the best estimate."""
+def group(
+    comparison: Comparison,
+    joint: str,
+    rows: Sequence[Row],
+    instants: int,
+    styles: Mapping[str, Style],
+    shown: Collection[str],
+) -> tuple[Any, str]:
+    """Return (angle, velocity, error and status of a joint over time, what is left out)."""
+    first = min(float(row.time[0]) for row in rows)
+    last = max(float(row.time[-1]) for row in rows)
+    panels: dict[str, list[Curve]] = {}
+    series = comparison.measurement.get(joint)
+    if series is not None:
+        time = (series.stamps_ns - comparison.starts[joint]) * 1e-9
+        good = np.isfinite(series.position) & (series.stamps_ns > 0)
+        good &= (time >= first) & (time <= last)
+        good &= np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])[: len(time)]
+        if good.any():
+            style = {'line_color': GREY, 'line_width': 1.5}
+            panels['measured position [rad]'] = [
+                Curve('measured position', '@ rad', time[good], series.position[good], style)
+            ]
+    reference = Curve('reference', '@ rad/s', rows[0].time, rows[0].truth, REFERENCE)
+    velocities: list[Curve] = []
+    errors, bands, statuses = [], [], []
+    for i, row in enumerate(rows):
+        name, line, estimate, stddev = row.source, styles[row.source].line, row.estimate, row.stddev
+        error = estimate - row.truth
+        velocities.append(Curve(name, '@ rad/s', row.time, estimate, line, name))
+        errors.append(Curve(name, 'error @', row.time, error, line, name))
+        if np.isfinite(stddev).any():
+            fill = {'fill_color': line['line_color'], 'fill_alpha': 0.15}
+            bands.append(Curve(name, '± @', row.time, BAND * stddev, fill, name, 'band'))
+        inside = slice(*np.searchsorted(row.status_time, [first, np.nextafter(last, np.inf)]))
+        if len(row.status[inside]):
+            offset = SPACING * (i / (len(rows) - 1) - 0.5) if len(rows) > 1 else 0.0
+            at, status = row.status_time[inside], row.status[inside] + offset
+            statuses.append(Curve(name, '@', at, status, line, name, 'step'))
+    panels['velocity [rad/s]; grey: reference'] = [*velocities, reference]
+    panels['error and 95 % interval [rad/s]'] = errors + bands
+    if statuses:
+        panels['status'] = statuses
+    return over_time(panels, instants, shown, STATUS_NAMES)
+
+
+def lines(
+    plot: Any,
+    found: Sequence[tuple[str, Array, Array]],
+    styles: Mapping[str, Style],
+    shown: Collection[str],
+) -> Any:
+    """Add lines (source, x, y) to a plot; return it."""
+    for source, x, y in reversed(found):  # the best is on top
+        plot.line(x, y, name=printable(source), visible=source in shown, **styles[source].line)
+    return plot
+
+
+def around_the_worst(best: Row, rows: Sequence[Row]) -> tuple[Any, Any]:
+    """Return the plot of every sample around the largest error of the best estimate, and lines."""
     worst = int(np.nanargmax(np.abs(best.estimate - best.truth)))
     low, high = max(0, worst - AROUND), min(len(best.time), worst + AROUND)
     window = best.time[low], best.time[high - 1]
-    truth = best.truth[low:high]
-    parts = []
+    plot = figure('around the largest error: every sample', 'time [s]', 'velocity [rad/s]')
+    plot.line(best.time[low:high], best.truth[low:high], **REFERENCE)
+    found = []
     for row in rows:
         inside = slice(*np.searchsorted(row.time, [window[0], np.nextafter(window[1], np.inf)]))
-        parts.append((row.source, row.time[inside], row.estimate[inside]))
-    shown = [truth, next(each for name, _, each in parts if name == best.source)]
-    plot = Plot(
-        f'largest error of {best.source}',
-        Axis('time [s]', float(window[0]), float(window[1])),
-        Axis.around('velocity [rad/s]', shown),
-        styles,
-    ).line('', best.time[low:high], truth, 'reference')
-    for source, time, estimate in parts:
-        plot.line(source, time, estimate)
-    return plot.svg()
+        found.append((row.source, row.time[inside], row.estimate[inside]))
+    return plot, found
 
 
-def error_by_speed(rows: Sequence[Row], styles: Mapping[str, Style]) -> str:
-    """Return the rms error in bins of the reference's speed."""
+def error_by_speed(rows: Sequence[Row]) -> tuple[Any, Any]:
+    """Return the plot of the rms error in bins of the reference's speed, and its lines."""
     found = [(row.source, *by_speed(row.truth, row.estimate - row.truth)[:2]) for row in rows]
-    plot = Plot(
-        'error against speed',
-        Axis.around('speed of the reference [rad/s]', [speed for _, speed, _ in found]),
-        Axis.around('rms error [rad/s]', [rms for _, _, rms in found], zero=True),
-        styles,
-    )
-    for source, speed, rms in found:
-        plot.line(source, speed, rms)
-    return plot.svg()
+    return figure(
+        'error against speed', 'speed of the reference [rad/s]', 'rms error [rad/s]'
+    ), found
 
 
-def error_spectrum(rows: Sequence[Row], styles: Mapping[str, Style]) -> str:
-    """Return the spectral density of the errors."""
+def error_spectrum(rows: Sequence[Row]) -> tuple[Any, Any]:
+    """Return the plot of the spectral density of the errors, and its lines."""
     found = []
     for row in rows:
         frequency, root = density(row.time, row.estimate - row.truth)
@@ -68,19 +120,12 @@ def error_spectrum(rows: Sequence[Row], styles: Mapping[str, Style]) -> str:
             frequency = np.add.reduceat(frequency, starts) / count
             root = np.sqrt(np.add.reduceat(root**2, starts) / count)
         found.append((row.source, frequency, np.where(root > 0.0, root, np.nan)))
-    plot = Plot(
-        'spectrum of the error',
-        Axis.around('frequency [Hz]', [each for _, each, _ in found], log=True),
-        Axis.around('(rad/s) / root Hz', [each for _, _, each in found], log=True),
-        styles,
-    )
-    for source, frequency, root in found:
-        plot.line(source, frequency, root)
-    return plot.svg()
+    axes: dict[str, Any] = {'x_axis_type': 'log', 'y_axis_type': 'log'}
+    return figure('spectrum of the error', 'frequency [Hz]', '(rad/s) / root Hz', **axes), found
 
 
-def distribution(rows: Sequence[Row], styles: Mapping[str, Style]) -> str:
-    """Return the distribution of error over standard deviation, and the expected one."""
+def distribution(rows: Sequence[Row]) -> tuple[Any, Any]:
+    """Return the plot of error over standard deviation with the expected one, and its lines."""
     found = []
     for row in rows:
         middles, heights = normalised(
@@ -88,38 +133,25 @@ def distribution(rows: Sequence[Row], styles: Mapping[str, Style]) -> str:
         )
         if len(middles):
             found.append((row.source, middles, heights))
+    plot = figure('error / deviation; grey: expected', 'deviations (outermost: beyond)', 'density')
     at = np.linspace(-5.0, 5.0, 81)
-    expected = np.exp(-0.5 * at * at) / math.sqrt(2.0 * math.pi)
-    highest = min(max((float(each.max()) for _, _, each in found), default=0.0), 1.2)
-    plot = Plot(
-        'error / deviation; dashed: expected',
-        Axis('standard deviations (outermost: beyond)', -5.0, 5.0),
-        Axis('density', 0.0, 1.05 * max(highest, 0.45)),
-        styles,
-    )
-    for source, middles, heights in found:
-        plot.line(source, middles, heights)
-    return plot.line('', at, expected, 'expected').svg()
+    plot.line(at, np.exp(-0.5 * at * at) / math.sqrt(2.0 * math.pi), **REFERENCE)
+    return plot, found
 
 
-def sample_times(seen: Measurement) -> str:
+def sample_times(seen: Measurement) -> Any:
     """Return a histogram of sample times with the gaps marked."""
     holes = np.array([length for _, length in seen.holes[:HOLES_MARKED]]) * 1e3
     milliseconds = seen.steps[seen.steps > 0.0] * 1e3
     usual = 1e3 / seen.rate
     low = min(float(np.min(milliseconds)) * 0.9, 0.5 * usual)
     high = max(float(np.max(milliseconds)) * 1.1, 2.0 * usual)
-    edges = np.geomspace(low, high, 61)
-    heights, _ = np.histogram(milliseconds, edges)
-    most = max(float(heights.max()), 1.0)
-    return (
-        Plot(
-            'sample times' + (' (triangles: gaps)' if len(holes) else ''),
-            Axis('sample time [ms]', low, high, True),
-            Axis('samples', 0.5, 2.0 * most, True),
-            {},
-        )
-        .bars(edges, heights.astype(float), 0.5)
-        .gaps(holes, 0.6)
-        .svg()
-    )
+    heights, edges = np.histogram(milliseconds, np.geomspace(low, high, 61))
+    title = 'sample times' + (' (triangles: gaps)' if len(holes) else '')
+    axes: dict[str, Any] = {'x_axis_type': 'log', 'y_axis_type': 'log'}
+    plot = figure(title, 'sample time [ms]', 'samples', **axes)
+    plot.x_range.start, plot.x_range.end = low, high
+    some = heights > 0
+    plot.quad(edges[:-1][some], edges[1:][some], heights[some], 0.5, fill_color='#0072b2')
+    plot.scatter(holes, np.full(len(holes), 0.6), marker='triangle', size=9, color='#d55e00')
+    return plot

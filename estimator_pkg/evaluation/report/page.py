@@ -5,35 +5,30 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from estimator_pkg import __version__, destination, whole_file
+from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
-from estimator_pkg.evaluation.report import figures, opening, panels, tradeoff
+from estimator_pkg.evaluation.report import figures, opening, tradeoff
 from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
 from estimator_pkg.evaluation.report.findings import NONE, Measurement, look, sentences
-from estimator_pkg.evaluation.report.svg import Style, styles
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
-from estimator_pkg.printable import escaped, printable
+from estimator_pkg.printable import escaped
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
 
-POINTS = (1000, 20_000)  # fewest and most numbers of a curve
-ALL_POINTS = 6_000_000  # of all curves of a page: 32 MB
-CURVES = 2  # of an estimate: velocity and error
+PER_ESTIMATE, SHARED = 4, 4  # numbers per instant: velocity, error, deviation, status; and others
 USE = (
-    'Drag over a plot to zoom; double-click shows all. Ctrl and the wheel zoom, too. On a touch '
-    'screen swipe sideways to move, up and down to scroll. The names above the plots bring an '
-    'estimate forward or back, in all plots. The vertical axis follows the estimates in front.'
+    'Drag to zoom; Ctrl and the wheel zoom, too. The tools beside a plot pan, reset and save it. '
+    'The pointer shows the values of all estimates at one instant. The names below show and hide '
+    'an estimate in all plots.'
 )
 
 
@@ -56,7 +51,7 @@ class Report:
 
     Raises
     ------
-    UserError : the file cannot be written.
+    UserError : the file cannot be written, or the library is missing.
     """
 
     def __init__(
@@ -69,13 +64,14 @@ class Report:
     ) -> None:
         self.path = Path(path)
         destination.check(path)
+        plots.check()
         self._data = data
         self._period = period
         self._bags = max(1, bags)
         self._entries = {entry.label: entry for entry in entries}
         self._overview = Overview()
         self._sections: list[str] = []
-        self._groups: list[dict[str, Any]] = []
+        self._plots = plots.Plots()
         self._sources: dict[str, None] = {}  # in the order of the first verdict
         self._chosen: dict[str, None] = {}
         self._left_out = ''
@@ -174,12 +170,14 @@ class Report:
                 '<h3>Findings and recommendations</h3>',
                 '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in findings) + '</ul>',
             ]
-            if not self._groups:
+            if not self._sections:
                 parts.append('<!--legend-->')
-            points = self._points(comparison)
+            instants = self._instants(comparison)
             for joint in joints:
                 advance(1)
-                parts += self._plots(comparison, joint, rows[joint], chosen[joint], seen, points)
+                parts += self._of_joint(
+                    comparison, joint, rows[joint], chosen[joint], seen, instants
+                )
                 advance(1)
         self._sections.append('\n'.join(parts))
         return findings
@@ -221,9 +219,6 @@ class Report:
             self._sources.update(dict.fromkeys(row.source for row in each))
         self._chosen.update(dict.fromkeys(front))
 
-    def _styles(self) -> dict[str, Style]:
-        return styles(self._sources)
-
     def _opening(
         self,
         comparison: Comparison,
@@ -247,17 +242,16 @@ class Report:
         moving = max(rows, key=lambda joint: _speed(rows[joint][0]))
         drawn = tradeoff.picture(
             tradeoff.sweeps(comparison, moving, rows[moving], self._entries, self._period),
-            self._styles(),
-            moving,
+            plots.styles(self._sources),
         )
         picture = (
-            f'{drawn}<p class="note">Down and to the left is better. A point is an estimate, its '
-            'line the same observer with other gains. The grey band is the Pareto front: nothing '
-            'has both less delay and less noise. A ring marks the points on it. Noise: rms error '
-            'after the delay is taken out'
+            f'{self._plots.add(drawn)}<p class="note">Down and to the left is better. A point is '
+            'an estimate, its line the same observer with other gains. The grey band is the Pareto '
+            'front: nothing has both less delay and less noise. A dark rim marks the points on it. '
+            'Noise: rms error after the delay is taken out'
             + (f', of {escaped(moving)}, which moves fastest' if joints > 1 else '')
             + '.</p>'
-            if drawn
+            if drawn is not None
             else '<p class="note">No picture of noise against delay: the motion determines no '
             'delay.</p>'
         )
@@ -279,70 +273,62 @@ class Report:
             f'<div class="first">{file}<div>{picture}</div></div>',
         ]
 
-    def _points(self, comparison: Comparison) -> int:
-        """Return the largest number of points of a curve."""
-        share = ALL_POINTS // (self._bags * CURVES * max(1, len(comparison.rows)))
-        return min(max(share, POINTS[0]), POINTS[1])
+    def _instants(self, comparison: Comparison) -> int:
+        """Return the largest number of instants of a joint."""
+        joints = len({row.joint for row in comparison.rows})
+        numbers = PER_ESTIMATE * (len(comparison.rows) + joints) + SHARED * joints
+        return plots.NUMBERS // (self._bags * numbers)
 
-    def _plots(
+    def _of_joint(
         self,
         comparison: Comparison,
         joint: str,
         rows: Sequence[Row],
         best: Row,
         seen: Mapping[str, Measurement],
-        points: int,
+        instants: int,
     ) -> list[str]:
-        known = self._styles()
-        number = len(self._groups)
-        self._groups.append(panels.group(comparison, joint, rows, points))
+        """Return the plots of a joint."""
+        known = plots.styles(self._sources)
+        panels, note = figures.group(comparison, joint, rows, instants, known, self._chosen)
         small = [
-            figures.around_the_worst(best, rows, known),
-            figures.error_by_speed(rows, known),
-            figures.error_spectrum(rows, known),
-            figures.distribution(rows, known),
+            figures.lines(plot, found, known, self._chosen)
+            for plot, found in (
+                figures.around_the_worst(best, rows),
+                figures.error_by_speed(rows),
+                figures.error_spectrum(rows),
+                figures.distribution(rows),
+            )
         ]
         if joint in seen:
             small.append(figures.sample_times(seen[joint]))
+        if note:
+            note = f'<p class="note">{note} {self._where()}</p>'
         return [
             f'<h3>{escaped(joint)}</h3>',
-            f'<div class="group" id="group_{number}"></div>',
-            f'<div class="small">{"".join(f"<div>{each}</div>" for each in small)}</div>',
+            self._plots.add(panels),
+            note,
+            f'<div class="small">{"".join(map(self._plots.add, small))}</div>',
         ]
 
     def _legend(self) -> str:
         buttons = []
-        for source, style in self._styles().items():
+        for source, style in plots.styles(self._sources).items():
             pressed = 'true' if source in self._chosen else 'false'
             buttons.append(
                 f'<button data-s="{escaped(source)}" aria-pressed="{pressed}">'
-                f'<svg viewBox="0 0 30 10"><path d="M0 5H30" stroke-width="3" {style.svg()}/></svg>'
-                f'{escaped(source)}</button>'
+                f'{style.svg()}{escaped(source)}</button>'
             )
         return (
             f'<h2>Plots</h2><p class="note">{USE}</p><div class="legend">{"".join(buttons)}</div>'
         )
 
     def _write(self) -> None:
-        data = {
-            'groups': self._groups,
-            'chosen': [printable(each) for each in self._chosen],
-            'styles': {
-                printable(name): {'colour': style.colour, 'dash': style.dash}
-                for name, style in self._styles().items()
-            },
-        }
         body = '\n'.join([self._overview.html(), *self._sections, self._left_out])
         body = body.replace('<!--legend-->', self._legend(), 1)
-        text = json.dumps(data, separators=(',', ':')).replace('<', '\\u003c')
-        page = (
-            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-            f'<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f'<title>Velocity estimates</title><style>{_asset("page.css")}</style></head><body>'
-            f'<h1>Velocity estimates</h1>\n{body}\n<p class="note">Made by velocity_estimator '
-            f'{__version__}. {self._where()}</p>\n'
-            f'<script type="application/json" id="data">{text}</script>\n'
-            f'<script>{_asset("page.js")}</script>\n</body></html>\n'
+        note = f'<p class="note">Made by velocity_estimator {__version__}. {self._where()}</p>'
+        page = self._plots.page(
+            'Velocity estimates', f'<h1>Velocity estimates</h1>\n{body}\n{note}'
         )
         whole_file.write_text(self.path, page)
 
@@ -380,7 +366,3 @@ def _folded(sentences: Sequence[str], joints: int) -> str:
 def _shown(text: str) -> str:
     """Return lines for HTML, each without unprintable characters."""
     return '\n'.join(map(escaped, text.splitlines()))
-
-
-def _asset(name: str) -> str:
-    return resources.files(__package__).joinpath(name).read_text()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimator_pkg import destination, whole_file
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
-from estimator_pkg.evaluation.report.thinning import broken, extremes, limits
+from estimator_pkg.evaluation.thinning import broken, extremes, limits
 from estimator_pkg.optional import needs
 from estimator_pkg.printable import drawn
 

@@ -23,8 +23,6 @@ from estimator_pkg.printable import escaped
 
 HEADER = (
     'estimate',
-    'joint',
-    'gains',
     'rms',
     'mean',
     'worst',
@@ -38,7 +36,7 @@ HEADER = (
     'dropped',
 )
 SHOWN = 3  # gains in a cell
-UNITS = ('', '', '', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
+UNITS = ('', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
 
 
 class Overview:
@@ -106,11 +104,16 @@ def table(
     ----------
     rows : in the order of the table. chosen : by joint. entries : by source, with their gains.
     """
+    several = len({row.joint for row in rows}) > 1
     head = ''.join(
-        f'<th{_left(i)}>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
+        f'<th>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
         for i, (name, unit) in enumerate(zip(HEADER, UNITS))
     )
-    lines = ''.join(_line(row, chosen.get(row.joint) is row, gains(row, entries)) for row in rows)
+    lines = ''
+    for row in rows:
+        small = [row.joint, gains(row, entries)][not several :]
+        name = escaped(row.source) + ''.join(f'<small>{escaped(each)}</small>' for each in small)
+        lines += _line(row, chosen.get(row.joint) is row, name)
     notes = ['Bold: the estimate that the verdict names. Best first.']
     if any(row.reference_cannot_tell for row in comparison.rows):
         notes.append("* The error is below the reference's own error.")
@@ -156,10 +159,6 @@ def _gain(value: Any) -> str:
     return f'{value:.4g}' if isinstance(value, float) else str(value)
 
 
-def _left(column: int) -> str:
-    return ' class="text"' if column < 3 else ''
-
-
 def _best(comparison: Comparison) -> dict[str, Row]:
     """Return the best row by joint; none where the reference cannot rank them."""
     found = {}
@@ -174,7 +173,7 @@ def _best(comparison: Comparison) -> dict[str, Row]:
     return found
 
 
-def _line(row: Row, best: bool, gained: str) -> str:
+def _line(row: Row, best: bool, name: str) -> str:
     v = row.velocity
     difference = np.abs(row.estimate - row.truth)
     worst = (
@@ -191,9 +190,6 @@ def _line(row: Row, best: bool, gained: str) -> str:
     )
     places = 2 if total < 1000.0 else 0
     cells = (
-        row.source,
-        row.joint,
-        gained,
         error(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
         error(v['mean_abs'], 4),
         error(v['max_abs'], 3),
@@ -206,5 +202,5 @@ def _line(row: Row, best: bool, gained: str) -> str:
         f'{row.samples["used"]} of {row.samples["received"]}',
         dropped or '0',
     )
-    made = ''.join(f'<td{_left(i)}>{escaped(cell)}</td>' for i, cell in enumerate(cells))
+    made = f'<td class="text">{name}</td>' + ''.join(f'<td>{escaped(cell)}</td>' for cell in cells)
     return f'<tr class="best">{made}</tr>' if best else f'<tr>{made}</tr>'

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -20,9 +21,10 @@ from estimator_pkg.evaluation.compare.comparison import Comparison, Kept, Row, c
 from estimator_pkg.evaluation.compare.delay import measured
 from estimator_pkg.evaluation.compare.interpolation import cubic
 from estimator_pkg.evaluation.entries import Entry, angle_observers
-from estimator_pkg.evaluation.report.svg import Axis, Plot, Style
+from estimator_pkg.evaluation.plots import GREY, Style, figure
 from estimator_pkg.observers.contract import VALID
 from estimator_pkg.parameters import declared
+from estimator_pkg.printable import printable
 
 Array = NDArray[np.float64]
 
@@ -226,49 +228,62 @@ def front(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     return found
 
 
-def picture(found: Sequence[Sweep], styles: Mapping[str, Style], joint: str) -> str:
-    """Return the plot as SVG; '' if the motion determines no delay."""
-    own = np.array([each.own for each in found])
-    known = np.isfinite(own).all(axis=1)
-    if not known.any():
-        return ''
-    late = own[known, 0] * 1e3
-    widest = BEYOND * max(float(late.max()), 1.0)
-    noise = [own[known, 1]]
-    curves = []
-    for each in found:
-        seen = np.isfinite(each.delay) & (each.delay * 1e3 <= widest)
-        noise.append(each.noise[seen])
-        curves.append((each.source, each.delay[seen] * 1e3, each.noise[seen]))
-    top = BEYOND * max(float(np.max(own[known, 1])), 1e-12)
-    noise = [each[each <= top] for each in noise]
-    x = Axis.around(
-        'delay [ms]', [np.append(late, 0.0), *(np.minimum(each, widest) for _, each, _ in curves)]
-    )
-    y = Axis.around('noise [rad/s]', noise, log=True)
-    plot = Plot(f'noise against delay: {joint}', x, y, styles, 470, 330)
+def picture(found: Sequence[Sweep], styles: Mapping[str, Style]) -> Any:
+    """Return the plot; None if the motion determines no delay."""
+    from bokeh.models import ColumnDataSource
+
+    there = [each for each in found if np.isfinite(each.own).all()]
+    if not there:
+        return None
+    late = np.array([each.own[0] * 1e3 for each in there])
+    noise = np.array([each.own[1] for each in there])
+    widest, top = BEYOND * max(float(late.max()), 1.0), BEYOND * max(float(noise.max()), 1e-12)
+    plot = figure('noise against delay', 'delay [ms]', 'noise [rad/s]', 340, y_axis_type='log')
     best = front(
         [
             *(each.own for each in found),
             *((a, b) for each in found for a, b in zip(each.delay, each.noise)),
         ]
     )
-    steps = np.array([(a * 1e3, b) for a, b in best])
-    if len(steps):
-        plot.line('', np.repeat(steps[:, 0], 2)[1:], np.repeat(steps[:, 1], 2)[:-1], 'front')
-    for source, delays, noises in curves:
-        plot.line(source, delays, noises, follows=False)
-    on_front = {(max(each.own[0], 0.0), each.own[1]) for each in found} & set(best)
-    plot.marks(
-        [
-            (
-                each.source,
-                each.own[0] * 1e3,
-                each.own[1],
-                (max(each.own[0], 0.0), each.own[1]) in on_front,
-            )
-            for each, there in zip(found, known)
-            if there
-        ]
+    seen = [(a * 1e3, b) for a, b in best if a * 1e3 <= widest and b <= top]
+    if seen:
+        x, y = np.transpose(seen)
+        plot.step(x, y, mode='after', line_color=GREY, line_width=7, line_alpha=0.45)
+    shown = noise
+    for each in found:
+        near = (each.delay * 1e3 <= widest) & (each.noise <= top) & (each.noise > 0.0)
+        shown = np.append(shown, each.noise[near])
+        plot.line(each.delay[near] * 1e3, each.noise[near], **styles[each.source].line)
+    names = [printable(each.source) for each in there]
+    on_front = [(max(each.own[0], 0.0), each.own[1]) in best for each in there]
+    right = late > 0.5 * (late.min() + late.max())  # their names are on their left
+    heights = noise.copy()  # of the names, which do not overlap
+    order, apart = np.argsort(noise), (shown.max() / shown.min()) ** 0.06
+    for one, two in itertools.pairwise(order):
+        heights[two] = max(heights[two], heights[one] * apart)
+    colours = [styles[each.source].colour for each in there]
+    columns = {
+        'x': late,
+        'y': noise,
+        'name': names,
+        'colour': colours,
+        'ring': ['#1d1d1f' if each else colour for each, colour in zip(on_front, colours)],
+        'align': ['right' if each else 'left' for each in right],
+        'offset': [-9 if each else 9 for each in right],
+        'height': heights,
+    }
+    data = ColumnDataSource(columns)
+    plot.scatter(
+        'x', 'y', source=data, size=11, fill_color='colour', line_color='ring', line_width=2
     )
-    return plot.svg()
+    plot.text(
+        'x',
+        'height',
+        'name',
+        source=data,
+        x_offset='offset',
+        text_align='align',
+        text_baseline='middle',
+        text_font_size='12px',
+    )
+    return plot

@@ -21,12 +21,13 @@ from estimator_pkg import params_file
 from estimator_pkg.bags.series import Series
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
+from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
-from estimator_pkg.evaluation.report import findings, opening, panels, spectrum, tradeoff
+from estimator_pkg.evaluation.report import findings, opening, spectrum, tradeoff
 from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
 from estimator_pkg.evaluation.report.tables import Overview, changed
-from estimator_pkg.evaluation.report.thinning import broken, changes, extremes, limits
+from estimator_pkg.evaluation.thinning import broken, extremes, limits
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.streams.angle import AngleSettings
 
@@ -66,6 +67,7 @@ def test_the_page_is_small_and_stands_alone(page):
     text = path.read_text()
     assert path.stat().st_size < 5e6
     assert '<script src' not in text and '<link rel' not in text
+    assert not re.search(r'@import|url\(\s*["\']?http', text)
     assert 'gravity_compensation_1000hz' in text and 'finite_difference' in text
     assert 'name="viewport" content="width=device-width' in text  # phones
     assert 'The truth of pendulum, compared with the measured position: lag ' in text
@@ -139,29 +141,42 @@ def until(driver, script, *arguments):
     raise AssertionError(f'never true: {script}')
 
 
-def on_screen(driver, page, width):
+DRAWN = """return window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle"""
+PANEL = """[...Bokeh.documents[0].all_models].filter(
+    each => each.type === 'Figure' && each.title.text.startsWith(arguments[0]))[0]"""
+
+
+def on_screen(driver, page, width, scheme='light'):
+    feature = {'name': 'prefers-color-scheme', 'value': scheme}
+    driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
     driver.execute_cdp_cmd(
         'Emulation.setDeviceMetricsOverride',
         {'width': width, 'height': 900, 'deviceScaleFactor': 1, 'mobile': width < 500},
     )
-    driver.get(page[0].as_uri())
-    driver.execute_script('groups[0].element.scrollIntoView();')
-    until(driver, 'groups[0].panels.every(each => each.shown)')
+    driver.get(page.as_uri())
+    until(driver, DRAWN.removeprefix('return '))
 
 
-INKED = """(() => groups[0].panels.map(panel => {
-    const context = panel.canvas.getContext('2d');
-    const pixels = context.getImageData(0, 0, panel.canvas.width, panel.canvas.height).data;
-    const colours = new Set();
-    for (let i = 0; i < pixels.length; i += 4)
-        if (pixels[i + 3] > 200) colours.add(pixels[i] >> 5 << 4 | pixels[i + 2] >> 5);
-    return colours.size;
-}))()"""
+def of_panel(driver, title, what):
+    return driver.execute_script(f'const panel = {PANEL}; return {what}', title)
+
+
+def place(driver, title):
+    """Scroll to a panel; return the middle of its frame in the window."""
+    return driver.execute_script(
+        f"""const view = Bokeh.index.find_one_by_id(({PANEL}).id);
+        view.el.scrollIntoView({{block: 'center'}});
+        const box = view.el.getBoundingClientRect();
+        return [box.left + view.frame.bbox.left + view.frame.bbox.width / 2,
+                box.top + view.frame.bbox.top + view.frame.bbox.height / 2].map(Math.round)""",
+        title,
+    )
 
 
 @pytest.mark.page
 def test_in_a_browser_without_network(page, driver):
-    on_screen(driver, page, 1280)
+    driver.get_log('performance')
+    on_screen(driver, page[0], 1280)
     assert [line for line in driver.get_log('browser') if line['level'] == 'SEVERE'] == []
     asked = [json.loads(line['message'])['message'] for line in driver.get_log('performance')]
     urls = {
@@ -169,85 +184,129 @@ def test_in_a_browser_without_network(page, driver):
         for event in asked
         if event['method'] == 'Network.requestWillBeSent'
     }
-    assert not [url for url in urls if not url.startswith(('file:', 'data:', 'blob:'))]
-    titles = driver.execute_script('return groups[1].panels.map(each => each.source.title)')
+    assert urls and not [url for url in urls if not url.startswith(('file:', 'data:', 'blob:'))]
     for title in ('measured position', 'velocity', 'error and 95 % interval', 'status'):
-        assert any(title in each for each in titles)
-    assert min(until(driver, INKED)) >= 2  # each is painted
-    # the group's lowest panel alone has room for time labels
-    heights = driver.execute_script(
-        'return groups[0].panels.map(each => each.height - each.source.height)'
+        assert of_panel(driver, title, 'panel.inner_width') > 900
+    for tool in ('Pan', 'BoxZoom', 'WheelZoom', 'Reset', 'Save'):
+        assert of_panel(
+            driver, 'velocity', f"panel.toolbar.tools.some(x => x.type === '{tool}Tool')"
+        )
+    width = (
+        'return [...document.querySelectorAll(".scroll")].map(x => x.scrollWidth - x.clientWidth)'
     )
-    assert heights[-1] > max(heights[:-1])
+    assert set(driver.execute_script(width)) == {0}  # no table is cut
 
 
 @pytest.mark.page
 def test_a_drag_zooms_all_panels_and_the_vertical_axis_follows(page, driver):
     from selenium.webdriver.common.action_chains import ActionChains
 
-    on_screen(driver, page, 1280)
-    panel = driver.execute_script('return groups[0].panels[1].canvas')
-    before = driver.execute_script('return [groups[0].range, groups[0].panels[1].shown]')
-    driver.execute_script('arguments[0].scrollIntoView({block: "center"});', panel)
-    ActionChains(driver).move_to_element_with_offset(
-        panel, -200, 0
-    ).click_and_hold().move_by_offset(60, 20).release().perform()
-    start, end = until(
-        driver, 'groups[0].range[1] < arguments[0] ? groups[0].range : 0', before[0][1]
-    )
-    assert end - start < 0.1 * (before[0][1] - before[0][0])
-    until(
-        driver,
-        'groups[0].stale === false && groups[0].panels[1].shown[0] !== arguments[0]',
-        before[1][0],
-    )
-    low, high = driver.execute_script('return groups[0].panels[1].shown')
-    assert high - low < 0.85 * (before[1][1] - before[1][0])
-    # a line has a few points in each pixel, whether one looks from afar or closely
-    assert 200 < driver.execute_script('return groups[0].panels[1].points.hybrid_angle') < 5000
-    assert driver.execute_script('return groups[1].range[0] === groups[1].whole[0]')
-    driver.execute_script('groups[0].go(...groups[0].whole)')
-    until(driver, 'groups[0].range[0] === arguments[0] && groups[0].stale === false', before[0][0])
-    assert 200 < driver.execute_script('return groups[0].panels[1].points.hybrid_angle') < 5000
+    on_screen(driver, page[0], 1280)
+    ranges = '[panel.x_range.start, panel.x_range.end, panel.y_range.start, panel.y_range.end]'
+    before = {name: of_panel(driver, name, ranges) for name in ('velocity', 'measured')}
+    x, y = place(driver, 'velocity')
+    mouse = ActionChains(driver)
+    mouse.w3c_actions.pointer_action.move_to_location(x - 60, y - 30)
+    mouse.w3c_actions.pointer_action.pointer_down()
+    mouse.w3c_actions.pointer_action.move_to_location(x, y + 30)
+    mouse.w3c_actions.pointer_action.pointer_up()
+    mouse.perform()
+    for _ in range(100):
+        start, end, low, high = of_panel(driver, 'velocity', ranges)
+        if end - start < before['velocity'][1] - before['velocity'][0]:
+            break
+        time.sleep(0.1)
+    assert end - start < 0.1 * (before['velocity'][1] - before['velocity'][0])
+    assert high - low < 0.6 * (before['velocity'][3] - before['velocity'][2])
+    other = of_panel(driver, 'measured', ranges)
+    assert other[:2] == [start, end]  # one time axis
+    assert other[3] - other[2] < before['measured'][3] - before['measured'][2]
 
 
 @pytest.mark.page
-def test_one_legend_brings_estimates_forward_in_all_plots(page, driver):
-    on_screen(driver, page, 1280)
+def test_the_pointer_shows_the_values_of_all_curves_at_one_instant(page, driver):
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    on_screen(driver, page[0], 1280)
+    x, y = place(driver, 'velocity')
+    mouse = ActionChains(driver)
+    mouse.w3c_actions.pointer_action.move_to_location(x - 30, y)
+    mouse.w3c_actions.pointer_action.move_to_location(x, y)
+    mouse.perform()
+    tip = until(
+        driver,
+        """(() => { const found = [];
+        const look = root => { for (const each of root.querySelectorAll('*')) {
+            if (each.classList.contains('bk-Tooltip')) found.push(each.shadowRoot.textContent);
+            if (each.shadowRoot) look(each.shadowRoot); } };
+        look(document); return found.find(text => text.includes('time')); })()""",
+    )
+    number = r'-?\d[\d.e+-]*'
+    for name in ('hybrid_angle', 'finite_difference'):
+        assert re.search(rf'{name}:\s*{number} rad/s, error {number}, ± {number}, tracking', tip), (
+            tip
+        )
+    assert re.search(rf'reference:\s*{number} rad/s', tip)
+
+
+@pytest.mark.page
+def test_one_legend_shows_and_hides_estimates_in_all_plots(page, driver):
+    on_screen(driver, page[0], 1280)
     buttons = driver.find_elements('css selector', '.legend button')
     assert len(buttons) == 2
     name = buttons[1].get_attribute('data-s')
-    faint = f'document.querySelectorAll(\'svg.plot .faint[data-s="{name}"]\').length'
-    assert driver.execute_script(f'return {faint}') == 0  # best and raw difference are in front
+    lines = f"""return [...Bokeh.documents[0].all_models]
+        .filter(each => each.type === 'GlyphRenderer' && each.name === '{name}')
+        .map(each => each.visible)"""
+    seen = driver.execute_script(lines)
+    assert len(seen) >= 16 and all(seen)  # best and raw difference are in front; two bags
     driver.execute_script('arguments[0].click()', buttons[1])
-    assert driver.execute_script(f'return {faint}') >= 6
+    assert not any(driver.execute_script(lines))
     assert buttons[1].get_attribute('aria-pressed') == 'false'
-    assert not driver.execute_script(f'return groups[0].panels[1].strong({{s: "{name}"}})')
-
-
-def touch(driver, kind, points):
-    driver.execute_cdp_cmd('Input.dispatchTouchEvent', {'type': kind, 'touchPoints': points})
 
 
 @pytest.mark.page
-def test_on_a_phone_it_fits_and_scrolls(page, driver):
-    driver.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': True})
-    on_screen(driver, page, 400)
+@pytest.mark.parametrize('scheme', ['light', 'dark'])
+def test_on_a_phone_it_fits_and_shows_the_first_number(page, driver, scheme):
+    on_screen(driver, page[0], 400, scheme)
     assert driver.execute_script('return document.documentElement.scrollWidth') <= 400
-    actions = driver.execute_script(
-        'return groups[0].panels.map(each => getComputedStyle(each.canvas).touchAction)'
+    first = 'return document.querySelector(".scroll td:nth-child(2)").getBoundingClientRect().right'
+    assert driver.execute_script(first) <= 400
+    dark = 'return getComputedStyle(document.querySelector(".plot")).filter.includes("invert")'
+    assert driver.execute_script(dark) == (scheme == 'dark')
+
+
+@pytest.mark.page
+def test_a_hostile_name_is_text_in_plots(tmp_path, driver):
+    name = "</script><img src=x onerror=document.title='hit'>$$x$$ @time '\\"
+    made = plots.Plots()
+    time = np.arange(100) * 0.01
+    line = plots.styles([name])[name].line
+    panels, _ = plots.over_time(
+        {'velocity': [plots.Curve(name, '@', time, np.sin(time), line, name)]}, 1000, [name]
     )
-    assert set(actions) == {'pan-y'}
-    top = driver.execute_script(
-        'groups[0].element.scrollIntoView(); return groups[0].panels[1].canvas'
-        '.getBoundingClientRect().top'
-    )
-    place = driver.execute_script('return scrollY')
-    for y in range(0, 200, 20):  # the finger goes up
-        touch(driver, 'touchMove' if y else 'touchStart', [{'x': 200, 'y': top + 190 - y}])
-    touch(driver, 'touchEnd', [])
-    until(driver, 'scrollY > arguments[0] + 100', place)
-    assert driver.execute_script('return groups[0].range[0] === groups[0].whole[0]')
+    sweep = tradeoff.Sweep(name, '', (), np.zeros(0), np.zeros(0), (0.01, 0.1))
+    picture = tradeoff.picture([sweep], plots.styles([name]))
+    path = tmp_path / 'page.html'
+    path.write_text(made.page(name, made.add(panels) + made.add(picture)))
+    driver.get_log('performance')
+    on_screen(driver, path, 1280)
+    assert driver.title.startswith('</script><img')
+    assert not driver.find_elements('css selector', 'img')
+    asked = [line['message'] for line in driver.get_log('performance')]
+    assert not [each for each in asked if '"url":"http' in each and 'requestWillBeSent' in each]
+
+
+@pytest.mark.page
+def test_it_prints_completely(page, driver):
+    on_screen(driver, page[0], 1280)
+    paper = driver.execute_cdp_cmd('Page.printToPDF', {'preferCSSPageSize': True})
+    text = base64.b64decode(paper['data'])
+    width = re.search(rb'/MediaBox ?\[0 0 ([\d.]+)', text)
+    across = driver.execute_script('return document.documentElement.scrollWidth')
+    assert float(width[1]) / 0.75 >= across - 60  # points of paper are 3/4 of a pixel
+    pictures = driver.execute_script('return document.querySelectorAll(".plot").length')
+    assert text.count(b'/Subtype /Image') + text.count(b'/Subtype/Image') >= pictures
 
 
 # ---------------------------------------------------------------- no truth
@@ -391,8 +450,6 @@ def test_thinning_keeps_the_extremes():
     assert len(chosen) <= 602
     assert {0, 31_415, 77_777, 99_999} <= set(chosen.tolist())
     assert np.array_equal(extremes(values[:500], 600), np.arange(500))
-    steps = np.repeat([0, 1, 2, 1], 50)
-    assert changes(steps, 100).tolist() == [0, 50, 100, 150, 199]
 
 
 def test_lines_end_at_holes():
@@ -415,35 +472,31 @@ def test_outliers_do_not_crush_the_picture():
     assert limits([np.full(10, np.nan)]) is None
 
 
-def test_every_status_that_came_has_its_name_beside_the_plot():
-    time, status = np.arange(6.0), np.array([0, 1, 1, 2, 1, 1], np.int8)
-    rows = [SimpleNamespace(source=name, status=status, status_time=time) for name in ('a', 'b')]
-    shown = panels._status(rows, 100, 0.0, 6.0)
-    assert shown['ticks'] == ['initialising', 'tracking', 'coasting']
-    ends = [floats(each['t'])[-1] for each in shown['curves']]
-    assert ends == [6.0, 6.0]  # the last status stays to the end
-    first, second = (floats(each['y']) for each in shown['curves'])
-    assert np.all(first != second) and np.max(np.abs(first - np.rint(first))) < 0.3
+def curve(name, time, values, kind='line'):
+    return plots.Curve(name, '@', time, values, {}, name, kind)
 
 
-def floats(text):
-    return np.frombuffer(base64.b64decode(text), '<f4')
-
-
-def test_a_long_curve_keeps_twenty_thousand_points_and_each_extreme():
+def test_a_long_record_keeps_each_extreme_and_its_instants_are_of_all_curves():
     time = np.arange(600_000) * 1e-3
-    values = np.sin(time)
-    values[31_415], values[577_777] = 5.0, -3.0
+    a, b = np.sin(time), np.cos(time)
+    a[31_415], b[577_777] = 5.0, -3.0
     kept = (time < 100.0) | (time > 101.0)
-    made = panels.curve(time[kept], values[kept], 'line', 'a', 20_000, 0.0, 600.0)
-    low, high = floats(made['y']).reshape(-1, 2).T
-    assert low.size + high.size == 20_000
-    assert np.nanmax(high) == 5.0 and np.nanmin(low) == -3.0
-    middles = made['first'] + made['step'] * (np.arange(10_000) + 0.5)
-    assert np.all(np.isnan(low) == ((middles > 100.0) & (middles < 101.0)))
-    assert len(json.dumps(made)) < 120_000
-    short = panels.curve(time[:20_000], values[:20_000], 'line', 'a', 20_000, 0.0, 600.0)
-    assert len(floats(short['y'])) == 20_000
+    curves = [curve('a', time[kept], a[kept]), curve('b', time, b)]
+    times, note = plots.instants(curves, 20_000)
+    assert len(times) <= 20_010 and f'{len(times)} of 600000 instants' in note
+    first, second = (each.at(times) for each in curves)
+    assert np.nanmax(first) == 5.0 and np.nanmin(second) == -3.0
+    assert np.array_equal(np.isnan(first), (times >= 100.0) & (times <= 101.0))
+    assert np.isnan(first).any() and np.isfinite(second).all()
+    at = np.rint(times[np.isfinite(first)] * 1e3).astype(int)
+    assert np.allclose(first[np.isfinite(first)], a[at], atol=1e-3)
+    assert plots.instants([curve('a', time[:20_000], a[:20_000])], 20_000)[1] == ''
+
+
+def test_a_status_lasts_until_the_next():
+    steps = curve('a', np.array([1.0, 2.0, 3.0]), np.array([0, 1, 2], np.int8), 'step')
+    assert steps.at(np.array([0.5, 1.0, 1.9, 2.0, 9.0])).tolist()[1:] == [0.0, 0.0, 1.0, 2.0]
+    assert math.isnan(steps.at(np.array([0.5]))[0])
 
 
 def test_the_pareto_front_has_what_nothing_beats():

@@ -39,17 +39,6 @@ def extremes(values: Array, points: int) -> NDArray[np.int64]:
     return chosen[chosen < count]
 
 
-def changes(values: NDArray, points: int) -> NDArray[np.int64]:
-    """Return the indices that draw a staircase, shape (k,): steps and ends, at most `points`."""
-    if not len(values):
-        return np.zeros(0, np.int64)
-    steps = np.flatnonzero(np.diff(values)) + 1
-    chosen = np.unique(np.concatenate([[0], steps, [len(values) - 1]]))
-    if len(chosen) > points:
-        chosen = chosen[np.linspace(0, len(chosen) - 1, points).astype(np.int64)]
-    return chosen
-
-
 def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Array, NDArray]:
     """Return (time [s], values), shape (k,), of chosen samples; nan where the record has a gap."""
     steps = np.diff(time)
@@ -76,7 +65,7 @@ def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
             least, most = min(least, float(np.nanmin(line))), max(most, float(np.nanmax(line)))
         part = line[:: max(1, len(line) // ENOUGH)]
         some.append(part[np.isfinite(part)])
-    known = np.concatenate(some)
+    known = np.concatenate([np.zeros(0), *some])
     if not len(known):
         return None
     low, high = np.percentile(known, [100.0 - MOST, MOST])

@@ -1,0 +1,300 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Plots of a page, drawn by Bokeh, and the page around them: one file that loads nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import resources
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.thinning import HOLE, extremes, limits
+from estimator_pkg.optional import needs
+from estimator_pkg.printable import escaped, printable
+
+Array = NDArray[np.float64]
+
+COLOURS = ('#0072b2', '#d55e00', '#009e73', '#b8508f', '#b98500', '#3d3d3d', '#56b4e9')
+DASHES = ('solid', (7, 3), (2, 3), (9, 3, 2, 3), (5, 2), (12, 4), (4, 3, 1, 3))
+GREY = '#9a9a9e'  # of references
+NUMBERS = 1_200_000  # of all curves over time of a page: 6.4 MB
+FEWEST = 200  # points of a curve
+TALL, LOW = 250, 130  # height of a panel [pixels]
+# The legend shows and hides estimates in all plots.
+SCRIPT = """
+const models = () => Bokeh.documents.flatMap(each => [...each.all_models]);
+for (const button of document.querySelectorAll('.legend button'))
+  button.onclick = () => {
+    const on = button.ariaPressed !== 'true';
+    button.ariaPressed = on;
+    for (const each of models())
+      if (each.type === 'GlyphRenderer' && each.name === button.dataset.s) each.visible = on;
+  };
+for (const button of document.querySelectorAll('button.copy'))
+  button.onclick = async () => {
+    try { await navigator.clipboard.writeText(button.previousElementSibling.textContent);
+          button.textContent = 'copied'; }
+    catch { getSelection().selectAllChildren(button.previousElementSibling); }
+  };
+"""
+
+
+def check() -> None:
+    """Raise UserError if the library is missing: called before the work, not after it."""
+    try:
+        import bokeh  # noqa: F401
+    except ImportError as error:
+        raise UserError(f'--html: {needs("bokeh")}') from error
+
+
+class Style(NamedTuple):
+    """Colour and dashes of an estimate's lines, the same in all plots."""
+
+    colour: str
+    dash: Any
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """Properties of a line of Bokeh."""
+        return {'line_color': self.colour, 'line_dash': self.dash, 'line_width': 1.5}
+
+    def svg(self) -> str:
+        """Return a short line for the legend."""
+        dash = '' if self.dash == 'solid' else ' '.join(map(str, self.dash))
+        return (
+            '<svg viewBox="0 0 30 10"><path d="M0 5H30" stroke-width="3" '
+            f'stroke="{self.colour}" stroke-dasharray="{dash}"/></svg>'
+        )
+
+
+def styles(sources: Iterable[str]) -> dict[str, Style]:
+    """Return a style for each; colours and dashes both differ between neighbours."""
+    return {
+        source: Style(COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)])
+        for i, source in enumerate(sources)
+    }
+
+
+class Curve(NamedTuple):
+    """A curve over time.
+
+    label, text : the line of the tooltip and what it says there; '@' becomes the value.
+    time, values : shape (n,), time increasing [s]; nan: none.
+    style : of the line. source : the estimate that the legend shows and hides; '': always shown.
+    kind : 'line', 'step', or 'band' from -values to values.
+    """
+
+    label: str
+    text: str
+    time: NDArray[np.floating]
+    values: NDArray
+    style: Mapping[str, Any]
+    source: str = ''
+    kind: str = 'line'
+
+    def at(self, times: Array) -> NDArray[np.float32]:
+        """Return the values at `times` [s], shape (k,): nan in gaps and outside."""
+        time, values = self.time, np.asarray(self.values, float)
+        before = np.searchsorted(time, times, side='right') - 1
+        if self.kind == 'step':
+            return np.where(before < 0, np.nan, values[np.maximum(before, 0)]).astype(np.float32)
+        found = np.interp(times, time, values, left=np.nan, right=np.nan)
+        before = np.clip(before, 0, max(len(time) - 2, 0))
+        after = np.minimum(before + 1, len(time) - 1)
+        hole = (time[after] - time[before] > longest(time)) & (times > time[before])
+        found[hole & (times < time[after])] = np.nan
+        return found.astype(np.float32)
+
+
+def longest(time: NDArray[np.floating]) -> float:
+    """Return the longest time between samples that a line crosses [s]."""
+    return HOLE * float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+
+
+def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:
+    """Return (times [s], shape (k,), what is left out, as a sentence or '').
+
+    These are all times, or those of the lowest and the highest value of each curve in stretches of
+    equal length; and one in each gap. At each of them all curves have the values of that instant.
+    """
+    most = max(len(each.time) for each in curves)
+    drawn = [each for each in curves if each.kind != 'band']
+    points = rows if most <= rows else max(FEWEST, rows // len(drawn))
+    times = [each.time[extremes(each.values, points)] for each in drawn]
+    for each in drawn:
+        steps = np.diff(each.time)
+        if each.kind == 'line':
+            holes = np.flatnonzero(steps > longest(each.time))
+            times.append(each.time[holes] + 0.5 * steps[holes])
+    chosen = np.unique(np.concatenate(times))
+    if most <= points:
+        return chosen, ''
+    span = (chosen[-1] - chosen[0]) / (points // 2)
+    return chosen, (
+        f'Drawn: {len(chosen)} of {most} instants, with the lowest and the highest value of every '
+        f'curve in each {span:.2g} s. Between them, zooming shows no more detail.'
+    )
+
+
+def over_time(
+    panels: Mapping[str, Sequence[Curve]],
+    rows: int,
+    shown: Iterable[str] = (),
+    names: Sequence[str] = (),
+    whole: bool = False,
+) -> tuple[Any, str]:
+    """Return (panels above each other with one time axis, what is left out).
+
+    Parameters
+    ----------
+    panels : by title, each with its most important curve first. rows : most instants.
+    shown : sources that are visible at first.
+    names : of the integer values of steps. whole : outliers are in the picture.
+    """
+    from bokeh.layouts import gridplot
+    from bokeh.models import (
+        ColumnDataSource,
+        CrosshairTool,
+        CustomJSHover,
+        CustomJSTransform,
+        FixedTicker,
+        HoverTool,
+        Range1d,
+        Span,
+    )
+
+    curves = [each for panel in panels.values() for each in panel]
+    times, note = instants(curves, rows)
+    columns: dict[str, NDArray] = {'time': times}
+    tips: dict[str, list[str]] = {'time': ['@time{%.4f} s']}
+    formats: dict[str, Any] = {'@time': 'printf'}
+    for number, each in enumerate(curves):
+        name = f'c{number}'
+        columns[name] = each.at(times)
+        if each.text:
+            tips.setdefault(printable(each.label), []).append(
+                each.text.replace('@', f'@{name}{{%.4g}}')
+            )
+        formats[f'@{name}'] = 'printf'
+        if each.kind == 'step':
+            formats[f'@{name}'] = CustomJSHover(
+                args={'names': list(names)}, code='return names[Math.round(value)] ?? "-"'
+            )
+    data = ColumnDataSource({**columns, 'zero': np.zeros(len(times), np.int8)})
+    minus = CustomJSTransform(v_func='return xs.map(x => -x)')
+    tips_ = [(label, ', '.join(texts)) for label, texts in tips.items()]
+    cursor = CrosshairTool(
+        overlay=Span(dimension='height', line_color=GREY, line_dash='dotted'), visible=False
+    )
+    made: list[Any] = []
+    shown, names_ = {'', *shown}, iter(columns)
+    next(names_)
+    for title, panel in panels.items():
+        steps = any(each.kind == 'step' for each in panel)
+        low = len(panel) == 1 or steps
+        plot = figure(title, '', '', LOW if low else TALL)
+        if made:
+            plot.x_range = made[0].x_range
+        # A line that is not seen has a point at each instant, which the pointer finds.
+        plot.extra_y_ranges = {'middle': Range1d(-1, 1)}
+        every = plot.line('time', 'zero', source=data, line_alpha=0.0, y_range_name='middle')
+        lines = []
+        for each, name in reversed(list(zip(panel, names_))):  # the first is on top
+            more = {'source': data, 'visible': each.source in shown}
+            more |= {'name': printable(each.source)} if each.source else {}
+            if each.kind == 'band':
+                below = {'field': name, 'transform': minus}
+                plot.varea('time', below, name, **more, **each.style)
+            elif each.kind == 'step':
+                lines.append(plot.step('time', name, mode='after', **more, **each.style))
+            else:
+                lines.append(plot.line('time', name, **more, **each.style))
+        plot.y_range.renderers = lines  # not `every`, nor bands: they are wide at a start
+        front = [each for each in panel if each.kind == 'line' and each.source in shown]
+        outer = None if whole else limits(each.values for each in front)
+        if outer:
+            plot.y_range = Range1d(*outer)
+            plot.title.text += '; outliers are beyond'
+        if steps:
+            ticks = range(1 + round(max(float(np.nanmax(each.values)) for each in panel)))
+            plot.y_range = Range1d(-0.6, len(ticks) - 0.4)
+            plot.yaxis.ticker = FixedTicker(ticks=list(ticks))
+            plot.yaxis.major_label_overrides = {i: names[i] for i in ticks}
+        plot.add_tools(
+            HoverTool(
+                renderers=[every],
+                mode='vline',
+                tooltips=tips_,
+                formatters=formats,
+                point_policy='follow_mouse',
+                visible=False,
+            ),
+            cursor,
+        )
+        made.append(plot)
+    made[-1].xaxis.axis_label = 'time [s]'
+    made[-1].height += 25
+    return gridplot([[each] for each in made], sizing_mode='stretch_width'), note
+
+
+def figure(title: str, x: str, y: str, height: int = TALL, **more: Any) -> Any:
+    """Return an empty plot: axes with labels, and the tools of all plots."""
+    from bokeh.models import WheelZoomTool
+    from bokeh.plotting import figure as plot
+
+    made = plot(
+        title=title,
+        x_axis_label=x,
+        y_axis_label=y,
+        height=height,
+        sizing_mode='stretch_width',
+        tools='box_zoom,pan,reset,save',
+        active_drag='box_zoom',
+        min_border_left=70,
+        window_axis='x',  # zoomed in time, the vertical axis follows
+        **more,
+    )
+    wheel = WheelZoomTool(modifiers='ctrl')  # the wheel alone scrolls the page
+    made.add_tools(wheel)
+    made.toolbar.active_scroll = wheel
+    made.toolbar.logo = None
+    for each in (made.x_range, made.y_range):
+        if hasattr(each, 'only_visible'):
+            each.only_visible = True
+    return made
+
+
+class Plots:
+    """The plots of a page, in the order in which they are added."""
+
+    def __init__(self) -> None:
+        self._made: list[Any] = []
+
+    def add(self, plot: Any) -> str:
+        """Return the place of a plot in the body of the page."""
+        self._made.append(plot)
+        return f'<div class="plot"><!--plot {len(self._made)}--></div>'
+
+    def page(self, title: str, body: str) -> str:
+        """Return the page: HTML with style, library, data and plots in it."""
+        from bokeh.embed import components
+        from bokeh.resources import Resources
+
+        scripts = ''
+        if self._made:
+            script, places = components(tuple(self._made))
+            scripts = f'{Resources(mode="inline", components=["bokeh"]).render_js()}{script}'
+            for number, place in enumerate(places, 1):
+                body = body.replace(f'<!--plot {number}-->', place, 1)
+        style = resources.files(__package__).joinpath('page.css').read_text()
+        return (
+            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f'<title>{escaped(title)}</title><style>{style}</style></head><body>\n'
+            f'{body}\n{scripts}\n<script>{SCRIPT}</script>\n</body></html>\n'
+        )
