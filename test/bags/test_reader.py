@@ -126,15 +126,19 @@ def test_chunks_that_overlap_a_little_are_not_gathered(tmp_path):
     assert max(sizes) < 80
 
 
-def test_an_index_that_lacks_messages_loses_none(tmp_path):
+@pytest.mark.parametrize('lacks', ['its last entry', 'a message that another entry repeats'])
+def test_an_index_that_lacks_messages_loses_none(lacks, tmp_path):
     messages = make.content()
     path = make.mcap(tmp_path / 'bag.mcap', messages)
     with open(path, 'rb') as stream:
         (chunk,) = make_reader(stream).get_summary().chunk_indexes
     raw = bytearray(path.read_bytes())
-    length_at = min(chunk.message_index_offsets.values()) + 11
-    length = int.from_bytes(raw[length_at : length_at + 4], 'little')
-    raw[length_at : length_at + 4] = (length - 16).to_bytes(4, 'little')
+    at = min(chunk.message_index_offsets.values())
+    length = int.from_bytes(raw[at + 11 : at + 15], 'little')
+    if lacks == 'its last entry':
+        raw[at + 11 : at + 15] = (length - 16).to_bytes(4, 'little')
+    else:
+        raw[at + 15 + 8 : at + 15 + 16] = raw[at + 15 + 24 : at + 15 + 32]
     path.write_bytes(raw)
     assert read(path) == messages
 
