@@ -22,7 +22,7 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.compare.delay import measured
 from estimator_pkg.evaluation.compare.matching import exact, pieces
 from estimator_pkg.evaluation.doctor.readings import FAIL, PASS, WARN, Finding
 from estimator_pkg.evaluation.entries import Entry
@@ -353,11 +353,11 @@ def _judged(
     said = []
     if chosen in verdict.rms:
         how = 'with ' + ', '.join(f'{k}: {v}' for k, v in values.items()) if values else 'as it is'
-        late = delay(moved.time, velocity[chosen], moved.velocity)
+        late, half = measured(moved.time, velocity[chosen], moved.velocity).known
         text = f'Use {OBSERVER} {how}: error {number(verdict.rms[chosen], 2)} rad/s rms'
-        said.append(
-            text + (f', {number(late * 1e3, 2)} ms late' if math.isfinite(late) else '') + '.'
-        )
+        if math.isfinite(late):
+            text += f', {number(late * 1e3, 2)} +- {number(half * 1e3, 1)} ms late'
+        said.append(f'{text}.')
     said += verdict.sentences()
     return Examined(name, found, said, values, verdict)
 
