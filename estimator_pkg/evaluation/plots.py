@@ -112,7 +112,7 @@ class Curve(NamedTuple):
 
 
 def longest(time: NDArray[np.floating]) -> float:
-    """Return the longest time between samples that a line crosses [s]."""
+    """Return the longest time that a line crosses [s], of sample times, shape (n,) [s]."""
     return HOLE * float(np.median(np.diff(time))) if len(time) > 1 else np.inf
 
 

@@ -80,7 +80,7 @@ def lines(
     styles: Mapping[str, Style],
     shown: Collection[str],
 ) -> Any:
-    """Add lines (source, x, y) to a plot; return it."""
+    """Add lines (source, x, y), of shape (n,) each, to a plot; return it."""
     for source, x, y in reversed(found):  # the best is on top
         plot.line(x, y, name=printable(source), visible=source in shown, **styles[source].line)
     return plot
