@@ -7,9 +7,14 @@ Dependencies are pinned here and nowhere else. On an apt installation of Jazzy t
 the messages and numpy alone; `make install` installs everything with ``.[all]``.
 """
 
+import importlib.util
+import sys
 from glob import glob
+from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
+from setuptools.errors import CompileError
 
 NAME = 'velocity_estimator'
 
@@ -50,6 +55,35 @@ EXTRAS = {
 EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
 EXTRAS['mutants'] = ['cosmic-ray>=8.3,<9', 'coverage>=7.5,<8']  # of make mutants alone
 
+
+class BuildEngine(build_ext):
+    """Make the engine: Python functions as C99, a plain library that ctypes loads."""
+
+    def get_ext_filename(self, fullname):
+        """Return a name without that of a Python: it needs none of Python's headers."""
+        return f'{fullname.replace(".", "/")}.so'
+
+    def build_extension(self, ext):
+        """Translate, then compile; an error is a warning, because the extension is optional."""
+        root = Path(__file__).parent
+        try:
+            spec = importlib.util.spec_from_file_location(
+                'engine', root / 'estimator_pkg' / 'engine' / '__init__.py'
+            )
+            sys.modules['engine'] = importlib.util.module_from_spec(spec)
+            from engine.entries import ENTRIES
+            from engine.translate import FLAGS, translate
+
+            text = translate(ENTRIES, root)
+        except Exception as error:
+            raise CompileError(f'the engine: {error}') from error
+        source = Path(self.build_temp) / 'engine.c'
+        source.parent.mkdir(parents=True, exist_ok=True)
+        source.write_text(text, 'utf-8')
+        ext.sources, ext.extra_compile_args = [str(source)], FLAGS
+        super().build_extension(ext)
+
+
 setup(
     name=NAME,
     version='0.1.0',
@@ -78,7 +112,9 @@ setup(
     ],
     extras_require=EXTRAS,
     python_requires='>=3.10',
-    zip_safe=True,
+    ext_modules=[Extension('estimator_pkg._engine', [], libraries=['m'], optional=True)],
+    cmdclass={'build_ext': BuildEngine},
+    zip_safe=False,
     author='velocity_estimator contributors',
     author_email='velocity-estimator@example.org',
     maintainer='velocity_estimator maintainers',

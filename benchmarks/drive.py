@@ -17,12 +17,12 @@ import time
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import registry
-from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.evaluation.compare.timing import Side, interleave, not_run, ratio, row
@@ -101,13 +101,12 @@ def simulate(values: dict[str, Any], duration: float = 1.0, seed: int = 1) -> Si
     return Signal(stamps, measured, true[:, 0], true[:, 1])
 
 
-def make_joint(fast: bool = True) -> DriveJoint:
+def make_joint() -> DriveJoint:
     """Return our observer with a wrong flux."""
     observer = registry.find(registry.OBSERVERS, 'pmsm')
     values = {**MOTOR, 'flux': FLUX, **QUIET}
-    return DriveJoint(
-        observer, *Configuration(observer, values, settings=JointSettings).for_joint(''), fast=fast
-    )
+    configuration = Configuration(observer, values, settings=JointSettings)
+    return DriveJoint(observer, *configuration.for_joint(''))
 
 
 def ours(signal: Signal) -> Estimate:
@@ -211,8 +210,8 @@ def _costs(rounds: int) -> list[dict[str, Any]]:
     signal = simulate({'profile': 'constant', 'speed_rpm': 2000.0}, 0.2)
     few = 1000
     joint = make_joint()
-    joint.warm_up()
-    plain = make_joint(fast=False)
+    with mock.patch('estimator_pkg.driver.joint.functions_of', lambda module: None):
+        plain = make_joint()
 
     def own(which: DriveJoint, count: int) -> Side:
         def side(number: int) -> float:
@@ -237,8 +236,8 @@ def _costs(rounds: int) -> list[dict[str, Any]]:
         row('ours in plain Python, one sample', 1e6 * min(times['plain']), 'us'),
         row('motulator / plain', ratio(times['motulator'], times['plain']), 'times'),
     ]
-    if not available():
-        return [*rows, not_run('compiled', 'Numba is not installed')]
+    if joint.compiled is None:
+        return [*rows, not_run('compiled', 'the package was installed without a C compiler')]
     return [
         *rows,
         row('ours compiled, one sample', 1e6 * min(times['ours']), 'us'),

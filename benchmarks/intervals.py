@@ -26,9 +26,8 @@ from benchmarks.accuracy import interval_score
 from benchmarks.columns import Column
 from benchmarks.recordings import recorded
 from benchmarks.signals import Samples, encoder
-from estimator_pkg.driver.batch import Estimates, make_batch
+from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.driver.track import make_track
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.text import fixed, markdown, number, table
@@ -210,19 +209,16 @@ def _after(time: Array, begins: Mask, length: float) -> Mask:
     return time - last < length
 
 
-def uncalibrated(joint: Joint, samples: Samples, fast: bool) -> Estimates:
+def uncalibrated(joint: Joint, samples: Samples) -> Estimates:
     """Return the estimates with the standard deviation as the observer makes it."""
     alone = Joint(joint.observer, joint.gains, joint.settings)
     alone.learner = None
-    track = make_track(alone.functions, alone.settings.wrap_period, calibrated=False)
-    alone._ways = 2 * ((*track, make_batch(track)),)
-    alone._choose()
-    return alone.run(samples.stamps, samples.angle, fast=fast)
+    with alone._changing() as channel:
+        channel.track.calibration.quantum = -1e6  # no step is smaller, and it hides every error
+    return alone.run(samples.stamps, samples.angle)
 
 
-def run(
-    found: list[Column], entries: Iterable[Entry] | None = None, fast: bool = True
-) -> list[dict[str, Any]]:
+def run(found: list[Column], entries: Iterable[Entry] | None = None) -> list[dict[str, Any]]:
     """Return one row per observer, stream and part of the stream.
 
     The keys of a row: observer, stream, part, held_out, coarse (the reference's own error exceeds
@@ -237,8 +233,8 @@ def run(
             for column in found:
                 joint.reset()
                 stamps, angle, truth = column.samples
-                out = joint.run(stamps, angle, fast=fast)
-                alone = uncalibrated(joint, column.samples, fast).velocity_stddev
+                out = joint.run(stamps, angle)
+                alone = uncalibrated(joint, column.samples).velocity_stddev
                 valid = (out.status == TRACKING) | (out.status == COASTING)
                 time = column.time
                 valid &= (time >= column.skip) & np.isfinite(truth) & np.isfinite(out.velocity)

@@ -5,7 +5,7 @@
 
 The motion is that of a cart-pendulum under a force, at 1 kHz with jitter, so the coefficients are
 computed anew at every sample. In plain Python it runs with the built-in model and with a user's
-numpy model of the same mechanism; compiled with the built-in one.
+numpy model of the same mechanism; by the engine with the built-in one.
 """
 
 from __future__ import annotations
@@ -17,22 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import observers
-from estimator_pkg.driver.compiled import available, compiled
-from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.efforts import FIELD
+from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
 from estimator_pkg.evaluation.compare.timing import best_and_median, interleave, not_run, row
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.mechanism.core import MechanicalFunctions
-from estimator_pkg.observers.mechanism.motion import put_row
-from estimator_pkg.optional import needs
+from estimator_pkg.observers.mechanism.core import Estimate, Plan
+from estimator_pkg.observers.mechanism.state import Coefficients
 
 Array = NDArray[np.float64]
 
 STEPS = 2000  # per round, in plain Python
-COMPILED_STEPS = 300_000
+ENGINE_STEPS = 300_000
 PLAIN_LIMIT = 15.0  # us
 NUMPY_LIMIT = 200.0  # us
-COMPILED_LIMIT = 3.0  # million steps/s
+ENGINE_LIMIT = 3.0  # million steps/s
 BUILT_IN = 'cart_pendulum'
 NUMPY = f'{__name__}:NumpyCartPendulum'
 
@@ -59,13 +57,6 @@ class NumpyCartPendulum:
         return np.array([[0.0], [1.0]])
 
 
-def _functions(model: str) -> MechanicalFunctions:
-    record = observers.find('geso')
-    functions = record.build(record.gains(model=model), Circle())
-    assert isinstance(functions, MechanicalFunctions)
-    return functions
-
-
 def _samples(count: int) -> tuple[NDArray[np.int64], Array, Array]:
     """Return (stamps [ns], readings, shape (N, 2), force, shape (N, 1))."""
     random = np.random.default_rng(1)
@@ -76,31 +67,34 @@ def _samples(count: int) -> tuple[NDArray[np.int64], Array, Array]:
 
 
 def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
-    """Return rows: steps and updates [us], compiled steps [million/s]."""
+    """Return rows: steps and updates [us], the engine's samples [million/s]."""
     stamps, readings, force = _samples((rounds + 1) * STEPS)
-    rows_of = [tuple(each) for each in readings.tolist()], [tuple(each) for each in force.tolist()]
+    rows_of = readings.tolist(), force.tolist()
     steps = np.diff(stamps, prepend=stamps[0] - 10**6) * 1e-9
 
     def step_side(model: str) -> Any:
-        functions = _functions(model)
-        design = functions.design()
-        prepare, step, output = functions.prepare, functions.step, functions.output
+        plan = _plan(model)
+        module, design, coefficients, out = plan.module, plan.design, Coefficients(), Estimate()
 
         def side(number: int) -> float:
             part = range(number * STEPS, (number + 1) * STEPS)
-            state = functions.init(rows_of[0][part[0]], design)
+            state = plan.state()
+            module.start(module, state, design, rows_of[0][part[0]])
             begun = time.thread_time()
             for k in part:
-                coefficients = prepare(design, float(steps[k]))
-                state = step(state, coefficients, design, rows_of[0][k], rows_of[1][k])
-                output(state, coefficients, design, rows_of[0][k], rows_of[1][k])
+                module.prepare(coefficients, design, float(steps[k]))
+                given = state, coefficients, design, rows_of[0][k], rows_of[1][k]
+                module.step(module, *given)
+                module.estimate(module, out, *given)
             return (time.thread_time() - begun) / STEPS
 
         return side
 
     def update_side(model: str) -> Any:
-        record = observers.find('geso')
-        joint = Joint(record, record.gains(model=model), JointSettings())
+        joint = _mechanism(model)
+        joint.compiled = joint.memory = None  # plain, from here on
+        joint.set_gains(joint.gains)
+        joint.reset()
         whole = stamps.tolist()
 
         def side(number: int) -> float:
@@ -125,48 +119,42 @@ def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
         rows.append(
             row(f'geso, 2 positions, {name}', least * 1e6, 'us', limit=limit, median=median * 1e6)
         )
-    name = 'geso, 2 positions, compiled steps'
-    if not available():
-        return [*rows, not_run(name, needs('numba'))]
-    least, median = best_and_median(_compiled_times(rounds))
+    name = "geso, 2 positions, the engine's samples"
+    joint = _mechanism(BUILT_IN)
+    if joint.compiled is None:
+        return [*rows, not_run(name, 'the engine was not built')]
+    least, median = best_and_median(_engine_times(joint, rounds))
     return [
         *rows,
         row(
             name,
             1e-6 / least,
             'million steps/s',
-            limit=COMPILED_LIMIT,
+            limit=ENGINE_LIMIT,
             at_least=True,
             median=1e-6 / median,
         ),
     ]
 
 
-def _compiled_times(rounds: int) -> list[float]:
-    """Return the seconds per step of each round."""
-    functions = _functions(BUILT_IN)
-    prepare, step, output = functions.prepare, functions.step, functions.output
-    put = put_row(2)
+def _plan(model: str) -> Plan:
+    record = observers.find('geso')
+    plan: Plan = record.module.plan(record.gains(model=model), Circle())
+    return plan
 
-    def walk(state: tuple, design: tuple, steps: Any, readings: Any, force: Any, out: Any) -> tuple:
-        for k in range(len(steps)):
-            coefficients = prepare(design, steps[k])
-            measurement = (readings[k, 0], readings[k, 1])
-            u = (force[k, 0],)
-            state = step(state, coefficients, design, measurement, u)
-            velocity = output(state, coefficients, design, measurement, u)[1]
-            put(out, k, velocity)
-        return state
 
-    stamps, readings, force = _samples(COMPILED_STEPS)
-    steps = np.diff(stamps, prepend=stamps[0] - 10**6) * 1e-9
-    design, out = functions.design(), np.zeros_like(readings)
-    start = functions.init((float(readings[0, 0]), float(readings[0, 1])), design)
-    twin = compiled(walk)
-    twin(start, design, steps[:10], readings[:10], force[:10], out[:10])  # compiles
+def _mechanism(model: str) -> Mechanism:
+    record = observers.find('geso')
+    return Mechanism('mechanism', record, record.gains(model=model), MechanismSettings(), FIELD)
+
+
+def _engine_times(joint: Mechanism, rounds: int) -> list[float]:
+    """Return the seconds per sample of each round: guard, step and estimate."""
+    stamps, readings, force = _samples(ENGINE_STEPS)
     found = []
     for _ in range(rounds + 1):
+        joint.reset()
         begun = time.thread_time()
-        twin(start, design, steps, readings, force, out)
-        found.append((time.thread_time() - begun) / COMPILED_STEPS)
+        joint.run(stamps, readings, force)
+        found.append((time.thread_time() - begun) / ENGINE_STEPS)
     return found[1:]

@@ -218,8 +218,8 @@ class VelocityEstimator:
             if name in parameters and parameter.structural:
                 raise UsageError(f"parameter '{name}' is structural: make a new VelocityEstimator")
         joint, other = self._joint, self._make(configuration)
-        why = other.functions.limits(joint.mean_dt) if joint.mean_dt > 0.0 else None
-        if not why and not joint.goes_on_with(other.functions):
+        why = other.limit(joint.mean_dt) if joint.mean_dt > 0.0 else None
+        if not why and not joint.goes_on_with(other.design):
             why = 'the state cannot be kept with these gains: make a new VelocityEstimator'
         if why:
             raise UsageError(why)

@@ -21,7 +21,6 @@ from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.mechanism.core import MechanicalFunctions
 from estimator_pkg.observers.mechanism.gains import MEANINGS, in_words
 from estimator_pkg.observers.mechanism.parameters import MechanicalGains
 from estimator_pkg.parameters import Parameter, build, declared, parse_assignments
@@ -77,15 +76,14 @@ def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dic
     for model in models:
         gains: Any = build(record.gains, {**values, 'model': model}, owner=name)
         try:
-            functions = record.build(gains, Circle())
+            plan = record.module.plan(gains, Circle())
         except UserError as error:
             if len(models) == 1:
                 raise
             found[model] = {'refused': str(error)}
             continue
-        assert isinstance(functions, MechanicalFunctions)
-        words = in_words(functions.describe(1.0 / rate))
-        why = functions.limits(1.0 / rate)
+        words = in_words(plan.describe(1.0 / rate))
+        why = plan.limits(1.0 / rate)
         found[model] = {**words, **({'refused': why} if why else {})}
     return found
 

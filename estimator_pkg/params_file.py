@@ -21,6 +21,7 @@ from estimator_pkg.printable import show
 KEY = 'ros__parameters'
 OVERRIDES = 'per_joint'
 FORMERLY = 'joints'  # read for one release: it is the name of a parameter, too
+WITHOUT_EFFECT = ('compile',)  # accepted for one release
 OF_EVERY_NODE = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
@@ -152,13 +153,25 @@ def warning(notes: Iterable[str]) -> str:
     )
 
 
+def without_former(values: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    """(`values` without parameters that have no effect any more, the warning about them or '')."""
+    found = [name for name in WITHOUT_EFFECT if values.get(name) is not None]
+    kept = {name: value for name, value in values.items() if name not in WITHOUT_EFFECT}
+    said = ', '.join(f"parameter '{name}' has no effect any more: remove it" for name in found)
+    return kept, said
+
+
 def modern(*sources: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The values of each source under the names of this release; one warning for all on stderr."""
     found = [today(values) for values in sources]
-    said = warning(note for _, notes in found for note in notes)
-    if said:
-        show(f'warning: {said}', file=sys.stderr)
-    return [values for values, _ in found]
+    kept = [without_former(values) for values, _ in found]
+    for said in (
+        warning(note for _, notes in found for note in notes),
+        *{said for _, said in kept},
+    ):
+        if said:
+            show(f'warning: {said}', file=sys.stderr)
+    return [values for values, _ in kept]
 
 
 def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:

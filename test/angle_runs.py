@@ -9,7 +9,10 @@ import numpy as np
 
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.observers.angle.hybrid import observer
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
+from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core
+from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
 
 TURN = 2.0 * math.pi
@@ -34,20 +37,24 @@ def stamps(times):
     return 10**18 + np.rint(np.asarray(times) * 1e9).astype(np.int64)
 
 
-def coefficients_of(dt, **gains):
-    functions = make(**gains).functions
-    return functions.prepare(functions.design(), dt)[0]
+class Inner:
+    """The observer itself, without what angle observers share around it."""
 
+    def __init__(self, dt, period=TURN, **gains):
+        self.design = observer.design(build(OBSERVER.gains, gains), Circle(period))
+        self.coefficients, self.core = Coefficients(), Core()
+        observer.prepare(self.coefficients, self.design, dt)
+        observer.begin(self.core, self.design, 0.0)
 
-def core_of(**gains):
-    """The core that `build` hands to `around`."""
-    import estimator_pkg.observers.angle.hybrid.observer as module
+    def put(self, **fields):
+        """Set fields of the core; the position follows."""
+        for name, value in fields.items():
+            setattr(self.core, name, value)
+        self.core.position = self.core.last - self.core.error
 
-    seen = []
-    original = module.around
-    module.around = lambda core, *rest: seen.append(core) or original(core, *rest)
-    try:
-        make(**gains)
-    finally:
-        module.around = original
-    return seen[0]
+    def correct(self, reading):
+        """Take a reading; return the innovation."""
+        return observer.correct(self.core, self.coefficients, self.design, reading)
+
+    def noise_gains(self):
+        return observer.noise_gains(self.core, self.coefficients, self.design)

@@ -9,16 +9,21 @@ import textwrap
 from pathlib import Path
 
 OBSERVER = '''
-    """An alpha-beta filter: the seven small functions, and what is declared."""
+    """An alpha-beta filter: its gains, three records, and what it does with a measurement."""
 
     import math
     from dataclasses import dataclass
 
-    from estimator_pkg.observers.angle.core import AngleCore, AngleGains, around
-    from estimator_pkg.observers.circle import wrap
+    from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
+        DRIVEN, EDGES, LAG_2, SINGLE_ANGLE, TURNS, AngleGains, SharedDesign, State, deviation,
+        estimate, is_reading, lateness, pace, restart, resume, set_shared, start, step)
+    from estimator_pkg.observers.circle import Circle, wrap
     from estimator_pkg.observers.contract import Observer
+    from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
+    from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
     from estimator_pkg.observers.maths.tracking import noise_of_two
     from estimator_pkg.parameters import parameter
+    from estimator_pkg.record import record
 
 
     @dataclass(frozen=True)
@@ -27,42 +32,73 @@ OBSERVER = '''
                                  description='weight of the innovation in the position')
 
 
-    def prepare(design, dt):
-        alpha, period = design
-        return (alpha, alpha * alpha / (2.0 - alpha) / dt, dt, period)
+    @record
+    class Design:
+        shared: SharedDesign
+        alpha: float
 
 
-    def init(measurement, design):
-        return (measurement, 0.0)
+    @record
+    class Coefficients:
+        dt: float  # [s]
+        rate: float  # beta/dt [1/s]
 
 
-    def correct(state, coefficients, measurement):
-        alpha, rate, dt, period = coefficients
-        error = wrap(measurement - state[0] - state[1] * dt, period)
-        return (measurement - (1.0 - alpha) * error, state[1] + rate * error), error
+    @record
+    class Core:
+        position: float  # [rad]
+        velocity: float  # [rad/s]
+        acceleration: float  # nan
+        started: bool  # after the second sample
 
 
-    def estimate(state):
-        return state[0], state[1], math.nan
+    def design(gains: Gains, circle: Circle) -> Design:
+        made = Design()
+        made.alpha = gains.alpha
+        set_shared(made.shared, gains, circle, 0.05, LAG_2)
+        return made
 
 
-    def resume(state, measurement):
-        return (measurement, state[1])
+    def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+        coefficients.dt = dt
+        coefficients.rate = design.alpha * design.alpha / (2.0 - design.alpha) / dt
 
 
-    def noise_gains(state, coefficients):
-        return noise_of_two(coefficients[0], coefficients[1] * coefficients[2], coefficients[2])
+    def begin(core: Core, design: Design, measurement: float) -> None:
+        core.position, core.velocity, core.acceleration = measurement, 0.0, math.nan
+        core.started = False
 
 
-    def build(gains, circle):
-        return around(AngleCore(
-            design=lambda: (gains.alpha, float(circle.period)), settle=0.2, prepare=prepare,
-            init=init, correct=correct, estimate=estimate, resume=resume, noise_gains=noise_gains,
-            limits=lambda dt: None, group_delay=lambda dt: dt * (2.0 / gains.alpha - 1.5)),
-            gains, circle)
+    def resume_core(core: Core, design: Design, measurement: float) -> None:
+        core.position = measurement
 
 
-    OBSERVER = Observer(name='mine', summary='an alpha-beta filter', gains=Gains, build=build,
+    def correct(
+        core: Core, coefficients: Coefficients, design: Design, measurement: float
+    ) -> float:
+        moved = measurement - core.position
+        if not core.started:
+            core.position, core.started = measurement, True
+            core.velocity = wrap(moved, design.shared.period) / coefficients.dt
+            return 0.0  # the speed was not known: no innovation
+        error = wrap(moved - core.velocity * coefficients.dt, design.shared.period)
+        core.position = measurement - (1.0 - design.alpha) * error
+        core.velocity += coefficients.rate * error
+        return error
+
+
+    def noise_gains(
+        core: Core, coefficients: Coefficients, design: Design
+    ) -> tuple[float, float, float]:
+        dt = coefficients.dt
+        return noise_of_two(design.alpha, coefficients.rate * dt, dt)
+
+
+    def group_delay(design: Design, dt: float) -> float:
+        return dt * (2.0 / design.alpha - 1.5)
+
+
+    OBSERVER = Observer(name='mine', summary='an alpha-beta filter', gains=Gains,
                         reference='textbook')
 '''
 

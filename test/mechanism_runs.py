@@ -8,7 +8,9 @@ import numpy as np
 from estimator_pkg import observers
 from estimator_pkg.models.load import load
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.mechanism.motion import make_plant
+from estimator_pkg.observers.mechanism.core import Estimate
+from estimator_pkg.observers.mechanism.motion import Motion
+from estimator_pkg.observers.mechanism.state import Coefficients, enlarge
 from estimator_pkg.parameters import build
 
 NAMES = ('geso', 'hgo', 'ehgo', 'smo')
@@ -17,35 +19,57 @@ FAST = ('pendulum_inertia=1', 'pendulum_moment=0.9', 'moving_mass=1', 'gravity=1
 
 
 def made(name, circle=None, **values):
-    """The functions of an observer of mechanisms."""
+    """The plan of an observer of mechanisms."""
     record = observers.find(name)
-    gains = build(record.gains, values)
-    return record.build(gains, circle or Circle())
+    return record.module.plan(build(record.gains, values), circle or Circle())
 
 
-def driven(functions, dt, stamps, readings, inputs=None):
+def begun(plan, dt, reading):
+    """(state after this reading, coefficients)."""
+    state, coefficients = plan.state(), Coefficients()
+    plan.module.prepare(coefficients, plan.design, dt)
+    plan.module.start(plan.module, state, plan.design, list(reading))
+    return state, coefficients
+
+
+def shown(plan, state, coefficients, reading):
+    """(positions, velocities, status) of a state."""
+    out, n = enlarge(Estimate(), plan.mechanics.degrees), plan.mechanics.degrees
+    plan.module.estimate(plan.module, out, state, coefficients, plan.design, list(reading), [])
+    return tuple(out.position[:n]), tuple(out.velocity[:n]), out.status
+
+
+def stepped(plan, state, coefficients, reading, u):
+    """Take one sample."""
+    plan.module.step(plan.module, state, coefficients, plan.design, list(reading), list(u))
+
+
+def driven(plan, dt, stamps, readings, inputs=None):
     """(velocities, statuses, last state) of a run, without the driver's guard."""
-    design = functions.design()
-    coefficients = functions.prepare(design, dt)
-    state = functions.init(readings[0], design)
+    state, coefficients = begun(plan, dt, readings[0])
     velocities, statuses = [], []
     for k in range(1, stamps):
-        u = inputs[k - 1] if inputs is not None else (0.0,) * max(1, functions.mechanics.inputs)
-        state = functions.step(state, coefficients, design, readings[k], u)
-        _, velocity, _, status = functions.output(state, coefficients, design, readings[k], u)
+        u = inputs[k - 1] if inputs is not None else (0.0,) * max(1, plan.mechanics.inputs)
+        stepped(plan, state, coefficients, readings[k], u)
+        _, velocity, status = shown(plan, state, coefficients, readings[k])
         velocities.append(velocity)
         statuses.append(status)
     return np.array(velocities), statuses, state
 
 
+def moved(mechanics, q, v, u, dt, parts):
+    """(positions, velocities) after dt with constant inputs."""
+    return Motion(mechanics, q, v).step(u, dt, parts)
+
+
 def motion(model, assignments, q, v, dt, count, inputs=None):
     """(positions, velocities) as lists of tuples."""
     mechanics = load(model, assignments)
-    plant = make_plant(mechanics)
+    plant = Motion(mechanics, q, v)
     positions, speeds = [], []
     for k in range(count):
         positions.append(q)
         speeds.append(v)
         u = inputs[k] if inputs is not None else (0.0,) * max(1, mechanics.inputs)
-        q, v = plant(mechanics.values, q, v, u, dt, 4)
+        q, v = plant.step(u, dt, 4)
     return positions, np.array(speeds)

@@ -9,8 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.pmsm.gains import Gains
-from estimator_pkg.observers.pmsm.observer import build
+from estimator_pkg.observers.contract import Deviation, Estimate
+from estimator_pkg.observers.pmsm import observer
+from estimator_pkg.observers.pmsm.observer import Electrical, ElectricalDeviation, Gains, Sample
+from estimator_pkg.observers.pmsm.state import Coefficients, State
 from estimator_pkg.parameters import build as build_parameters
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
@@ -22,8 +24,66 @@ RPM = math.pi / 30.0
 TURN = 2.0 * math.pi
 
 
-def made(**gains):
-    return build(build_parameters(Gains, {**MOTOR, **gains}), Circle(0.0))
+class Motor:
+    """The observer at some gains, sample by sample."""
+
+    def __init__(self, gains, dt=DT):
+        self.design = observer.design(gains, Circle(0.0))
+        self.state, self.coefficients, self.sample = State(), Coefficients(), Sample()
+        observer.prepare(self.coefficients, self.design, dt)
+
+    def take(self, function, row, *more):
+        for name, value in zip(Sample.fields, row):
+            setattr(self.sample, name, float(value))
+        function(observer, self.state, *more, self.design, self.sample)
+
+    def start(self, row):
+        self.take(observer.start, row)
+
+    def resume(self, row):
+        self.take(observer.resume, row, self.coefficients)
+
+    def step(self, row):
+        self.take(lambda *given: observer.step(*given, 0.0), row, self.coefficients)
+
+    @property
+    def reasons(self):
+        return self.state.watch.reasons
+
+    def estimate(self):
+        """(position, velocity, nan, status)."""
+        out = Estimate()
+        observer.estimate(
+            observer, out, self.state, self.coefficients, self.design, self.sample, 0.0
+        )
+        return values(out)
+
+    def electrical(self):
+        """(angle, speed, flux, valid, status, reasons)."""
+        out = Electrical()
+        observer.electrical(out, self.state, self.design)
+        return values(out)
+
+    def electrical_stddev(self):
+        out = ElectricalDeviation()
+        observer.electrical_deviation(out, self.state, self.coefficients, self.design)
+        return values(out)
+
+    def stddev(self):
+        out = Deviation()
+        observer.deviation(observer, out, self.state, self.coefficients, self.design, 1.0)
+        return values(out)
+
+    def speed_bound(self):
+        return observer.speed_bound(self.state, self.coefficients, self.design)
+
+
+def values(record):
+    return tuple(getattr(record, name) for name in type(record).fields)
+
+
+def made(dt=DT, **gains):
+    return Motor(build_parameters(Gains, {**MOTOR, **gains}), dt)
 
 
 @lru_cache
@@ -42,18 +102,15 @@ STEADY = ((0.06, 3000.0, 3000.0),)
 RESTING = ((0.05, 0.0, 0.0),)
 
 
-def estimates(functions, samples, dt=DT, rows=None):
+def estimates(motor, samples):
     """(status, reasons, electrical rows) after each sample."""
-    design = functions.design()
-    coefficients = functions.prepare(design, dt)
-    state = functions.init(tuple(samples[0]), design)
-    status, reasons, electrical = [], [], []
+    motor.start(samples[0])
+    rows = []
     for row in samples[1:].tolist():
-        state = functions.step(state, coefficients, design, tuple(row), 0.0)
-        status.append(functions.output(state, coefficients, design, tuple(row), 0.0)[3])
-        reasons.append(functions.reasons(state))
-        electrical.append(functions.electrical(state, coefficients, design))
-    return np.array(status), np.array(reasons), np.array(electrical), state, coefficients
+        motor.step(row)
+        rows.append(motor.electrical())
+    *_, status, reasons = np.array(rows).T
+    return status.astype(int), reasons.astype(int), np.array(rows)[:, :4]
 
 
 def steady(count, begin=0, turns=100.0, rate=2500.0, rows=50):

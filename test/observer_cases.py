@@ -5,19 +5,17 @@
 
 import contextlib
 import math
-from functools import lru_cache
 
 import numpy as np
+import pytest
 
 from estimator_pkg import observers
-from estimator_pkg.driver.batch import empty
-from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.driver import joint as joints
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import build
 
-FEW = 1000  # samples: fewer are no quicker in compiled code
 UNTUNED = {'edge_adaptive'}
 STRUCTURES = {
     'hybrid_angle': [
@@ -60,21 +58,6 @@ def label(variant):
     return '-'.join((name, *(str(value) for value in gains.values())))
 
 
-class Shared(Joint):
-    """A joint that compiles what every run of the tests compiles once: the loops of the defaults.
-
-    Another loop takes as long to compile as a million samples in plain Python.
-    """
-
-    def pays(self, count):
-        return count >= FEW and compiled(self._batch) in shared_loops()
-
-
-@lru_cache(1)
-def shared_loops():
-    return {compiled(joint(name)._batch) for name in angle_observers()}
-
-
 def joint(name, gains=None, kind=Joint, **settings):
     """A joint with this observer."""
     observer = observers.find(name)
@@ -82,8 +65,15 @@ def joint(name, gains=None, kind=Joint, **settings):
 
 
 def make(name, gains=None, **settings):
-    """A joint with this observer, which may run compiled code unless it shall not."""
-    return joint(name, gains, Shared, **settings)
+    """A joint with this observer; the engine runs it where there is one."""
+    return joint(name, gains, **settings)
+
+
+def plain(name, gains=None, **settings):
+    """A joint with this observer, as plain Python."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(joints, 'functions_of', lambda module: None)
+        return joint(name, gains, **settings)
 
 
 def wrapped(angle):
@@ -115,17 +105,10 @@ def stream(seed, count=400, noise=3e-3):
     return at, angle
 
 
-def beside(joint, at, angles):
-    """(track, outputs) of each sample, plain and compiled, from the same track before it.
-
-    The loop of one sample is what every replay compiles, so a run of tests compiles it once.
-    """
-    plain, fast = joint._batch, compiled(joint._batch)
-    design, limits, track = joint._design, joint._limits, joint._blank(joint._design)
-    given = np.zeros(1)
+def beside(name, gains, at, angles):
+    """((channel, outputs), (channel, outputs)) of each sample, plain and by the engine."""
+    both = plain(name, gains), make(name, gains)
     for k in range(len(at)):
-        here, there = empty(1), empty(1)
-        stamp, angle = at[k : k + 1], angles[k : k + 1]
-        twin = fast(track, design, limits, stamp, angle, given, *there)
-        track = plain(track, design, limits, stamp.tolist(), angle.tolist(), [0.0], *here)
-        yield (track, here), (twin, there)
+        part = slice(k, k + 1)
+        outs = [each.run(at[part], angles[part]) for each in both]
+        yield tuple((repr(each.channel), out) for each, out in zip(both, outs))

@@ -164,3 +164,21 @@ class OneName(CartPendulum):
     """A text for a list of names."""
 
     joints = 'pendulum'
+
+
+class SixJoints:
+    """Six joints that do not turn each other."""
+
+    joints = ('a', 'b', 'c', 'd', 'e', 'f')
+
+    def inertia(self, q):
+        """M(q)."""
+        return np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+
+    def gradient(self, q):
+        """dV/dq."""
+        return np.zeros(6)
+
+    def inputs(self, q):
+        """G(q)."""
+        return np.eye(6)

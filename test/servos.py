@@ -10,8 +10,9 @@ from scipy.linalg import expm
 
 from estimator_pkg.driver.adaptive import AdaptiveJoint
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.observers.adaptive.gains import Gains
-from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive import observer as adaptive
+from estimator_pkg.observers.adaptive.observer import OBSERVER, Gains
+from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
 
 
@@ -45,16 +46,13 @@ def servo(damping, stiffness, gain, u, dt, load=0.0, start=(0.0, 0.0)):
     return angle, velocity
 
 
-def run(functions, angles, inputs, dt):
-    """States after each sample."""
-    design = functions.design()
-    coefficients = functions.prepare(design, dt)
-    state = functions.init(float(angles[0]), design)
-    states = [state]
-    for angle, u in zip(angles[1:].tolist(), inputs.tolist()):
-        state = functions.step(state, coefficients, design, angle, u)
-        states.append(state)
-    return states, coefficients, design
+def begun(gains, angle, dt):
+    """(state, coefficients, design) after the first sample."""
+    design, coefficients = adaptive.design(gains, Circle(0.0)), adaptive.Coefficients()
+    adaptive.prepare(coefficients, design, dt)
+    state = adaptive.State()
+    adaptive.start(adaptive, state, design, float(angle))
+    return state, coefficients, design
 
 
 def joint(period=2.0 * math.pi, **gains):

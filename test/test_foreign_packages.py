@@ -14,6 +14,7 @@ import pytest
 from foreign_package import OBSERVER, install
 
 BAG = Path(__file__).parent.parent / 'bags' / 'dfki_simple_pendulum' / 'energy_shaping_200hz'
+CONTRACT = Path(__file__).parent / 'observers' / 'test_contract.py'
 MODEL = '''
     """A slide on a spring."""
 
@@ -60,6 +61,11 @@ def foreign(tmp_path_factory):
     return install(tmp_path_factory.mktemp('site'), files, ENTRY_POINTS)
 
 
+def environment(foreign):
+    """The variables of a process in which that package is installed too."""
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join([str(foreign), *sys.path])}
+
+
 def reported(foreign, *words, code=0):
     """What `velocity_estimator` prints where that package is installed too."""
     done = subprocess.run(
@@ -72,7 +78,7 @@ def reported(foreign, *words, code=0):
         capture_output=True,
         text=True,
         timeout=120,
-        env={**os.environ, 'PYTHONPATH': str(foreign)},
+        env=environment(foreign),
     )
     assert done.returncode == code, done.stderr
     return done.stdout if code == 0 else done.stderr
@@ -103,6 +109,18 @@ def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path)
     assert 'tracking' in said
     said = reported(foreign, 'evaluate', BAG, '--observer', 'mine')
     assert 'mine' in said and 'rms' in said
+
+
+@pytest.mark.long
+def test_the_tests_of_the_contract_run_on_an_observer_of_another_package(foreign):
+    done = subprocess.run(
+        [sys.executable, '-m', 'pytest', '-v', '-k', '[mine', CONTRACT],
+        capture_output=True,
+        text=True,
+        env=environment(foreign),
+    )
+    assert done.returncode == 0, done.stdout
+    assert int(re.search(r'(\d+) passed', done.stdout)[1]) >= 20
 
 
 @pytest.mark.long

@@ -55,6 +55,16 @@ def run(*command, **options):
     return done.stdout
 
 
+def engine_of(folder):
+    """Return what `load` says of the engine of the packages in a folder."""
+    code = 'from estimator_pkg.engine import load; print(load.__file__, *load.load())'
+    loaded = run(
+        sys.executable, '-c', code, cwd=folder, env={**os.environ, 'PYTHONPATH': str(folder)}
+    )
+    assert loaded.startswith(str(folder)), loaded
+    return loaded.partition(' ')[2].strip()
+
+
 def assert_share_is_found(prefix):
     share = prefix / 'share' / 'velocity_estimator'
     assert (share / 'package.xml').is_file()
@@ -75,22 +85,60 @@ def assert_share_is_found(prefix):
     assert Path(found.strip()) == share
 
 
-@pytest.mark.long
-def test_pip_install_finds_share(source, tmp_path):
+def copied(source, copy):
+    """Return a copy of the sources without what another build left there."""
+    return shutil.copytree(
+        source, copy, ignore=shutil.ignore_patterns('build', '*.so', '*.egg-info')
+    )
+
+
+def pip_install(source, prefix, **options):
+    """Return the folder into which pip installed the packages."""
     run(
         sys.executable,
         *shlex.split(
             '-m pip install --quiet --no-compile --no-build-isolation --no-deps --ignore-installed'
         ),
         '--prefix',
-        str(tmp_path),
+        str(prefix),
         '.',
         cwd=source,
+        **options,
     )
+    return next((prefix / 'lib').rglob('estimator_pkg')).parent
+
+
+@pytest.mark.long
+def test_pip_install_finds_share(source, tmp_path):
+    packages = pip_install(source, tmp_path)
     assert_share_is_found(tmp_path)
+    assert engine_of(packages).startswith('<PyDLL')
     assert len(list((tmp_path / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
     executables = {path.name for path in (tmp_path / 'bin').iterdir()}
     assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
+
+
+@pytest.mark.slow
+def test_pip_installs_without_a_compiler(source, tmp_path):
+    without = {**os.environ, 'CC': '/bin/false'}
+    packages = pip_install(copied(source, tmp_path / 'source'), tmp_path / 'prefix', env=without)
+    assert_share_is_found(tmp_path / 'prefix')
+    assert engine_of(packages).startswith('None no engine was built: install a C compiler')
+
+
+@pytest.mark.slow
+def test_colcon_links_the_sources_and_an_edit_is_seen(source, tmp_path):
+    copy = copied(source, tmp_path / 'source')
+    bases = [f'--{name}-base={tmp_path / name}' for name in ('build', 'install')]
+    environment = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
+    command = ['colcon', '--log-base', str(tmp_path / 'log'), 'build', '--symlink-install', *bases]
+    run(*command, cwd=copy, env=environment)
+    assert engine_of(copy).startswith('<PyDLL')
+    with (copy / 'estimator_pkg' / 'observers' / 'circle.py').open('a') as file:
+        file.write('# edited\n')
+    assert engine_of(copy).startswith('None _engine.so was made from other sources')
+    run(*command, cwd=copy, env=environment)
+    assert engine_of(copy).startswith('<PyDLL')
 
 
 @pytest.mark.long
@@ -117,6 +165,8 @@ def test_colcon_builds_an_ament_python_package(source, tmp_path):
     prefix = tmp_path / 'install' / 'velocity_estimator'
     assert_share_is_found(prefix)
     assert len(list((prefix / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
+    packages = next((prefix / 'lib').rglob('estimator_pkg')).parent
+    assert engine_of(packages).startswith('<PyDLL')
     executables = {path.name for path in (prefix / 'lib' / 'velocity_estimator').iterdir()}
     assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
 

@@ -37,11 +37,10 @@ FEEDER = 'benchmarks.live.drive'
 ROWS = 200
 EMPTY = 50  # batches without a row that are sent first
 LATENCY = 2.0  # allowed median time from a batch's arrival to its estimates [ms]
-# (sample rate [Hz], compiled, allowed fraction of a core)
-CASES = ((20000.0, True, 0.10), (5000.0, False, 0.20), (20000.0, False, 0.45))
+CASES = ((20000.0, 0.10),)  # (sample rate [Hz], allowed fraction of a core)
 
 
-def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> dict:
+def measure(rate: float, allowed: float, seconds: float = 8.0) -> dict:
     """Return the node's load of a core, and the time from a batch's arrival to its estimate.
 
     `leaves_ms` is the median time from sending a batch to receiving its estimate (`round_trip_ms`)
@@ -49,10 +48,7 @@ def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> di
     is the mean that the node itself measures in its callback, interruptions included.
     """
     domain = free_domain()
-    values = {**MOTOR, 'compile': fast}
-    words = [
-        word for name, value in values.items() for word in ('-p', f'{name}:={str(value).lower()}')
-    ]
+    words = [word for name, value in MOTOR.items() for word in ('-p', f'{name}:={value}')]
     with ExitStack() as stack:
         node = stack.enter_context(
             process('node', domain=domain, module=MODULE, extra=('--ros-args', *words))
@@ -69,7 +65,6 @@ def measure(rate: float, fast: bool, allowed: float, seconds: float = 8.0) -> di
         answers = result(feeder)
     return {
         'rate_hz': rate,
-        'compiled': fast,
         'load': load,
         'allowed': allowed,
         **answers,

@@ -50,7 +50,7 @@ def estimates(inductance: float, i_d: float, i_q: float) -> tuple[float, float, 
     motor = {'resistance': RESISTANCE, 'flux': FLUX, 'pole_pairs': PAIRS}
     gains = build(observer.gains, {**motor, 'inductance': inductance}, owner='pmsm')
     stamps, samples, angle, speed = drive(i_d, i_q)
-    rows = DriveJoint(observer, gains, JointSettings(), fast=True).take(stamps, samples).rows
+    rows = DriveJoint(observer, gains, JointSettings()).take(stamps, samples).rows
     late = slice(len(stamps) // 2, None)
     rows, angle, speed = rows[late], angle[late], speed[late]
     if not np.all(rows[:, 3] == 1.0):

@@ -49,7 +49,7 @@ def report(stamps: NDArray[np.int64], samples: Array, truth: Array, **motor: flo
     """Return valid samples, speed and flux over the true ones, angle error, and the reason."""
     observer = observers.find('pmsm')
     gains = build(observer.gains, {**MOTOR, **motor}, owner='pmsm')
-    joint = DriveJoint(observer, gains, JointSettings(), fast=True)
+    joint = DriveJoint(observer, gains, JointSettings())
     rows = joint.take(stamps[: len(samples)], samples).rows
     good = rows[:, 3] == 1.0
     share = f'{100.0 * np.mean(good):.0f} %'

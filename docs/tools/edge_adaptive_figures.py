@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from benchmarks import preference
 from benchmarks.accuracy import ALL, drawn
 from benchmarks.signals import START_ANGLE, Motion, Samples, Signal, beat, constant, sine, trapezoid
+from estimator_pkg.driver import joint as driver_joint
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.driver.track import Track
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle import edge
 from estimator_pkg.observers.angle.edge import constants as edge_constants
@@ -45,7 +45,6 @@ CONSTANTS = (
     'LONGEST',
     'FADE',
     'MEMORY',
-    'EXPECTED',
     'STRAY',
     'CONFIRMED',
     'RESTED',
@@ -63,10 +62,11 @@ MODULES = tuple(
 
 @contextmanager
 def replaced(**values: Any) -> Iterator[None]:
-    """Replace names in all modules of the observer within the block."""
+    """Replace names in all modules of the observer, and run it as plain Python, in the block."""
+    values['functions_of'] = lambda module: None
     before = [
         (module, name, getattr(module, name))
-        for module in MODULES
+        for module in (*MODULES, driver_joint)
         for name in values
         if hasattr(module, name)
     ]
@@ -107,11 +107,19 @@ def traced(joint: Joint, samples: Samples) -> dict[str, Array]:
     for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
         joint.update(stamp, angle)
         position, velocity, _, _ = joint.estimate()
-        _, _, band, sensor, _, _, _, sway, _, _, _ = Track(*joint._track).state
-        density, _, _, up, down, _, _, _, _ = band
-        mean_sway, _, _ = sway
+        state = joint.state
+        band = state.band
         rows.append(
-            (position, velocity, *joint.stddev(), density, up, down, vibration(sensor), mean_sway)
+            (
+                position,
+                velocity,
+                *joint.stddev(),
+                band.density,
+                band.up,
+                band.down,
+                vibration(state.sensor),
+                state.sway.mean,
+            )
         )
     columns: Array = np.array(rows, np.float64).T
     return dict(
@@ -267,7 +275,7 @@ def _vibration(plt: Any) -> Any:
         one = signal(shaking(quanta), rate=200.0, counts=2048)
         samples = one.samples(duration=4.0)
         found = traced(ENTRY.joint(quantum=one.quantum), samples)
-        kalman = KALMAN.joint(quantum=one.quantum).run(samples.stamps, samples.angle, fast=False)
+        kalman = KALMAN.joint(quantum=one.quantum).run(samples.stamps, samples.angle)
         time = seconds(samples)
         part = (time > 2.8) & (time < 3.7)
         above.plot(time[part], samples.velocity[part], 'k.-', lw=1, ms=3, label='true')
@@ -342,7 +350,7 @@ def _constants(plt: Any) -> Any:
     figure, axes = plt.subplots(4, 3, figsize=(8, 9.5), sharex=True, sharey=True)
 
     def pooled() -> dict[str, float]:
-        rows = drawn([ENTRY], chosen, DRAWS, 4.0, fast=False)['rows']
+        rows = drawn([ENTRY], chosen, DRAWS, 4.0)['rows']
         return {row['signal']: row['pooled'] for row in rows}
 
     usual = pooled()
@@ -376,7 +384,7 @@ def _constants(plt: Any) -> Any:
 
 
 def _preference(plt: Any) -> Any:
-    rows = preference.run(Path('bags'), fast=True)
+    rows = preference.run(Path('bags'))
     figure, axes = plt.subplots(1, 2, figsize=(12.0, 4.4), sharey=True)
     kinds = {'motion': 'simulated motions', 'recording': 'recordings and captures'}
     for axis, (kind, title) in zip(axes, kinds.items()):

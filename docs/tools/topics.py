@@ -31,13 +31,7 @@ from sim_pkg.nodes.simulator_node import SENSOR_DATA
 
 PAGE = Path(__file__).resolve().parents[1] / 'topics.md'
 
-MOTOR = {
-    'compile': False,
-    'resistance': 0.06,
-    'inductance': 3.375e-5,
-    'flux': 0.0019,
-    'pole_pairs': 7,
-}
+MOTOR = {'resistance': 0.06, 'inductance': 3.375e-5, 'flux': 0.0019, 'pole_pairs': 7}
 POSE = {'field_type': 'geometry_msgs/msg/PoseStamped', 'field': 'pose.orientation.yaw'}
 COMMANDED = {'input': 'effort_command'}
 NODES: dict[str, list[dict[str, Any]]] = {  # by kind: the settings that decide about topics

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.bank import Bank, TakenOfJoints, taken
+from estimator_pkg.driver.bank import Bank, Line, TakenOfJoints, taken
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive.evidence import Evidence
-from estimator_pkg.observers.adaptive.gains import structure
 from estimator_pkg.observers.adaptive.report import Origin, Report, report
+from estimator_pkg.observers.adaptive.structure import structure
 from estimator_pkg.observers.contract import NOT_OBSERVABLE, Observer
 
 PIECE = 0.25  # length of a batch, in blocks of evidence
@@ -72,7 +72,6 @@ class AdaptiveJoint(Joint):
         """
         pieces: list[Estimates] = []
         begin = 0
-        fast = self.pays(len(stamps)) if fast is None else fast
         while begin < len(stamps) or not pieces:
             length_ns = round(PIECE * self.evidence.length * 1e9)
             end = len(stamps) and begin + 1 + int(
@@ -84,7 +83,6 @@ class AdaptiveJoint(Joint):
                     stamps[part],
                     measurements[part],
                     None if known_input is None else known_input[part],
-                    fast=fast,
                 )
             )
             self._look()
@@ -98,12 +96,13 @@ class AdaptiveJoint(Joint):
 
     def report(self) -> Report:
         """Return the identified parameters."""
-        return report(self.gains, self.state, self.mean_dt or 1e-3, self.evidence, self.origin)
+        return report(
+            self.gains, self.design, self.state, self.mean_dt or 1e-3, self.evidence, self.origin
+        )
 
     def _look(self) -> None:
-        _, _, _, _, _, _, _, signals, _, evidence = self.state
-        _, _, _, _, adapted, _, _, _, _, _ = signals
-        self.evidence.look(adapted, evidence)
+        state = self.state
+        self.evidence.look(state.adapted, state.sums)
 
 
 class AdaptiveConfiguration(Configuration):
@@ -220,20 +219,20 @@ class AdaptiveBank(Bank):
             return None
         self._note(names)
         names, positions, efforts = self.selected(names, positions, efforts)
-        joints: list[Joint | None] = []
+        joints: list[Any] = []
         estimates: list[tuple[float, float, float, int] | None] = []
         commanded = (math.nan,) * len(names)
         for name, position, effort in zip(
             names, positions, commanded if self._source == COMMAND else efforts
         ):
-            joint = self.joints.get(name) or self.joint(name)
+            joint: Any = self.joints.get(name) or self.joint(name)
             joints.append(joint)
             estimates.append(
                 joint.estimate()
                 if joint is not None and self._update(name, joint, stamp_ns, position, effort)
                 else None
             )
-        return taken(names, estimates, efforts, joints, positions)
+        return taken(names, estimates, efforts, Line(names, joints), positions)
 
     def _update(
         self, name: str, joint: Joint, stamp_ns: int, position: float, effort: float

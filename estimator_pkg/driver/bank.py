@@ -5,12 +5,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.engine.calls import pointers
 
 
 class Taken(NamedTuple):
@@ -31,28 +33,71 @@ class Taken(NamedTuple):
     stddevs: Callable[[Sequence[int]], Sequence[tuple[float, float]]]
 
 
+class Line:
+    """The joints of one message, in its order; None: one joint too many, which is not kept.
+
+    Attributes
+    ----------
+    compiled : the engine's functions; None: a joint runs as plain Python, is missing, or twice.
+    """
+
+    def __init__(self, names: Sequence[str], joints: Sequence[Any]) -> None:
+        self.names, self.joints = names, joints
+        self.compiled = joints[0].compiled if joints and joints[0] is not None else None
+        if self.compiled is not None:
+            whole = None not in joints and len(set(map(id, joints))) == len(joints)
+            if not whole or any(joint.compiled is not self.compiled for joint in joints):
+                self.compiled = None
+        if self.compiled is not None:
+            count = len(joints)
+            self._channels = pointers([joint.memory for joint in joints])
+            self._readings, self._out = (ctypes.c_double * count)(), (ctypes.c_double * 4 * count)()
+            self._sigmas = (ctypes.c_double * 2 * count)()
+
+    def take(
+        self, stamp_ns: int, positions: Sequence[float]
+    ) -> list[tuple[float, float, float, int] | None]:
+        """Take one message; return the estimates, None where a sample was not used."""
+        if self.compiled is None:
+            return [
+                joint.estimate() if joint is not None and joint.update(stamp_ns, position) else None
+                for joint, position in zip(self.joints, positions)
+            ]
+        self._readings[:] = list(positions)
+        self.compiled.message(self._channels, len(positions), stamp_ns, self._readings, self._out)
+        return [
+            (position, velocity, acceleration, int(status)) if status >= 0.0 else None
+            for position, velocity, acceleration, status in self._out
+        ]
+
+    def stddevs(self, shown: Sequence[int]) -> list[tuple[float, float]]:
+        """See `Taken`."""
+        if self.compiled is None:
+            return [self.joints[k].stddev() for k in shown]
+        self.compiled.deviations(self._channels, len(self.joints), self._sigmas)
+        return [(self._sigmas[k][0], self._sigmas[k][1]) for k in shown]
+
+
 class TakenOfJoints(NamedTuple):
     """The same of a message of single joints.
 
-    joints : of each; None: one joint too many, which is not kept.
-    positions : of each, as in the message [rad or m].
+    line : its joints. positions : of each, as in the message [rad or m].
     """
 
     names: Sequence[str]
     estimates: Sequence[tuple[float, float, float, int] | None]
     efforts: Sequence[float]
-    joints: Sequence[Joint | None]
+    line: Line
     positions: Sequence[float]
 
     def written(self, k: int) -> float:
         """See `Taken`."""
-        joint, position = self.joints[k], self.positions[k]
+        joint, position = self.line.joints[k], self.positions[k]
         return position if joint is None else joint.written(position)
 
     def stddevs(self, shown: Sequence[int]) -> list[tuple[float, float]]:
         """See `Taken`."""
-        joints = [self.joints[k] for k in shown]
-        return [joint.stddev() for joint in joints if joint is not None]
+        return self.line.stddevs(shown)
 
 
 def taken(*fields: Any) -> TakenOfJoints:
@@ -127,8 +172,9 @@ class Bank(Received):
         self._noting = False
         self.configuration = configuration
         self.only = frozenset(only)
-        self.joints: dict[str, Joint] = {}
-        self._twin: Joint | None = None  # joints with equal gains share its functions
+        self.joints: dict[str, Any] = {}
+        self._twin: Any = None  # joints with equal gains share its functions
+        self._line: Line | None = None  # of the newest message
         self._unnamed = 0  # joints that the configuration does not name
 
     def rehearse(self) -> None:
@@ -149,6 +195,7 @@ class Bank(Received):
     def forget(self, name: str) -> None:
         """Remove an expired joint; if it appears again it is a new one."""
         del self.joints[name]
+        self._line = None
         self._unnamed -= not self.named(name)
         self.expired += 1
 
@@ -174,7 +221,7 @@ class Bank(Received):
                 self._twin = joint
         return joint
 
-    def _make(self, name: str) -> Joint:
+    def _make(self, name: str) -> Any:
         return Joint(self.configuration.observer, *self.configuration.for_joint(name), self._twin)
 
     def selected(
@@ -211,13 +258,9 @@ class Bank(Received):
         self._note(names)
         if self.only or efforts:
             names, positions, efforts = self.selected(names, positions, efforts)
-        joints: list[Joint | None] = []
-        estimates: list[tuple[float, float, float, int] | None] = []
-        known = self.joints
-        for name, position in zip(names, positions):
-            joint = known.get(name) or self.joint(name)
-            joints.append(joint)
-            estimates.append(
-                joint.estimate() if joint is not None and joint.update(stamp_ns, position) else None
-            )
-        return taken(names, estimates, efforts, joints, positions)
+        line = self._line
+        if line is None or line.names != names:
+            line = Line(names, [self.joint(name) for name in names])
+            # a name that is refused counts at each message
+            self._line = None if None in line.joints else line
+        return taken(names, line.take(stamp_ns, positions), efforts, line, positions)

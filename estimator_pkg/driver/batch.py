@@ -45,11 +45,6 @@ class Estimates(NamedTuple):
         """True for each sample that was used, shape (n,)."""
         return self.verdict < DUPLICATE
 
-    def put(self, row: int, estimate: tuple, stddev: tuple[float, float]) -> None:
-        """Set (position, velocity, acceleration, status) and their deviations in one row."""
-        self.position[row], self.velocity[row], self.acceleration[row], self.status[row] = estimate
-        self.position_stddev[row], self.velocity_stddev[row] = stddev
-
 
 def empty(count: int) -> Estimates:
     """Return arrays for `count` samples; what they contain is arbitrary."""

@@ -11,23 +11,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import available, cannot_compile, compiled
+from estimator_pkg.driver import drive_channel
+from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.guard import AFTER_GAP, DUPLICATE, LATE, LATE_IN_A_ROW, MISCONFIGURED
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.driver.track import make_track, newest, replaced, with_state
+from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING, Observer
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.pmsm.watch import BLIND, LOW_EMF, describe
-
-LONGEST_COAST = 10**9  # longest gap over which the angle is extrapolated [ns]
+from estimator_pkg.sensor.guard import DUPLICATE, LATE, LATE_IN_A_ROW, MISCONFIGURED, limits
 
 COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 
@@ -38,13 +35,13 @@ class DriveEstimates(NamedTuple):
     rows : shape (n, 4), `COLUMNS`: rad, rad/s, Wb, 0 or 1; nan where withheld or where the sample
         was dropped.
     status : shape (n,), see `observers.contract`.
-    reasons : shape (n,), bits of `observers.pmsm_watch.REASONS`.
+    reasons : shape (n,), bits of `observers.pmsm.watch.REASONS`.
     verdict : shape (n,), see `guard`.
     """
 
     rows: NDArray[np.float64]
     status: NDArray[np.int8]
-    reasons: NDArray[np.int16]
+    reasons: NDArray[np.int32]
     verdict: NDArray[np.int8]
 
     @property
@@ -68,96 +65,9 @@ def empty(count: int) -> DriveEstimates:
     return DriveEstimates(
         np.full((count, len(COLUMNS)), np.nan),
         np.full(count, INITIALISING, np.int8),
-        np.zeros(count, np.int16),
+        np.zeros(count, np.int32),
         np.zeros(count, np.int8),
     )
-
-
-def make_drive_batch(functions: Any) -> Callable[..., tuple]:
-    """Return a loop over samples through guard and observer; compile it, or call it as it is."""
-    track_functions = make_track(functions)
-    advance, row_of, coast = track_functions.advance, functions.row, functions.coast
-
-    def batch(
-        track: tuple,
-        design: tuple,
-        limits: tuple,
-        stamps: NDArray[np.int64],
-        samples: NDArray[np.float64],
-        rows: NDArray[np.float64],
-        status: NDArray[np.int8],
-        reasons: NDArray[np.int16],
-        verdict: NDArray[np.int8],
-    ) -> tuple:
-        for k in range(len(stamps)):
-            sample = samples[k]
-            measurement = (sample[0], sample[1], sample[2], sample[3])
-            old_ns, old_coefficients, old_state = newest(track)
-            track, said = advance(track, design, limits, stamps[k], measurement, 0.0)
-            verdict[k] = said
-            if said == AFTER_GAP:
-                gap = stamps[k] - old_ns
-                if gap <= LONGEST_COAST:  # extrapolate the angle over the gap
-                    state = coast(old_state, old_coefficients, design, measurement, gap * 1e-9)
-                    track = with_state(track, state)
-            if said < DUPLICATE:
-                _, coefficients, state = newest(track)
-                row = rows[k]
-                row[0], row[1], row[2], row[3], status[k], reasons[k] = row_of(
-                    state, coefficients, design
-                )
-        return track
-
-    return batch
-
-
-@lru_cache(maxsize=16)
-def _twin(batch: Callable[..., tuple]) -> Callable[..., tuple]:
-    """As `compiled`, cached by identity: computing its key takes as long as a short batch."""
-    return compiled(batch)
-
-
-def run(
-    batch: Callable[..., tuple],
-    track: tuple,
-    design: tuple,
-    limits: tuple,
-    stamps: NDArray[np.int64],
-    samples: NDArray[np.float64],
-    *,
-    fast: bool,
-) -> tuple[tuple, DriveEstimates]:
-    """Return the track after these samples, and the estimates.
-
-    Parameters
-    ----------
-    stamps : shape (n,), int64 nanoseconds.
-    samples : shape (n, 4) [A, A, V, V].
-    fast : compile, if Numba is installed.
-    """
-    out = empty(len(stamps))
-    if fast:
-        track = _twin(batch)(
-            track,
-            design,
-            limits,
-            np.ascontiguousarray(stamps, np.int64),
-            np.ascontiguousarray(samples, float),
-            *out,
-        )
-    else:  # lists contain Python floats, which are several times faster than numpy's
-        columns = [values.tolist() for values in out]
-        track = batch(
-            track,
-            design,
-            limits,
-            np.asarray(stamps).tolist(),
-            np.asarray(samples).tolist(),
-            *columns,
-        )
-        for name, values in zip(out._fields, columns):
-            getattr(out, name)[:] = values
-    return track, out
 
 
 REMEMBERED = 64  # number of batches for the detection of repeated ones
@@ -180,12 +90,14 @@ class DriveJoint(Joint):
     observer : one of kind 'drive'.
     gains, settings : as in `Joint`.
     sample_period : s; 0: from the first batch.
-    fast : compile, if Numba is installed.
+    fast : without effect; the next release does not take it.
 
     Attributes
     ----------
     misfit : why the sample period contradicts the stamps; '' if it does not.
     """
+
+    plain: Any = drive_channel
 
     def __init__(
         self,
@@ -194,22 +106,32 @@ class DriveJoint(Joint):
         settings: JointSettings,
         *,
         sample_period: float = 0.0,
-        fast: bool = False,
+        fast: bool | None = None,
     ) -> None:
         self.given_period = sample_period
         self._period = sample_period
-        self.fast = fast and available()
         self.misfit = ''
         self._late_batches = 0
         self._contradiction = 0, 0, 0  # reasons without an estimate, their time, last stamp [ns]
         self._recent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         super().__init__(observer, gains, settings)
 
-    def _structure(self, gains: Any, twin: Joint | None) -> None:
-        super()._structure(gains, twin)
-        self._motor: Any = self.functions  # DriveFunctions
-        self._drive_batch = make_drive_batch(self._motor)
+    def _use_gains(self) -> None:
+        circle = Circle(self.settings.wrap_period, self.settings.unwrap)
+        design = self.module.design(self.gains, circle)
+        self.longest_dt = longest_dt(lambda dt: self.module.limits(design, dt))
+        with self._changing() as channel:
+            channel.design.take(design)
+            channel.limits.take(limits(self.settings, self.longest_dt))
+            channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
         self._tighten()
+
+    def _begin(self) -> None:
+        self.learner = None
+        self._use_gains()  # the settings may be others
+        with self._changing() as channel:
+            channel.stamp_ns, channel.verdict = 0, DUPLICATE
+            self.plain.begin(self.module, channel)
 
     def set_settings(self, settings: JointSettings) -> None:
         """Use other guard settings from the next sample on; the state is kept."""
@@ -219,7 +141,8 @@ class DriveJoint(Joint):
     def _tighten(self) -> None:
         """Shorten the guard's gap: the rotor turns far between two samples."""
         gap = GAP * self._period if self._period > 0.0 else UNKNOWN_GAP
-        self._limits = self._limits._replace(gap_ns=min(self._limits.gap_ns, round(gap * 1e9)))
+        with self._changing() as channel:
+            channel.limits.gap_ns = min(round(self.settings.gap_max * 1e9), round(gap * 1e9))
 
     def reset(self) -> None:
         """Reset the observer to its start; the counters continue."""
@@ -228,24 +151,16 @@ class DriveJoint(Joint):
         self._late_batches = 0
         self._contradiction = 0, 0, 0
 
-    def warm_up(self) -> None:
-        """Compile now, before samples arrive; functions without Numba support run as they are."""
-        if not self.fast:
-            return
-        try:
-            run(
-                self._drive_batch,
-                self._track,
-                self._design,
-                self._limits,
-                np.zeros(1, np.int64),
-                np.zeros((1, 4)),
-                fast=True,
-            )
-        except Exception as error:
-            if not cannot_compile(error):
-                raise
-            self.fast = False
+    def rehearse(self) -> None:
+        """Take samples with another drive and discard them, so that everything is imported."""
+        other = type(self)(self.observer, self.gains, self.settings)
+        other.take(np.array([1, 2, 3]) * 1_000_000, np.zeros((3, 4)))
+        other.estimate()
+        other.stddev()
+
+    def update(self, stamp_ns: int, measurement: Any, known_input: float = 0.0) -> bool:
+        """Take one sample; return True if it was used, False if it was dropped (and counted)."""
+        return self._call('take', stamp_ns, *measurement) < DUPLICATE
 
     def take(self, stamps: NDArray[np.int64], samples: NDArray[np.float64]) -> DriveEstimates:
         """Take a batch; return the estimates, one row per received sample.
@@ -264,42 +179,50 @@ class DriveJoint(Joint):
         if not self._fits(stamps):
             return self._dropped(count, MISCONFIGURED)
         fresh: Any = slice(None)
-        last = self.last_ns
+        last, behind = self.last_ns, self._value('limits', 'reorder_ns')
         old = (stamps <= last) & (stamps > 0)
-        if self.running and old.any() and last - int(stamps.max()) <= self._limits.reorder_ns:
+        if self.running and old.any() and last - int(stamps.max()) <= behind:
             if old.all():
                 if (int(stamps[0]), int(stamps[-1])) in self._recent:
                     return self._dropped(count, DUPLICATE)
                 self._late_batches += 1
                 if self._late_batches < LATE_IN_A_ROW:
                     return self._dropped(count, LATE)
-                self._track = replaced(self._track, late=LATE_IN_A_ROW - 1)
+                with self._changing() as channel:
+                    channel.track.clock.late = LATE_IN_A_ROW - 1
             else:
                 fresh = np.flatnonzero(~old)
         self._late_batches = 0
         self._recent.append((int(stamps[0]), int(stamps[-1])))
-        self._track, out = run(
-            self._drive_batch,
-            self._track,
-            self._design,
-            self._limits,
-            stamps[fresh],
-            samples[fresh],
-            fast=self.fast,
-        )
+        before_ns = self.stamp_ns
+        out = self._run(stamps[fresh], samples[fresh])
+        used = np.flatnonzero(out.verdict < DUPLICATE)
+        if len(used):
+            status, reasons = int(out.status[used[-1]]), int(out.reasons[used[-1]])
+            self._note(status, reasons, self.stamp_ns - before_ns)
         if not isinstance(fresh, slice):
             whole = empty(count)
             whole.verdict[:] = DUPLICATE
+            self._add(count - len(fresh), DUPLICATE)
             for name, rows in out._asdict().items():
                 getattr(whole, name)[fresh] = rows
             out = whole
-        self._count(out.verdict)
-        used = np.flatnonzero(out.verdict < DUPLICATE)
-        if len(used):
-            before_ns, self.stamp_ns = self.stamp_ns, int(stamps[used[-1]])
-            self._measurement = tuple(samples[used[-1]].tolist())
-            status, reasons = int(out.status[used[-1]]), int(out.reasons[used[-1]])
-            self._note(status, reasons, self.stamp_ns - before_ns)
+        return out
+
+    def _run(self, stamps: NDArray[np.int64], samples: NDArray[np.float64]) -> DriveEstimates:
+        """Take samples in their order."""
+        out = empty(len(stamps))
+        if self.memory is not None:
+            kept = np.ascontiguousarray(stamps, np.int64), np.ascontiguousarray(samples, float)
+            self.compiled.run(self.memory.pointer, len(stamps), *kept, *out)
+            return out
+        # lists contain Python numbers, which are several times faster than NumPy's
+        columns = [values.ravel().tolist() for values in out]
+        given = np.asarray(stamps).tolist(), np.asarray(samples, float).ravel().tolist()
+        self.plain.batch(self.module, self._channel, len(stamps), *given, *columns)
+        whole: Any = out
+        for values, column in zip(whole, columns):
+            values[:] = np.reshape(column, values.shape)
         return out
 
     def _note(self, status: int, reasons: int, passed_ns: int) -> None:
@@ -315,12 +238,11 @@ class DriveJoint(Joint):
         """Return True if a batch's stamps fit the sample period, which they define if unset."""
         if len(stamps) < 3:
             return not self.misfit
-        # the median; numpy's own takes as long as all compiled samples
+        # the median; NumPy's own takes as long as all samples in the engine
         spacing = float(np.sort(stamps[1:] - stamps[:-1])[(len(stamps) - 1) // 2]) * 1e-9
         if self.given_period <= 0.0:
             if spacing > 0.0 and abs(spacing - self._period) > FITS * self._period:
                 self._period = spacing
-                self._limits = self._limits._replace(gap_ns=round(self.settings.gap_max * 1e9))
                 self._tighten()
             return True
         if abs(spacing - self.given_period) <= FITS * self.given_period:
@@ -332,16 +254,40 @@ class DriveJoint(Joint):
             )
         return not self.misfit
 
+    def _call(self, name: str, *values: Any) -> Any:
+        """Call a function of the drive's numbers."""
+        if self.memory is not None:
+            return getattr(self.compiled, name)(self.memory.pointer, *values)
+        return getattr(self.plain, name)(self.module, self._channel, *values)
+
+    def _shown(self, function: str, name: str) -> tuple:
+        """Call a function; return the values of a record that it sets."""
+        self._call(function)
+        if self.memory is not None:
+            values: tuple = self.memory.array[name][0].item()
+            return values
+        record = getattr(self._channel, name)
+        return tuple(getattr(record, field) for field in type(record).fields)
+
     def _dropped(self, count: int, verdict: int) -> DriveEstimates:
         out = empty(count)
         out.verdict[:] = verdict
-        self._count(out.verdict)
+        self._add(count, verdict)
         return out
+
+    def _add(self, count: int, verdict: int) -> None:
+        """Count samples that are dropped before the guard."""
+        with self._changing() as channel:
+            channel.counts[verdict] += count
 
     @property
     def needs_motion(self) -> bool:
         """See `Joint`."""
-        return self.running and self._motor.reasons(self.state) & BLIND == LOW_EMF
+        return self.running and self._reasons() & BLIND == LOW_EMF
+
+    def _reasons(self) -> int:
+        self._call('show')
+        return int(self._value('electrical', 'reasons'))
 
     def estimate(self) -> tuple[float, float, float, int]:
         """Return (position, velocity, nan, status), mechanical, at the last used sample."""
@@ -351,24 +297,25 @@ class DriveJoint(Joint):
 
     def electrical(self) -> tuple[float, float, float, float]:
         """Return (angle [rad], speed [rad/s], flux linkage [Wb], 1.0 if valid), electrical."""
-        return self._motor.electrical(self.state, self.coefficients, self._design)
+        return self._shown('show', 'electrical')[:4]
 
     def electrical_stddev(self) -> tuple[float, float, float]:
         """Return standard deviations of electrical angle, electrical speed and flux linkage."""
-        return self._motor.electrical_stddev(self.state, self.coefficients, self._design)
+        return self._shown('show_deviation', 'electrical_deviation')
 
     def speed_bound(self) -> float:
         """Return an upper bound of |mechanical speed| [rad/s] while not observable; inf: none."""
-        return self._motor.speed_bound(self.state, self.coefficients, self._design)
+        self._call('show_deviation')
+        return float(self._value('speed_bound'))
 
     def why(self) -> str:
         """Return the meaning of the status as text."""
         if self.misfit or not self.running:
             return self.misfit
-        limit = super().why()
-        if limit:
-            return limit
-        reasons = self._motor.reasons(self.state)
+        note = super().why()
+        if note:
+            return note
+        reasons = self._reasons()
         known, total, last_ns = self._contradiction
         if total > LASTS and self.stamp_ns - last_ns < KEPT:
             return describe(known | (reasons & ~LOW_EMF))

@@ -18,8 +18,8 @@ import yaml
 from estimator_pkg import whole_file, yaml_text
 from estimator_pkg.driver.adaptive import AdaptiveBank
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.observers.adaptive.gains import structure
 from estimator_pkg.observers.adaptive.report import Report
+from estimator_pkg.observers.adaptive.structure import structure
 
 UNKNOWN_UNIT = 'unit of input'  # name in a report
 

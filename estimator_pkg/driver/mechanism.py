@@ -15,15 +15,22 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
+import numpy as np
+
+from estimator_pkg.driver import mechanism_channel
 from estimator_pkg.driver.bank import Received, Taken
+from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import COMMAND, FIELD, NO_EFFORT, Acting, DrivenSettings
-from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.joint import TYPICAL_DT, Joint
+from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.observers.circle import nearest_turn
-from estimator_pkg.observers.contract import STATUS_NAMES, VALID, Observer
-from estimator_pkg.observers.mechanism.core import MechanicalFunctions
+from estimator_pkg.observers.circle import Circle, nearest_turn
+from estimator_pkg.observers.contract import MISCONFIGURED, STATUS_NAMES, VALID, Observer
+from estimator_pkg.observers.mechanism.core import Plan
+from estimator_pkg.observers.mechanism.state import Coefficients, enlarge
 from estimator_pkg.parameters import parameter, structural
+from estimator_pkg.sensor.guard import DUPLICATE, limits
 
 WAITING = 16  # largest number of incomplete stamps of a mechanism
 
@@ -48,17 +55,34 @@ class MechanismSettings(DrivenSettings):
 
 
 class Mechanism(Joint):
-    """A mechanism's observer, live: a `Joint` whose measurement is a tuple."""
+    """A mechanism's observer, live: a `Joint` whose measurement is a vector.
+
+    Attributes
+    ----------
+    plan : what the gains imply.
+    """
 
     settings: MechanismSettings
-    functions: MechanicalFunctions
+    plain = mechanism_channel
+    compiled: Any
+    learner = None
+
+    def __new__(cls, *given: Any) -> Any:
+        """Return a mechanism."""
+        return object.__new__(cls)
 
     def __init__(
         self, name: str, observer: Observer, gains: Any, settings: MechanismSettings, source: str
     ) -> None:
-        super().__init__(observer, gains, settings)
-        self.name = name
-        mechanics = self.functions.mechanics
+        self.name, self.observer, self.settings, self.gains = name, observer, settings, gains
+        self.reset_count, self._new_starts = 0, 0
+        self._plan(gains)
+        mechanics = self.plan.mechanics
+        self.compiled: Any = functions_of(self.module)
+        self._channel = enlarge(mechanism_channel.Channel(), mechanics.degrees)
+        self.memory: Any = None if self.compiled is None else Memory(type(self._channel))
+        self._use_gains()
+        self._begin()
         self.names = settings.joints or mechanics.joints
         if len(self.names) != mechanics.degrees:
             raise UsageError(
@@ -77,6 +101,117 @@ class Mechanism(Joint):
         self.completed = _Partial(0)  # the newest sample, used or not
         self._before_ns = 0
         settings.check_inputs(mechanics.inputs, f"mechanism '{name}'")
+
+    def _plan(self, gains: Any) -> None:
+        """Plan for these gains and the settings."""
+        circle = Circle(self.settings.wrap_period, self.settings.unwrap)
+        self.plan: Plan = self.observer.module.plan(gains, circle)
+        self.module = self.plan.module
+        self.longest_dt = longest_dt(self.plan.limits)
+
+    def _use_gains(self) -> None:
+        with self._changing() as channel:
+            channel.design.take(self.plan.design)
+            channel.limits.take(limits(self.settings, self.longest_dt))
+            channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
+
+    def _begin(self) -> None:
+        with self._changing() as channel:
+            channel.stamp_ns, channel.verdict = 0, DUPLICATE
+            self.plain.begin(self.module, channel)
+
+    def set_gains(self, gains: Any, twin: Any = None) -> None:
+        """Use other gains from the next sample on; the state is kept."""
+        self.gains = gains
+        self._plan(gains)
+        self._use_gains()
+
+    def goes_on_with(self, design: Any) -> bool:
+        """Take a trial step of the state with another plan; return True."""
+        plan: Plan = design
+        state, now = plan.state(), self.channel.track
+        state.take(now.state)
+        coefficients = Coefficients()
+        plan.module.prepare(coefficients, plan.design, now.clock.mean_dt or TYPICAL_DT)
+        at, known_input = self._channel.measurement, self._channel.known_input
+        plan.module.step(plan.module, state, coefficients, plan.design, at, known_input)
+        return True
+
+    def rehearse(self) -> None:
+        """Take samples with another mechanism and discard them, so that everything is imported."""
+        mechanics = self.plan.mechanics
+        other = Mechanism(self.name, self.observer, self.gains, self.settings, self._source)
+        mechanics = self.plan.mechanics
+        for k in range(1, 4):
+            other.update(k * 1_000_000, mechanics.centre, (math.nan,) * mechanics.inputs)
+        other.estimates()
+        other.stddev()
+
+    def update(self, stamp_ns: int, measurement: Any, known_input: Any = ()) -> bool:
+        """Take one sample; return True if it was used, False if it was dropped (and counted)."""
+        if self.memory is not None:
+            row = self.memory.array[0]
+            row['measurement'][: len(measurement)] = measurement
+            row['known_input'][: len(known_input)] = known_input
+            verdict = self.compiled.take(self.memory.pointer, stamp_ns)
+        else:
+            channel = self._channel
+            channel.measurement[: len(measurement)] = measurement
+            channel.known_input[: len(known_input)] = known_input
+            verdict = self.plain.take(self.module, channel, stamp_ns)
+        return bool(verdict < DUPLICATE)
+
+    def run(self, stamps: Any, measurements: Any, known_input: Any = None, **_: Any) -> Any:
+        """Take many samples; return (positions, velocities, statuses, verdicts).
+
+        Parameters
+        ----------
+        stamps : shape (N,), int64 nanoseconds. measurements : shape (N, n) [rad or m].
+        known_input : shape (N, m); None: not known. Positions and velocities are nan where a sample
+            was not used.
+        """
+        mechanics, count = self.plan.mechanics, len(stamps)
+        given = np.full((count, max(1, mechanics.inputs)), math.nan)
+        if known_input is not None:
+            given[:, : mechanics.inputs] = known_input
+        kinds = zip((stamps, measurements, given), (np.int64, np.float64, np.float64))
+        columns = [np.ascontiguousarray(array, kind) for array, kind in kinds]
+        results: list[Any] = [np.full((count, mechanics.degrees), math.nan) for _ in range(2)]
+        results += [np.zeros(count, np.int8) for _ in range(2)]
+        if self.memory is not None:
+            self.compiled.run(self.memory.pointer, count, *columns, *results)
+        else:
+            rows, flat = (
+                [column.ravel().tolist() for column in columns],
+                [result.reshape(-1) for result in results],
+            )
+            self.plain.batch(self.module, self._channel, count, *rows, *flat)
+        return tuple(results)
+
+    def estimate(self) -> tuple[Any, Any, float, int]:
+        """Return (positions, velocities, nan, status) at the last used sample."""
+        n = len(self.names)
+        if self.memory is not None:
+            self.compiled.show(self.memory.pointer)
+            position, velocity, status = self.memory.array['estimate'][0].item()
+            position, velocity = position.tolist(), velocity.tolist()
+        else:
+            self.plain.show(self.module, self._channel)
+            out = self._channel.estimate
+            position, velocity, status = out.position, out.velocity, out.status
+        if status == MISCONFIGURED or not self._is_running():
+            return math.nan, math.nan, math.nan, status
+        return position[:n], velocity[:n], math.nan, status
+
+    def _is_running(self) -> bool:
+        if self.memory is None:  # called for each sample
+            return bool(self._channel.track.clock.running)
+        return self.running
+
+    def stddev(self) -> Any:
+        """Return the standard deviations of all positions and of all velocities."""
+        track = self.channel.track
+        return self.plan.deviations(track.state, track.coefficients)
 
     def take(
         self,
@@ -125,7 +260,7 @@ class Mechanism(Joint):
         return waiting
 
     def _complete(self, found: _Partial) -> bool:
-        stamp_ns, actuated = found.stamp_ns, self.functions.mechanics.actuated
+        stamp_ns, actuated = found.stamp_ns, self.plan.mechanics.actuated
         efforts = found.efforts if self._source == FIELD else {}
         known_input = self._acting.known_input(
             self._before_ns,
@@ -133,8 +268,8 @@ class Mechanism(Joint):
             [efforts.get(index, math.nan) for index in actuated],
             self.settings,
         )
-        measurement = tuple(float(found.positions[k]) for k in range(len(self.names)))
-        used = self.update(stamp_ns, measurement, known_input or (0.0,))
+        measurement = [float(found.positions[k]) for k in range(len(self.names))]
+        used = self.update(stamp_ns, measurement, known_input)
         if used:
             self._before_ns = stamp_ns
         return used
@@ -149,11 +284,11 @@ class Mechanism(Joint):
     @property
     def actuated(self) -> tuple[str, ...]:
         """Names of the joints with an input, in the order of the inputs."""
-        return tuple(self.names[k] for k in self.functions.mechanics.actuated)
+        return tuple(self.names[k] for k in self.plan.mechanics.actuated)
 
     def set_settings(self, settings: Any) -> None:
         """Use other settings from the next sample on; the state is kept."""
-        settings.check_inputs(self.functions.mechanics.inputs, f"mechanism '{self.name}'")
+        settings.check_inputs(self.plan.mechanics.inputs, f"mechanism '{self.name}'")
         super().set_settings(settings)
 
     def reset(self) -> None:
@@ -176,18 +311,18 @@ class Mechanism(Joint):
         """Return a joint's newest measured position in the convention of its estimate."""
         position: Any = self.estimate()[0]
         measured = self.completed.positions[index]
-        if not (self.settings.unwrap and isinstance(position, tuple)):
+        if not (self.settings.unwrap and isinstance(position, list)):
             return measured
-        return nearest_turn(measured, position[index], self.functions.mechanics.periods[index])
+        return nearest_turn(measured, position[index], self.plan.mechanics.periods[index])
 
     def why(self) -> str:
         """Return the meaning of the status as text."""
         status = self.estimate()[3]
         if STATUS_NAMES[status] == 'misconfigured':
-            return self.functions.limits(self.mean_dt) or ''
+            return self.plan.limits(self.mean_dt) or ''
         if not self.running:
             return self.why_silent()
-        said = self.functions.why(self.state, self._design)
+        said = self.plan.why(self.state)
         if self._source == COMMAND and self._acting.is_unknown:
             said += f'{said and "; "}{self._acting.why_unknown()}'
         elif said.startswith('no effort'):

@@ -24,7 +24,7 @@ from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.efforts import FIELD, REMEMBERED, Acting
 from estimator_pkg.driver.guard import AFTER_CLOCK_JUMP, NEW_STARTS
-from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.old_joint import Joint
 from estimator_pkg.driver.track import replaced
 from estimator_pkg.observers.circle import nearest_turn
 from estimator_pkg.observers.contract import Observer

@@ -13,11 +13,13 @@ Cholesky factor of M^-1.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.friction import asymmetric
-from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Vector, everywhere
+from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Values, Vector
+from estimator_pkg.models.mechanics import everywhere as admits  # noqa: F401
 from estimator_pkg.parameters import structural
 
 GRAVITY = 9.81  # m/s^2
@@ -99,40 +101,48 @@ class Parameters:
             )
 
 
+JOINTS, INPUTS = 2, 1
 # values: J, B, m, Gv, force constant, friction forward and backward, its width, damping of both
 
 
-def inertia(values: Vector, q: Vector) -> Matrix:
-    """M."""
+def inertia(out: Matrix, values: Values, q: Vector) -> None:
+    """Set M."""
     coupling = values[1] * math.cos(q[0])
-    return ((values[0], coupling), (coupling, values[2]))
+    out[0][0] = values[0]
+    out[0][1] = out[1][0] = coupling
+    out[1][1] = values[2]
 
 
-def factors(values: Vector, q: Vector) -> tuple[Matrix, Matrix]:
-    """calM and Psi, which are the same here."""
+def factors(calm: Matrix, psi: Matrix, values: Values, q: Vector) -> None:
+    """Set calM and Psi, which are the same here."""
     mass = values[2]
     coupling = values[1] * math.cos(q[0])
     rest = math.sqrt(mass / (values[0] * mass - coupling * coupling))
-    calm = ((rest, 0.0), (-coupling * rest / mass, math.sqrt(1.0 / mass)))
-    return calm, calm
+    calm[0][0] = psi[0][0] = rest
+    calm[0][1] = psi[0][1] = 0.0
+    calm[1][0] = psi[1][0] = -coupling * rest / mass
+    calm[1][1] = psi[1][1] = math.sqrt(1.0 / mass)
 
 
-def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
-    """Gravity on the pendulum [N m]; motor and Coulomb friction on the cart [N]."""
+def force(out: Vector, values: Values, q: Vector, v: Vector, u: Vector) -> None:
+    """Set gravity on the pendulum [N m]; motor and Coulomb friction on the cart [N]."""
     on_cart = values[4] * u[0]
     if values[5] != 0.0 or values[6] != 0.0:
         on_cart -= asymmetric(v[1], values[5], values[6], values[7])
-    return (values[3] * math.sin(q[0]), on_cart)
+    out[0] = values[3] * math.sin(q[0])
+    out[1] = on_cart
 
 
-def coriolis(values: Vector, q: Vector, v: Vector) -> Vector:
-    """C v."""
-    return (0.0, -values[1] * math.sin(q[0]) * v[0] * v[0])
+def coriolis(out: Vector, values: Values, q: Vector, v: Vector) -> None:
+    """Set C v."""
+    out[0] = 0.0
+    out[1] = -values[1] * math.sin(q[0]) * v[0] * v[0]
 
 
-def damping(values: Vector, q: Vector) -> Matrix:
-    """D."""
-    return ((values[8], 0.0), (0.0, values[9]))
+def damping(out: Matrix, values: Values, q: Vector) -> None:
+    """Set D."""
+    out[0][0], out[1][1] = values[8], values[9]
+    out[0][1] = out[1][0] = 0.0
 
 
 def build(parameters: Parameters) -> Mechanics:
@@ -156,12 +166,8 @@ def build(parameters: Parameters) -> Mechanics:
             p.cart_damping,
         ),
         actuated=(1,),
-        inertia=inertia,
-        factors=factors,
-        force=force,
-        coriolis=coriolis,
-        damping=damping if p.pendulum_damping > 0.0 or p.cart_damping > 0.0 else None,
-        admits=everywhere,
+        model=sys.modules[__name__],
+        damped=p.pendulum_damping > 0.0 or p.cart_damping > 0.0,
         centre=(0.0, 0.0),
         reach=(math.pi, 1.0),
         speed_matters=p.friction_forward > 0.0 or p.friction_backward > 0.0,

@@ -41,9 +41,9 @@ def check(mechanics: Mechanics) -> None:
             'position'
         )
     tests = [positive_inertia, coriolis_of_inertia]
-    if mechanics.damping is not None:
+    if mechanics.damped:
         tests.append(dissipating)
-    if mechanics.factors is not None:
+    if mechanics.linearisable:
         tests += [inverse_factors, partially_linear]
     states = random_states(mechanics)
     for q, v in states:
@@ -65,7 +65,7 @@ def random_states(mechanics: Mechanics) -> list[tuple[Array, Array]]:
     states = []
     for _ in range(100 * STATES):
         q = centre + reach * random.uniform(-1.0, 1.0, mechanics.degrees)
-        if _call(mechanics, 'admits', mechanics.admits, q):
+        if _call(mechanics, 'admits', q):
             states.append((q, random.uniform(-1.0, 1.0, mechanics.degrees)))
             if len(states) == STATES:
                 return states
@@ -75,60 +75,37 @@ def random_states(mechanics: Mechanics) -> list[tuple[Array, Array]]:
     )
 
 
-def matrix(function: Callable[..., Any], mechanics: Mechanics, q: Array) -> Array:
-    """Return a matrix of the model at q."""
-    return np.array(function(mechanics.values, tuple(q.tolist())), float)
-
-
-def factors(mechanics: Mechanics, q: Array) -> tuple[Array, Array]:
-    """Return (calM, Psi) at q."""
-    assert mechanics.factors is not None
-    calm, psi = mechanics.factors(mechanics.values, tuple(q.tolist()))
-    return np.array(calm, float), np.array(psi, float)
-
-
-def _call(
-    mechanics: Mechanics, name: str, function: Callable[..., Any], q: Array, *rest: Array
-) -> Any:
+def _call(mechanics: Mechanics, name: str, *at: Array) -> Any:
     try:
-        return function(mechanics.values, tuple(q.tolist()), *(tuple(r.tolist()) for r in rest))
+        return getattr(mechanics, name)(*at)
+    except UserError:
+        raise
     except Exception as error:  # a user's model may fail in any way
         raise UserError(
-            f"model '{mechanics.name}': {name} fails at q = {_text(q)}: "
+            f"model '{mechanics.name}': {name} fails at q = {_text(at[0])}: "
             f'{type(error).__name__}: {error}'
         ) from error
 
 
 def _dimensions(mechanics: Mechanics, q: Array, v: Array) -> None:
-    n, m = mechanics.degrees, mechanics.inputs
-    u = np.zeros(m)
-    wanted: list[tuple[str, Any, tuple[int, ...]]] = [
-        ('inertia', _call(mechanics, 'inertia', mechanics.inertia, q), (n, n)),
-        ('force', _call(mechanics, 'force', mechanics.force, q, v, u), (n,)),
-        ('coriolis', _call(mechanics, 'coriolis', mechanics.coriolis, q, v), (n,)),
-    ]
-    if mechanics.factors is not None:
-        calm, psi = _call(mechanics, 'factors', mechanics.factors, q)
-        wanted += [('calM', calm, (n, n)), ('Psi', psi, (n, n))]
-    if mechanics.damping is not None:
-        wanted.append(('damping', _call(mechanics, 'damping', mechanics.damping, q), (n, n)))
-    for name, value, shape in wanted:
-        try:
-            found: Any = np.array(value, float).shape
-        except ValueError:
-            found = 'ragged'
-        if found != shape:
-            raise UserError(
-                f"model '{mechanics.name}' of {n} joints and {m} inputs: {name} has "
-                f'dimensions {found}, not {shape}'
-            )
-        if not np.all(np.isfinite(np.array(value, float))):
+    """Call every function; raise UserError if a result is not finite."""
+    found = {
+        'inertia': _call(mechanics, 'inertia', q),
+        'force': _call(mechanics, 'force', q, v, np.zeros(mechanics.inputs)),
+        'coriolis': _call(mechanics, 'coriolis', q, v),
+    }
+    if mechanics.linearisable:
+        found['calM'], found['Psi'] = _call(mechanics, 'factors', q)
+    if mechanics.damped:
+        found['damping'] = _call(mechanics, 'damping', q)
+    for name, value in found.items():
+        if not np.all(np.isfinite(value)):
             raise UserError(f"model '{mechanics.name}': {name} is not finite at q = {_text(q)}")
 
 
 def positive_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
     """Raise UserError unless M is symmetric and positive definite."""
-    inertia = matrix(mechanics.inertia, mechanics, q)
+    inertia = mechanics.inertia(q)
     size = float(np.max(np.abs(inertia)))
     if float(np.max(np.abs(inertia - inertia.T))) > 1e-9 * size:
         raise UserError(
@@ -145,8 +122,8 @@ def positive_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
 
 def dissipating(mechanics: Mechanics, q: Array, v: Array) -> None:
     """Raise UserError if D adds energy to a motion."""
-    assert mechanics.damping is not None
-    damping = matrix(mechanics.damping, mechanics, q)
+    assert mechanics.damped
+    damping = mechanics.damping(q)
     lowest = float(np.linalg.eigvalsh(0.5 * (damping + damping.T))[0])
     if lowest < -1e-12 * float(np.max(np.abs(damping))):
         raise UserError(
@@ -157,8 +134,8 @@ def dissipating(mechanics: Mechanics, q: Array, v: Array) -> None:
 
 def inverse_factors(mechanics: Mechanics, q: Array, v: Array) -> None:
     """Raise UserError unless calM = M^-1 Psi^-T."""
-    calm, psi = factors(mechanics, q)
-    rest = calm @ psi.T @ matrix(mechanics.inertia, mechanics, q) - np.eye(mechanics.degrees)
+    calm, psi = mechanics.factors(q)
+    rest = calm @ psi.T @ mechanics.inertia(q) - np.eye(mechanics.degrees)
     if float(np.max(np.abs(rest))) > CALM_EXACT * max(1.0, float(np.linalg.cond(psi))):
         raise UserError(
             f"model '{mechanics.name}': calM is not M^-1 Psi^-T at q = {_text(q)} "
@@ -178,11 +155,11 @@ def slopes(mechanics: Mechanics, function: Callable[[Array], Array], q: Array) -
 
 def linear_residual(mechanics: Mechanics, q: Array, v: Array) -> tuple[float, float]:
     """Return (|Psi^T d/dq (P^T M^-1 P / 2) - (dPsi/dt)^T P|, size of its terms); 0 for PLvCC."""
-    inertia = matrix(mechanics.inertia, mechanics, q)
-    psi = factors(mechanics, q)[1]
+    inertia = mechanics.inertia(q)
+    psi = mechanics.factors(q)[1]
     momentum = inertia @ v
-    of_inertia = slopes(mechanics, lambda x: matrix(mechanics.inertia, mechanics, x), q)
-    of_psi = slopes(mechanics, lambda x: factors(mechanics, x)[1], q)
+    of_inertia = slopes(mechanics, lambda x: mechanics.inertia(x), q)
+    of_psi = slopes(mechanics, lambda x: mechanics.factors(x)[1], q)
     # d(M^-1) = -M^-1 dM M^-1
     energy = np.array([-0.5 * v @ slope @ v for slope in of_inertia])
     turning = sum(rate * slope for rate, slope in zip(v, of_psi))
@@ -204,14 +181,11 @@ def partially_linear(mechanics: Mechanics, q: Array, v: Array) -> None:
 
 def coriolis_of_inertia(mechanics: Mechanics, q: Array, v: Array) -> None:
     """Raise UserError unless C v = (dM/dt) v - d/dq (v^T M v / 2)."""
-    of_inertia = slopes(mechanics, lambda x: matrix(mechanics.inertia, mechanics, x), q)
+    of_inertia = slopes(mechanics, lambda x: mechanics.inertia(x), q)
     turning = sum(rate * slope for rate, slope in zip(v, of_inertia))
     expected = np.asarray(turning) @ v - np.array([0.5 * v @ slope @ v for slope in of_inertia])
-    provided = np.array(mechanics.coriolis(mechanics.values, tuple(q.tolist()), tuple(v.tolist())))
-    size = max(
-        float(np.max(np.abs(expected))),
-        float(np.max(np.abs(matrix(mechanics.inertia, mechanics, q)))),
-    )
+    provided = mechanics.coriolis(q, v)
+    size = max(float(np.max(np.abs(expected))), float(np.max(np.abs(mechanics.inertia(q)))))
     if float(np.max(np.abs(provided - expected))) > DERIVED * size:
         raise UserError(
             f"model '{mechanics.name}': the Coriolis forces do not belong to the mass "

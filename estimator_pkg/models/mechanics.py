@@ -11,22 +11,30 @@ and is partially linearisable (PLvCC) if a square Psi(q) makes its momenta p = P
 p' = Psi^T (G u - dV/dq - ...), without terms quadratic in p; then v = calM(q) p with
 calM = M^-1 Psi^-T. Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), equations (2) to (8).
 
-The functions are written in the subset of Python that Numba compiles: vectors are tuples of floats,
-matrices tuples of rows. The first argument is the tuple of the model's parameters, so that other
-values need no new compilation.
+A model is a module with functions of vectors (`inertia`, `factors`, ...), which the engine
+translates too, or an object of a user's own with the same functions, see `models.own`. Their first
+argument is what they set; `values` are the model's numbers.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from types import ModuleType
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from estimator_pkg.parameters import declared
 
-Vector = tuple[float, ...]
-Matrix = tuple[Vector, ...]
+JOINTS = 4  # most positions of a model of ours
+NUMBERS = 10  # most numbers of a model of ours
+Vector = Annotated[list[float], JOINTS]
+Matrix = Annotated[list[list[float]], JOINTS, JOINTS]
+Values = Annotated[list[float], NUMBERS]
+Array = NDArray[np.float64]
 
 TURN = 2.0 * math.pi
 
@@ -40,37 +48,37 @@ class Mechanics:
     name : as users write it.
     joints : names of the positions, in order; their number is the degrees of freedom.
     periods : of each position [rad], 0 if it does not wrap.
-    values : the model's numbers, first argument of every function below.
+    values : the model's numbers.
     actuated : for each input, which position's effort it is (index into `joints`).
-    inertia : (values, q) -> M, symmetric and positive.
-    factors : (values, q) -> (calM, Psi); None if the mechanism is not partially linearisable.
-    force : (values, q, v, u) -> G u - dV/dq - F(v): all forces but damping and Coriolis ones.
-    coriolis : (values, q, v) -> C(q, v) v.
-    damping : (values, q) -> D, linear friction known to the observers; None: no damping.
-    admits : (values, q) -> False where the model must not be used (a singular Psi).
+    model : the module or object with these functions and the numbers `JOINTS` and `INPUTS`:
+        inertia(out, values, q): M, symmetric and positive.
+        factors(calm, psi, values, q): calM and Psi.
+        force(out, values, q, v, u): G u - dV/dq - F(v): all forces but damping and Coriolis ones.
+        coriolis(out, values, q, v): C(q, v) v.
+        damping(out, values, q): D, linear friction known to the observers.
+        admits(values, q) -> False where the model must not be used (a singular Psi).
+    linearisable : it has `factors`.
+    damped : it has `damping`, and D is not zero.
     centre, reach : the configurations in which the model is checked: each position within
         centre +- reach; the centre is the default operating point.
     speed_matters : `force` depends on v.
-    compiles : every function is in the subset that Numba compiles.
     complaint : () -> the last error of a user's code, or ''.
+    note : a notice for the user, or ''.
     """
 
     name: str
     joints: tuple[str, ...]
-    periods: Vector
-    values: Vector
+    periods: tuple[float, ...]
+    values: tuple[float, ...]
     actuated: tuple[int, ...]
-    inertia: Callable[..., Matrix]
-    factors: Callable[..., tuple[Matrix, Matrix]] | None
-    force: Callable[..., Vector]
-    coriolis: Callable[..., Vector]
-    damping: Callable[..., Matrix] | None
-    admits: Callable[..., bool]
-    centre: Vector
-    reach: Vector
+    model: Any
+    centre: tuple[float, ...]
+    reach: tuple[float, ...]
+    linearisable: bool = True
+    damped: bool = False
     speed_matters: bool = False
-    compiles: bool = True
     complaint: Callable[[], str] = str
+    note: str = ''
 
     @property
     def degrees(self) -> int:
@@ -81,6 +89,50 @@ class Mechanics:
     def inputs(self) -> int:
         """Number of inputs."""
         return len(self.actuated)
+
+    @property
+    def ours(self) -> bool:
+        """True if the engine may have the model."""
+        return isinstance(self.model, ModuleType)
+
+    def admits(self, q: Iterable[float]) -> bool:
+        """Return False where the model must not be used."""
+        return bool(self.model.admits(self.values, _row(q)))
+
+    def inertia(self, q: Iterable[float]) -> Array:
+        """Return M, shape (n, n)."""
+        return self._set(self.model.inertia, 1, q)[0]
+
+    def damping(self, q: Iterable[float]) -> Array:
+        """Return D, shape (n, n); zero if there is none."""
+        none = np.zeros((self.degrees, self.degrees))
+        return self._set(self.model.damping, 1, q)[0] if self.damped else none
+
+    def factors(self, q: Iterable[float]) -> Array:
+        """Return (calM, Psi), shape (2, n, n)."""
+        return self._set(self.model.factors, 2, q)
+
+    def coriolis(self, q: Iterable[float], v: Iterable[float]) -> Array:
+        """Return C v, shape (n,)."""
+        out = [0.0] * self.degrees
+        self.model.coriolis(out, self.values, _row(q), _row(v))
+        return np.array(out)
+
+    def force(self, q: Iterable[float], v: Iterable[float], u: Iterable[float]) -> Array:
+        """Return all forces but damping and Coriolis ones, shape (n,)."""
+        out = [0.0] * self.degrees
+        self.model.force(out, self.values, _row(q), _row(v), _row(u))
+        return np.array(out)
+
+    def _set(self, function: Callable[..., None], count: int, q: Iterable[float]) -> Array:
+        n = self.degrees
+        out = [[[0.0] * n for _ in range(n)] for _ in range(count)]
+        function(*out, self.values, _row(q))
+        return np.array(out)
+
+
+def _row(values: Iterable[float]) -> list[float]:
+    return [float(value) for value in values]
 
 
 @dataclass(frozen=True)
@@ -106,9 +158,17 @@ class Model:
     identified: tuple[str, ...] = ()
 
 
-def everywhere(values: Vector, q: Vector) -> bool:
+def everywhere(values: Values, q: Vector) -> bool:
     """Return True: the domain of a model without singular configurations."""
     return True
+
+
+def no_factors(calm: Matrix, psi: Matrix, values: Values, q: Vector) -> None:
+    """Set nothing: the mechanism is not partially linearisable."""
+
+
+def no_damping(out: Matrix, values: Values, q: Vector) -> None:
+    """Set nothing: there is no damping."""
 
 
 def assignments_of(model: Model, parameters: Any) -> tuple[str, ...]:

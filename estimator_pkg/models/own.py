@@ -3,10 +3,7 @@
 
 """A user's own model, named as ``package.module:Name``: ordinary Python with numpy.
 
-docs/own_model.md lists what the class (or object) must define. It is called with numpy arrays, and
-its results become tuples here, so that it works in every observer and simulator. A model with
-``compiles = True`` is called with tuples of floats instead, returns tuples, and is compiled like
-the built-in ones.
+docs/own_model.md lists what the class (or object) must define. It is called with numpy arrays.
 """
 
 from __future__ import annotations
@@ -15,17 +12,18 @@ import copy
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.models import check
-from estimator_pkg.models.mechanics import Mechanics, everywhere
+from estimator_pkg.models.mechanics import Mechanics, everywhere, no_damping, no_factors
 from estimator_pkg.registry import load as load_object
 
 NEEDED = ('joints', 'inertia', 'gradient', 'inputs')
-COMPILED = ('joints', 'inertia', 'force', 'coriolis')
+FORCES = ('joints', 'inertia', 'force')
 DERIVATIVE_STEP = 1e-6  # step of the Christoffel symbols, for a model without Coriolis forces
 
 
@@ -41,9 +39,7 @@ def from_user(path: str, values: Mapping[str, Any] | None = None) -> Mechanics:
     if isinstance(model, Mechanics):
         return model
     mechanics = mechanics_of(model, path)
-    if mechanics.factors is None and not mechanics.compiles:
-        return _with_found_factors(mechanics)
-    return mechanics
+    return mechanics if mechanics.linearisable else _with_found_factors(mechanics)
 
 
 def instance(path: str, values: Mapping[str, Any] | None = None) -> Any:
@@ -79,15 +75,11 @@ def instance(path: str, values: Mapping[str, Any] | None = None) -> Any:
 def numbers(model: Any, path: str) -> dict[str, float]:
     """Return the current values of the parameters that the attribute `parameters` lists.
 
-    A model that compiles has none, because compiling fixes them.
-
     Raises
     ------
     UserError : one of them does not exist, or is not a number.
     """
     found: dict[str, float] = {}
-    if getattr(model, 'compiles', False):
-        return found
     for name in getattr(model, 'parameters', ()):
         try:
             found[str(name)] = float(getattr(model, name))
@@ -100,7 +92,7 @@ def numbers(model: Any, path: str) -> dict[str, float]:
 
 def mechanics_of(model: Any, path: str) -> Mechanics:
     """Return the user's object as `Mechanics`; raise UserError or UsageError."""
-    needed = COMPILED if getattr(model, 'compiles', False) else NEEDED
+    needed = FORCES if hasattr(model, 'force') else NEEDED
     missing = [name for name in needed if not hasattr(model, name)]
     if missing:
         raise UserError(f"model '{path}' has no {missing[0]}: it must define {', '.join(needed)}")
@@ -113,22 +105,140 @@ def mechanics_of(model: Any, path: str) -> Mechanics:
     actuated = tuple(int(index) for index in getattr(model, 'actuated', range(count)))
     if any(not 0 <= index < count for index in actuated):
         raise UsageError(f"model '{path}': 'actuated' names joint {max(actuated)} of {count}")
-    if getattr(model, 'compiles', False):
-        parts = _compilable(model)
-    else:
-        parts = _ordinary(model, count)
     return Mechanics(
         name=path,
         joints=joints,
-        values=(0.0,),
+        values=(),
         actuated=actuated,
         periods=_numbers(model, path, 'periods', count, 2.0 * np.pi),
         centre=_numbers(model, path, 'centre', count, 0.0),
         reach=_numbers(model, path, 'reach', count, 1.0),
+        model=OwnModel(model, path, count, len(actuated)),
+        linearisable=hasattr(model, 'psi') or hasattr(model, 'factors'),
+        damped=hasattr(model, 'damping'),
         speed_matters=hasattr(model, 'friction'),
-        compiles=bool(getattr(model, 'compiles', False)),
-        **parts,
+        note=COMPILES.format(path) if getattr(model, 'compiles', False) else '',
     )
+
+
+COMPILES = "model '{}': 'compiles' has no effect any more: remove it"
+
+
+class OwnModel:
+    """A user's object with the functions of a model, see `Mechanics.model`.
+
+    Attributes
+    ----------
+    JOINTS, INPUTS : their numbers. failure : the last failure of the user's code, or ''.
+    """
+
+    def __init__(self, model: Any, path: str, joints: int, inputs: int) -> None:
+        self.JOINTS, self.INPUTS, self.failure = joints, inputs, ''
+        self._model, self._path = model, path
+        self._plain = bool(getattr(model, 'compiles', False))  # takes tuples
+        self._friction = getattr(model, 'friction', None)
+        self._calm = getattr(model, 'calm', None)
+        self._coriolis = getattr(model, 'coriolis', None) or self._christoffel
+        if hasattr(model, 'force'):
+            setattr(self, '_force', model.force)  # noqa: B010
+        for name, absent in (('damping', no_damping), ('admits', everywhere)):
+            if not hasattr(model, name):
+                setattr(self, name, absent)
+        if not (hasattr(model, 'psi') or hasattr(model, 'factors')):
+            setattr(self, 'factors', no_factors)  # noqa: B010
+
+    def inertia(self, out: Any, values: Any, q: Any) -> None:
+        """Set M."""
+        self._set(out, 'inertia', self._model.inertia(self._array(q)))
+
+    def force(self, out: Any, values: Any, q: Any, v: Any, u: Any) -> None:
+        """Set all forces but damping and Coriolis ones."""
+        at, speed = self._array(q), self._array(v)
+        total = self._force(at, speed, self._array(u, self.INPUTS))
+        self._set(out, 'force', total, flat=True)
+
+    def _force(self, q: Any, v: Any, u: Any) -> Any:
+        total = np.asarray(self._model.inputs(q), float) @ u - self._model.gradient(q)
+        return total if self._friction is None else total - self._friction(v)
+
+    def coriolis(self, out: Any, values: Any, q: Any, v: Any) -> None:
+        """Set C v."""
+        self._set(out, 'coriolis', self._coriolis(self._array(q), self._array(v)), flat=True)
+
+    def damping(self, out: Any, values: Any, q: Any) -> None:
+        """Set D."""
+        self._set(out, 'damping', self._model.damping(self._array(q)))
+
+    def admits(self, values: Any, q: Any) -> bool:
+        """Return False where the model must not be used."""
+        return bool(self._model.admits(self._array(q)))
+
+    def factors(self, calm: Any, psi: Any, values: Any, q: Any) -> None:
+        """Set calM and Psi."""
+        at = self._array(q)
+        if hasattr(self._model, 'factors'):
+            found, of_psi = self._model.factors(at)
+        else:
+            of_psi = np.asarray(self._model.psi(at), float)
+            if self._calm is not None:
+                found = self._calm(at)
+            else:
+                found = np.linalg.inv(of_psi.T @ np.asarray(self._model.inertia(at), float))
+        self._set(calm, 'calM', found)
+        self._set(psi, 'Psi', of_psi)
+
+    def _array(self, values: Any, count: int | None = None) -> Any:
+        """Return the first `count` numbers (one per joint) as the user's code takes them."""
+        part = values[: self.JOINTS if count is None else count]
+        return tuple(part) if self._plain else np.array(part)
+
+    def _set(self, out: Any, name: str, value: Any, flat: bool = False) -> None:
+        """Set a vector (`flat`) or a matrix; raise UserError if it has other dimensions."""
+        n = self.JOINTS
+        wanted: tuple[int, ...] = (n,) if flat else (n, n)
+        try:
+            found: NDArray[np.float64] = np.asarray(value, float)
+        except ValueError:
+            self._refuse(name, 'ragged', wanted)
+        found = found.ravel() if flat else np.atleast_2d(found)
+        if found.shape != wanted:
+            self._refuse(name, found.shape, wanted)
+        for k, item in enumerate(found.tolist()):
+            if flat:
+                out[k] = item
+            else:
+                out[k][:n] = item
+
+    def _refuse(self, name: str, found: Any, wanted: tuple[int, ...]) -> NoReturn:
+        raise UserError(
+            f"model '{self._path}' of {self.JOINTS} joints and {self.INPUTS} inputs: {name} has "
+            f'dimensions {found}, not {wanted}'
+        )
+
+    def _christoffel(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return C v from the mass matrix by central differences."""
+        count, inertia = self.JOINTS, self._model.inertia
+        turning, energy = np.zeros((count, count)), np.zeros(count)
+        for index in range(count):
+            step = np.zeros(count)
+            step[index] = DERIVATIVE_STEP
+            slope = (
+                np.asarray(inertia(q + step), float) - np.asarray(inertia(q - step), float)
+            ) / (2.0 * DERIVATIVE_STEP)
+            turning += v[index] * slope
+            energy[index] = 0.5 * v @ slope @ v
+        return turning @ v - energy
+
+
+class _Found(OwnModel):
+    """Psi = the lower Cholesky factor of M^-1."""
+
+    def factors(self, calm: Any, psi: Any, values: Any, q: Any) -> None:
+        """Set calM and Psi, which are the same."""
+        inertia = np.atleast_2d(np.asarray(self._model.inertia(self._array(q)), float))
+        found = np.linalg.cholesky(np.linalg.inv(inertia))
+        self._set(calm, 'calM', found)
+        self._set(psi, 'Psi', found)
 
 
 def _with_found_factors(mechanics: Mechanics) -> Mechanics:
@@ -137,12 +247,10 @@ def _with_found_factors(mechanics: Mechanics) -> Mechanics:
     It does for every constant M, for every single joint, and for a mechanism such as the
     cart-pendulum.
     """
-
-    def factors(values: tuple, q: tuple) -> tuple:
-        psi = np.linalg.cholesky(np.linalg.inv(np.array(mechanics.inertia(values, q))))
-        return _matrix(psi), _matrix(psi)
-
-    candidate = replace(mechanics, factors=factors)
+    own = mechanics.model
+    made = _Found(own._model, own._path, own.JOINTS, own.INPUTS)
+    made.__dict__.pop('factors', None)
+    candidate = replace(mechanics, model=made, linearisable=True)
     try:
         check.check(candidate)
     except (UserError, np.linalg.LinAlgError):
@@ -150,39 +258,45 @@ def _with_found_factors(mechanics: Mechanics) -> Mechanics:
     return candidate
 
 
-def guarded(mechanics: Mechanics) -> Mechanics:
-    """Return the model with NaN instead of every failure of the user's code; observers flag it.
+class Guarded:
+    """An own model with NaN instead of every failure of the user's code; observers flag it."""
 
-    `complaint` returns the last failure. A model that compiles is unchanged.
-    """
-    if mechanics.compiles:
-        return mechanics
-    n, failure = mechanics.degrees, ['']
-    row = (math.nan,) * n
+    def __init__(self, model: OwnModel) -> None:
+        self.JOINTS, self.INPUTS, self.failure = model.JOINTS, model.INPUTS, ''
+        for name in ('inertia', 'factors', 'force', 'coriolis', 'damping'):
+            setattr(self, name, self._around(getattr(model, name)))
+        self._admits = model.admits
 
-    def around(function: Any, instead: Any) -> Any:
-        if function is None:
-            return None
+    def admits(self, values: Any, q: Any) -> bool:
+        """Return False where the model must not be used, or cannot be."""
+        try:
+            return bool(self._admits(values, q))
+        except Exception as error:  # a user's code may fail in any way
+            self.failure = f'{type(error).__name__}: {error}'
+            return False
 
-        def safe(*arguments: Any) -> Any:
+    def _around(self, function: Callable[..., None]) -> Callable[..., None]:
+        def safe(*arguments: Any) -> None:
             try:
-                return function(*arguments)
+                function(*arguments)
             except Exception as error:  # a user's code may fail in any way
-                failure[0] = f'{type(error).__name__}: {error}'
-                return instead
+                self.failure = f'{type(error).__name__}: {error}'
+                for out in arguments[: 2 if function.__name__ == 'factors' else 1]:
+                    for k in range(self.JOINTS):
+                        out[k] = [math.nan] * len(out) if isinstance(out[k], list) else math.nan
 
         return safe
 
-    return replace(
-        mechanics,
-        inertia=around(mechanics.inertia, (row,) * n),
-        factors=around(mechanics.factors, ((row,) * n, (row,) * n)),
-        force=around(mechanics.force, row),
-        coriolis=around(mechanics.coriolis, row),
-        damping=around(mechanics.damping, (row,) * n),
-        admits=around(mechanics.admits, False),
-        complaint=lambda: failure[0],
-    )
+
+def guarded(mechanics: Mechanics) -> Mechanics:
+    """Return the model with NaN instead of every failure of the user's code.
+
+    `complaint` returns the last failure.
+    """
+    if not isinstance(mechanics.model, OwnModel):
+        return mechanics
+    safe = Guarded(mechanics.model)
+    return replace(mechanics, model=safe, complaint=lambda: safe.failure)
 
 
 def _numbers(model: Any, path: str, name: str, count: int, usual: float) -> tuple[float, ...]:
@@ -191,108 +305,3 @@ def _numbers(model: Any, path: str, name: str, count: int, usual: float) -> tupl
     if len(values) != count:
         raise UserError(f"model '{path}': {name} has {len(values)} numbers for {count} joints")
     return values
-
-
-def _vector(value: Any) -> tuple[float, ...]:
-    return tuple(np.asarray(value, float).ravel().tolist())
-
-
-def _matrix(value: Any) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(row) for row in np.atleast_2d(np.asarray(value, float)).tolist())
-
-
-def _ordinary(model: Any, count: int) -> dict[str, Any]:
-    """Return the functions for methods that use numpy arrays."""
-    array = np.array
-
-    def inertia(values: tuple, q: tuple) -> tuple:
-        return _matrix(model.inertia(array(q)))
-
-    def force(values: tuple, q: tuple, v: tuple, u: tuple) -> tuple:
-        at = array(q)
-        total = np.asarray(model.inputs(at), float) @ array(u) - model.gradient(at)
-        if friction is not None:
-            total = total - friction(array(v))
-        return _vector(total)
-
-    def coriolis(values: tuple, q: tuple, v: tuple) -> tuple:
-        return _vector(coriolis_force(array(q), array(v)))
-
-    def admits(values: tuple, q: tuple) -> bool:
-        return bool(model.admits(array(q)))
-
-    def damping(values: tuple, q: tuple) -> tuple:
-        return _matrix(model.damping(array(q)))
-
-    def factors(values: tuple, q: tuple) -> tuple:
-        at = array(q)
-        psi = np.asarray(model.psi(at), float)
-        if calm is not None:
-            return _matrix(calm(at)), _matrix(psi)
-        return _matrix(np.linalg.inv(psi.T @ np.asarray(model.inertia(at), float))), _matrix(psi)
-
-    friction = getattr(model, 'friction', None)
-    calm = getattr(model, 'calm', None)
-    coriolis_force = getattr(model, 'coriolis', None) or _christoffel(model, count)
-    return {
-        'inertia': inertia,
-        'force': force,
-        'coriolis': coriolis,
-        'factors': factors if hasattr(model, 'psi') else None,
-        'damping': damping if hasattr(model, 'damping') else None,
-        'admits': admits if hasattr(model, 'admits') else everywhere,
-    }
-
-
-def _christoffel(model: Any, count: int) -> Callable[..., Any]:
-    """Return C v from the mass matrix by central differences."""
-
-    def coriolis(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        turning, energy = np.zeros((count, count)), np.zeros(count)
-        for index in range(count):
-            step = np.zeros(count)
-            step[index] = DERIVATIVE_STEP
-            slope = (
-                np.asarray(model.inertia(q + step), float)
-                - np.asarray(model.inertia(q - step), float)
-            ) / (2.0 * DERIVATIVE_STEP)
-            turning += v[index] * slope
-            energy[index] = 0.5 * v @ slope @ v
-        return turning @ v - energy
-
-    return coriolis
-
-
-def _compilable(model: Any) -> dict[str, Any]:
-    """Return the functions of a model in the compilable subset: module-level functions of q, ..."""
-    inner_inertia, inner_force, inner_coriolis = model.inertia, model.force, model.coriolis
-    inner_factors: Any = getattr(model, 'factors', None)
-    inner_damping: Any = getattr(model, 'damping', None)
-    inner_admits: Any = getattr(model, 'admits', None)
-
-    def inertia(values: tuple, q: tuple) -> tuple:
-        return inner_inertia(q)
-
-    def force(values: tuple, q: tuple, v: tuple, u: tuple) -> tuple:
-        return inner_force(q, v, u)
-
-    def coriolis(values: tuple, q: tuple, v: tuple) -> tuple:
-        return inner_coriolis(q, v)
-
-    def factors(values: tuple, q: tuple) -> tuple:
-        return inner_factors(q)
-
-    def damping(values: tuple, q: tuple) -> tuple:
-        return inner_damping(q)
-
-    def admits(values: tuple, q: tuple) -> bool:
-        return inner_admits(q)
-
-    return {
-        'inertia': inertia,
-        'force': force,
-        'coriolis': coriolis,
-        'factors': factors if inner_factors is not None else None,
-        'damping': damping if inner_damping is not None else None,
-        'admits': admits if inner_admits is not None else everywhere,
-    }

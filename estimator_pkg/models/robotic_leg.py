@@ -13,9 +13,11 @@ are conserved without input.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 
-from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Vector
+from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Values, Vector
+from estimator_pkg.models.mechanics import no_damping as damping  # noqa: F401
 from estimator_pkg.parameters import structural
 
 
@@ -40,44 +42,48 @@ class Parameters:
     )
 
 
+JOINTS, INPUTS = 3, 2
 # values: m1, m2, kappa, margin
 
 
-def inertia(values: Vector, q: Vector) -> Matrix:
-    """M."""
-    return ((values[0], 0.0, 0.0), (0.0, values[0] * q[0] * q[0], 0.0), (0.0, 0.0, values[1]))
+def inertia(out: Matrix, values: Values, q: Vector) -> None:
+    """Set M."""
+    out[0][0] = values[0]
+    out[1][1] = values[0] * q[0] * q[0]
+    out[2][2] = values[1]
+    out[0][1] = out[1][0] = out[0][2] = out[2][0] = out[1][2] = out[2][1] = 0.0
 
 
-def factors(values: Vector, q: Vector) -> tuple[Matrix, Matrix]:
-    """calM and Psi."""
+def factors(calm: Matrix, psi: Matrix, values: Values, q: Vector) -> None:
+    """Set calM and Psi."""
     r = q[0]
     s, c = math.sin(q[1]), math.cos(q[1])
     kappa = values[2]
     km = kappa * values[0]
     turning = 1.0 / (km * r * r)
-    return (
-        (
-            (-c / (s * km * r), (c + kappa * r) / (km * s * r), 0.0),
-            (turning, -turning, 0.0),
-            (0.0, 0.0, 1.0 / values[1]),
-        ),
-        ((s, s, 0.0), (c / r + kappa, c / r, 0.0), (0.0, 0.0, 1.0)),
-    )
+    calm[0][0], calm[0][1] = -c / (s * km * r), (c + kappa * r) / (km * s * r)
+    calm[1][0], calm[1][1] = turning, -turning
+    calm[2][2] = 1.0 / values[1]
+    psi[0][0] = psi[0][1] = s
+    psi[1][0], psi[1][1] = c / r + kappa, c / r
+    psi[2][2] = 1.0
+    for k in range(2):
+        calm[k][2] = calm[2][k] = psi[k][2] = psi[2][k] = 0.0
 
 
-def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
-    """G u."""
-    return (u[0], -u[1], u[1])
+def force(out: Vector, values: Values, q: Vector, v: Vector, u: Vector) -> None:
+    """Set G u."""
+    out[0], out[1], out[2] = u[0], -u[1], u[1]
 
 
-def coriolis(values: Vector, q: Vector, v: Vector) -> Vector:
-    """C v."""
+def coriolis(out: Vector, values: Values, q: Vector, v: Vector) -> None:
+    """Set C v."""
     m1r = values[0] * q[0]
-    return (-m1r * v[1] * v[1], 2.0 * m1r * v[0] * v[1], 0.0)
+    out[0], out[1], out[2] = -m1r * v[1] * v[1], 2.0 * m1r * v[0] * v[1], 0.0
 
 
-def admits(values: Vector, q: Vector) -> bool:
-    """False near sin th = 0 and r = 0."""
+def admits(values: Values, q: Vector) -> bool:
+    """Return False near sin th = 0 and r = 0."""
     return abs(math.sin(q[1])) > values[3] and q[0] > values[3]
 
 
@@ -90,12 +96,7 @@ def build(parameters: Parameters) -> Mechanics:
         periods=(0.0, TURN, TURN),
         values=(p.foot_mass, p.body_inertia, p.kappa, p.margin),
         actuated=(0, 2),
-        inertia=inertia,
-        factors=factors,
-        force=force,
-        coriolis=coriolis,
-        damping=None,
-        admits=admits,
+        model=sys.modules[__name__],
         centre=(2.2, 1.8, 0.4),
         reach=(1.0, 1.0, math.pi),
     )

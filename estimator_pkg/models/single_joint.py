@@ -12,10 +12,12 @@ the motor's current [A]. Everything else is on the joint's side of the gear.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 
 from estimator_pkg.models.friction import STRIBECK, smooth_sign
-from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Vector, everywhere
+from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Values, Vector
+from estimator_pkg.models.mechanics import everywhere as admits  # noqa: F401
 from estimator_pkg.parameters import structural
 
 
@@ -78,37 +80,39 @@ class Parameters:
     )
 
 
+JOINTS, INPUTS = 1, 1
 # values: J, b, c, coulomb width, g1, hanging, bias, gear kt
 
 
-def inertia(values: Vector, q: Vector) -> Matrix:
-    """M."""
-    return ((values[0],),)
+def inertia(out: Matrix, values: Values, q: Vector) -> None:
+    """Set M."""
+    out[0][0] = values[0]
 
 
-def factors(values: Vector, q: Vector) -> tuple[Matrix, Matrix]:
-    """calM = 1/J, Psi = 1."""
-    return ((1.0 / values[0],),), ((1.0,),)
+def factors(calm: Matrix, psi: Matrix, values: Values, q: Vector) -> None:
+    """Set calM = 1/J and Psi = 1."""
+    calm[0][0] = 1.0 / values[0]
+    psi[0][0] = 1.0
 
 
-def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
-    """Return all torques except the viscous one [N m]."""
-    return (
+def force(out: Vector, values: Values, q: Vector, v: Vector, u: Vector) -> None:
+    """Set all torques except the viscous one [N m]."""
+    out[0] = (
         values[7] * u[0]
         - values[4] * math.sin(q[0] - values[5])
         - values[6]
-        - values[2] * smooth_sign(v[0], values[3]),
+        - values[2] * smooth_sign(v[0], values[3])
     )
 
 
-def coriolis(values: Vector, q: Vector, v: Vector) -> Vector:
-    """Return zero: a single joint has no Coriolis force."""
-    return (0.0,)
+def coriolis(out: Vector, values: Values, q: Vector, v: Vector) -> None:
+    """Set zero: a single joint has no Coriolis force."""
+    out[0] = 0.0
 
 
-def damping(values: Vector, q: Vector) -> Matrix:
-    """D."""
-    return ((values[1],),)
+def damping(out: Matrix, values: Values, q: Vector) -> None:
+    """Set D."""
+    out[0][0] = values[1]
 
 
 def build(parameters: Parameters) -> Mechanics:
@@ -129,12 +133,8 @@ def build(parameters: Parameters) -> Mechanics:
             p.gear_ratio * p.torque_constant,
         ),
         actuated=(0,),
-        inertia=inertia,
-        factors=factors,
-        force=force,
-        coriolis=coriolis,
-        damping=damping,
-        admits=everywhere,
+        model=sys.modules[__name__],
+        damped=True,
         centre=(p.hanging,),
         reach=(math.pi,),
         speed_matters=p.coulomb > 0.0,

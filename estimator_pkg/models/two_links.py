@@ -14,11 +14,14 @@ cannot use it; `hgo`, `ehgo` and `smo` can.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.friction import STRIBECK, smooth_sign
-from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Vector, everywhere
+from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Values, Vector
+from estimator_pkg.models.mechanics import everywhere as admits  # noqa: F401
+from estimator_pkg.models.mechanics import no_factors as factors  # noqa: F401
 from estimator_pkg.parameters import structural
 
 
@@ -94,34 +97,38 @@ class Parameters:
             )
 
 
+JOINTS, INPUTS = 2, 2
 # values: a, b, k, ga, gb, damping of both, Coulomb friction of both, its width
 
 
-def inertia(values: Vector, q: Vector) -> Matrix:
-    """M."""
+def inertia(out: Matrix, values: Values, q: Vector) -> None:
+    """Set M."""
     coupling = values[2] * math.cos(q[1])
     other = values[1] + coupling
-    return ((values[0] + values[1] + 2.0 * coupling, other), (other, values[1]))
+    out[0][0] = values[0] + values[1] + 2.0 * coupling
+    out[0][1] = out[1][0] = other
+    out[1][1] = values[1]
 
 
-def force(values: Vector, q: Vector, v: Vector, u: Vector) -> Vector:
-    """Motors, gravity and Coulomb friction [N m]."""
+def force(out: Vector, values: Values, q: Vector, v: Vector, u: Vector) -> None:
+    """Set motors, gravity and Coulomb friction [N m]."""
     lower = values[4] * math.sin(q[0] + q[1])
-    return (
-        u[0] - values[3] * math.sin(q[0]) - lower - values[7] * smooth_sign(v[0], values[9]),
-        u[1] - lower - values[8] * smooth_sign(v[1], values[9]),
-    )
+    upper = values[3] * math.sin(q[0])
+    out[0] = u[0] - upper - lower - values[7] * smooth_sign(v[0], values[9])
+    out[1] = u[1] - lower - values[8] * smooth_sign(v[1], values[9])
 
 
-def coriolis(values: Vector, q: Vector, v: Vector) -> Vector:
-    """C v."""
+def coriolis(out: Vector, values: Values, q: Vector, v: Vector) -> None:
+    """Set C v."""
     h = values[2] * math.sin(q[1])
-    return (-h * v[1] * (2.0 * v[0] + v[1]), h * v[0] * v[0])
+    out[0] = -h * v[1] * (2.0 * v[0] + v[1])
+    out[1] = h * v[0] * v[0]
 
 
-def damping(values: Vector, q: Vector) -> Matrix:
-    """D."""
-    return ((values[5], 0.0), (0.0, values[6]))
+def damping(out: Matrix, values: Values, q: Vector) -> None:
+    """Set D."""
+    out[0][0], out[1][1] = values[5], values[6]
+    out[0][1] = out[1][0] = 0.0
 
 
 def build(parameters: Parameters) -> Mechanics:
@@ -144,12 +151,9 @@ def build(parameters: Parameters) -> Mechanics:
             p.coulomb_speed,
         ),
         actuated=(0, 1),
-        inertia=inertia,
-        factors=None,
-        force=force,
-        coriolis=coriolis,
-        damping=damping,
-        admits=everywhere,
+        model=sys.modules[__name__],
+        linearisable=False,
+        damped=True,
         centre=(0.0, 0.0),
         reach=(math.pi, math.pi),
         speed_matters=True,

@@ -90,7 +90,7 @@ def group_delay(joint: Joint) -> float:
     """Return the velocity's delay at low frequency and the measured rate [s]; nan if unknown."""
     if joint.mean_dt <= 0.0 or joint.mean_dt > joint.longest_dt:
         return math.nan
-    return joint.functions.group_delay(joint.mean_dt)
+    return joint.group_delay(joint.mean_dt)
 
 
 def counters(joints: Mapping[str, Joint]) -> dict[str, int]:

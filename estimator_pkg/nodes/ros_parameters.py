@@ -32,7 +32,15 @@ from rclpy.parameter import Parameter as RosParameter
 
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.parameters import Parameter, build, declared
-from estimator_pkg.params_file import OVERRIDES, check_names, meant, override, today, warning
+from estimator_pkg.params_file import (
+    OVERRIDES,
+    check_names,
+    meant,
+    override,
+    today,
+    warning,
+    without_former,
+)
 from estimator_pkg.printable import printable
 
 T = TypeVar('T')
@@ -64,9 +72,12 @@ class RosParameters:
     def __init__(self, node: Node) -> None:
         self._node = node
         # Initial values from the command line, parameter files and the constructor.
-        self._initial: Values = {
-            name: initial.value for name, initial in node._parameter_overrides.items()
-        }
+        self._initial: Values
+        self._initial, former = without_former(
+            {name: initial.value for name, initial in node._parameter_overrides.items()}
+        )
+        if former:
+            node.get_logger().warning(former)
         self._known: dict[str, Parameter] = {}
         self._overridable: dict[str, Parameter] = {}
         self.values: Values = {}

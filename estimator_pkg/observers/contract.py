@@ -13,13 +13,14 @@ State, coefficients and design are tuples, which may be nested. Each field keeps
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import ModuleType
 from typing import Any
 
-from estimator_pkg.observers.circle import Circle, is_angle
-
-Past = tuple | None  # what an observer keeps of the readings since a start, see `Functions.again`
+from estimator_pkg.observers.circle import is_angle
+from estimator_pkg.record import record
 
 # The status of an estimate. Plain ints: compiled code returns them.
 INITIALISING = 0  # not settled since the start or the last loss of lock; not published
@@ -32,9 +33,74 @@ VALID = (TRACKING, COASTING)  # only estimates with one of these statuses are pu
 STATUS_NAMES = ('initialising', 'tracking', 'coasting', 'lost', 'not observable', 'misconfigured')
 
 
-def never_late(state: tuple) -> float:
-    """Return 0: every stamp is believed."""
+@record
+class Estimate:
+    """The newest estimate of a single angle."""
+
+    position: float  # [rad or m], in the convention of the measurement
+    velocity: float  # [rad/s or m/s]
+    acceleration: float  # [rad/s^2 or m/s^2]; nan: the observer gives none
+    status: int
+
+
+@record
+class Deviation:
+    """One standard deviation of each."""
+
+    position: float  # [rad or m]
+    velocity: float  # [rad/s or m/s]
+
+
+# What a module of an observer must have; docs/observers/contract.md. `observer` is the module
+# itself, for what it shares with others (`angle.shared`). Records, and functions of the subset of
+# Python that becomes C (see `estimator_pkg.engine`):
+RECORDS = ('Design', 'Coefficients', 'State')
+FUNCTIONS = {
+    'prepare': '(coefficients, design, dt): set what follows from dt [s] and the design',
+    'start': '(observer, state, design, measurement): set every field, after the first sample',
+    'step': '(observer, state, coefficients, design, measurement, known_input): take one sample',
+    'estimate': '(observer, out, state, coefficients, design, measurement, known_input): see '
+    '`Estimate`',
+    'deviation': '(observer, out, state, coefficients, design, scale): see `Deviation`; that of '
+    'the velocity is scaled before it is limited to a speed that the readings allow',
+    'resume': '(observer, state, coefficients, design, measurement): go on after a gap: position '
+    'from the measurement, speed kept where that is safe',
+    'restart': '(observer, state, coefficients, design, measurement): start again after an outage '
+    'or a jump of the clock; what does not depend on the motion stays',
+    'is_reading': '(measurement) -> False: the guard drops and counts the sample',
+    'lateness': '(state) -> by how much the last stamp is taken to be wrong [s]; 0: it is believed',
+}
+# Ordinary Python:
+METHODS = {
+    'design': '(gains, circle) -> Design: what follows from the gains whatever the sample time is',
+    'limits': '(design, dt) -> None, or why these gains cannot work at this dt [s], with the limit',
+    'group_delay': '(design, dt) -> delay of the velocity at low frequency [s]; nan: not known',
+    'runs_plain': '(gains) -> True: a function of the user is called, so that the engine is not '
+    'used (may be left out)',
+    'why': '(state, design) -> the reason for the status, as text for users, or an empty text',
+}
+CONSTANTS = {
+    'SINGLE_ANGLE': 'a sample is one angle alone, so that the driver can compare it with others',
+    'EDGES': 'it takes a changed count as the time at which an edge was crossed',
+    'TURNS': 'it goes on without a circle where the sensor counts turns (`sensor.turns`): its '
+    'state fits both, and it needs no circle to tell an outlier',
+    'DRIVEN': 'a known input acts between two samples: none may be dropped or taken later',
+}
+
+
+def never_late(state: Any) -> float:
+    """Return 0 [s]: every stamp is believed."""
     return 0.0
+
+
+def no_limit(design: Any, dt: float) -> str | None:
+    """Return None: the gains work at every sample time."""
+    return None
+
+
+def no_reason(state: Any, design: Any) -> str:
+    """Return no text: the status says it all."""
+    return ''
 
 
 @dataclass(frozen=True)
@@ -71,10 +137,6 @@ class Functions:
     turns : it goes on without a circle where the sensor counts turns, see `driver.turns`: its state
         fits both, and it needs no circle to tell an outlier.
     jump : (state, event) -> state, for observers of switched systems.
-    again : (past, state before, state, coefficients, design, measurement, input) -> (past, state).
-        Called after a step while there is a past: `()` after a start or a gap, then what this
-        returned; None: no later reading changes what the earlier ones mean. It may return
-        another state, where they count again. Ordinary Python. None: there is no such past.
     why : (state, design) -> the reason for the status, as text for users, or ''. Ordinary Python.
     """
 
@@ -96,7 +158,6 @@ class Functions:
     scaled: Callable[[tuple, tuple, tuple, float], tuple[float, float]] | None = None
     late: Callable[[tuple], float] = never_late
     edges: bool = False
-    again: Callable[..., tuple[Past, tuple]] | None = None
     driven: bool = False
     turns: bool = False
 
@@ -147,7 +208,16 @@ class Observer:
     name: str
     summary: str
     gains: type
-    build: Callable[[Any, Circle], Functions]
     reference: str
     kind: str = 'angle'
+    build: Any = None
     gives_acceleration: Callable[[Any], bool] = field(default=lambda gains: False)
+
+    @property
+    def module(self) -> ModuleType:
+        """The module that declares the gains, which has the functions."""
+        return sys.modules[self.gains.__module__]
+
+    def module_of(self, gains: Any) -> Any:
+        """Return the module, or what stands for it with these gains."""
+        return self.module

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from estimator_pkg import params_file
 from estimator_pkg.driver.configuration import NAME_IT, Configuration, JointSettings
 from estimator_pkg.driver.guard import why_dropped
-from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.joint import Joint, Tried
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.block import Block
@@ -373,7 +373,10 @@ class Stream(ABC):
     def _build(self, configuration: Any, joint: str) -> Any:
         """Return the observer's functions for this joint ('': one without override)."""
         gains, settings = configuration.for_joint(joint)
-        functions = self.observer.build(gains, Circle(settings.wrap_period, settings.unwrap))
+        circle = Circle(settings.wrap_period, settings.unwrap)
+        if self.observer.build is None:
+            return Tried(self.observer.module_of(gains), gains, circle)
+        functions = self.observer.build(gains, circle)
         functions.prepare(functions.design(), TYPICAL_DT)  # raises if it cannot be computed
         return functions
 

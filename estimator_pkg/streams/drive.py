@@ -16,13 +16,13 @@ from estimator_pkg import observers
 from estimator_pkg.driver.bank import Taken
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveEstimates, DriveJoint
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases, Vector
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import structural
+from estimator_pkg.sensor.guard import DUPLICATE
 from estimator_pkg.streams.answer import Answering
 from estimator_pkg.streams.contract import (
     ESTIMATE,
@@ -88,11 +88,6 @@ class DriveSettings(StreamSettings):
         description='allowed sum of the phase currents over the recent largest one; currents '
         'beyond it are not used',
     )
-    compile: bool = structural(
-        True,
-        description='drive_samples: compile the observer at start if the extra fast is '
-        'installed (takes seconds once; then a tenth of the time per sample)',
-    )
 
     def find_observer(self) -> Observer:
         """Return the observer; raise UsageError if it is no drive observer, or without a joint."""
@@ -124,9 +119,7 @@ class Motor:
 
     def rehearse(self) -> None:
         """Prepare everything that the first sample needs."""
-        self._joint.warm_up()
-        if not self._joint.fast:
-            self._joint.rehearse()
+        self._joint.rehearse()
 
     def why_silent(self, name: str) -> str:
         """Return '': the stream knows the reason."""
@@ -161,11 +154,7 @@ class DriveStream(Stream):
         batches = settings.input == DRIVE_SAMPLES
         gains, of_joint = configuration.for_joint(settings.joint)
         self.joint = DriveJoint(
-            configuration.observer,
-            gains,
-            of_joint,
-            sample_period=settings.sample_period,
-            fast=settings.compile and batches,
+            configuration.observer, gains, of_joint, sample_period=settings.sample_period
         )
         self.phases = (
             Phases(settings.sum_tolerance) if settings.frame == ABC and not batches else None
@@ -180,14 +169,6 @@ class DriveStream(Stream):
             [ESTIMATE, STDDEV, FLUX, *([SAMPLES] if batches else [])],
         )
         self._answering = Answering(self)
-
-    @classmethod
-    def start(cls, settings: DriveSettings, configuration: Configuration) -> DriveStream:
-        """See `Stream`; the observer is compiled before samples arrive."""
-        stream = cls(settings, configuration)
-        stream.try_gains(configuration)
-        stream.joint.warm_up()
-        return stream
 
     # Messages
 
@@ -257,9 +238,6 @@ class DriveStream(Stream):
     def _note(self, history: dict[str, History]) -> None:
         """Do nothing: `_used` counts the many samples of a message."""
 
-    def _gains_changed(self, name: str) -> None:
-        self.joint.warm_up()
-
     # Texts
 
     def reset(self) -> str:
@@ -269,7 +247,7 @@ class DriveStream(Stream):
 
     def describe(self) -> str:
         """See `Stream`."""
-        return f"'{self.names[0]}'{' (compiled)' if self.joint.fast else ''}"
+        return f"'{self.names[0]}'"
 
     def needed(self) -> set[str]:
         """See `Stream`: currents and voltages have no names."""

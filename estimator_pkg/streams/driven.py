@@ -161,7 +161,7 @@ class DrivenStream(Stream):
 
     def _build(self, configuration: Any, joint: str) -> Any:
         functions = super()._build(configuration, joint)
-        known_input = functions.no_input
+        known_input = getattr(functions, 'no_input', 0.0)
         configuration.for_joint(joint)[1].check_inputs(
             len(known_input) if isinstance(known_input, tuple) else 1, self._called(joint)
         )

@@ -14,7 +14,9 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings, check_names
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
+from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.mechanism.core import Plan
 from estimator_pkg.observers.mechanism.gains import in_words
 from estimator_pkg.observers.mechanism.parameters import default_numbers
 from estimator_pkg.parameters import structural
@@ -64,12 +66,21 @@ class MechanicalStream(DrivenStream):
         super().__init__(settings, configuration.observer, bank, bank.orders, outputs=[GAINS])
         self._meaning: dict[str, dict[str, str]] = {}  # of the gains, by mechanism
         self._unexplained = set(bank.joints)
-        self._notices = self._of_defaults()
+        self._notices = self._of_models()
         self._due = False  # True if ~/gains has new content
 
     def try_gains(self, configuration: Configuration) -> None:
         """See `Stream`: checks each mechanism; common values need not suit any of them."""
         check_names(configuration, self.settings.mechanisms)
+
+    def _build(self, configuration: Configuration, joint: str) -> Plan:
+        """Return what the gains of this mechanism imply ('': of one without override)."""
+        settings: Any
+        gains, settings = configuration.for_joint(joint)
+        circle = Circle(settings.wrap_period, settings.unwrap)
+        plan: Plan = self.observer.module.plan(gains, circle)
+        settings.check_inputs(max(1, plan.mechanics.inputs), self._called(joint))
+        return plan
 
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""
@@ -94,16 +105,17 @@ class MechanicalStream(DrivenStream):
         new = [name for name in self._unexplained if self.bank.joints[name].mean_dt > 0.0]
         for name in new:
             mechanism = self.bank.joints[name]
-            self._meaning[name] = in_words(mechanism.functions.describe(mechanism.mean_dt))
+            self._meaning[name] = in_words(mechanism.plan.describe(mechanism.mean_dt))
         self._unexplained.difference_update(new)
         self._due = self._due or bool(new)
 
     def _gains_changed(self, name: str) -> None:
         self._unexplained.add(name)
 
-    def _of_defaults(self) -> list[str]:
-        """Return a notice for each mechanism that has all parameters of its model by default."""
-        found = []
+    def _of_models(self) -> list[str]:
+        """Return the models' own notices, and one where all parameters are those by default."""
+        notes = (joint.plan.mechanics.note for joint in self.bank.joints.values())
+        found = list(dict.fromkeys(filter(None, notes)))
         for name in self.bank.joints:
             gains = self.bank.configuration.for_joint(name)[0]
             numbers = default_numbers(gains)

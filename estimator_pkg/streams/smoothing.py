@@ -73,11 +73,11 @@ class Smoothing:
         """
         if taken is None:
             return []
-        names, estimates, efforts, joints, positions = taken
+        names, estimates, efforts, line, positions = taken
         smoothers: list[Smoother | None] = []
         shown: list[float] = []
         used = False
-        for name, position, joint, estimate in zip(names, positions, joints, estimates):
+        for name, position, joint, estimate in zip(names, positions, line.joints, estimates):
             if joint is None:
                 shown.append(position)
                 smoothers.append(None)

@@ -22,8 +22,7 @@ from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.circle import wrap
-from estimator_pkg.observers.mechanism.motion import make_plant
-from estimator_pkg.observers.mechanism.velocity import make_acceleration
+from estimator_pkg.observers.mechanism.motion import Motion, acceleration
 from estimator_pkg.parameters import structural
 from sim_pkg.chunks import sample_count
 from sim_pkg.contract import Message, Topic, check_rate, diverged
@@ -119,15 +118,11 @@ class Encoders:
 def fastest(mechanics: Mechanics, q: Vector) -> float:
     """Return the largest rate [1/s] of the mechanism about `q`, at unit speeds (no stiction)."""
     n = mechanics.degrees
-    acceleration = make_acceleration(mechanics)
+    at_rest = (0.0,) * max(1, mechanics.inputs)
     state, step = np.concatenate([q, np.ones(n)]), 1e-6
 
     def derivative(x: np.ndarray) -> np.ndarray:
-        row = tuple(x.tolist())
-        return np.array(
-            row[n:]
-            + acceleration(mechanics.values, row[:n], row[n:], (0.0,) * max(1, mechanics.inputs))
-        )
+        return np.concatenate([x[n:], acceleration(mechanics, x[:n], x[n:], at_rest)])
 
     slopes = np.array(
         [
@@ -191,7 +186,7 @@ def _samples(
     released: Callable[[], bool],
 ) -> Iterator[list[Message]]:
     n, dt = mechanics.degrees, 1.0 / rate
-    plant = make_plant(mechanics)
+    plant = Motion(mechanics, q, v)
     measure, true = Encoder(), Encoder()
     left = sample_count(duration, rate)
     k = 0
@@ -220,7 +215,7 @@ def _samples(
         if released():
             u = drive((k - 1) * dt, reading, v)
             try:
-                q, v = plant(mechanics.values, q, v, u, dt, parts)
+                q, v = plant.step(u, dt, parts)
             except (ArithmeticError, ValueError):  # of math, for numbers beyond the floats
                 raise diverged(k * dt) from None
             if not all(-RUNAWAY < value < RUNAWAY for value in q + v):

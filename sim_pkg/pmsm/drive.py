@@ -3,16 +3,16 @@
 
 """The drive in closed loop: motor, inverter, sensors and controller, sample by sample.
 
-`make_loop` combines the parts into one pure function over a chunk of samples, which Numba can
-compile. The feedback of the controller's angle and speed is an argument: the true ones
-(`sensored`), or an observer (`sim_pkg.pmsm.sensorless`).
+`make_loop` combines the parts into one function over a chunk of samples, which Numba can compile.
+The feedback of the controller's angle and speed is an argument: the true ones (`sensored`), or
+those of an observer (`sim_pkg.pmsm.sensorless`), which runs as plain Python.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,19 +41,13 @@ class Record(NamedTuple):
 
 
 def sensored(
-    state: float,
-    current: complex,
-    voltage: complex,
-    theta: float,
-    speed: float,
-    poles: float,
-    reference: float,
-) -> tuple[float, float, float, float]:
-    """Return the feedback of an ideal sensor: (state, electrical angle and speed, forced i_q).
+    current: complex, voltage: complex, theta: float, speed: float, poles: float, reference: float
+) -> tuple[float, float, float]:
+    """Return the feedback of an ideal sensor: (electrical angle, electrical speed, forced i_q).
 
-    `state` is unchanged. A forced current other than 0 replaces the speed control.
+    A forced current other than 0 replaces the speed control.
     """
-    return state, theta, poles * speed, 0.0
+    return theta, poles * speed, 0.0
 
 
 def quantised(value: float, step: float, limit: float) -> float:
@@ -72,7 +66,7 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
 
     Parameters
     ----------
-    feedback : a function with the arguments of `sensored`; its state may be any tuple.
+    feedback : a function with the arguments of `sensored`.
     switched : simulate the switching edges of the bridge instead of the mean voltage.
     """
 
@@ -89,7 +83,7 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
         truth: NDArray[np.float64],
     ) -> tuple:
         (current, theta, speed), (older, acted, active), controller = state
-        held, folded, steering, frame_before, forced_before = controller
+        folded, steering, frame_before, forced_before = controller
         step, limit, dead, offset, delay = drive
         period, dc, poles = control.period, control.dc_voltage, control.poles
         for k in range(len(reference)):
@@ -98,9 +92,7 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
                 quantised(current.real + noise[k][0], step, limit),
                 quantised(current.imag + noise[k][1], step, limit),
             )
-            held, angle, omega, forced = feedback(
-                held, read, acted, theta, speed, poles, reference[k]
-            )
+            angle, omega, forced = feedback(read, acted, theta, speed, poles, reference[k])
             if forced != 0.0:
                 i_q = forced
             else:
@@ -149,7 +141,7 @@ def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., t
                         current, following - lost, theta, speed, load[k], plant, offset * period
                     )
             older, acted, active = acted, active, following
-        controller = held, folded, steering, frame_before, forced_before
+        controller = folded, steering, frame_before, forced_before
         return (current, theta, speed), (older, acted, active), controller
 
     return loop
@@ -162,10 +154,10 @@ class Drive:
     ----------
     parameters : motor, load, inverter, sensors, controller.
     seed : random seed of the current noise.
-    feedback, held : the feedback of the controller, and its initial state.
+    feedback : of the controller.
     profile : reference of the speed; None: that of the parameters.
     start_speed : mechanical speed at the start [rad/s]; None: that of the profile.
-    fast : compile, if Numba is installed.
+    fast : compile, if Numba is installed; None: if the feedback is `sensored`.
     """
 
     def __init__(
@@ -174,7 +166,6 @@ class Drive:
         seed: int = 0,
         *,
         feedback: Callable[..., tuple] = sensored,
-        held: Any = 0.0,
         profile: Profile | None = None,
         start_speed: float | None = None,
         theta: float = 0.0,
@@ -185,7 +176,7 @@ class Drive:
         self._random = random_stream(seed, 'current')
         self._control = parameters.control()
         loop = make_loop(feedback, parameters.inverter == 'switched')
-        self.fast = available() if fast is None else fast
+        self.fast = feedback is sensored and available() if fast is None else fast
         self._loop = compiled(loop) if self.fast else loop
         self.count = 0
         speed = float(self.profile.at(np.zeros(1)).speed[0]) if start_speed is None else start_speed
@@ -203,7 +194,7 @@ class Drive:
         if feedback is not sensored:
             voltage = [zero] * 3
         older, acted, active = map(complex, voltage)
-        controller = held, zero, 0.0, theta, 0.0
+        controller = zero, 0.0, theta, 0.0
         self._state: tuple = ((zero, theta, speed), (older, acted, active), controller)
         bits, full_scale = parameters.adc_bits, parameters.adc_range
         self._drive = (
@@ -213,12 +204,6 @@ class Drive:
             parameters.sampling_offset,
             parameters.voltage_delay,
         )
-
-    @property
-    def held(self) -> Any:
-        """The state of the feedback."""
-        motor, voltages, (held, *others) = self._state
-        return held
 
     def run(self, count: int) -> Record:
         """Return the next `count` samples."""

@@ -165,9 +165,7 @@ def test_single_samples_and_phases_give_the_same_estimates_as_batches(tmp_path):
         ('single', vectors),
         ('phases', [*vectors, *settings(frame='abc')]),
     ):
-        with replay(
-            tmp_path / name, tmp_path / f'{name}_out', *words, *settings(compile='false')
-        ) as bag:
+        with replay(tmp_path / name, tmp_path / f'{name}_out', *words) as bag:
             found[name] = {
                 state.stamp_ns: state for state in states(bag, '/pmsm_observer/estimate')
             }
@@ -190,10 +188,7 @@ def test_alpha_beta_taken_for_phases_is_said(tmp_path, capsys):
         ),
     )
     with replay(
-        tmp_path / 'bag',
-        tmp_path / 'out',
-        *settings(input='current_voltage', frame='abc', compile='false'),
-        code=1,
+        tmp_path / 'bag', tmp_path / 'out', *settings(input='current_voltage', frame='abc'), code=1
     ):
         pass
     assert 'the phase currents do not sum to zero' in capsys.readouterr().out
@@ -240,9 +235,7 @@ def test_lost_repeated_and_overtaken_batches_are_counted_and_coasted_over(tmp_pa
 
 def test_replay_finds_the_input_and_evaluate_the_truth(tmp_path, capsys):
     simulate(tmp_path / 'bag', *settings(profile='constant'))
-    with replay(
-        tmp_path / 'bag', tmp_path / 'out', *settings(joint='hub'), *settings(compile='false')
-    ) as bag:
+    with replay(tmp_path / 'bag', tmp_path / 'out', *settings(joint='hub')) as bag:
         assert '/hub' not in bag.topics
         assert states(bag, '/pmsm_observer/estimate')[-1].names == ('hub', 'hub_electrical')
         stddev = states(bag, '/pmsm_observer/estimate_stddev')[-1]

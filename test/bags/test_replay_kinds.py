@@ -229,13 +229,7 @@ def test_evaluate_switched(gripper, tmp_path):
 
 
 def test_evaluate_a_drive(tmp_path):
-    rows = same_rows(
-        tmp_path,
-        DRIVES / 'drive_profile',
-        'pmsm',
-        'pmsm_observer',
-        *settings(*MOTOR, 'compile=false'),
-    )
+    rows = same_rows(tmp_path, DRIVES / 'drive_profile', 'pmsm', 'pmsm_observer', *settings(*MOTOR))
     assert set(rows['joints']) == {'motor', 'motor_electrical'}
 
 

@@ -75,13 +75,10 @@ def test_what_was_touched_is_said_once_and_only_of_joints():
     assert set(one.touched()) == set()
 
 
-def test_joints_of_equal_gains_share_functions():
+def test_overrides_are_those_of_their_joints():
     one = bank(overrides={'slow': {'noise': 1e-2}, 'linear': {'wrap_period': 0.0}})
     one.rehearse()
     moved(one, ('a', 'b', 'slow', 'linear'), 1)
-    functions = [one.joint(name).functions for name in ('a', 'b', 'slow', 'linear')]
-    assert functions[0] is functions[1]
-    assert functions[0] is not functions[2] and functions[0] is not functions[3]
     assert one.joint('slow').gains.noise == 1e-2
     assert one.joint('linear').settings.wrap_period == 0.0
 
@@ -105,13 +102,12 @@ def test_selected_joints_keep_their_place_and_efforts_come_whole_or_not():
     assert bank().selected(names, positions, efforts) == (names, positions, efforts)
 
 
-def test_other_gains_keep_the_state_only_where_its_shape_is_the_same():
+def test_other_gains_keep_the_state():
     joint = bank().joint('a')
     for k in range(30):
         joint.update(START_NS + k * MS, 0.002 * k)
     before, alike = joint.estimate(), bank(noise=1e-2).joint('a')
-    assert joint.goes_on_with(alike.functions)
-    assert not joint.goes_on_with(bank(model='constant_velocity').joint('a').functions)
+    assert joint.goes_on_with(alike.design)
     assert joint.estimate() == before  # it is a trial
     joint.set_gains(alike.gains)
     assert joint.gains.noise == 1e-2 and joint.used == 30

@@ -1,35 +1,46 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The observer `pmsm` behind the guard: gaps, bad samples; plain equals compiled."""
+"""The observer `pmsm` behind the guard: gaps, bad samples; plain equals the engine."""
 
 import math
+from unittest import mock
 
 import numpy as np
 import pytest
-from motors import DT, MOTOR, angle_error, made, noisy
+from motors import DT, MOTOR, angle_error, made, noisy, values
 
-from estimator_pkg.driver import drive, guard
-from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.joint import Joint
-from estimator_pkg.driver.track import make_track
+from estimator_pkg.driver.drive import DriveJoint
+from estimator_pkg.engine.calls import functions_of
 from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.pmsm.gains import Gains
-from estimator_pkg.observers.pmsm.observer import OBSERVER
+from estimator_pkg.observers.pmsm import observer
+from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
+from estimator_pkg.observers.pmsm.state import State
 from estimator_pkg.parameters import build as build_parameters
 from estimator_pkg.parameters import declared
+from estimator_pkg.sensor import guard
+from sim_pkg.reproduce.pmsm.observer import first_state, run_states
+
+NO_ENGINE = functions_of(observer) is None
+needs_engine = pytest.mark.skipif(NO_ENGINE, reason='installed without a C compiler')
+plainly = mock.patch('estimator_pkg.driver.joint.functions_of', lambda module: None)
+
+
+def joint_of(gap_max=0.2, **gains):
+    settings = JointSettings(gap_max=gap_max)
+    return DriveJoint(OBSERVER, build_parameters(Gains, {**MOTOR, **gains}), settings)
 
 
 def test_lost_batches_are_coasted_over_and_counted():
     seen = noisy(((0.2, 3000.0, 3000.0),))
-    joint = Joint(OBSERVER, build_parameters(Gains, MOTOR), JointSettings(gap_max=0.001))
+    joint = joint_of(gap_max=0.001)
     kept = [k for k in range(4000) if not 1400 <= k < 1600]  # 10 ms lost
     status, angles = {}, {}
     for k in kept:
         assert joint.update(10**9 + k * 50_000, tuple(seen.samples[k].tolist()))
         status[k] = joint.estimate()[3]
-        angles[k] = joint.functions.electrical(joint._track[6], joint._track[5], joint._design)[0]
+        angles[k] = joint.electrical()[0]
     assert not joint.update(10**9 + 3999 * 50_000, tuple(seen.samples[3999].tolist()))
     assert joint.dropped() == {'duplicate': 1} and joint.events() == {'gap': 1}
     assert status[1399] == TRACKING and status[1600] == INITIALISING
@@ -41,19 +52,16 @@ def test_lost_batches_are_coasted_over_and_counted():
 
 def test_coasting_over_a_known_gap_keeps_the_relative_position():
     seen = noisy(((0.2, 3000.0, 3000.0),))
-    functions = made()
-    design = functions.design()
-    coefficients = functions.prepare(design, DT)
-    state = functions.init(tuple(seen.samples[0]), design)
+    motor = made()
+    motor.start(seen.samples[0])
     for k in range(1, 1400):
-        state = functions.step(state, coefficients, design, tuple(seen.samples[k].tolist()), 0.0)
-    before = functions.output(state, coefficients, design, (), 0.0)[0] - seen.truth[1399, 1] / 7.0
-    state = functions.coast(
-        state, coefficients, design, tuple(seen.samples[1600].tolist()), 201 * DT
-    )
+        motor.step(seen.samples[k])
+    before = motor.estimate()[0] - seen.truth[1399, 1] / 7.0
+    motor.resume(seen.samples[1600])
+    observer.coast(motor.state, 201 * DT)
     for k in range(1601, 2200):
-        state = functions.step(state, coefficients, design, tuple(seen.samples[k].tolist()), 0.0)
-    after = functions.output(state, coefficients, design, (), 0.0)[0] - seen.truth[2199, 1] / 7.0
+        motor.step(seen.samples[k])
+    after = motor.estimate()[0] - seen.truth[2199, 1] / 7.0
     assert after == pytest.approx(before, abs=0.01)
 
 
@@ -61,9 +69,11 @@ def test_coasting_over_a_known_gap_keeps_the_relative_position():
 @pytest.mark.parametrize('place', range(4))
 def test_a_sample_that_is_no_number_is_dropped(bad, place):
     sample = [1.0, 2.0, 3.0, 4.0]
+    joint = joint_of()
+    assert joint.update(10**9, sample)
     sample[place] = bad
-    assert not made().finite(tuple(sample))
-    assert made().finite((1.0, 2.0, 3.0, 4.0))
+    assert not joint.update(10**9 + 50_000, sample)
+    assert joint.dropped() == {'non_finite': 1}
 
 
 def disturbed():
@@ -78,60 +88,77 @@ def disturbed():
     return stamps, samples
 
 
-@pytest.mark.long
-@pytest.mark.skipif(not available(), reason='Numba is not installed')
-def test_plain_equals_compiled_through_the_guard():
+FORMS = [
+    {},
+    {'form': 'paper', 'periods': 3, 'scaling': 'power', 'voltage_delay': 1.5, 'initial_flux': 0.0},
+    {'variant': 'continuous', 'speed_filter_hz': 0.0, 'dead_time_voltage': 0.1},
+    {'variant': 'hybrid', 'periods': 16, 'voltage_delay': 8.0, 'pwm_frequency': 2e4},
+]
+
+
+@needs_engine
+@pytest.mark.parametrize('gains', FORMS)
+def test_plain_equals_the_engine_through_the_guard(gains):
     stamps, samples = disturbed()
-    functions = made()
-    batch = drive.make_drive_batch(functions)
-    track = make_track(functions).blank(functions.design())
-    limits = guard.limits(guard.GuardSettings(gap_max=0.001), math.inf)
-    given = (batch, track, functions.design(), limits, stamps, samples)
-    _, plain = drive.run(*given, fast=False)
-    _, twin = drive.run(*given, fast=True)
-    assert np.array_equal(plain.status, twin.status)
-    assert np.array_equal(plain.reasons, twin.reasons)
-    assert np.array_equal(plain.verdict, twin.verdict)
-    assert np.array_equal(plain.rows, twin.rows, equal_nan=True)
-    assert (plain.verdict == guard.NON_FINITE).sum() == 1
-    assert (plain.verdict == guard.DUPLICATE).sum() == 1
-    assert np.all(np.isnan(plain.rows[300]))
-    assert {TRACKING, NOT_OBSERVABLE, INITIALISING} <= set(plain.status.tolist())
+    with plainly:
+        plain = joint_of(0.001, **gains)
+    twin = joint_of(0.001, **gains)
+    assert plain.compiled is None and twin.compiled is not None
+    for at in range(0, len(stamps), 700):
+        part = slice(at, at + 700)
+        found, other = (each.take(stamps[part], samples[part]) for each in (plain, twin))
+        for name in found._fields:
+            assert np.array_equal(getattr(found, name), getattr(other, name), equal_nan=True), name
+        for joint in (plain, twin):
+            joint.set_gains(build_parameters(Gains, {**MOTOR, **gains, 'hold': 0.01 + 1e-6 * at}))
+        for name in ('estimate', 'electrical', 'stddev', 'electrical_stddev', 'samples', 'why'):
+            one, two = (repr(getattr(joint, name)()) for joint in (plain, twin))
+            assert one == two, name
+    verdicts = plain.samples()['dropped']
+    assert verdicts == {'duplicate': 1, 'non_finite': 1} and plain.events() == {'gap': 1}
+    assert values_of(plain.state) == values_of(twin.state)
 
 
-def flat(value):
-    return (
-        [number for item in value for number in flat(item)] if isinstance(value, tuple) else [value]
-    )
+def values_of(record):
+    return [
+        values_of(value) if hasattr(type(value), 'fields') else value for value in values(record)
+    ]
 
 
-def kinds(value):
-    return tuple(kinds(item) for item in value) if isinstance(value, tuple) else type(value)
+def test_the_status_of_a_disturbed_drive_has_all_values():
+    stamps, samples = disturbed()
+    out = joint_of(0.001).take(stamps, samples)
+    assert {TRACKING, NOT_OBSERVABLE, INITIALISING} <= set(out.status.tolist())
+    assert (out.verdict == guard.NON_FINITE).sum() == 1
+    assert (out.verdict == guard.DUPLICATE).sum() == 1
+    assert np.all(np.isnan(out.rows[300]))
 
 
-@pytest.mark.slow  # compiles
-@pytest.mark.skipif(not available(), reason='Numba is not installed')
-def test_plain_equals_compiled_per_step_in_another_structure():
-    functions = made(form='paper', periods=3, scaling='power', voltage_delay=1.5, initial_flux=0.0)
-    twin = compiled(functions.step)
+@needs_engine
+def test_the_states_after_each_sample_are_those_of_plain_python():
     _, samples = disturbed()
-    design = functions.design()
-    coefficients = functions.prepare(design, DT)
-    state = functions.init(tuple(samples[0].tolist()), design)
-    for k, row in enumerate(samples[1:].tolist()):
-        if not functions.finite(tuple(row)):
-            continue
-        after = functions.step(state, coefficients, design, tuple(row), 0.0)
-        if k % 7 == 0:
-            other = twin(state, coefficients, design, tuple(row), 0.0)
-            assert kinds(after) == kinds(other) == kinds(state)
-            assert flat(after) == flat(other)
-        state = after
+    samples = samples[301:900]
+    design = made().design
+    found = run_states(design, samples, DT, first_state(design, samples[0]))
+    motor = made()
+    motor.start(samples[0])
+    for row, state in zip(samples[1:], found[1:]):
+        motor.step(row)
+        assert values_of(State.read(state)) == values_of(motor.state)
 
 
-@pytest.mark.skipif(not available(), reason='Numba is not installed')
-def test_no_live_parameter_needs_compiling():
-    """A live change of seconds would lose batches: all that is live is data, not code."""
+def test_a_start_sets_every_number():
+    motor = made()
+    motor.start((1.0, 2.0, 3.0, 4.0))
+    poisoned = np.frombuffer(b'\xff' * State.dtype.itemsize, State.dtype)
+    other = State.read(poisoned[0])
+    observer.start(observer, other, motor.design, motor.sample)
+    assert values_of(other) == values_of(motor.state)
+
+
+def test_every_live_parameter_is_in_the_design():
+    """A live change keeps the state, so that it must have the same form."""
+    live = {name for name, each in declared(Gains).items() if not each.structural}
     other = {
         'relative_bandwidth': 0.2,
         'epsilon': 1e-4,
@@ -153,22 +180,8 @@ def test_no_live_parameter_needs_compiling():
         'speed_filter_hz': 50.0,
         'hold': 0.02,
     }
-    live = {name for name, each in declared(Gains).items() if not each.structural}
     assert set(other) == live
-    first = compiled(drive.make_drive_batch(made()))
-    for name, value in other.items():
-        assert compiled(drive.make_drive_batch(made(**{name: value}))) is first, name
-    assert compiled(drive.make_drive_batch(made(form='paper'))) is not first
-    types = {
-        kinds(
-            (
-                made(**{name: value}).design(),
-                made(**{name: value}).prepare(made(**{name: value}).design(), DT),
-            )
-        )
-        for name, value in [('hold', 0.01), *other.items()]
-    }
-    assert len(types) == 1
+    assert all(repr(made(**{key: other[key]}).design) != repr(made().design) for key in other)
 
 
 # Numbers at the ends of what is admitted
@@ -192,34 +205,26 @@ GARBAGE = {'resistance': 3.0, 'inductance': 0.95, 'flux': 3.6e-5, 'pole_pairs': 
 def test_no_gains_and_no_motor_data_make_numbers_run_away(gains, motor, scale):
     """Sample times from 1 us to 30 ms, currents of another motor: no exception, no nan."""
     samples = noisy(((0.2, 3000.0, 3000.0),)).samples[:600] * scale
-    joint = Joint(OBSERVER, build_parameters(Gains, {**motor, **gains}), JointSettings())
+    joint = joint_of(**{**motor, **gains})
     stamp, random = 10**9, np.random.default_rng(1)
     times = np.where(np.arange(600) % 20 == 0, 10.0 ** random.uniform(3.0, 7.5, 600), 50_000.0)
     for sample, time in zip(samples.tolist(), times.tolist()):
         stamp += round(time)
         assert joint.update(stamp, tuple(sample))
-        functions, inner = joint.functions, joint._track[6]
         *_, status = joint.estimate()
-        numbers = [
-            *joint.stddev(),
-            *functions.electrical_stddev(inner, joint._track[5], joint._design),
-        ]
+        numbers = [*joint.stddev(), *joint.electrical_stddev()]
         if status != NOT_OBSERVABLE:
-            numbers += [
-                *joint.estimate()[:2],
-                *functions.electrical(inner, joint._track[5], joint._design),
-            ]
+            numbers += [*joint.estimate()[:2], *joint.electrical()]
         assert not any(map(math.isnan, numbers)), (numbers, status)
 
 
 def test_paper_form_starts_again_when_its_numbers_ran_away():
-    joint = Joint(OBSERVER, build_parameters(Gains, {**MOTOR, 'form': 'paper'}), JointSettings())
+    joint = joint_of(form='paper')
     samples = noisy(((0.2, 3000.0, 3000.0),)).samples
     for k in range(100):
         joint.update(10**9 + k * 50_000, tuple(samples[k].tolist()))
-    core = joint._track[6][0]
-    broken = ((*core[:3], 1e200, *core[4:]), *joint._track[6][1:])
-    joint._track = (*joint._track[:6], broken, *joint._track[7:])
+    with joint._changing() as channel:
+        channel.track.state.core.x = 1e200
     for k in range(100, 4000):
         joint.update(10**9 + k * 50_000, tuple(samples[k].tolist()))
     assert joint.estimate()[3] == TRACKING

@@ -7,23 +7,21 @@ import dataclasses
 import math
 
 import numpy as np
-import observer_cases
 import pytest
 from answers import valid
-from observer_cases import angle_observers, label, make, stamps, stream, variants, wrapped
+from observer_cases import angle_observers, label, make, plain, stamps, stream, variants, wrapped
 
 from estimator_pkg import observers
-from estimator_pkg.driver import batch
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.compiled import available, cannot_compile, compiled, longest_dt
+from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.guard import DUPLICATE, MISCONFIGURED, USED
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, TRACKING
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.parameters import build
+from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, USED
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
@@ -53,7 +51,7 @@ def test_live_equals_batch(variant):
     for seed in (1, 2, 3):
         at, angles = stream(seed, 600)
         one, other = make(*variant), make(*variant)
-        assert_equal(live(one, at, angles), other.run(at, angles, fast=False))
+        assert_equal(live(one, at, angles), other.run(at, angles))
         assert one.counts == other.counts and one.verdict == other.verdict
         assert one.stamp_ns == other.stamp_ns and one.mean_dt == other.mean_dt
         assert one.estimate()[:2] == other.estimate()[:2] and one.stddev() == other.stddev()
@@ -61,78 +59,28 @@ def test_live_equals_batch(variant):
         assert one.estimate()[:2] == other.estimate()[:2]  # and they go on alike
 
 
-@pytest.mark.skipif(not available(), reason='Numba is not installed')
-def test_a_loop_that_is_compiled_already_is_used_for_shorter_streams(monkeypatch):
-    kalman = observer_cases.joint('kalman')
-    kalman.run(*stream(5, 1000), fast=True)
-    assert kalman.pays(100) and not kalman.pays(99)
-    monkeypatch.setattr(batch, 'KEPT_FROM', 100_000)
-    monkeypatch.setattr(batch, 'is_compiled', lambda loop: False)  # as in the next process
-    assert kalman.pays(100_000) and not kalman.pays(99_999)
-
-    def never_compiled():
-        pass
-
-    assert not batch.pays(never_compiled, 399_999) and batch.pays(never_compiled, 400_000)
-
-
-@pytest.mark.skipif(not available(), reason='Numba is not installed')
-def test_views_and_constant_arrays_are_not_compiled_for_again():
-    joint = make('kalman')
-    at, angles = stream(5, 2000)
-    plain = make('kalman').run(at, angles, fast=False)
-    constant = np.frombuffer(angles.tobytes())
-    view = np.stack([at, at], axis=1)[:, 0]
-    joint.run(at[:2], angles[:2], fast=True)
-    signatures = compiled(joint._batch).signatures
-    joint.reset()
-    assert_equal(plain, joint.run(view, constant, fast=True))
-    assert compiled(joint._batch).signatures == signatures
-
-
-@pytest.mark.skipif(not available(), reason='Numba is not installed')
-@pytest.mark.parametrize('name', ['kalman', 'hybrid_angle'])
-def test_batch_equals_compiled_batch(name):
-    at, angles = stream(5, 5000)
-    one, other = make(name), make(name)
-    plain, fast = one.run(at, angles, fast=False), other.run(at, angles, fast=True)
-    # not only per step: the libraries' last bits do not grow over 5000 samples
-    assert_equal(plain, fast)
-    assert one.counts == other.counts
-    # types stay what they were, so that a batch can follow a live phase and the other way round
-    assert [type(value) for value in one._track] == [type(value) for value in other._track]
+@pytest.mark.parametrize('variant', variants(), ids=label)
+def test_the_engine_is_equal_to_plain_python(variant):
+    """Not only per sample: live, in batches, and one after the other."""
+    at, angles = stream(5, 1500)
+    one, other = plain(*variant), make(*variant)
+    assert_equal(one.run(at, angles), other.run(at, angles))
+    assert repr(one.channel) == repr(other.channel)
     again = stamps(200)[:200] + (at[-1] - at[0]) + 10 * MS
-    assert_equal(
-        one.run(again, angles[:200], fast=False), other.run(again, angles[:200], fast=True)
-    )
-
-
-@pytest.mark.skipif(not available(), reason='Numba is not installed')
-def test_a_loop_that_numba_refuses_runs_as_plain_python():
-    def in_plain_python_only(x):
-        return math.fsum([x])
-
-    def loop(state, design, limits, stamps, angles, given, position, *others):
-        for i in range(len(stamps)):
-            position[i] = in_plain_python_only(angles[i])
-        return state
-
-    at, angles = stream(1)
-    with pytest.raises(Exception, match='nopython') as refused:
-        compiled(loop)(1.0, (), (), at, angles, angles, angles.copy())
-    assert cannot_compile(refused.value)
-    samples = batch.Samples(at, angles, np.zeros(len(at)), batch.empty(len(at)))
-    assert batch.run(loop, 1.0, (), (), samples, fast=True) == 1.0
-    np.testing.assert_array_equal(samples.out.position, angles)
+    for stamp, angle in zip(again.tolist(), angles[:200].tolist()):
+        assert one.update(stamp, angle) == other.update(stamp, angle)
+        assert repr((one.estimate(), one.stddev())) == repr((other.estimate(), other.stddev()))
+    again += again[-1] - again[0] + 10 * MS
+    assert_equal(one.run(again, angles[:200]), other.run(again, angles[:200]))
+    assert one.counts == other.counts
 
 
 def test_batch_in_parts_equals_the_whole():
     at, angles = stream(6, 900)
     whole, parts = make('kalman'), make('kalman')
-    out = whole.run(at, angles, fast=False)
+    out = whole.run(at, angles)
     pieces = [
-        parts.run(at[a:b], angles[a:b], fast=False)
-        for a, b in ((0, 1), (1, 300), (300, 300), (300, 900))
+        parts.run(at[a:b], angles[a:b]) for a, b in ((0, 1), (1, 300), (300, 300), (300, 900))
     ]
     for field in Estimates._fields:
         np.testing.assert_array_equal(
@@ -152,7 +100,7 @@ def test_before_the_first_sample():
 def test_reset_starts_again_and_counts_on():
     joint, fresh = make('kalman'), make('kalman')
     at, angles = stream(8, 400)
-    joint.run(at, angles, fast=False)
+    joint.run(at, angles)
     joint.reset()
     assert joint.reset_count == 1 and joint.received == 400
     assert joint.estimate()[3] == INITIALISING and math.isnan(joint.estimate()[1])
@@ -175,7 +123,7 @@ def test_new_gains_act_from_the_next_sample_on():
 
 def test_a_joint_goes_on_with_new_gains_before_it_knows_its_rate():
     joint = make('kalman')
-    new = make('kalman', {'bandwidth_hz': 7.0}).functions
+    new = make('kalman', {'bandwidth_hz': 7.0}).design
     assert joint.goes_on_with(new)
     joint.update(START, 0.3)
     assert joint.mean_dt == 0.0 and joint.goes_on_with(new)
@@ -214,7 +162,7 @@ def test_misconfigured_from_the_start_where_the_rate_is_too_low():
     assert STATUS_NAMES[joint.estimate()[3]] == 'misconfigured'
     assert joint.dropped() == {'misconfigured': 49} and joint.received == 50
     assert '25 Hz' in joint.why() and 'epsilon' in joint.why()
-    out = make('hybrid_angle', PAPER).run(START + np.arange(50) * 40 * MS, np.zeros(50), fast=False)
+    out = make('hybrid_angle', PAPER).run(START + np.arange(50) * 40 * MS, np.zeros(50))
     assert np.all(out.verdict[1:] == MISCONFIGURED) and np.all(np.isnan(out.velocity[1:]))
 
 
@@ -366,18 +314,3 @@ def test_a_joint_of_any_observer_takes_its_own_gains():
         gains, settings = Configuration(observer).for_joint('any')
         assert gains == build(observer.gains, {})
         assert Joint(observer, gains, settings).gains is gains
-
-
-def test_what_the_compiler_refuses_runs_as_it_is_and_other_errors_are_raised(monkeypatch):
-    raised = type('TypingError', (Exception,), {'__module__': 'numba.core.errors'})()
-
-    def refused(function):
-        raise raised
-
-    at, angles = stream(1, 600)
-    plain = make('kalman').run(at, angles, fast=False)
-    monkeypatch.setattr(batch, 'compiled', refused)
-    assert_equal(make('kalman').run(at, angles, fast=True), plain)
-    raised = ValueError('a fault of the observer')
-    with pytest.raises(ValueError, match='a fault of the observer'):
-        make('kalman').run(at, angles, fast=True)

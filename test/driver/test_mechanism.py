@@ -263,7 +263,7 @@ def test_gains_change_without_a_break():
     mechanism.set_gains(mechanisms.configuration.observer.gains(bandwidth_hz=40.0))
     mechanisms.update(START + 500 * MS, ('joint',), (0.5,), (0.0,))
     assert mechanism.estimate()[1][0] == pytest.approx(before, abs=1e-3)
-    assert mechanism.functions.describe(1e-3)['L'][0][0] > 200.0
+    assert mechanism.plan.describe(1e-3)['L'][0][0] > 200.0
 
 
 # Replay of simulated bags: two-sided bounds on the rms of the velocity errors

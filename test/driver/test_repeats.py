@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import angle_observers, make, wrapped
+from observer_cases import angle_observers, make, plain, wrapped
 
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.compiled import available
-from estimator_pkg.driver.guard import DUPLICATE, REPEATED
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
+from estimator_pkg.sensor.guard import DUPLICATE, REPEATED
 
 START = 1_700_000_000_000_000_000
 TURN = 2.0 * math.pi
@@ -288,7 +288,7 @@ def test_nothing_else_is_taken_for_a_repeated_reading():
         for name in angle_observers()
     ],
 )
-def test_live_plain_and_compiled_agree(name):
+def test_live_plain_and_the_engine_agree(name):
     """At rest in noise, then a start; from 1 s on readings are repeated, and 0.4 s of rest."""
     angle, _ = sine(1.0)
     times = np.arange(2000) / 500.0
@@ -301,12 +301,12 @@ def test_live_plain_and_compiled_agree(name):
     for stamp, value in zip(at.tolist(), angles.tolist()):
         live.update(stamp, value)
         rows.append(live.verdict)
-    plain, fast = make(name), make(name)
-    outs: list[Estimates] = [plain.run(at, angles, fast=False), fast.run(at, angles, fast=True)]
-    for joint, out in zip((plain, fast), outs):
+    slow, fast = plain(name), make(name)
+    outs: list[Estimates] = [slow.run(at, angles), fast.run(at, angles)]
+    for joint, out in zip((slow, fast), outs):
         assert out.verdict.tolist() == rows
-        assert joint._track[9:13] == live._track[9:13] and joint.counts == live.counts
-    assert plain._track == live._track
+        assert repr(joint.channel.track) == repr(live.channel.track)
+        assert joint.counts == live.counts
     assert rows.count(REPEATED) > 500
     used = outs[0].verdict < DUPLICATE
     for ours, twins in zip(outs[0][:5], outs[1][:5]):

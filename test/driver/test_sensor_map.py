@@ -11,10 +11,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from estimator_pkg.driver.sensor_map import FIELDS, NOWHERE, entered
-from estimator_pkg.driver.sensor_table import Maps
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.smoother import Smoother
+from estimator_pkg.sensor.map import SensorMap, enter
 
 TURN = 2.0 * math.pi
 START_NS = 1_700_000_000_000_000_000
@@ -116,7 +115,7 @@ def test_a_map_that_no_longer_helps_is_given_up():
     learning.run(stamps[n:], wrapped(angle + 0.03 * np.sin(1.41 * angle))[n:], fast=False)
     assert not learning.why()
     assert learning.learner.awake
-    assert len(learning._track) == FIELDS  # as if there had never been one
+    assert not learning.channel.map.active  # as if there had never been one
 
 
 @pytest.mark.parametrize('coarse', [True, False])
@@ -124,28 +123,38 @@ def test_a_map_that_no_longer_helps_is_given_up():
 def test_readings_that_wrap_are_no_motion(coarse, step):
     size = TURN / 8
     tables = np.vstack([np.random.default_rng(2).normal(0.0, 0.1, (2, 8)), np.zeros((2, 8))])
-    place = (0.0, size, *NOWHERE[2:])
-    maps = tuple(Maps(coarse, size, 0.5 * size, 0.0, 0, tables))
     reading = (step + 0.25) * size
-    _, *plain = entered(place, maps, reading, TURN)
-    for turns in (-1, 1):
-        _, *wraps = entered(place, maps, reading + turns * TURN, TURN)
-        assert wraps[-1] == plain[-1]
-        assert wraps[:-1] == pytest.approx(plain[:-1])
+    plain, *turned = (
+        in_map(size, tables, reading + turns * TURN, coarse=coarse, quantum=0.5 * size).place
+        for turns in (0, -1, 1)
+    )
+    for wraps in turned:
+        for name in ('size', 'error', 'slope', 'further', 'cell', 'offset'):
+            assert getattr(wraps, name) == pytest.approx(getattr(plain, name))
+        assert (wraps.heading, wraps.taken) == (plain.heading, plain.taken)
+
+
+def in_map(size, tables, reading, **fields):
+    """A map with these tables, after a reading in another cell than the first."""
+    made = SensorMap()
+    made.active, made.period, made.marks, made.place.size = True, TURN, tables.shape[1], size
+    made.place.heading = 1
+    for name, value in fields.items():
+        setattr(made, name, value)
+    for row, values in zip(made.tables, tables.tolist()):
+        row[: len(values)] = values
+    enter(made, reading)
+    return made
 
 
 def test_a_ripple_is_foreseen_from_cell_to_cell_and_one_way():
     """A shaft that turns back, or that skips a cell, passes the cell as it likes."""
     size = TURN / 8
     tables = np.vstack([np.zeros((2, 8)), np.full((2, 8), -0.2)])
-    place = (0.0, size, *NOWHERE[2:])
     for way, cells, foreseen in ((1, 1, -0.2), (-1, -1, -0.2), (1, -1, 0.0), (1, 2, 0.0)):
-        maps = tuple(Maps(True, size, size, 0.0, way, tables))
-        *_, further, _, _, _, _, _, (_, _, rise, motion) = entered(
-            place, maps, (cells + 0.5) * size, TURN
-        )
-        assert (rise, motion) == (foreseen, foreseen)
-        assert further == 0.0  # no cell is larger
+        place = in_map(size, tables, (cells + 0.5) * size, coarse=True, quantum=size, way=way).place
+        assert (place.rise, place.motion) == (foreseen, foreseen)
+        assert place.further == 0.0  # no cell is larger
 
 
 def test_a_map_of_one_direction_serves_the_other():
@@ -462,8 +471,8 @@ def test_corrected_positions_keep_the_interval_of_the_readings(lowest):
 
 
 def test_without_a_map_the_track_is_the_same_as_before():
-    assert len(joint(sensor_map='none')._track) == FIELDS
-    assert len(joint(wrap_period=0.0)._track) == FIELDS
+    assert not joint(sensor_map='none').channel.map.active
+    assert not joint(wrap_period=0.0).channel.map.active
 
 
 def rippled(rate=2000.0):

@@ -7,11 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import joint, label, make, variants, wrapped
+from observer_cases import label, make, variants, wrapped
 
-from estimator_pkg.driver import batch as batches
-from estimator_pkg.driver.turns import CONFIRMED, Turns
 from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.sensor.turns import CONFIRMED
 
 TURN = 2.0 * math.pi
 QUANTUM = TURN / 4096
@@ -79,10 +78,10 @@ def test_readings_that_wrap_are_never_taken_for_turns(variant):
     wrong = random.random(COUNT) < 0.02
     readings[wrong] = random.uniform(-20.0, 20.0, wrong.sum())  # alone, or two in a row
     joint = make(name, gains)
-    joint.run(stamps, readings, fast=False)
-    assert joint._circle.period == TURN
-    if joint.functions.turns:  # not even for a while: a wrap would have mended it
-        assert joint._turns is not None
+    joint.run(stamps, readings)
+    assert joint.channel.limits.period == TURN
+    if joint.module.TURNS:  # not even for a while: a wrap would have mended it
+        assert not joint.channel.turns.counts
 
 
 def test_a_burst_of_outliers_is_mended_at_the_next_wrap():
@@ -90,10 +89,10 @@ def test_a_burst_of_outliers_is_mended_at_the_next_wrap():
     readings = wrapped(angle)
     readings[100 : 100 + 2 * CONFIRMED] = 20.0
     joint = make('edge_adaptive', {})
-    joint.run(stamps[:140], readings[:140], fast=False)
-    assert joint._circle.period == 0.0
-    out = joint.run(stamps[140:], readings[140:], fast=False)
-    assert joint._circle.period == TURN
+    joint.run(stamps[:140], readings[:140])
+    assert joint.channel.limits.period == 0.0
+    out = joint.run(stamps[140:], readings[140:])
+    assert joint.channel.limits.period == TURN
     assert np.nanmax(np.abs(out.velocity)) < 250.0
 
 
@@ -110,14 +109,14 @@ def test_blocks_of_any_size_decide_as_single_samples(seed):
     rows = []
     for stamp, reading in zip(stamps.tolist(), readings.tolist()):
         used = single.update(stamp, reading)
-        rows.append((*single.estimate()[:2], single._circle.period) if used else None)
+        rows.append((*single.estimate()[:2], single.channel.limits.period) if used else None)
     parts = np.split(np.arange(COUNT), np.sort(random.choice(COUNT, 5)))
     out = [blocks.run(stamps[part], readings[part]) for part in parts if len(part)]
     for field, at in (('position', 0), ('velocity', 1)):
         got = np.concatenate([getattr(part, field) for part in out])
         expected = [math.nan if row is None else row[at] for row in rows]
         assert np.array_equal(got, expected, equal_nan=True)
-    assert blocks._turns == single._turns
+    assert repr(blocks.channel.turns) == repr(single.channel.turns)
     assert {row[2] for row in rows if row} >= {TURN, 0.0}
 
 
@@ -125,20 +124,10 @@ def test_a_reset_looks_anew_and_what_needs_a_circle_keeps_it():
     stamps, readings, _ = motor()
     joint = make('edge_adaptive', {})
     joint.run(stamps, readings)
-    assert joint._circle.period == 0.0
+    assert joint.channel.limits.period == 0.0
     joint.reset()
-    assert joint._circle.period == TURN and joint._turns == Turns(TURN)
+    assert joint.channel.limits.period == TURN and not joint.channel.turns.counts
     for name in ('hybrid_angle', 'super_twisting', 'kalman'):
         joint = make(name, {}, unwrap=name == 'kalman')
         joint.run(stamps, readings)
-        assert joint._circle.period == TURN
-
-
-def test_a_short_stream_that_counts_turns_compiles_nothing(monkeypatch):
-    """Also where the loop on the circle is compiled already: the other one takes seconds."""
-    asked = []
-    monkeypatch.setattr(batches, 'is_compiled', lambda batch: asked.append(batch) or len(asked) < 2)
-    monkeypatch.setattr(batches, 'compiled', lambda batch: batch)
-    stamps, readings, _ = motor()
-    joint('kalman').run(stamps, readings)
-    assert len({*asked}) == 2
+        assert joint.channel.limits.period == TURN

@@ -3,11 +3,14 @@
 
 """Models of mechanisms: the checks at load, users' own models, wrong ones refused in one line."""
 
+import math
+import types
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mechanism_runs import begun, driven, made, moved
 
 from estimator_pkg import observers
 from estimator_pkg.errors import UsageError, UserError
@@ -15,7 +18,6 @@ from estimator_pkg.models import cart_pendulum, check, robotic_leg, single_joint
 from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import assignments_of
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.mechanism.motion import make_plant
 
 MODELS = (single_joint, cart_pendulum, robotic_leg)
 
@@ -33,16 +35,17 @@ def test_built_in_models_pass_their_checks(module):
 def test_the_check_sees_a_small_mistake_in_psi(module):
     """A Psi that is off by a part in a thousand of one entry is not partially linear."""
     mechanics = load(module.MODEL.name)
-    inner = mechanics.factors
+    model = types.SimpleNamespace(**vars(mechanics.model))
 
-    def factors(values, q):
-        calm, psi = (np.array(part) for part in inner(values, q))
-        psi = psi * (1.0 + 1e-3 * np.sin(q[0]) * np.eye(len(psi))[0])
-        calm = np.linalg.inv(psi.T @ np.array(mechanics.inertia(values, q)))
-        return tuple(map(tuple, calm)), tuple(map(tuple, psi))
+    def factors(calm, psi, values, q):
+        _, other = mechanics.factors(q)
+        other = other * (1.0 + 1e-3 * np.sin(q[0]) * np.eye(len(other))[0])
+        psi[:] = other.tolist()
+        calm[:] = np.linalg.inv(other.T @ mechanics.inertia(q)).tolist()
 
+    model.factors = factors
     with pytest.raises(UserError, match=r"PLvCC residual .* use the observer 'hgo'"):
-        check.check(replace(mechanics, factors=factors))
+        check.check(replace(mechanics, model=model))
 
 
 def test_momenta_are_conserved_by_the_leg():
@@ -51,11 +54,11 @@ def test_momenta_are_conserved_by_the_leg():
     q, v = (2.0, 1.5, 0.2), (0.3, -0.4, 0.1)
 
     def momenta(q, v):
-        psi = check.factors(mechanics, np.array(q))[1]
-        return psi.T @ check.matrix(mechanics.inertia, mechanics, np.array(q)) @ np.array(v)
+        psi = mechanics.factors(q)[1]
+        return psi.T @ mechanics.inertia(q) @ np.array(v)
 
     before = momenta(q, v)
-    q2, v2 = make_plant(mechanics)(mechanics.values, q, v, (0.0, 0.0), 0.5, 500)
+    q2, v2 = moved(mechanics, q, v, (0.0, 0.0), 0.5, 500)
     assert abs(q2[1] - q[1]) > 0.05
     np.testing.assert_allclose(momenta(q2, v2), before, rtol=1e-9)
 
@@ -70,16 +73,16 @@ def test_two_links_keep_their_energy_and_are_not_for_geso():
     def energy(q, v):
         v = np.array(v)
         return (
-            0.5 * v @ check.matrix(mechanics.inertia, mechanics, np.array(q)) @ v
+            0.5 * v @ mechanics.inertia(q) @ v
             - p.shoulder_gravity * np.cos(q[0])
             - p.elbow_gravity * np.cos(q[0] + q[1])
         )
 
     q, v = (2.0, -1.0), (3.0, -5.0)
-    q2, v2 = make_plant(mechanics)(mechanics.values, q, v, (0.0, 0.0), 1.0, 4000)
+    q2, v2 = moved(mechanics, q, v, (0.0, 0.0), 1.0, 4000)
     assert abs(q2[0] - q[0]) > 0.5
     assert energy(q2, v2) == pytest.approx(energy(q, v), rel=1e-9)
-    assert load('two_links').factors is None
+    assert not load('two_links').linearisable
     with pytest.raises(UsageError, match='mass matrix is not positive'):
         load('two_links', ('coupling=0.2',))
 
@@ -93,30 +96,34 @@ def test_own_model_without_psi_and_coriolis_gets_both():
         ),
     )
     q, v, u = (0.7, 0.1), (1.1, -0.3), (0.4,)
-    assert own.factors is not None
+    assert own.linearisable
     for function in ('inertia', 'force', 'coriolis'):
         arguments = {'inertia': (q,), 'force': (q, v, u), 'coriolis': (q, v)}[function]
         np.testing.assert_allclose(
-            getattr(own, function)(own.values, *arguments),
-            getattr(built_in, function)(built_in.values, *arguments),
-            rtol=1e-7,
+            getattr(own, function)(*arguments), getattr(built_in, function)(*arguments), rtol=1e-7
         )
-    np.testing.assert_allclose(
-        own.factors(own.values, q)[0],
-        built_in.factors(built_in.values, q)[0],
-        rtol=1e-9,
-        atol=1e-15,
-    )
+    np.testing.assert_allclose(own.factors(q)[0], built_in.factors(q)[0], rtol=1e-9, atol=1e-15)
 
 
 def test_a_curved_mechanism_has_no_factors():
-    assert load('own_models:TwoLinks').factors is None
+    assert not load('own_models:TwoLinks').linearisable
 
 
-def test_a_model_that_compiles_is_taken_as_it_is():
+def test_a_model_for_the_former_compiler_is_taken_and_one_line_says_so():
     mechanics = load('own_models:Compiled')
-    assert mechanics.compiles
-    assert mechanics.force(mechanics.values, (0.0,), (0.0,), (0.3,)) == (0.3,)
+    assert "'compiles' has no effect any more" in mechanics.note
+    assert mechanics.force((0.0,), (0.0,), (0.3,)) == (0.3,)
+    assert mechanics.factors((0.0,))[0] == 20.0
+
+
+def test_an_own_model_may_have_more_positions_than_ours():
+    plan = made('geso', model='own_models:SixJoints')
+    readings = [tuple(0.1 * math.sin(0.01 * k + j) for j in range(6)) for k in range(400)]
+    velocities, statuses, state = driven(plan, 1e-3, 400, readings)
+    np.testing.assert_allclose(velocities[-1], np.diff(readings, axis=0)[-1] / 1e-3, atol=0.25)
+    assert np.shape(plan.deviations(state, begun(plan, 1e-3, readings[0])[1])) == (2, 6)
+    q, v = moved(plan.mechanics, (0.0,) * 6, (0.5,) * 6, (0.0,) * 6, 0.1, 3)
+    np.testing.assert_allclose(q, 0.05)
 
 
 @pytest.mark.parametrize(
@@ -170,7 +177,7 @@ def test_the_example_of_the_guide_works(tmp_path, monkeypatch):
     (tmp_path / 'guide_crane.py').write_text(guide.split('```python\n')[1].split('```')[0])
     monkeypatch.syspath_prepend(tmp_path)
     crane = load('guide_crane:Crane')
-    assert crane.factors is not None and crane.actuated == (1,)
+    assert crane.linearisable and crane.actuated == (1,)
     record = observers.find('geso')
-    functions = record.build(record.gains(model='guide_crane:Crane'), Circle())
-    assert functions.mechanics.degrees == 2
+    plan = record.module.plan(record.gains(model='guide_crane:Crane'), Circle())
+    assert plan.mechanics.degrees == 2

@@ -19,7 +19,7 @@ from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.number import decoder
-from estimator_pkg.observers.angle.core import AngleGains
+from estimator_pkg.observers.angle.shared import AngleGains
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.ros.loss import Loss
 from estimator_pkg.streams.angle import AngleSettings

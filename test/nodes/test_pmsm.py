@@ -27,7 +27,7 @@ MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs
 
 
 def node(name, *, params=PARAMS, **values):
-    """pmsm_observer, not compiled, under a name and topics of its own."""
+    """pmsm_observer under a name and topics of its own."""
     remap = (
         f'__node:={name}',
         f'drive_samples:=/{name}/samples',
@@ -39,7 +39,7 @@ def node(name, *, params=PARAMS, **values):
         *dds.ros_args(
             *(
                 f'{key}:={str(value).lower() if isinstance(value, bool) else value}'
-                for key, value in {'compile': False, **values}.items()
+                for key, value in values.items()
             ),
             remap=remap,
             file=params,
@@ -148,7 +148,7 @@ def encoded(found):
 
 
 def test_live_recorded_replayed_the_same_and_truthful(probe, tmp_path):
-    """The real simulator at 20 kHz, compiled; `record` beside it; replay of the bag identical."""
+    """The real simulator at 20 kHz; `record` beside it; replay of the bag identical."""
     live_equals_replay(tmp_path, 2.0, probe)
 
 
@@ -262,8 +262,8 @@ def test_lost_repeated_and_late_batches_bad_rows_and_another_layout(probe):
     assert drive.estimates[-1].names == ('motor', 'motor_electrical')
     assert drive.estimates[-1].stamp_ns == stamps[-1]
     assert drive.estimates[-1].velocities[0] == pytest.approx(100.0 * np.pi, rel=0.02)
-    # not compiled too, replay gives the same bytes: it asks the same stream
-    again = DriveStream.of({**MOTOR, 'compile': False})
+    # replay gives the same bytes: it asks the same stream
+    again = DriveStream.of(MOTOR)
     answers = [again.feed(0, names[index][1], 0)[0] for index in order]
     assert [answer[0] for answer in answers if 0 in answer] == drive.raw_estimates
     assert [answer[3] for answer in answers] == drive.raw_samples
@@ -388,12 +388,12 @@ def test_gains_change_live_and_reset_starts_again(probe):
         assert estimated(drive.estimates[-1])
 
 
-def test_a_change_while_20_khz_stream_through_the_compiled_observer_loses_nothing(probe):
-    """What is live needs no compiling, which would take seconds."""
+def test_a_change_while_20_khz_stream_loses_nothing(probe):
     from rcl_interfaces.srv import SetParameters
     from rclpy.parameter import Parameter
 
     with node('pmsm_changed', compile=True) as observer, Drive(probe, 'pmsm_changed') as drive:
+        observer.prints("parameter 'compile' has no effect any more: remove it")
         observer.prints("estimates 'motor'")
         with dds.NodeProcess(
             SIMULATION,

@@ -5,16 +5,15 @@
 
 import dataclasses
 import math
-import sys
+from inspect import signature
 
 import numpy as np
 import pytest
-from observer_cases import UNTUNED, beside, label, make, stamps, stream, variants, wrapped
+from observer_cases import UNTUNED, beside, found, label, make, stamps, stream, variants, wrapped
 
 from estimator_pkg import observers
-from estimator_pkg.driver.compiled import available
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.errors import UsageError
+from estimator_pkg.observers import contract
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import (
     COASTING,
@@ -24,8 +23,12 @@ from estimator_pkg.observers.contract import (
     NOT_OBSERVABLE,
     STATUS_NAMES,
     TRACKING,
+    Deviation,
+    Estimate,
 )
 from estimator_pkg.parameters import build, declared
+from estimator_pkg.record import Vector
+from estimator_pkg.sensor.guard import DUPLICATE
 
 NAMES = sorted({name for name, _ in variants()})
 each_variant = pytest.mark.parametrize('variant', variants(), ids=label)
@@ -43,76 +46,120 @@ def test_a_status_is_the_number_that_recorded_bags_carry():
     assert len(STATUS_NAMES) == 6 and STATUS_NAMES[LOST] == 'lost'
 
 
-def functions(variant, period=2.0 * math.pi):
-    name, gains = variant
-    observer = observers.find(name)
-    return observer.build(build(observer.gains, gains), Circle(period))
+MODULES = {
+    observer.name: observer.module for observer in found().values() if observer.build is None
+}
+each_module = pytest.mark.parametrize('module', MODULES.values(), ids=MODULES)
+OPTIONAL = {'runs_plain', 'why'}
 
 
-def flat(value):
-    """The numbers in a nest of tuples."""
-    if isinstance(value, tuple):
-        return [number for item in value for number in flat(item)]
-    return [value]
-
-
-def kinds(value):
-    """The nest of tuples with types in place of numbers."""
-    return tuple(kinds(item) for item in value) if isinstance(value, tuple) else type(value)
-
-
-def assert_same(plain, twin):
-    """Bit for bit; to 1e-12 where Python has an erfc of its own."""
-    slack = 0.0 if sys.version_info >= (3, 11) else 1e-12
-    assert kinds(plain) == kinds(twin)
-    for a, b in zip(flat(plain), flat(twin)):
-        assert (
-            a == b
-            or (math.isnan(a) and math.isnan(b))
-            or (abs(a - b) <= slack * max(abs(a), abs(b)))
-        ), (plain, twin)
+def arguments(described):
+    """The arguments in a line of the tables of the contract."""
+    return described[1 : described.index(')')].split(', ')
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not available(), reason='Numba is not installed')
-@pytest.mark.parametrize(
-    'variant',
-    [
-        # others compile for as long, and what they compile differs little
-        pytest.param(each, marks=[pytest.mark.slow] if each[1] else [])
-        for each in variants()
-    ],
-    ids=label,
-)
-def test_plain_equals_compiled_per_step_from_the_same_state(variant):
+@each_variant
+def test_plain_equals_the_engine_per_sample(variant):
     for seed in (1, 2):
-        joint, seen = make(*variant), set()
-        for (track, here), (twin, there) in beside(joint, *stream(seed)):
-            assert_same(track, twin)
+        seen = set()
+        for (channel, here), (twin, there) in beside(*variant, *stream(seed)):
+            assert channel == twin
             for mine, other in zip(here, there):
-                assert_same(mine.item(), other.item())
+                np.testing.assert_array_equal(mine, other)
             seen.add((here.verdict.item(), here.status.item()))
         assert {status for _, status in seen} == {INITIALISING, TRACKING, COASTING}
         assert len({verdict for verdict, _ in seen}) >= 5
 
 
+@each_module
+def test_a_module_has_what_the_contract_lists(module):
+    for name in contract.RECORDS:
+        assert isinstance(getattr(module, name).fields, dict), name
+    for name, described in (*contract.FUNCTIONS.items(), *contract.METHODS.items()):
+        if hasattr(module, name) or name not in OPTIONAL:
+            assert list(signature(getattr(module, name)).parameters) == arguments(described), name
+    for name in contract.CONSTANTS:
+        assert type(getattr(module, name)) is bool, name
+
+
+class Parts:
+    """The records of an observer with these gains, and its functions on them."""
+
+    def __init__(self, variant, period=2.0 * math.pi):
+        name, gains = variant
+        observer = observers.find(name)
+        gains = build(observer.gains, gains)
+        self.module = observer.module_of(gains)
+        self.design = self.module.design(gains, Circle(period))
+        self.state = self.module.State.of(self.module)()
+        self.coefficients = self.module.Coefficients()
+        self.module.prepare(self.coefficients, self.design, 1e-3)
+
+    def start(self, angle):
+        self.module.start(self.module, self.state, self.design, angle)
+
+    def take(self, angle, name='step', *known_input):
+        function = getattr(self.module, name)
+        function(self.module, self.state, self.coefficients, self.design, angle, *known_input)
+
+    def told(self, angle):
+        """The estimate, and its deviation."""
+        now, sigma, rest = Estimate(), Deviation(), (self.state, self.coefficients, self.design)
+        self.module.estimate(self.module, now, *rest, angle, 0.0)
+        self.module.deviation(self.module, sigma, *rest, 1.0)
+        return now, sigma
+
+
+def check_kinds(record):
+    """Each field has the type that is declared."""
+    for name, kind in type(record).fields.items():
+        check_kind(kind, getattr(record, name), name)
+
+
+def check_kind(kind, value, name):
+    if isinstance(kind, Vector):
+        assert type(value) is list and len(value) == kind.count, name
+        for item in value:
+            check_kind(kind.kind, item, name)
+    elif kind in (float, int, bool):
+        assert type(value) is kind, (name, value)
+    else:
+        check_kinds(value)
+
+
 @each_variant
-def test_types_of_the_state_are_stable(variant):
-    made = functions(variant)
-    design = made.design()
-    state = made.init(made.blank, design)
-    coefficients = made.prepare(design, 1e-3)
-    for value in flat(state) + flat(coefficients) + flat(design):
-        assert type(value) in (float, int, complex)
+def test_numbers_keep_the_types_that_are_declared(variant):
+    one = Parts(variant)
+    one.start(0.0)
     for angle in (0.1, 0.2, 0.2, 3.0, -3.0, -3.0, 1e-9, 100.0):
-        after = made.step(state, coefficients, design, angle, made.no_input)
-        assert kinds(after) == kinds(state)
-        state = made.resume(after, coefficients, design, angle)
-        assert kinds(state) == kinds(after)
-        *numbers, status = made.output(state, coefficients, design, angle, made.no_input)
-        assert [type(number) for number in numbers] == [float] * 3
-        assert type(status) is int
-        assert [type(number) for number in made.stddev(state, coefficients, design)] == [float] * 2
+        one.take(angle, 'step', 0.0)
+        one.take(angle, 'resume')
+        for record in (one.state, one.coefficients, one.design, *one.told(angle)):
+            check_kinds(record)
+    one.take(0.3, 'restart')
+    check_kinds(one.state)
+
+
+def poison(record, number):
+    """Set all fields to this number."""
+    for name, kind in type(record).fields.items():
+        value = getattr(record, name)
+        if isinstance(kind, Vector):
+            value[:] = [kind.kind(number)] * kind.count
+        elif kind in (float, int, bool):
+            setattr(record, name, kind(number))
+        else:
+            poison(value, number)
+
+
+@each_variant
+def test_a_start_sets_every_field(variant):
+    one, other = Parts(variant), Parts(variant)
+    poison(other.state, 7e77)
+    for each in (one, other):
+        each.start(0.5)
+    assert repr(one.state) == repr(other.state)
 
 
 @each_variant
@@ -121,10 +168,10 @@ def test_only_finite_measurements_reach_the_state(variant):
     at = stamps(60).tolist()
     for i, stamp in enumerate(at):
         joint.update(stamp, wrapped(0.02 * i).item())
-        before = joint._track
+        before = repr(joint.channel.track)
         for bad in (math.nan, math.inf, -math.inf):
             assert not joint.update(stamp + 1000, bad)
-        assert joint._track == before
+        assert repr(joint.channel.track) == before
     assert joint.dropped() == {'non_finite': 180}
     assert joint.received == 240 and joint.used == 60
 
@@ -171,7 +218,7 @@ def test_no_sample_time_breaks_an_observer_that_names_no_limit(variant):
         at = stamps(4000 if dt < 1e-2 else 400, dt, 0.1 * dt)
         t = (at - at[0]) * 1e-9
         speed = 0.5 / dt if dt > 1e-3 else 50.0  # half a radian per sample at most
-        out = joint.run(at, wrapped(speed * t), fast=False)
+        out = joint.run(at, wrapped(speed * t))
         assert np.all(np.isfinite(out.velocity))
         if out.status[-1] == TRACKING:
             assert out.velocity[-1] == pytest.approx(speed, rel=0.02)
@@ -186,7 +233,7 @@ def test_says_tracking_only_when_the_speed_is_right(variant):
         joint = make(*variant)
         at = stamps(3000)
         t = (at - at[0]) * 1e-9
-        out = joint.run(at, wrapped(1.0 + speed * t), fast=False)
+        out = joint.run(at, wrapped(1.0 + speed * t))
         assert out.status[-1] == TRACKING
         good = np.abs(out.velocity - speed) < 0.1 * speed
         assert np.all(good[out.status == TRACKING])
@@ -235,7 +282,7 @@ def test_live_change_of_a_gain_keeps_the_state(name, key, value):
     assert before[3] == TRACKING
     try:
         gains = dataclasses.replace(joint.gains, **{key: value})
-        observer.build(gains, Circle())
+        observer.module.design(gains, Circle())
     except UsageError as error:
         pytest.skip(f'not alone: {error}')
     joint.set_gains(gains)
@@ -301,7 +348,7 @@ def test_acceleration_is_given_where_it_is_promised(variant):
     joint = make(name, gains)
     at = stamps(2000)
     t = (at - at[0]) * 1e-9
-    out = joint.run(at, wrapped(10.0 * t * t), fast=False)  # 20 rad/s^2
+    out = joint.run(at, wrapped(10.0 * t * t))  # 20 rad/s^2
     if observers.find(name).gives_acceleration(joint.gains):
         assert out.acceleration[-1] == pytest.approx(20.0, rel=0.02)
     else:
@@ -313,18 +360,18 @@ def test_group_delay_is_the_lag_in_a_ramp(variant):
     """At constant acceleration the estimate is late by the group delay, at any sample time."""
     name, gains = variant
     if gains.get('model') == 'constant_velocity':
-        assert math.isnan(make(name, gains).functions.group_delay(1e-3))  # follows from the noise
+        assert math.isnan(make(name, gains).group_delay(1e-3))  # follows from the noise
         gains = {**gains, 'noise': 1e-3}
     if name in UNTUNED:
-        assert math.isnan(make(name, gains).functions.group_delay(1e-3))  # follows from the stream
+        assert math.isnan(make(name, gains).group_delay(1e-3))  # follows from the stream
         return
     for dt in (5e-4, 2e-3):
         joint = make(name, gains)
         at = stamps(int(3.0 / dt), dt)
         t = (at - at[0]) * 1e-9
-        out = joint.run(at, wrapped(5.0 * t * t), fast=False)
+        out = joint.run(at, wrapped(5.0 * t * t))
         lag = t[-1] - out.velocity[-1] / 10.0
-        assert joint.functions.group_delay(dt) == pytest.approx(lag, abs=2e-5)
+        assert joint.group_delay(dt) == pytest.approx(lag, abs=2e-5)
 
 
 @pytest.mark.parametrize('variant', variants(), ids=label)
@@ -344,7 +391,7 @@ def test_a_motion_and_its_mirror_image_have_estimates_that_are_mirrored(variant)
     name, gains = variant
     for given in (0.0, quantum):
         here, there = (
-            make(name, {**gains, 'quantum': given}).run(at, wrapped(sign * y[keep]), fast=False)
+            make(name, {**gains, 'quantum': given}).run(at, wrapped(sign * y[keep]))
             for sign in (1.0, -1.0)
         )
         assert np.array_equal(here.status, there.status)

@@ -13,9 +13,11 @@ from estimator_pkg import observers
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.angle.hybrid import robust as hybrid_robust
-from estimator_pkg.observers.angle.hybrid.design import continuous_design
-from estimator_pkg.observers.angle.super_twisting.gains import matched_1, roots
+from estimator_pkg.observers.angle.hybrid import observer as hybrid
+from estimator_pkg.observers.angle.hybrid import robust
+from estimator_pkg.observers.angle.hybrid.state import Coefficients
+from estimator_pkg.observers.angle.super_twisting.gains import matched, roots_of
+from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import MISCONFIGURED
 from estimator_pkg.observers.maths.covariance import steady_gains_2
 from estimator_pkg.parameters import build, declared
@@ -85,7 +87,7 @@ def test_no_admitted_gains_break_an_observer_on_any_stream(name):
                 if observer.gives_acceleration(built):
                     numbers.append(acceleration)
                 assert all(map(math.isfinite, numbers)), (gains, numbers)
-        joint.functions.group_delay(joint.mean_dt)
+        joint.group_delay(joint.mean_dt)
     assert ran > DRAWS // 8
 
 
@@ -114,7 +116,7 @@ def test_kalman_beyond_nyquist_has_its_deviation_from_the_first_samples_on(model
     assert np.all(found[1:] < 1.1 * np.array(said[1:]))
     assert np.all(said[4:] > 0.9 * found[4:])
     np.testing.assert_allclose(said[5:], found[5:], rtol=0.12)  # before, a start may add to it
-    assert math.isfinite(joint.functions.group_delay(0.01))
+    assert math.isfinite(joint.group_delay(0.01))
 
 
 @pytest.mark.parametrize('tau', [1e9, 1e15, 1e25])
@@ -136,22 +138,30 @@ def test_steady_gains_of_a_joint_that_may_do_anything(tau):
 def test_a_slow_hybrid_loop_at_a_high_rate_has_the_gains_of_its_design(order, k):
     """One hour's time constant at 20 kHz: T l1, T^2 l2, T^3 l3 to eight digits."""
     epsilon, dt = 3600.0, 5e-5
-    design = continuous_design(order, 1.0, *(*k, None)[:3], epsilon)
-    values = hybrid_robust.sampled_design(design, math.pi, 0.25 * math.pi, 1.0, math.inf)
-    prepare = hybrid_robust.prepare_2 if order == 2 else hybrid_robust.prepare_3
-    alpha, *rates = prepare(values, dt)[:order]
-    assert alpha / dt == pytest.approx(k[0] / epsilon, rel=1e-7)
-    for power, rate in enumerate(rates, 2):
+    gains = dict(zip(('k1', 'k2', 'k3'), k))
+    found = sampled(hybrid_design(order=order, epsilon=epsilon, **gains), dt)
+    assert found.alpha / dt == pytest.approx(k[0] / epsilon, rel=1e-7)
+    for power, rate in enumerate((found.beta, found.gamma)[: order - 1], 2):
         assert rate == pytest.approx(dt * k[power - 1] / epsilon**power, rel=1e-6)
 
 
+def hybrid_design(**gains):
+    return hybrid.design(build(hybrid.Gains, gains), Circle())
+
+
+def sampled(design, dt):
+    coefficients = Coefficients()
+    robust.prepare(coefficients, design, dt)
+    return coefficients
+
+
 def test_general_poles_and_the_triple_one_agree():
-    design = continuous_design(3, 20.0, None, None, None, None)
-    values = hybrid_robust.sampled_design(design, math.pi, 0.25 * math.pi, 1.0, math.inf)
+    design, general = hybrid_design(bandwidth_hz=20.0), hybrid_design(bandwidth_hz=20.0)
+    general.triple = False
     for dt in (1e-5, 1e-3, 0.02, 1.0):
-        assert hybrid_robust.prepare_3(values, dt) == pytest.approx(
-            hybrid_robust.prepare_triple(values, dt), rel=1e-9
-        )
+        one, other = sampled(design, dt), sampled(general, dt)
+        for name in Coefficients.fields:
+            assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-9), name
 
 
 @pytest.mark.parametrize(
@@ -173,7 +183,7 @@ def test_super_twisting_far_from_its_bound_keeps_its_gains():
     1.1 s^2, however small s is.
     """
     for s in (1e-4, 1e-9, 1e-16):
-        k0, k1, k2, k3 = matched_1(s, roots(1))
+        k0, k1, k2, k3 = matched(1, s, roots_of(1))
         assert (k0, k1) == pytest.approx((1.5 * s, 1.1 * s * s), rel=1e-3)
 
 

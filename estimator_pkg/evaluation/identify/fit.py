@@ -22,7 +22,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.identify.model import Unknowns
 from estimator_pkg.evaluation.identify.pieces import (
@@ -35,11 +34,11 @@ from estimator_pkg.evaluation.identify.pieces import (
     thinned,
 )
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanism.motion import make_course
+from estimator_pkg.observers.mechanism.motion import Motion
 
 Array = NDArray[np.float64]
 
-FINEST = 5e-4  # longest integration step if the model compiles [s]
+FINEST = 5e-4  # longest integration step of a model of ours [s]
 ROUNDS = 60  # largest number of iterations
 CONVERGED = 0.01  # a smaller change, in standard deviations, ends the fit
 DELAY = 'input_delay'
@@ -89,7 +88,7 @@ def fit(
     UserError : the recording is too short, or its motion does not determine the parameters.
     """
     mechanics = unknowns.make(unknowns.start)
-    if not mechanics.compiles:
+    if not mechanics.ours:
         recording = thinned(recording)
     first, second = cut(recording)
     driven = mechanics.inputs > 0
@@ -122,38 +121,27 @@ def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predic
     """Return a function for the positions of a piece by parameters and start (q, then v)."""
     time, n = recording.time, recording.positions.shape[1]
     total = accumulated(time, recording.inputs)
-    made: dict[bytes, tuple[Mechanics, Callable]] = {}
+    made: dict[bytes, Mechanics] = {}
 
-    def model(numbers: Array) -> tuple[Mechanics, Callable]:
+    def model(numbers: Array) -> Mechanics:
         key = numbers.tobytes()
         if key not in made:
             if len(made) > 64:
                 made.clear()
-            mechanics = unknowns.make(numbers)
-            course = make_course(mechanics)
-            made[key] = mechanics, compiled(course) if mechanics.compiles else course
+            made[key] = unknowns.make(numbers)
         return made[key]
 
     def predict(numbers: Array, piece: Piece, start: Array) -> Array:
-        mechanics, course = model(numbers[:-1] if driven else numbers)
+        mechanics = model(numbers[:-1] if driven else numbers)
         at = time[piece.begin : piece.end]
         steps = np.diff(at)
-        inputs = np.zeros((len(steps), max(1, mechanics.inputs)))
+        inputs = np.zeros((len(steps), mechanics.inputs))
         if driven:
             for column in range(mechanics.inputs):
                 inputs[:, column] = np.diff(np.interp(at - numbers[-1], time, total[:, column]))
             inputs /= steps[:, None]
-        positions = np.zeros((len(at), n))
-        course(
-            mechanics.values,
-            tuple(start[:n].tolist()),
-            tuple(start[n:].tolist()),
-            inputs,
-            steps,
-            FINEST if mechanics.compiles else COARSE,
-            positions,
-        )
-        return positions
+        parts = (steps / (FINEST if mechanics.ours else COARSE)).astype(np.int64) + 1
+        return Motion(mechanics, start[:n], start[n:]).run(inputs, steps, parts)[0]
 
     return predict
 

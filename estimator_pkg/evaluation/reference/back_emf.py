@@ -30,7 +30,7 @@ from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.models.motor import POWER_INVARIANT, MotorData, check_motor
 from estimator_pkg.observers.pmsm.equations import phase_signs
-from estimator_pkg.observers.pmsm.gains import EMF_SPEED
+from estimator_pkg.observers.pmsm.observer import EMF_SPEED
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.drive import ABC, DRIVE_SAMPLES, ELECTRICAL, DriveSettings
 
@@ -147,7 +147,7 @@ def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
     mean = 0.5 * (current[1:] + current[:-1])
     dead = float(values.get('dead_time_voltage', 0.0))
     if dead > 0.0:
-        signs = np.array([phase_signs(complex(each)) for each in 2.0 * mean])
+        signs = np.array([complex(*phase_signs(each.real, each.imag)) for each in 2.0 * mean])
         voltage = np.concatenate([voltage[:1], voltage[1:] - dead * signs])
     emf = voltage[1:] - resistance * mean - inductance * np.diff(current) / steps
     known = np.abs(steps - step) <= 0.5 * step  # over a gap the voltage is not known

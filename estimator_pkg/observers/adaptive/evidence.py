@@ -5,7 +5,7 @@
 
 The observer sums, over the samples that it learnt from,
 
-    psi psi^T,  psi target,  (samples, slow_e^2, slow_bend^2)
+    psi psi^T,  psi target,  samples,  slow_e^2,  slow_bend^2
 
 where psi multiplies the free parameters and the target is the value that psi theta must equal.
 slow_e is the innovation, which predicts each sample before it is used. slow_bend is the
@@ -30,6 +30,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from estimator_pkg.observers.adaptive.state import Sums
+from estimator_pkg.observers.maths.vectors import whole
 
 Array = NDArray[np.float64]
 
@@ -70,7 +73,7 @@ class Evidence:
         self._last: Block | None = None
         self._answer: _Answer | None = None
 
-    def look(self, adapted: float, sums: tuple) -> None:
+    def look(self, adapted: float, sums: Sums) -> None:
         """Take the observer's sums after a learning time of `adapted` [s]."""
         if adapted < self._until:  # the observer started again
             self.length, self.blocks, self._until, self._last = self.shortest, [], 0.0, None
@@ -78,7 +81,11 @@ class Evidence:
         if adapted - self._until < self.length:
             return
         self._answer = None
-        newest = Block(np.array(sums[0]), np.array(sums[1]), np.array(sums[2]))
+        newest = Block(
+            whole(sums.matrix),
+            np.array(sums.vector),
+            np.array((sums.count, sums.of_e, sums.of_bend)),
+        )
         block = newest if self._last is None else _minus(newest, self._last)
         self._until, self._last = adapted, newest
         self.blocks.append(block)

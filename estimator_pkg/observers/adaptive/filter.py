@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Filters with a companion matrix A, unrolled for one order.
+"""Filters with a companion matrix A.
 
 A is a_i in its first column and 1 above its diagonal (observable canonical form, C = [1 0 .. 0]).
 A matrix M that commutes with A, such as exp(A h) or the filtered regressor (11), follows from its
@@ -11,99 +11,99 @@ filters n x n, and a product with A costs n multiplications.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
-from typing import NamedTuple
+from collections.abc import Sequence
 
-from estimator_pkg.observers.maths.unroll import written_out
+from estimator_pkg.observers.maths.vectors import dot
 
 ENOUGH = 1e-18  # the series ends when its terms are smaller than this, relative to the first
 
 
-class Companion(NamedTuple):
-    """Functions for one order n. Vectors and rows are tuples of n floats."""
-
-    rows: Callable[..., tuple]  # (first row, a) -> the whole commuting matrix, as rows
-    left: Callable[..., tuple]  # (row, matrix) -> row matrix
-    after: Callable[..., tuple]  # (row, a) -> row A
-    times: Callable[..., tuple]  # (a, vector) -> A vector
-    series: Callable[..., tuple]  # (a, size, h) -> first rows of F, G0, G1; see `companion`
-    euler: Callable[..., tuple]  # (a, size, h) -> the same for the forward Euler step
+def after(row: Sequence[float], a: Sequence[float]) -> list[float]:
+    """Return row A."""
+    return [dot(row, a), *row[:-1]]
 
 
-@lru_cache
-def companion(order: int) -> Companion:
-    """Return the functions for this order (at least 1).
+def rows(row: list[float], a: Sequence[float]) -> list[list[float]]:
+    """Return the whole matrix that commutes with A and has this first row."""
+    if len(row) == 2:
+        x, y = row
+        return [row, [x * a[0] + y * a[1] - a[0] * x, x - a[0] * y]]
+    found = [row]
+    for a_i in a[:-1]:
+        found.append([moved - a_i * own for moved, own in zip(after(found[-1], a), row)])
+    return found
 
-    `series` returns the first rows of F = exp(A h), G0 = int_0^h exp(A s) ds and
-    G1 = (1/h) int_0^h exp(A (h - s)) s ds, the responses to a constant input and to a ramp. `size`
-    is an upper bound of the magnitudes of A's eigenvalues [1/s].
+
+def left(row: list[float], matrix: list[list[float]]) -> list[float]:
+    """Return row matrix."""
+    return [dot(row, column) for column in zip(*matrix)]
+
+
+def series(
+    a: Sequence[float], size: float, h: float
+) -> tuple[list[float], list[float], list[float]]:
+    """Return the first rows of F = exp(A h), and of the responses to a constant and to a ramp.
+
+    These are G0 = int_0^h exp(A s) ds and G1 = (1/h) int_0^h exp(A (h - s)) s ds. `size` is an
+    upper bound of the magnitudes of A's eigenvalues [1/s].
     """
-    index = range(order)
+    doublings = 0
+    while size * h > 0.5:
+        h = 0.5 * h
+        doublings += 1
+    power = [1.0, *(0.0,) * (len(a) - 1)]  # first row of (A h)^j / j!
+    f = power
+    g, q = [h * x for x in power], [0.5 * h * x for x in power]
+    j, term = 1.0, 1.0
+    while term > ENOUGH:
+        t = h / j
+        term *= size * t
+        power = [t * x for x in after(power, a)]
+        j += 1.0
+        w = h / j
+        s = w / (j + 1.0)
+        f = [x + y for x, y in zip(f, power)]
+        g = [x + w * y for x, y in zip(g, power)]
+        q = [x + s * y for x, y in zip(q, power)]
+    for _ in range(doublings):
+        m = rows(f, a)
+        x, y = left(g, m), left(q, m)
+        q = [0.5 * (q_i + g_i + y_i) for q_i, g_i, y_i in zip(q, g, y)]
+        g = [g_i + x_i for g_i, x_i in zip(g, x)]
+        f = left(f, m)
+    return f, g, q
 
-    def vector(entries: list[str]) -> str:
-        return '(' + ''.join(f'{entry}, ' for entry in entries) + ')'
 
-    def each(letter: str) -> str:
-        return ', '.join(f'{letter}{i}' for i in index)
+def euler(a: Sequence[float], h: float) -> tuple[list[float], list[float], list[float]]:
+    """Return the same for the forward Euler step."""
+    none = [0.0] * (len(a) - 1)
+    f = [1.0 + h * a[0], *none]
+    if none:
+        f[1] = h
+    return f, [h, *none], [0.0, *none]
 
-    def dot(x: str, y: str) -> str:
-        return ' + '.join(f'{x}[{k}] * {y}[{k}]' for k in index)
 
-    after = [dot('x', 'a'), *(f'x[{i - 1}]' for i in index[1:])]
-    times = [f'a[{i}] * x[0]' + (f' + x[{i + 1}]' if i + 1 < order else '') for i in index]
-    left = [' + '.join(f'x[{k}] * m[{k}][{i}]' for k in index) for i in index]
-    first = ['1.0', *('0.0' for _ in index[1:])]
+def feed(
+    row: list[float],
+    columns: Sequence[Sequence[float]],
+    g0: list[float],
+    g1: list[float],
+    held: float,
+    rise: float,
+) -> None:
+    """Filter a signal that rises from `held` by `rise`: row F + held G0 + rise G1, in place.
 
-    lines = [
-        f'def after(x, a): return {vector(after)}',
-        f'def times(a, x): return {vector(times)}',
-        f'def left(x, m): return {vector(left)}',
-        'def rows(x, a):',
-        '    r0 = x',
-    ]
-    for i in index[1:]:
-        lines += [
-            f'    x = after(r{i - 1}, a)',
-            f'    r{i} = ' + vector([f'x[{k}] - a[{i - 1}] * r0[{k}]' for k in index]),
-        ]
-    lines += [f'    return {vector([f"r{i}" for i in index])}']
-
-    next_v = ' + '.join(f'v{i} * a[{i}]' for i in index)
-    lines += [
-        'def series(a, size, h):',
-        '    doublings = 0',
-        '    while size * h > 0.5:',
-        '        h = 0.5 * h',
-        '        doublings += 1',
-        f'    {each("v")} = {", ".join(first)}',
-        f'    {each("f")} = {", ".join(first)}',
-        '    j, term = 1.0, 1.0',
-        f'    {each("g")} = {", ".join(f"h * {x}" for x in first)}',
-        f'    {each("q")} = {", ".join(f"0.5 * h * {x}" for x in first)}',
-        f'    while term > {ENOUGH}:',
-        '        t = h / j',
-        '        term *= size * t',
-        f'        {each("v")} = '
-        + ', '.join([f't * ({next_v})', *(f't * v{i - 1}' for i in index[1:])]),
-        '        j += 1.0',
-        '        w = h / j',
-        '        s = w / (j + 1.0)',
-        *(f'        f{i} += v{i}; g{i} += w * v{i}; q{i} += s * v{i}' for i in index),
-        f'    f, g, q = ({each("f")},), ({each("g")},), ({each("q")},)',
-        '    for _ in range(doublings):',
-        '        m = rows(f, a)',
-        '        x, y = left(g, m), left(q, m)',
-        '        q = ' + vector([f'0.5 * (q[{i}] + g[{i}] + y[{i}])' for i in index]),
-        '        g = ' + vector([f'g[{i}] + x[{i}]' for i in index]),
-        '        f = left(f, m)',
-        '    return f, g, q',
-        'def euler(a, size, h):',
-        '    f = ' + vector(['1.0 + h * a[0]', *('h' if i == 1 else '0.0' for i in index[1:])]),
-        '    return f, '
-        + vector(['h', *('0.0' for _ in index[1:])])
-        + ', '
-        + vector(['0.0'] * order),
-    ]
-    names = written_out(lines, f'companion of order {order}')
-    return Companion(*(names[name] for name in Companion._fields))
+    columns : of F.
+    """
+    if len(row) == 2:  # the usual order, in half the time
+        x, y = row
+        (f00, f10), (f01, f11) = columns
+        row[0] = x * f00 + y * f10 + held * g0[0] + rise * g1[0]
+        row[1] = x * f01 + y * f11 + held * g0[1] + rise * g1[1]
+        return
+    before = row[:]
+    for i, column in enumerate(columns):
+        total = 0.0
+        for a, b in zip(before, column):
+            total += a * b
+        row[i] = total + held * g0[i] + rise * g1[i]

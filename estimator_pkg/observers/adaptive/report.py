@@ -6,18 +6,16 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.observers.adaptive.evidence import Evidence, Verdict, judge
-from estimator_pkg.observers.adaptive.gains import PAPER, Gains, Structure, physical, structure
-from estimator_pkg.observers.adaptive.law import ADAPTING, PAUSED, PHASES, REASONS
-from estimator_pkg.observers.adaptive.observer import DOUBT, build
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import Functions
+from estimator_pkg.observers.adaptive.law import ADAPTING, PAUSED, PHASES, REASONS, variance
+from estimator_pkg.observers.adaptive.observer import DOUBT, PAPER, Gains, prepare
+from estimator_pkg.observers.adaptive.state import Coefficients, Design, State
+from estimator_pkg.observers.adaptive.structure import Structure, physical, structure
 
 Array = NDArray[np.float64]
 
@@ -97,7 +95,8 @@ class _Free(NamedTuple):
 
 def report(
     gains: Gains,
-    state: tuple,
+    design: Design,
+    state: State,
     dt: float,
     evidence: Evidence | None = None,
     origin: Origin | None = None,
@@ -113,29 +112,20 @@ def report(
     """
     made = structure(gains)
     theta = list(made.fixed)
-    (
-        inner,
-        z,
-        free_theta,
-        information,
-        p,
-        convention,
-        scatter,
-        (y, age, power, speed_power, adapted, paused, usual, slow_e, slow_bend, slow_power),
-        (phase, observer_trusts, tick),
-        gathered,
-    ) = state
-    for place, value, low, high in zip(made.free, free_theta, made.low, made.high):
+    for place, value, low, high in zip(made.free, state.theta, made.low, made.high):
         theta[place] = min(max(value, low), high)
+    adapted = state.adapted
     supplied = adapted == 0.0 and gains.theta is not None
     verdict = (
-        None if supplied or evidence is None else _verdict(gains, made, theta, state, dt, evidence)
+        None
+        if supplied or evidence is None
+        else _verdict(gains, made, theta, design, state, dt, evidence)
     )
     covariance = _whole(made, verdict, supplied, origin)
     sigma = np.sqrt(np.diag(covariance))
     ratios = physical(made.names, made.model)
     free = _free(made, theta, sigma, ratios, verdict)
-    why_not = _doubt(gains, observer_trusts, adapted, supplied, verdict, free)
+    why_not = _doubt(gains, state.trusted, adapted, supplied, verdict, free)
     if supplied and origin is not None and not origin.trusted:
         why_not = 'they were not trusted when they were saved'
     # one bad parameter does not make the others bad, but a model that does not fit does
@@ -157,7 +147,8 @@ def report(
         )
     if ratios and gains.torque_constant is not None:
         parameters += _masses(gains.torque_constant, theta, covariance, made, known)
-    reason = PAUSED if phase == ADAPTING and paused > 0.0 else REASONS[phase]
+    phase = state.phase
+    reason = PAUSED if phase == ADAPTING and state.paused > 0.0 else REASONS[phase]
     return Report(
         PHASES[phase],
         f'{reason}; not trusted: {why_not}' if why_not else reason,
@@ -166,20 +157,18 @@ def report(
         tuple(theta),
         not why_not,
         adapted,
-        excitation(gains, state, dt),
+        excitation(gains, design, state, dt),
         why_not,
         verdict.explained if verdict is not None else math.nan,
     )
 
 
-def excitation(gains: Gains, state: tuple, dt: float) -> float:
+def excitation(gains: Gains, design: Design, state: State, dt: float) -> float:
     """Return the value that the gate compares with its threshold; see `Report`."""
-    design = _made(gains)[1]
-    inner, z, theta, information, p, convention, scatter, signals, flags, gathered = state
-    matrix, floor = np.array(information), np.array(design.floor)
+    matrix, floor = np.array(state.information), np.array(design.floor)
     scale, threshold = 1.0, gains.excitation
     if gains.gate != 'gamma':
-        scale, threshold = dt * _noise(state, design), gains.signal_to_noise
+        scale, threshold = dt * variance(state.scatter, design), gains.signal_to_noise
     try:
         most = float(np.max(np.linalg.eigvals(np.linalg.solve(matrix, scale * floor)).real))
     except np.linalg.LinAlgError:
@@ -187,31 +176,23 @@ def excitation(gains: Gains, state: tuple, dt: float) -> float:
     return threshold / most if most > 0.0 else 0.0
 
 
-@lru_cache(maxsize=32)
-def _made(gains: Gains) -> tuple[Functions, Any]:
-    """Return the observer's functions and design; cached for ten reports per second."""
-    functions = build(gains, Circle(0.0))
-    return functions, functions.design()
-
-
-def _noise(state: tuple, design: Any) -> float:
-    """Return the variance of the measurement noise [rad^2]."""
-    inner, z, theta, information, p, convention, scatter, signals, flags, gathered = state
-    seen, *_ = scatter
-    return float(design.noise or max(seen, design.finest))
-
-
 def _verdict(
-    gains: Gains, made: Structure, theta: list[float], state: tuple, dt: float, evidence: Evidence
+    gains: Gains,
+    made: Structure,
+    theta: list[float],
+    design: Design,
+    state: State,
+    dt: float,
+    evidence: Evidence,
 ) -> Verdict | None:
     """Return the assessment of theta, including errors by noise in the filters and by sampling."""
-    functions, design = _made(gains)
-    n = gains.order
-    weights, noise = np.array(design.w), _noise(state, design)
+    n, coefficients = gains.order, Coefficients()
+    prepare(coefficients, design, dt)
+    weights, noise = np.array(design.w), variance(state.scatter, design)
     injected = np.array(design.k) + theta[:n]
     bias = np.zeros(len(made.names))
-    f, g0, g1, *_ = functions.prepare(design, dt)  # g1: weight of the newest sample in psi
-    bias[:n] = noise * (np.array(g1) - dt * weights @ injected)
+    newest = np.array(coefficients.g1)  # weight of the newest sample in psi
+    bias[:n] = noise * (newest - dt * weights @ injected)
     low_pass = -math.expm1(-dt * made.slowest)
     slow = noise * (1.0 + dt * float(injected @ weights @ injected)) * low_pass / (2.0 - low_pass)
     free = list(made.free)
@@ -295,7 +276,7 @@ def _fits(verdict: Verdict) -> bool:
 
 def _doubt(
     gains: Gains,
-    observer_trusts: int,
+    observer_trusts: bool,
     adapted: float,
     supplied: bool,
     verdict: Verdict | None,

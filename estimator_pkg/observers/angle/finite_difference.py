@@ -7,14 +7,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from estimator_pkg.observers.angle.core import AngleCore, AngleGains, around
+from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
+    SINGLE_ANGLE,
+    TURNS,
+    AngleGains,
+    SharedDesign,
+    State,
+    deviation,
+    estimate,
+    is_reading,
+    lateness,
+    pace,
+    restart,
+    resume,
+    set_shared,
+    start,
+    step,
+)
 from estimator_pkg.observers.circle import Circle, wrap
-from estimator_pkg.observers.contract import Functions, Observer
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
+from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.parameters import parameter
+from estimator_pkg.record import record
 
-LAG = 0.4  # see `AngleCore.lag`: (1 + w dt/2)/w of a ramp
+LAG = 0.4  # see `starts.start_deviation`: (1 + w dt/2)/w of a ramp
 SETTLING = 3.0  # time constants until a start counts as settled
 
 
@@ -32,99 +52,100 @@ class Gains(AngleGains):
     )
 
 
-class Design(NamedTuple):
+@record
+class Design:
     """What the gains imply whatever the sample time is."""
 
+    shared: SharedDesign
     pole: float  # of the low-pass [rad/s]
-    period: float  # wrap period [rad]; 0: none
 
 
-def prepare(design: Design, dt: float) -> tuple:
-    """Return (1/dt, weight of the newest difference, dt, wrap period); the pole matched to dt."""
-    return (1.0 / dt, -math.expm1(-design.pole * dt), dt, design.period)
+@record
+class Coefficients:
+    """What follows from the sample time; the pole is matched to it."""
+
+    dt: float  # [s]
+    rate: float  # 1/dt [1/s]
+    weight: float  # of the newest difference
 
 
-def init(measurement: float, design: Design) -> tuple:
-    """Return (last measurement [rad], velocity [rad/s], 1 after the second sample)."""
-    return (measurement, 0.0, 0.0)
+@record
+class Core:
+    """The low-pass, and the last measurement."""
+
+    position: float  # the last measurement [rad]
+    velocity: float  # [rad/s]
+    acceleration: float  # nan
+    started: bool  # after the second sample
 
 
-def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-    """Return the state one sample further, and the innovation [rad].
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set what follows from dt [s]."""
+    coefficients.dt, coefficients.rate = dt, 1.0 / dt
+    coefficients.weight = -math.expm1(-design.pole * dt)
+
+
+def begin(core: Core, design: Design, measurement: float) -> None:
+    """Begin at a measurement [rad], without a speed."""
+    core.position, core.velocity, core.acceleration = measurement, 0.0, math.nan
+    core.started = False
+
+
+def resume_core(core: Core, design: Design, measurement: float) -> None:
+    """Go on after a gap: at the measurement [rad], with the speed as it was."""
+    core.position = measurement
+
+
+def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
+    """Take a measurement [rad]; return the innovation [rad].
 
     The prediction is the last measurement moved on by the speed.
     """
-    last, velocity, started = state
-    rate, weight, dt, period = coefficients
-    change = wrap(measurement - last, period)
-    if started == 0.0:
-        return (measurement, change * rate, 1.0), 0.0  # the speed was not known: no innovation
-    return (
-        (measurement, velocity + weight * (change * rate - velocity), 1.0),
-        change - velocity * dt,
-    )
+    change = wrap(measurement - core.position, design.shared.period)
+    core.position = measurement
+    if not core.started:
+        core.velocity, core.started = change * coefficients.rate, True
+        return 0.0  # the speed was not known: no innovation
+    innovation = change - core.velocity * coefficients.dt
+    core.velocity += coefficients.weight * (change * coefficients.rate - core.velocity)
+    return innovation
 
 
-def estimate(state: tuple) -> tuple[float, float, float]:
-    """Return position [rad] (the measurement itself), velocity [rad/s], no acceleration."""
-    last, velocity, _ = state
-    return last, velocity, math.nan
-
-
-def resume(state: tuple, measurement: float) -> tuple:
-    """Return the state after a gap: at the measurement [rad], with the speed as it was."""
-    _, velocity, started = state
-    return (measurement, velocity, started)
-
-
-def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+def noise_gains(
+    core: Core, coefficients: Coefficients, design: Design
+) -> tuple[float, float, float]:
     """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise.
 
     v is a first-order low-pass (pole z = 1 - w) of (y_k - y_{k-1})/dt: the autocovariance 2, -1 of
     the difference gives 2 w^2/dt^2 (1 - z)/(1 - z^2) = 2 w^2/((1 + z) dt^2).
     """
-    rate, weight, dt, period = coefficients
+    dt, rate, weight = coefficients.dt, coefficients.rate, coefficients.weight
     pole = 1.0 - weight
     of_velocity = 2.0 * weight * weight * rate * rate / (1.0 + pole)
     # innovation = change - dt v_before; cov(change, v_before) = -weight/dt
     return 1.0, of_velocity, 2.0 + dt * dt * of_velocity + 2.0 * weight
 
 
-def build(gains: Gains, circle: Circle) -> Functions:
-    """Return the functions of the finite difference at these gains."""
-    pole = 2.0 * math.pi * gains.bandwidth_hz
+def design(gains: Gains, circle: Circle) -> Design:
+    """Return what follows from the gains whatever the sample time is."""
+    made = Design()
+    made.pole = 2.0 * math.pi * gains.bandwidth_hz
+    set_shared(made.shared, gains, circle, SETTLING / made.pole, LAG)
+    return made
 
-    def design() -> Design:
-        return Design(pole, float(circle.period))
 
-    def group_delay(dt: float) -> float:
-        # of the low-pass, z/(1 - z) samples, and half a sample of the difference
-        return dt * (0.5 - math.exp(-pole * dt) / math.expm1(-pole * dt))
+def group_delay(design: Design, dt: float) -> float:
+    """Return the delay of the velocity at low frequency [s].
 
-    return around(
-        AngleCore(
-            design=design,
-            settle=SETTLING / pole,
-            prepare=prepare,
-            init=init,
-            correct=correct,
-            estimate=estimate,
-            resume=resume,
-            noise_gains=noise_gains,
-            limits=lambda dt: None,
-            group_delay=group_delay,
-            turns=True,
-            lag=LAG,
-        ),
-        gains,
-        circle,
-    )
+    That of the low-pass, z/(1 - z) samples, and half a sample of the difference.
+    """
+    pole = design.pole
+    return dt * (0.5 - math.exp(-pole * dt) / math.expm1(-pole * dt))
 
 
 OBSERVER = Observer(
     name='finite_difference',
     summary='wrapped finite difference with a one-pole low-pass',
     gains=Gains,
-    build=build,
     reference='textbook; the baseline that users have today',
 )

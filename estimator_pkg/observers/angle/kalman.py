@@ -20,39 +20,55 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
-from estimator_pkg.observers.angle.core import (
+from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
     LAG_2,
     LAG_3,
-    AngleCore,
+    SINGLE_ANGLE,
+    TURNS,
     AngleGains,
-    around,
-    variance_floor,
+    SharedDesign,
+    State,
+    deviation,
+    estimate,
+    is_reading,
+    lateness,
+    pace,
+    restart,
+    resume,
+    set_shared,
+    start,
+    step,
+    variance_of,
 )
 from estimator_pkg.observers.circle import Circle, wrap
-from estimator_pkg.observers.contract import Functions, Observer
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
+from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.observers.maths.covariance import (
-    of_noise_2,
-    of_noise_3,
-    start_2,
-    start_3,
+    Covariance,
+    set_first,
+    set_line_2,
+    set_line_3,
+    set_noise_2,
+    set_noise_3,
     steady_gains_2,
-    step_2,
-    step_3,
+    update_2,
+    update_3,
 )
-from estimator_pkg.observers.maths.scatter import FIRST as FIRST_VARIANCE
-from estimator_pkg.observers.maths.scatter import begin_scatter, follow_scatter, resume_scatter
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
 from estimator_pkg.parameters import parameter, structural
+from estimator_pkg.record import record
+from estimator_pkg.sensor.scatter import FIRST as FIRST_VARIANCE
+from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter, resume_scatter
 
 VELOCITY, ACCELERATION = 'constant_velocity', 'constant_acceleration'
 # -3 dB frequency of the velocity over w0; of the third order: the root of u^3 - 8 u - 1, u = w^2
 BANDWIDTH_RATIO = {VELOCITY: 1.0, ACCELERATION: 1.6996647}
 SETTLING = 4.0  # times 1/w0: the start's gains have come down to the steady ones
 USUAL_DT = 1e-3  # [s] where a number is needed before the first sample (the sixth root of it)
-FIRST_2 = (1.0, 0.0, 0.0)  # P/R after one sample: the rest is set by the second
-FIRST_3 = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -91,107 +107,99 @@ class Gains(AngleGains):
     )
 
 
-class Design(NamedTuple):
+@record
+class Design:
     """What the gains imply whatever the sample time is."""
 
+    shared: SharedDesign
+    order: int  # 2: constant velocity, 3: constant acceleration
     density: float  # q of the white jerk or acceleration, per R where that is known
-    period: float  # wrap period [rad]; 0: none
-    per_dt: float  # 1.0 where the density is per R dt
-    estimated: float  # 1.0 where R is estimated
+    per_dt: bool  # the density is per R dt
+    estimated: bool  # R is estimated
 
 
-def make_prepare(of_noise: Any) -> Any:
-    """Return `prepare`: (dt, wrap period, Q over dt per R, 1 where R is estimated)."""
+@record
+class Coefficients:
+    """What follows from the sample time."""
 
-    def prepare(design: Design, dt: float) -> tuple:
-        density = design.density
-        if design.per_dt > 0.0:
-            density *= dt
-        return (dt, design.period, of_noise(density, dt), design.estimated)
-
-    return prepare
+    dt: float  # [s]
+    q: Covariance  # Q over dt, per R
 
 
-def init_2(measurement: float, design: Design) -> tuple:
-    """Return (position [rad], velocity [rad/s], P/R, 1 after the second sample, scatter)."""
-    return (measurement, 0.0, FIRST_2, 0.0, begin_scatter(measurement))
+@record
+class Core:
+    """The filter."""
+
+    position: float  # [rad]
+    velocity: float  # [rad/s]
+    acceleration: float  # [rad/s^2]; nan: constant velocity
+    p: Covariance  # P/R
+    started: bool  # after the second sample
+    scatter: Scatter  # of the measurement, where R is estimated
 
 
-def init_3(measurement: float, design: Design) -> tuple:
-    """Return the same with the acceleration [rad/s^2] after the velocity."""
-    return (measurement, 0.0, 0.0, FIRST_3, 0.0, begin_scatter(measurement))
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set what follows from dt [s]."""
+    coefficients.dt = dt
+    density = design.density
+    if design.per_dt:
+        density *= dt
+    if design.order == 2:
+        set_noise_2(coefficients.q, density, dt)
+    else:
+        set_noise_3(coefficients.q, density, dt)
 
 
-def correct_2(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
-    """Return the state one sample further, and the innovation [rad]: constant velocity."""
-    x, v, p, started, scatter = state
-    dt, period, q, estimated = coefficients
-    scale = 1.0
-    if estimated > 0.0:
-        scatter = follow_scatter(scatter, measurement, dt, period)
-        variance, _, _, _, _, _, _ = scatter
-        scale = 1.0 / variance
-    innovation = measurement - x - v * dt
+def begin(core: Core, design: Design, measurement: float) -> None:
+    """Begin at a measurement [rad], without a speed."""
+    core.velocity = 0.0
+    begin_scatter(core.scatter, measurement)
+    forget(core, design, measurement)
+
+
+def resume_core(core: Core, design: Design, measurement: float) -> None:
+    """Go on after a gap: a start, whose kept speed finds the next sample's turn."""
+    resume_scatter(core.scatter, measurement)
+    forget(core, design, measurement)
+
+
+def forget(core: Core, design: Design, measurement: float) -> None:
+    """Forget all but the speed."""
+    core.position = measurement
+    core.acceleration = 0.0 if design.order == 3 else math.nan
+    core.started = False
+    set_first(core.p)
+
+
+def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
+    """Take a measurement [rad]; return the innovation [rad]."""
+    dt, period, scale = coefficients.dt, design.shared.period, 1.0
+    if design.estimated:
+        follow_scatter(core.scatter, measurement, dt, period)
+        scale = 1.0 / core.scatter.variance
+    gained = core.acceleration * dt if design.order == 3 else 0.0
+    innovation = measurement - core.position - (core.velocity + 0.5 * gained) * dt
     if innovation + innovation >= period or innovation + innovation < -period:
         innovation = wrap(innovation, period)
-    if started == 0.0:
-        return (measurement, v + innovation / dt, start_2(dt), 1.0, scatter), 0.0
-    p, K1, of_s = step_2(p, dt, scale, q)
+    if not core.started:
+        core.position = measurement
+        core.velocity += innovation / dt
+        core.started = True
+        if design.order == 2:
+            set_line_2(core.p, dt)
+        else:
+            core.acceleration = 0.0
+            set_line_3(core.p, dt)
+        return 0.0
+    if design.order == 2:
+        K1, of_s = update_2(core.p, coefficients.q, dt, scale)
+    else:
+        K1, K2, of_s = update_3(core.p, coefficients.q, dt, scale)
+        core.acceleration += K2 * innovation
     # prediction + K0 e is measurement - e/S, which stays on the measurement's turn
-    return (measurement - of_s * innovation, v + K1 * innovation, p, 1.0, scatter), innovation
-
-
-def correct_3(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
-    """Return the state one sample further, and the innovation [rad]: constant acceleration."""
-    x, v, a, p, started, scatter = state
-    dt, period, q, estimated = coefficients
-    scale = 1.0
-    if estimated > 0.0:
-        scatter = follow_scatter(scatter, measurement, dt, period)
-        variance, _, _, _, _, _, _ = scatter
-        scale = 1.0 / variance
-    gained = a * dt
-    innovation = measurement - x - (v + 0.5 * gained) * dt
-    if innovation + innovation >= period or innovation + innovation < -period:
-        innovation = wrap(innovation, period)
-    if started == 0.0:
-        return (measurement, v + innovation / dt, 0.0, start_3(dt), 1.0, scatter), 0.0
-    p, K1, K2, of_s = step_3(p, dt, scale, q)
-    return (
-        (
-            measurement - of_s * innovation,
-            v + gained + K1 * innovation,
-            a + K2 * innovation,
-            p,
-            1.0,
-            scatter,
-        ),
-        innovation,
-    )
-
-
-def estimate_2(state: tuple) -> tuple[float, float, float]:
-    """Return position [rad], velocity [rad/s], no acceleration."""
-    x, v, _, _, _ = state
-    return x, v, math.nan
-
-
-def estimate_3(state: tuple) -> tuple[float, float, float]:
-    """Return position [rad], velocity [rad/s], acceleration [rad/s^2]."""
-    x, v, a, _, _, _ = state
-    return x, v, a
-
-
-def resume_2(state: tuple, measurement: float) -> tuple:
-    """Return the state after a gap: a start, whose kept speed finds the next sample's turn."""
-    _, v, _, _, scatter = state
-    return (measurement, v, FIRST_2, 0.0, resume_scatter(scatter, measurement))
-
-
-def resume_3(state: tuple, measurement: float) -> tuple:
-    """Return the same as `resume_2`; the acceleration is forgotten."""
-    _, v, _, _, _, scatter = state
-    return (measurement, v, 0.0, FIRST_3, 0.0, resume_scatter(scatter, measurement))
+    core.position = measurement - of_s * innovation
+    core.velocity = core.velocity + gained + K1 * innovation
+    return innovation
 
 
 def noise_of_third(alpha: float, beta: float, dt: float) -> tuple[float, float, float]:
@@ -203,98 +211,63 @@ def noise_of_third(alpha: float, beta: float, dt: float) -> tuple[float, float, 
     return alpha, (2.0 - 6.0 * beta * (1.0 - beta)) / (dt * dt), 6.0
 
 
-def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+def noise_gains(
+    core: Core, coefficients: Coefficients, design: Design
+) -> tuple[float, float, float]:
     """Return the variances that white noise alone causes at the present gains, per R.
 
-    P itself also holds the motion that the model allows for: at constant speed it is several times
-    what is really there.
+    Those of position, velocity and innovation. P itself also holds the motion that the model allows
+    for: at constant speed it is several times what is really there.
     """
-    _, _, (K0, K1, _), started, _ = state
-    dt, _, _, _ = coefficients
-    if started == 0.0:
+    dt, p = coefficients.dt, core.p
+    if not core.started:
         return 1.0, 2.0 / (dt * dt), 2.0  # as the second sample will leave it
-    alpha, beta = K0, K1 * dt
-    if 2.0 * alpha + beta < 4.0:
-        return noise_of_two(alpha, beta, dt)
-    return noise_of_third(alpha, beta, dt)
-
-
-def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Return the same as `noise_gains_2`."""
-    _, _, _, (K0, K1, K2, _, _, _), started, _ = state
-    dt, _, _, _ = coefficients
-    if started == 0.0:
-        return 1.0, 2.0 / (dt * dt), 2.0
-    alpha, beta, gamma = K0, K1 * dt, K2 * dt * dt
+    alpha, beta = p.p00, p.p01 * dt
+    if design.order == 2:
+        if 2.0 * alpha + beta < 4.0:
+            return noise_of_two(alpha, beta, dt)
+        return noise_of_third(alpha, beta, dt)
+    gamma = p.p02 * dt * dt
     if 2.0 * alpha + beta < 4.0 and alpha * (2.0 * beta + gamma) > 2.0 * gamma:
         return noise_of_three(alpha, beta, gamma, dt)
     return noise_of_third(alpha, beta, dt)
 
 
-def build(gains: Gains, circle: Circle) -> Functions:
-    """Return the functions of the filter at these gains."""
-    order = 2 if gains.model == VELOCITY else 3
-    density = gains.acceleration_psd if order == 2 else gains.jerk_psd
-    variance = variance_floor(gains.quantum)
-    if gains.noise is not None:
-        variance += gains.noise * gains.noise
-    per_dt, estimated = 0.0, 0.0
+def design(gains: Gains, circle: Circle) -> Design:
+    """Return what follows from the gains whatever the sample time is."""
+    made = Design()
+    made.order = 2 if gains.model == VELOCITY else 3
+    made.density = gains.acceleration_psd if made.order == 2 else gains.jerk_psd
+    variance = variance_of(gains)
     if gains.bandwidth_hz is not None:
         radius = 2.0 * math.pi * gains.bandwidth_hz / BANDWIDTH_RATIO[gains.model]
-        density = radius ** (2 * order)
-        per_dt = 1.0
+        made.density = radius ** (2 * made.order)
+        made.per_dt = True
     else:
-        if variance == 0.0:
-            estimated = 1.0
-            usual = density / FIRST_VARIANCE
-        else:
-            density /= variance
-            usual = density
-        radius = (usual / USUAL_DT) ** (0.5 / order)
+        made.estimated = variance == 0.0
+        if not made.estimated:
+            made.density /= variance
+        usual = made.density / FIRST_VARIANCE if made.estimated else made.density
+        radius = (usual / USUAL_DT) ** (0.5 / made.order)
+    set_shared(made.shared, gains, circle, SETTLING / radius, LAG_2 if made.order == 2 else LAG_3)
+    return made
 
-    def design() -> Design:
-        return Design(density, float(circle.period), per_dt, estimated)
 
-    def group_delay(dt: float) -> float:
-        if order == 3:
-            return 0.0  # a constant acceleration is followed without lag
-        if estimated > 0.0:
-            return math.nan  # it follows from noise that is not known
-        of_r = density * dt if per_dt > 0.0 else density
-        alpha, beta = steady_gains_2(of_r, dt)
-        return dt * (alpha / beta - 0.5)
-
-    functions = (
-        (init_2, correct_2, estimate_2, resume_2, noise_gains_2, of_noise_2)
-        if order == 2
-        else (init_3, correct_3, estimate_3, resume_3, noise_gains_3, of_noise_3)
-    )
-    init, correct, estimate, resume, noise_gains, of_noise = functions
-    return around(
-        AngleCore(
-            design=design,
-            settle=SETTLING / radius,
-            prepare=make_prepare(of_noise),
-            init=init,
-            correct=correct,
-            estimate=estimate,
-            resume=resume,
-            noise_gains=noise_gains,
-            limits=lambda dt: None,
-            group_delay=group_delay,
-            turns=True,
-            lag=LAG_2 if order == 2 else LAG_3,
-        ),
-        gains,
-        circle,
-    )
+def group_delay(design: Design, dt: float) -> float:
+    """Return the delay of the velocity at low frequency [s]; nan: not known."""
+    if design.order == 3:
+        return 0.0  # a constant acceleration is followed without lag
+    if design.estimated:
+        return math.nan  # it follows from noise that is not known
+    of_r = design.density * dt if design.per_dt else design.density
+    alpha, beta = steady_gains_2(of_r, dt)
+    return dt * (alpha / beta - 0.5)
 
 
 OBSERVER = Observer(
     name='kalman',
     summary='Kalman filter of constant velocity or constant acceleration',
     gains=Gains,
-    build=build,
     reference='textbook; Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking '
     'and Navigation (2001), section 6.2',
     gives_acceleration=lambda gains: gains.model == ACCELERATION,

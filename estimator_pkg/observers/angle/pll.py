@@ -14,13 +14,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from estimator_pkg.observers.angle.core import LAG_2, AngleCore, AngleGains, around
+from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
+    LAG_2,
+    SINGLE_ANGLE,
+    TURNS,
+    AngleGains,
+    SharedDesign,
+    State,
+    deviation,
+    estimate,
+    is_reading,
+    lateness,
+    pace,
+    restart,
+    resume,
+    set_shared,
+    start,
+    step,
+)
 from estimator_pkg.observers.circle import Circle, wrap
-from estimator_pkg.observers.contract import Functions, Observer
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
+from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.observers.maths.tracking import matched, natural_frequency, noise_of_two
 from estimator_pkg.parameters import parameter
+from estimator_pkg.record import record
 
 SETTLING = 7.0  # time constants of the slower pole until a start from v = 0 is right to 1 %
 
@@ -46,92 +67,91 @@ class Gains(AngleGains):
     )
 
 
-class Design(NamedTuple):
+@record
+class Design:
     """What the gains imply whatever the sample time is: poles at -decay +- sqrt(discriminant)."""
 
+    shared: SharedDesign
     decay: float  # zeta w0 [1/s]
     discriminant: float  # (zeta^2 - 1) w0^2 [1/s^2]
-    period: float  # wrap period [rad]; 0: none
 
 
-def prepare(design: Design, dt: float) -> tuple:
-    """Return (alpha, beta/dt [1/s], dt [s], wrap period [rad])."""
+@record
+class Coefficients:
+    """What follows from the sample time."""
+
+    dt: float  # [s]
+    alpha: float
+    rate: float  # beta/dt [1/s]
+
+
+@record
+class Core:
+    """The loop."""
+
+    position: float  # x [rad]
+    velocity: float  # v [rad/s]
+    acceleration: float  # nan
+
+
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set what follows from dt [s]."""
     alpha, beta = matched(design.decay, design.discriminant, dt)
-    return (alpha, beta / dt, dt, design.period)
+    coefficients.dt, coefficients.alpha, coefficients.rate = dt, alpha, beta / dt
 
 
-def init(measurement: float, design: Design) -> tuple:
-    """Return (position [rad], velocity [rad/s])."""
-    return (measurement, 0.0)
+def begin(core: Core, design: Design, measurement: float) -> None:
+    """Begin at a measurement [rad] and v = 0."""
+    core.position, core.velocity, core.acceleration = measurement, 0.0, math.nan
 
 
-def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple[tuple, float]:
-    """Return the state one sample further, and the innovation [rad]."""
-    position, velocity = state
-    alpha, rate, dt, period = coefficients
-    innovation = measurement - position - velocity * dt
+def resume_core(core: Core, design: Design, measurement: float) -> None:
+    """Go on after a gap: at the measurement [rad], with the speed as it was."""
+    core.position = measurement
+
+
+def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
+    """Take a measurement [rad]; return the innovation [rad]."""
+    period = design.shared.period
+    innovation = measurement - core.position - core.velocity * coefficients.dt
     if innovation + innovation >= period or innovation + innovation < -period:
         innovation = wrap(innovation, period)
     # prediction + alpha e, but written from the measurement: so it stays on the measurement's turn
-    return (measurement - (1.0 - alpha) * innovation, velocity + rate * innovation), innovation
+    core.position = measurement - (1.0 - coefficients.alpha) * innovation
+    core.velocity += coefficients.rate * innovation
+    return innovation
 
 
-def estimate(state: tuple) -> tuple[float, float, float]:
-    """Return position [rad], velocity [rad/s], no acceleration."""
-    position, velocity = state
-    return position, velocity, math.nan
-
-
-def resume(state: tuple, measurement: float) -> tuple:
-    """Return the state after a gap: at the measurement [rad], with the speed as it was."""
-    _, velocity = state
-    return (measurement, velocity)
-
-
-def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+def noise_gains(
+    core: Core, coefficients: Coefficients, design: Design
+) -> tuple[float, float, float]:
     """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise."""
-    alpha, rate, dt, period = coefficients
-    return noise_of_two(alpha, rate * dt, dt)
+    dt = coefficients.dt
+    return noise_of_two(coefficients.alpha, coefficients.rate * dt, dt)
 
 
-def build(gains: Gains, circle: Circle) -> Functions:
-    """Return the functions of the loop at these gains."""
+def design(gains: Gains, circle: Circle) -> Design:
+    """Return what follows from the gains whatever the sample time is."""
+    made = Design()
     natural = natural_frequency(gains.bandwidth_hz, gains.damping)
-    decay = gains.damping * natural
-    discriminant = (gains.damping * gains.damping - 1.0) * natural * natural
-    slow = decay - math.sqrt(discriminant) if discriminant > 0.0 else decay
+    made.decay = gains.damping * natural
+    made.discriminant = (gains.damping * gains.damping - 1.0) * natural * natural
+    slow = made.decay
+    if made.discriminant > 0.0:
+        slow -= math.sqrt(made.discriminant)
+    set_shared(made.shared, gains, circle, SETTLING / slow, LAG_2)
+    return made
 
-    def design() -> Design:
-        return Design(decay, discriminant, float(circle.period))
 
-    def group_delay(dt: float) -> float:
-        alpha, beta = matched(decay, discriminant, dt)
-        return dt * (alpha / beta - 0.5)
-
-    return around(
-        AngleCore(
-            design=design,
-            settle=SETTLING / slow,
-            prepare=prepare,
-            init=init,
-            correct=correct,
-            estimate=estimate,
-            resume=resume,
-            noise_gains=noise_gains,
-            limits=lambda dt: None,
-            group_delay=group_delay,
-            turns=True,
-            lag=LAG_2,
-        ),
-        gains,
-        circle,
-    )
+def group_delay(design: Design, dt: float) -> float:
+    """Return the delay of the velocity at low frequency [s]."""
+    alpha, beta = matched(design.decay, design.discriminant, dt)
+    return dt * (alpha / beta - 0.5)
 
 
 OBSERVER = Observer(
     name='pll',
     summary='phase-locked loop of motor drives, second order',
     gains=Gains,
-    build=build,
     reference='textbook; Harnefors and Nee, IEEE Trans. Ind. Electron. 47(1), 2000',
 )

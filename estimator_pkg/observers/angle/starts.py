@@ -11,10 +11,10 @@ derives it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any
 
 from estimator_pkg.observers.circle import wrap
+from estimator_pkg.record import record
 
 RECENT = 32.0  # samples over which a rest is averaged, and the power of recent innovations
 RESTED = 0.12  # [s] within the noise of one angle: the shaft rests, and may start
@@ -31,181 +31,177 @@ SHOWN = 12.0  # samples at least without a larger distance, after which a rest h
 SLOW = 4.0  # (2)^2: times the variance of the speed's noise; a faster joint is not at rest
 FIVE = 25.0  # (5)^2: five standard deviations cover an error
 FURTHER = 1.001  # times the largest distance within a rest: a reading beyond it ends the rest
-
-# (clock [s], anchor [rad], reach [rad], decay, travelled [rad], kept [rad/s])
-#
-# clock: the time since the motion began while a start is in force, 0 in motion, and below 0 while
-# the readings stay within the noise of one angle: minus the time at rest until the last change.
-# anchor: angle of the rest before. reach: largest distance from it within the rest. decay: nepers
-# by which the errors of the core decayed. travelled: angle since then; at rest the mean square of
-# the changes of the reading [rad^2]. kept: speed that was kept across a gap.
-Start = tuple[float, float, float, float, float, float]
-
-NoiseGains = Callable[[tuple, tuple], tuple[float, float, float]]
-Pace = Callable[[tuple, tuple, float], float]
+THIRD = 1.0 / 3.0
 
 
-class StartFunctions(NamedTuple):
-    """Functions of the start of one observer.
+@record
+class Start:
+    """A start that is in force, or the rest that it may begin at."""
 
-    at_rest : (start, measurement, moved, since, power, coefficients, inner) -> start, after a
-        reading that `moved` [rad], unchanged for `since` [s] before, while no start is in force.
-    in_force : (start, moved, since, power, coefficients, inner) -> start, while one is in force.
-    deviation : (start, speed, dt, quantum) -> standard deviation of the speed that a start adds
-        [rad/s].
-
-    `power` is the recent one of the innovations [rad^2], `inner` the state of the core,
-    `coefficients` is (those of the core, dt [s]).
-    """
-
-    at_rest: Callable[..., Start]
-    in_force: Callable[..., Start]
-    deviation: Callable[[Start, float, float, float], float]
+    # time since the motion began while a start is in force, 0 in motion, and below 0 while the
+    # readings stay within the noise of one angle: minus the time at rest until the last change [s]
+    clock: float
+    anchor: float  # angle of the rest before [rad]
+    reach: float  # largest distance from it within the rest [rad]
+    decay: float  # nepers by which the errors of the core decayed
+    travelled: float  # angle since then [rad]
+    changes: float  # at rest: mean square of the changes of the reading [rad^2]
+    kept: float  # speed that was kept across a gap [rad/s]
 
 
-def first_start(measurement: float) -> Start:
-    """Return the start of a shaft at rest at its first sample [rad]."""
-    return (-RESTED, measurement, 0.0, 0.0, 0.0, 0.0)
+def set_start(
+    start: Start,
+    clock: float,
+    anchor: float,
+    reach: float,
+    decay: float,
+    travelled: float,
+    kept: float,
+) -> None:
+    """Set a start; at rest nothing has travelled, and changes are averaged anew."""
+    start.clock, start.anchor, start.reach, start.decay = clock, anchor, reach, decay
+    start.travelled, start.changes, start.kept = travelled, 0.0, kept
 
 
-def linear_pace(noise_gains: NoiseGains) -> Pace:
-    """Return the function that gives how fast the errors of a tracking loop decay [1/s].
+def linear_pace(observer: Any, core: Any, coefficients: Any, design: Any, dt: float) -> float:
+    """Return how fast the errors of a tracking loop decay [1/s].
 
     It follows from what the loop makes of noise. A loop whose poles are all at w lets through a
     velocity variance of 1/4 (order 2) to 7/4 (order 3) of w^3 dt per unit variance of white noise.
     """
-
-    def pace(inner: tuple, coefficients: tuple, dt: float) -> float:
-        _, of_velocity, _ = noise_gains(inner, coefficients)
-        return PACE * (of_velocity / dt) ** (1.0 / 3.0)
-
-    return pace
+    of_position, of_velocity, of_innovation = observer.noise_gains(core, coefficients, design)
+    return PACE * math.pow(of_velocity / dt, THIRD)
 
 
-def make_start(
-    estimate: Callable[[tuple], tuple[float, float, float]],
-    noise_gains: NoiseGains,
-    pace: Pace,
-    lag: float,
-    period: float,
-) -> StartFunctions:
-    """Return the functions of the start of one core.
+def rest(
+    observer: Any,
+    start: Start,
+    core: Any,
+    coefficients: Any,
+    design: Any,
+    measurement: float,
+    moved: float,
+    since: float,
+    power: float,
+    dt: float,
+) -> None:
+    """Take a reading that changed while no start is in force: the shaft rests, moves, or starts.
 
     Parameters
     ----------
-    estimate, noise_gains, pace, lag : of the core; see `AngleCore`.
-    period : wrap period [rad]; 0: none.
+    moved : change of the reading [rad], unchanged for `since` [s] before.
+    power : recent one of the innovations [rad^2].
     """
-    return StartFunctions(
-        _make_at_rest(noise_gains, period),
-        _make_in_force(estimate, noise_gains, pace),
-        _make_deviation(lag),
-    )
-
-
-def _make_at_rest(noise_gains: NoiseGains, period: float) -> Callable[..., Start]:
+    period = design.shared.period
     half = 0.5 * period if period > 0.0 else math.inf
-
-    def at_rest(
-        start: Start,
-        measurement: float,
-        moved: float,
-        since: float,
-        power: float,
-        coefficients: tuple,
-        inner: tuple,
-    ) -> Start:
-        clock, anchor, reach, _, changes, _ = start
-        of_core, dt = coefficients
-        if clock == 0.0:
-            anchor, reach, changes = measurement - moved, abs(moved), 0.0
-        distance = measurement - anchor
-        if not -half <= distance < half:
-            distance = wrap(distance, period)
-        square, band, rested = distance * distance, BAND * power, since - clock
-        changes += (moved * moved - changes) / (RECENT if changes > 0.0 else 1.0)
-        beyond = abs(distance) > FURTHER * reach
-        reach = max(reach, abs(distance))
-        if rested < RESTED or rested < SHOWN * dt:
-            # white noise of variance R changes by 2 R; innovations may be those of a lag
-            if square > band or square > BAND * 0.5 * changes:
-                return (0.0, measurement, 0.0, 0.0, 0.0, 0.0)
-            if beyond:
-                rested = 0.0
-        elif beyond:
-            return (dt, anchor, reach, 0.0, distance, 0.0)
-        # of noise alone the innovations have more power than the readings
-        elif LARGEST_GAIN * square > band:
-            _, _, of_innovation = noise_gains(inner, of_core)
-            if square * of_innovation > band:
-                return (dt, anchor, reach, 0.0, distance, 0.0)
-        return (-rested - dt, anchor + distance / RECENT, reach, 0.0, changes, 0.0)
-
-    return at_rest
+    clock = start.clock
+    if clock == 0.0:
+        start.anchor, start.reach, start.changes = measurement - moved, abs(moved), 0.0
+    distance = measurement - start.anchor
+    if not -half <= distance < half:
+        distance = wrap(distance, period)
+    square, band, rested = distance * distance, BAND * power, since - clock
+    changes = start.changes
+    changes += (moved * moved - changes) / (RECENT if changes > 0.0 else 1.0)
+    beyond = abs(distance) > FURTHER * start.reach
+    reach = max(start.reach, abs(distance))
+    begins = False
+    if rested < RESTED or rested < SHOWN * dt:
+        # white noise of variance R changes by 2 R; innovations may be those of a lag
+        if square > band or square > BAND * 0.5 * changes:
+            set_start(start, 0.0, measurement, 0.0, 0.0, 0.0, 0.0)
+            return
+        if beyond:
+            rested = 0.0
+    elif beyond:
+        begins = True
+    # of noise alone the innovations have more power than the readings
+    elif LARGEST_GAIN * square > band:
+        of_position, of_velocity, of_innovation = observer.noise_gains(core, coefficients, design)
+        begins = square * of_innovation > band
+    if begins:
+        set_start(start, dt, start.anchor, reach, 0.0, distance, 0.0)
+        return
+    start.clock, start.reach, start.changes = -rested - dt, reach, changes
+    start.anchor += distance / RECENT
+    start.decay = start.kept = 0.0
 
 
-def _make_in_force(
-    estimate: Callable[[tuple], tuple[float, float, float]], noise_gains: NoiseGains, pace: Pace
-) -> Callable[..., Start]:
-    def in_force(
-        start: Start, moved: float, since: float, power: float, coefficients: tuple, inner: tuple
-    ) -> Start:
-        """Return the start, over when it is old and its errors have decayed, when the shaft rests
-        again, and when it only swayed. While the reading is back in the noise of the rest, though
-        the speed is not, the motion may begin at any time.
-        """
-        clock, anchor, reach, decay, before, kept = start
-        of_core, dt = coefficients
-        travelled = before + moved
-        if kept == 0.0:
-            within = math.sqrt(BAND * power)
-            if abs(travelled) <= within:  # back where it was ...
-                _, speed, _ = estimate(inner)
-                _, of_velocity, of_innovation = noise_gains(inner, of_core)
-                if moved == 0.0 or speed * speed * of_innovation <= SLOW * power * of_velocity:
-                    return (-RESTED, anchor, reach, 0.0, 0.0, 0.0)
-                if decay < 1.0:
-                    decay += pace(inner, of_core, dt) * dt
-                    return (2.0 * dt, anchor, reach, decay, travelled, 0.0)
-            elif abs(before) <= within and decay < 1.0:
-                return (dt, anchor, reach, 0.0, travelled, 0.0)
-        if moved == 0.0 and since >= RESTED and decay >= LEARNT:
-            return (0.0, anchor, 0.0, 0.0, 0.0, 0.0)
-        clock += dt
-        decay += pace(inner, of_core, dt) * dt
-        if clock >= LASTS and decay >= DECAYED:
-            return (0.0, anchor, 0.0, 0.0, 0.0, 0.0)
-        return (clock, anchor, reach, decay, travelled, kept)
+def follow_start(
+    observer: Any,
+    start: Start,
+    core: Any,
+    coefficients: Any,
+    design: Any,
+    moved: float,
+    since: float,
+    power: float,
+    dt: float,
+) -> None:
+    """Take a reading while a start is in force.
 
-    return in_force
+    It is over when it is old and the errors have decayed, when the shaft rests again, and when it
+    only swayed. While the reading is back in the noise of the rest, though the speed is not, the
+    motion may begin at any time. Parameters as of `rest`.
+    """
+    before = start.travelled
+    travelled, pace = before + moved, observer.pace(observer, core, coefficients, design, dt)
+    if start.kept == 0.0:
+        within = math.sqrt(BAND * power)
+        if abs(travelled) <= within:  # back where it was ...
+            of_position, of_velocity, of_innovation = observer.noise_gains(
+                core, coefficients, design
+            )
+            speed = core.velocity
+            if moved == 0.0 or speed * speed * of_innovation <= SLOW * power * of_velocity:
+                set_start(start, -RESTED, start.anchor, start.reach, 0.0, 0.0, 0.0)
+                return
+            if start.decay < 1.0:
+                decay = start.decay + pace * dt
+                set_start(start, 2.0 * dt, start.anchor, start.reach, decay, travelled, 0.0)
+                return
+        elif abs(before) <= within and start.decay < 1.0:
+            set_start(start, dt, start.anchor, start.reach, 0.0, travelled, 0.0)
+            return
+    if moved == 0.0 and since >= RESTED and start.decay >= LEARNT:
+        set_start(start, 0.0, start.anchor, 0.0, 0.0, 0.0, 0.0)
+        return
+    start.clock += dt
+    start.decay += pace * dt
+    start.travelled = travelled
+    if start.clock >= LASTS and start.decay >= DECAYED:
+        set_start(start, 0.0, start.anchor, 0.0, 0.0, 0.0, 0.0)
 
 
-def _make_deviation(lag: float) -> Callable[[Start, float, float, float], float]:
-    bent = 2.0 * lag
+def start_deviation(start: Start, speed: float, dt: float, quantum: float, lag: float) -> float:
+    """Return the standard deviation of the speed that a start adds [rad/s].
 
-    def deviation(start: Start, speed: float, dt: float, quantum: float) -> float:
-        clock, _, _, decay, travelled, kept = start
-        mean = travelled / (clock - (BEGUN if clock > dt else FIRST) * dt)
-        scale = 2.0 * abs(mean)
-        if kept > scale:
-            scale = kept
-        # docs/coverage.md (1): what is left of a step of the speed
-        left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL * decay)
-        # docs/coverage.md (2): what a ramp of the speed leaves
-        change = abs(speed - mean)
-        if decay > LEARNT:  # the first term no longer covers a motion that began earlier
-            change += abs(mean) * BEGUN * dt / clock
-        bend = bent * change
-        if decay > 1.0:
-            bend /= decay
-        square = left * left + bend * bend
-        # docs/coverage.md (5): a ramp through a whole number of quanta per sample
-        if decay > LEARNT and quantum > 0.0:
-            repeats, pace = 4.0 * quantum * change / clock, quantum * decay / clock
-            if repeats < pace * pace:
-                beyond = wrap(speed, quantum / dt)
-                if beyond * beyond < repeats:
-                    square += repeats / FIVE
-        return math.sqrt(square)
-
-    return deviation
+    Parameters
+    ----------
+    speed : of the core [rad/s].
+    lag : standard deviation of the velocity error at the begin and the end of a ramp of speed, in
+        acceleration/pace: a fifth of the error itself, so that five cover it.
+    """
+    clock, decay = start.clock, start.decay
+    mean = start.travelled / (clock - (BEGUN if clock > dt else FIRST) * dt)
+    scale = 2.0 * abs(mean)
+    if start.kept > scale:
+        scale = start.kept
+    # docs/coverage.md (1): what is left of a step of the speed
+    left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL * decay)
+    # docs/coverage.md (2): what a ramp of the speed leaves
+    change = abs(speed - mean)
+    if decay > LEARNT:  # the first term no longer covers a motion that began earlier
+        change += abs(mean) * BEGUN * dt / clock
+    bend = 2.0 * lag * change
+    if decay > 1.0:
+        bend /= decay
+    square = left * left + bend * bend
+    # docs/coverage.md (5): a ramp through a whole number of quanta per sample
+    if decay > LEARNT and quantum > 0.0:
+        repeats, pace = 4.0 * quantum * change / clock, quantum * decay / clock
+        if repeats < pace * pace:
+            beyond = wrap(speed, quantum / dt)
+            if beyond * beyond < repeats:
+                square += repeats / FIVE
+    return math.sqrt(square)

@@ -3,8 +3,7 @@
 
 """Covariances of position, velocity and acceleration, unrolled, in units of the noise variance.
 
-P/R is symmetric and stored as its upper triangle, row by row: 3 numbers for (x, v), 6 for
-(x, v, a).
+P/R is symmetric. For (x, v) the entries of the acceleration are not used.
 
     P- = F P F' + Q,   S = H P- H' + 1,   K = P- H'/S,   P = P- - K H P-,   H = (1, 0[, 0])
 
@@ -18,6 +17,8 @@ from __future__ import annotations
 
 import math
 
+from estimator_pkg.record import record
+
 # Prior variance of the acceleration at a start, in noise variances / dt^4. Three samples determine
 # it to 6 of these, so from the fourth sample on the prior has no influence.
 VAGUE = 1e4
@@ -28,98 +29,106 @@ VAGUE = 1e4
 BLIND = 1e-9
 
 
-def of_noise_2(density: float, dt: float) -> tuple[float, float, float]:
-    """Return Q of white acceleration of this `density` (per noise variance) over dt [s]."""
-    return (density * dt * dt * dt / 3.0, density * dt * dt / 2.0, density * dt)
+@record
+class Covariance:
+    """The upper triangle of a symmetric matrix, of (x, v, a)."""
+
+    p00: float
+    p01: float
+    p02: float
+    p11: float
+    p12: float
+    p22: float
 
 
-def of_noise_3(density: float, dt: float) -> tuple[float, float, float, float, float, float]:
-    """Return Q of white jerk of this `density` (per noise variance) over dt [s]."""
+def set_first(p: Covariance) -> None:
+    """Set P after one sample: the rest is set by the second."""
+    p.p00 = 1.0
+    p.p01 = p.p02 = p.p11 = p.p12 = p.p22 = 0.0
+
+
+def set_noise_2(q: Covariance, density: float, dt: float) -> None:
+    """Set Q of white acceleration of this `density` (per noise variance) over dt [s]."""
+    q.p00 = density * dt * dt * dt / 3.0
+    q.p01 = density * dt * dt / 2.0
+    q.p11 = density * dt
+    q.p02 = q.p12 = q.p22 = 0.0
+
+
+def set_noise_3(q: Covariance, density: float, dt: float) -> None:
+    """Set Q of white jerk of this `density` (per noise variance) over dt [s]."""
     square = dt * dt
-    return (
-        density * square * square * dt / 20.0,
-        density * square * square / 8.0,
-        density * square * dt / 6.0,
-        density * square * dt / 3.0,
-        density * square / 2.0,
-        density * dt,
-    )
+    q.p00 = density * square * square * dt / 20.0
+    q.p01 = density * square * square / 8.0
+    q.p02 = density * square * dt / 6.0
+    q.p11 = density * square * dt / 3.0
+    q.p12 = density * square / 2.0
+    q.p22 = density * dt
 
 
-def start_2(dt: float) -> tuple[float, float, float]:
-    """Return P after two samples that are dt [s] apart: a straight line through both."""
-    return (1.0, 1.0 / dt, 2.0 / (dt * dt))
+def set_line_2(p: Covariance, dt: float) -> None:
+    """Set P after two samples that are dt [s] apart: a straight line through both."""
+    p.p00 = 1.0
+    p.p01 = 1.0 / dt
+    p.p11 = 2.0 / (dt * dt)
 
 
-def start_3(dt: float) -> tuple[float, float, float, float, float, float]:
-    """Return P for (x, v, a) after two samples, with the vague prior of the acceleration."""
+def set_line_3(p: Covariance, dt: float) -> None:
+    """Set P for (x, v, a) after two samples, with the vague prior of the acceleration."""
     square = dt * dt
-    return (
-        1.0,
-        1.0 / dt,
-        0.0,
-        (2.0 + 0.25 * VAGUE) / square,
-        0.5 * VAGUE / (square * dt),
-        VAGUE / (square * square),
-    )
+    p.p00 = 1.0
+    p.p01 = 1.0 / dt
+    p.p02 = 0.0
+    p.p11 = (2.0 + 0.25 * VAGUE) / square
+    p.p12 = 0.5 * VAGUE / (square * dt)
+    p.p22 = VAGUE / (square * square)
 
 
-def step_2(
-    p: tuple[float, float, float], dt: float, scale: float, added: tuple[float, float, float]
-) -> tuple[tuple[float, float, float], float, float]:
-    """Return (P, K1, 1/S) after a prediction over dt [s] and an update; K is the first row of P.
+def update_2(p: Covariance, q: Covariance, dt: float, scale: float) -> tuple[float, float]:
+    """Predict P over dt [s] and update it; return (K1, 1/S).
 
     Parameters
     ----------
-    scale : factor of `added`.
-    added : process noise over dt, from `of_noise_2`.
+    q : process noise over dt, from `set_noise_2`. scale : factor of it.
     """
-    p00, p01, p11 = p
-    q00, q01, q11 = added
-    n01 = p01 + dt * p11  # n: P- = F P F' + Q
-    n00 = p00 + dt * (p01 + n01) + scale * q00
-    n01 += scale * q01
-    n11 = p11 + scale * q11
+    n01 = p.p01 + dt * p.p11  # n: P- = F P F' + Q
+    n00 = p.p00 + dt * (p.p01 + n01) + scale * q.p00
+    n01 += scale * q.p01
+    n11 = p.p11 + scale * q.p11
     of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
     K1 = n01 * of_s
     left = n11 - K1 * n01
     if left < BLIND * n11:
-        return start_2(dt), 1.0 / dt, of_s
-    return (n00 * of_s, K1, left), K1, of_s
+        set_line_2(p, dt)
+        return 1.0 / dt, of_s
+    p.p00, p.p01, p.p11 = n00 * of_s, K1, left
+    return K1, of_s
 
 
-def step_3(
-    p: tuple[float, float, float, float, float, float],
-    dt: float,
-    scale: float,
-    added: tuple[float, float, float, float, float, float],
-) -> tuple[tuple[float, float, float, float, float, float], float, float, float]:
-    """Return (P, K1, K2, 1/S) as `step_2` does, for (x, v, a)."""
-    p00, p01, p02, p11, p12, p22 = p
-    q00, q01, q02, q11, q12, q22 = added
+def update_3(p: Covariance, q: Covariance, dt: float, scale: float) -> tuple[float, float, float]:
+    """Predict P over dt [s] and update it, for (x, v, a); return (K1, K2, 1/S)."""
     half = 0.5 * dt * dt
-    r12 = p12 + dt * p22
-    r02 = p02 + dt * p12 + half * p22
-    r01 = p01 + dt * p11 + half * p12
-    n00 = p00 + dt * p01 + half * p02 + dt * r01 + half * r02 + scale * q00
-    n01 = r01 + dt * r02 + scale * q01
-    n02 = r02 + scale * q02
-    n11 = p11 + dt * (p12 + r12) + scale * q11
+    r12 = p.p12 + dt * p.p22
+    r02 = p.p02 + dt * p.p12 + half * p.p22
+    r01 = p.p01 + dt * p.p11 + half * p.p12
+    n00 = p.p00 + dt * p.p01 + half * p.p02 + dt * r01 + half * r02 + scale * q.p00
+    n01 = r01 + dt * r02 + scale * q.p01
+    n02 = r02 + scale * q.p02
+    n11 = p.p11 + dt * (p.p12 + r12) + scale * q.p11
     of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
     K1, K2 = n01 * of_s, n02 * of_s
     left = n11 - K1 * n01
     if left < BLIND * n11:
-        return start_3(dt), 1.0 / dt, 0.0, of_s
-    return (
-        (n00 * of_s, K1, K2, left, r12 + scale * q12 - K1 * n02, p22 + scale * q22 - K2 * n02),
-        K1,
-        K2,
-        of_s,
-    )
+        set_line_3(p, dt)
+        return 1.0 / dt, 0.0, of_s
+    p.p00, p.p01, p.p02, p.p11 = n00 * of_s, K1, K2, left
+    p.p12 = r12 + scale * q.p12 - K1 * n02
+    p.p22 = p.p22 + scale * q.p22 - K2 * n02
+    return K1, K2, of_s
 
 
 def steady_gains_2(density: float, dt: float) -> tuple[float, float]:
-    """Return (alpha, beta) to which `step_2` converges at a constant dt [s].
+    """Return (alpha, beta) to which `update_2` converges at a constant dt [s].
 
     From the spectral factors of the second difference of the measurement, an MA(2) process with
     autocovariances 6 + 2 tau/3, -4 + tau/6, 1 where tau = density dt^3.

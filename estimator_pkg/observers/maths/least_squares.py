@@ -12,9 +12,8 @@ positive definiteness it is reset.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
-from estimator_pkg.observers.maths.unroll import algebra
+from estimator_pkg.observers.maths.vectors import add_square, multiply
 
 LEAST_KEPT = 0.1  # smallest part of the information kept, for sample times far beyond the memory
 TRACE = 1e-13  # part of the initial covariance that each sample adds
@@ -25,33 +24,47 @@ def kept(dt: float, memory: float) -> float:
     return max(math.exp(-dt / memory), LEAST_KEPT) if memory > 0.0 else 1.0
 
 
-def make_update(size: int) -> Callable[..., tuple]:
-    """Return the function update(theta, p, psi, e, forget, most) -> (theta, p, s).
+def update(
+    theta: list[float],
+    p: list[list[float]],
+    psi: list[float],
+    e: float,
+    forget: float,
+    most: list[float],
+) -> float:
+    """Take one measurement psi . theta of unit noise variance; return s, its variance.
 
-    It is written out for `size` parameters.
-
-    Recursive least squares with forgetting, for one measurement psi . theta of unit noise variance:
+    Recursive least squares with forgetting, in place:
 
         s = forget + psi' P psi,   K = P psi/s,   theta += K e,   P = (P - K psi' P)/forget
 
-    `e` is the innovation and s its variance per noise variance; `forget` is from `kept`; `most` is
-    the initial covariance P, which is diagonal.
+    `e` is the innovation; `forget` is from `kept`; `most` is the diagonal of the initial P, the
+    rest of which is zero.
     """
-    free = algebra(size)
-    apply, dot, add, rank_one = free.apply, free.dot, free.add, free.rank_one
-    wider, limited = free.wider, free.limited
-    nothing = ((0.0,) * size,) * size
+    direction, seen = multiply(p, psi)
+    if forget < 1.0 and (seen < 0.0 or any(row[i] < 0.0 for i, row in enumerate(p))):
+        for i, row in enumerate(p):
+            row[:] = [0.0] * len(psi)
+            row[i] = most[i]
+        direction, seen = multiply(p, psi)
+    s = forget + seen
+    step, keep, scale = e / s, 1.0 / forget, -1.0 / (forget * s)  # K = direction/s
+    for i, along in enumerate(direction):
+        theta[i] += step * along
+    add_square(p, keep, scale, direction)
+    if forget < 1.0:
+        limit(p, most)
+    return s
 
-    def update(
-        theta: tuple, p: tuple, psi: tuple, e: float, forget: float, most: tuple
-    ) -> tuple[tuple, tuple, float]:
-        direction = apply(p, psi)  # P psi
-        if forget < 1.0 and (wider(nothing, p) or dot(psi, direction) < 0.0):
-            p = most
-            direction = apply(p, psi)
-        s = forget + dot(psi, direction)
-        theta = add(theta, e / s, direction)  # K = direction/s
-        p = rank_one(p, 1.0 / forget, -1.0 / (forget * s), direction)
-        return theta, limited(p, most, TRACE) if forget < 1.0 else p, s
 
-    return update
+def limit(p: list[list[float]], most: list[float]) -> None:
+    """Scale rows and columns so that no variance exceeds its initial one, and add the trace."""
+    scales = [1.0] * len(most)
+    for i, largest in enumerate(most):
+        if p[i][i] > largest:
+            scales[i] = math.sqrt(largest / p[i][i])
+    for i, row in enumerate(p):
+        if scales.count(1.0) < len(most):
+            for j, scale in enumerate(scales):
+                row[j] *= scales[i] * scale
+        row[i] += TRACE * most[i]

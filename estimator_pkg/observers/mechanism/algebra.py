@@ -1,175 +1,153 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Algebra on tuples for observers of mechanisms, written out for one number of positions.
+"""Algebra of small vectors and matrices, for observers of mechanisms.
 
-The functions are generated as text without loops, for the reasons in `maths.unroll`. A vector is a
-tuple of floats, a matrix a tuple of rows.
+The functions set their first argument. Without an engine a loop over one or two numbers costs more
+than their arithmetic, so what each step needs is written out for one position.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import lru_cache
-from typing import Any, NamedTuple
 
-from estimator_pkg.observers.circle import LARGEST, wrap
-from estimator_pkg.observers.convention import begin, follow, present
-from estimator_pkg.observers.maths.unroll import written_out
+from estimator_pkg.models.mechanics import Matrix, Vector
+from estimator_pkg.observers.circle import LARGEST
 
 
-class MechanicalAlgebra(NamedTuple):
-    """Functions for mechanisms of one size n."""
-
-    apply: Callable[..., tuple]  # (A, x) -> A x
-    turned: Callable[..., tuple]  # (A, x) -> A^T x
-    product_t: Callable[..., tuple]  # (A, B) -> A B^T
-    product: Callable[..., tuple]  # (A, B) -> A B
-    transposed: Callable[..., tuple]  # (A) -> A^T
-    scaled_t: Callable[..., tuple]  # (g, A) -> diag(g) A^T
-    times: Callable[..., tuple]  # (x, y) -> elementwise product
-    scale: Callable[..., tuple]  # (a, x) -> a x
-    zeros_like: Callable[..., tuple]  # (x) -> zero vector
-    minus: Callable[..., tuple]  # (x, y) -> x - y
-    towards: Callable[..., tuple]  # (x, a, y) -> x + a y
-    between: Callable[..., tuple]  # (y, x, periods) -> y - x, each wrapped
-    solve: Callable[..., tuple]  # (A, x) -> A^-1 x if x'Ax > 0 for all x, else nan
-    divided: Callable[..., tuple]  # (A, B) -> A^-1 B, on the same condition
-    blend: Callable[..., tuple]  # (A, w, B) -> A + w B
-    finite: Callable[..., bool]  # (x) -> are all |x_i| below LARGEST?
-    beyond: Callable[..., bool]  # (x, bounds) -> is any |x_i| above its bound?
-    begin: Callable[..., tuple]  # (y) -> conventions
-    follow: Callable[..., tuple]  # (conventions, y, periods) -> conventions
-    present: Callable[..., tuple]  # (conventions, q, periods, unwrap) -> q in the convention of y
-    squares: Callable[..., tuple]  # (p, w, x) -> p + w (x^2 - p), elementwise
+def apply(out: Vector, n: int, a: Matrix, x: Vector) -> None:
+    """Set A x."""
+    for i in range(n):
+        row = a[i]
+        total = row[0] * x[0]
+        for k in range(1, n):
+            total += row[k] * x[k]
+        out[i] = total
 
 
-def column(entry: str, size: int) -> str:
-    """Return the text '(entry(0), entry(1), ...)'; {i} in `entry` is the index."""
-    return '(' + ''.join(entry.format(i=i) + ', ' for i in range(size)) + ')'
+def turn(out: Vector, n: int, a: Matrix, x: Vector) -> None:
+    """Set A^T x."""
+    for i in range(n):
+        total = a[0][i] * x[0]
+        for k in range(1, n):
+            total += a[k][i] * x[k]
+        out[i] = total
 
 
-def total(entry: str, size: int, **fixed: Any) -> str:
-    """Return the text 'entry(0) + entry(1) + ...'; {k} in `entry` is the index."""
-    return ' + '.join(entry.format(k=k, **fixed) for k in range(size))
+def multiply(out: Matrix, n: int, a: Matrix, b: Matrix) -> None:
+    """Set A B."""
+    for i in range(n):
+        for j in range(n):
+            total = a[i][0] * b[0][j]
+            for k in range(1, n):
+                total += a[i][k] * b[k][j]
+            out[i][j] = total
 
 
-@lru_cache
-def mechanical_algebra(size: int) -> MechanicalAlgebra:
-    """Return the functions for mechanisms of `size` positions (at least one)."""
-    n = size
-    rows = range(n)
-
-    def vector(entry: str) -> str:
-        return column(entry, n)
-
-    apply = ''.join(total('a[{i}][{k}] * x[{k}]', n, i=i) + ', ' for i in rows)
-    turned = ''.join(total('a[{k}][{i}] * x[{k}]', n, i=i) + ', ' for i in rows)
-    product_t = ''.join(
-        '(' + ''.join(total('a[{i}][{k}] * b[{j}][{k}]', n, i=i, j=j) + ', ' for j in rows) + '), '
-        for i in rows
-    )
-    plain = ''.join(
-        '(' + ''.join(total('a[{i}][{k}] * b[{k}][{j}]', n, i=i, j=j) + ', ' for j in rows) + '), '
-        for i in rows
-    )
-    flipped = ''.join('(' + ''.join(f'a[{j}][{i}], ' for j in rows) + '), ' for i in rows)
-    scaled = ''.join('(' + ''.join(f'g[{i}] * a[{j}][{i}], ' for j in rows) + '), ' for i in rows)
-    columns = ''.join('solve(a, (' + ''.join(f'b[{i}][{j}], ' for i in rows) + ')), ' for j in rows)
-    blended = ''.join(
-        '(' + ''.join(f'a[{i}][{j}] + w * b[{i}][{j}], ' for j in rows) + '), ' for i in rows
-    )
-    lines = [
-        f'def product(a, b): return ({plain})',
-        f'def transposed(a): return ({flipped})',
-        f'def scaled_t(g, a): return ({scaled})',
-        f'def times(x, y): return {vector("x[{i}] * y[{i}]")}',
-        f'def scale(a, x): return {vector("a * x[{i}]")}',
-        f'def zeros_like(x): return {vector("0.0")}',
-        f'def apply(a, x): return ({apply})',
-        f'def turned(a, x): return ({turned})',
-        f'def product_t(a, b): return ({product_t})',
-        f'def minus(x, y): return {vector("x[{i}] - y[{i}]")}',
-        f'def towards(x, a, y): return {vector("x[{i}] + a * y[{i}]")}',
-        f'def between(y, x, periods): return {vector("wrap(y[{i}] - x[{i}], periods[{i}])")}',
-        'def finite(x): return ' + ' and '.join(f'-LARGEST < x[{i}] < LARGEST' for i in rows),
-        'def beyond(x, bounds): return '
-        + ' or '.join(f'not -bounds[{i}] <= x[{i}] <= bounds[{i}]' for i in rows),
-        f'def begin_all(y): return {vector("begin(y[{i}])")}',
-        f'def follow_all(c, y, periods): return {vector("follow(c[{i}], y[{i}], periods[{i}])")}',
-        'def present_all(c, q, periods, unwrap): return '
-        + vector('present(c[{i}], q[{i}], periods[{i}], unwrap[{i}])'),
-        f'def squares(p, w, x): return {vector("p[{i}] + w * (x[{i}] * x[{i}] - p[{i}])")}',
-        'def solve(m, x):',
-        *_elimination(n),
-        f'def divided(a, b): return transposed(({columns}))',
-        f'def blend(a, w, b): return ({blended})',
-    ]
-    names = written_out(
-        lines,
-        f'mechanisms of {n}',
-        wrap=wrap,
-        begin=begin,
-        follow=follow,
-        present=present,
-        LARGEST=LARGEST,
-        nan=math.nan,
-    )
-    return MechanicalAlgebra(
-        *(
-            names[name]
-            for name in (
-                'apply',
-                'turned',
-                'product_t',
-                'product',
-                'transposed',
-                'scaled_t',
-                'times',
-                'scale',
-                'zeros_like',
-                'minus',
-                'towards',
-                'between',
-                'solve',
-                'divided',
-                'blend',
-                'finite',
-                'beyond',
-                'begin_all',
-                'follow_all',
-                'present_all',
-                'squares',
-            )
-        )
-    )
+def multiply_turned(out: Matrix, n: int, a: Matrix, b: Matrix) -> None:
+    """Set A B^T."""
+    for i in range(n):
+        for j in range(n):
+            total = a[i][0] * b[j][0]
+            for k in range(1, n):
+                total += a[i][k] * b[j][k]
+            out[i][j] = total
 
 
-def _elimination(n: int) -> list[str]:
-    """Return the body of `solve` as text: m = L U, then two substitutions.
+def turned_multiply(out: Matrix, n: int, a: Matrix, b: Matrix) -> None:
+    """Set A^T B."""
+    for i in range(n):
+        for j in range(n):
+            total = a[0][i] * b[0][j]
+            for k in range(1, n):
+                total += a[k][i] * b[k][j]
+            out[i][j] = total
 
-    There is no pivoting: the pivots of a matrix with x'mx > 0 are positive.
+
+def is_finite(n: int, x: Vector) -> bool:
+    """Return True if all |x_i| are below `LARGEST`."""
+    for i in range(n):  # noqa: SIM110  (the engine has no `all`)
+        if not -LARGEST < x[i] < LARGEST:
+            return False
+    return True
+
+
+def is_beyond(n: int, x: Vector, bounds: Vector) -> bool:
+    """Return True if any |x_i| is above its bound."""
+    for i in range(n):  # noqa: SIM110
+        if not -bounds[i] <= x[i] <= bounds[i]:
+            return True
+    return False
+
+
+def factor(lower: Matrix, upper: Matrix, n: int, m: Matrix) -> bool:
+    """Set m = L U, L with a diagonal of ones; return False unless x'mx > 0 for all x.
+
+    There is no pivoting: the pivots of such a matrix are positive.
     """
-    lines = []
     for i in range(n):
-        lines += [
-            f'    u{i}{j} = m[{i}][{j}]' + ''.join(f' - l{i}{k} * u{k}{j}' for k in range(i))
-            for j in range(i, n)
-        ]
-        lines += [f'    if not u{i}{i} > 0.0:', '        return ' + column('nan', n)]
-        lines += [
-            f'    l{j}{i} = (m[{j}][{i}]'
-            + ''.join(f' - l{j}{k} * u{k}{i}' for k in range(i))
-            + f') / u{i}{i}'
-            for j in range(i + 1, n)
-        ]
-    for i in range(n):
-        lines.append(f'    y{i} = x[{i}]' + ''.join(f' - l{i}{k} * y{k}' for k in range(i)))
-    for i in reversed(range(n)):
-        lines.append(
-            f'    z{i} = (y{i}'
-            + ''.join(f' - u{i}{k} * z{k}' for k in range(i + 1, n))
-            + f') / u{i}{i}'
-        )
-    return [*lines, '    return ' + column('z{i}', n)]
+        for j in range(i, n):
+            left = m[i][j]
+            for k in range(i):
+                left -= lower[i][k] * upper[k][j]
+            upper[i][j] = left
+        if not upper[i][i] > 0.0:
+            return False
+        for j in range(i + 1, n):
+            left = m[j][i]
+            for k in range(i):
+                left -= lower[j][k] * upper[k][i]
+            lower[j][i] = left / upper[i][i]
+    return True
+
+
+def substitute(x: Vector, n: int, lower: Matrix, upper: Matrix) -> None:
+    """Replace x by (L U)^-1 x."""
+    for i in range(1, n):
+        left = x[i]
+        for k in range(i):
+            left -= lower[i][k] * x[k]
+        x[i] = left
+    for i in range(n - 1, -1, -1):
+        left = x[i]
+        for k in range(i + 1, n):
+            left -= upper[i][k] * x[k]
+        x[i] = left / upper[i][i]
+
+
+def solve(x: Vector, lower: Matrix, upper: Matrix, n: int, m: Matrix) -> None:
+    """Replace x by m^-1 x, nan unless x'mx > 0 for all x; `lower` and `upper` are overwritten."""
+    if n == 1:
+        x[0] = x[0] / m[0][0] if m[0][0] > 0.0 else math.nan
+    elif n == 2:
+        solve_two(x, m)
+    elif factor(lower, upper, n, m):
+        substitute(x, n, lower, upper)
+    else:
+        for i in range(n):
+            x[i] = math.nan
+
+
+def solve_two(x: Vector, m: Matrix) -> None:
+    """Replace x by m^-1 x for two positions."""
+    u00, u01 = m[0][0], m[0][1]
+    x0, x1 = math.nan, math.nan
+    if u00 > 0.0:
+        l10 = m[1][0] / u00
+        u11 = m[1][1] - l10 * u01
+        if u11 > 0.0:
+            x1 = (x[1] - l10 * x[0]) / u11
+            x0 = (x[0] - u01 * x1) / u00
+    x[0], x[1] = x0, x1
+
+
+def divide(
+    out: Matrix, column: Vector, lower: Matrix, upper: Matrix, n: int, m: Matrix, b: Matrix
+) -> None:
+    """Set m^-1 B on the same condition; `column`, `lower` and `upper` are overwritten."""
+    for j in range(n):
+        for i in range(n):
+            column[i] = b[i][j]
+        solve(column, lower, upper, n, m)
+        for i in range(n):
+            out[i][j] = column[i]

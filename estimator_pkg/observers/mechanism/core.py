@@ -3,10 +3,16 @@
 
 """The shared part of all observers of mechanisms: guard of the domain, status, convention.
 
-A measurement is the tuple of all positions. The input is the tuple of forces and torques that acted
-from the previous sample to this one. An observer is a small core (see `MechanicalCore`). `around`
-adds the shared part and returns the `Functions` of the contract, in which position, velocity and
-acceleration are tuples.
+A measurement is the vector of all positions. The input is the vector of forces and torques that
+acted from the previous sample to this one. An observer adds two functions, and imports those here:
+
+    advance(model, core, work, coefficients, design, before, moved, measurement, known_input)
+        Set `work.after`, the core state after one sample: `before` is the previous measurement,
+        `moved` the wrapped change since then. Return False where the model is not valid.
+    carry(model, core, work, design, at)
+        Set the velocities v at the positions `at` after samples without input or measurement.
+
+and SLIDING: the innovation is d of its core state, not e. `plan` of its module is ordinary Python.
 """
 
 from __future__ import annotations
@@ -14,29 +20,31 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cache
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.contract import (
-    COASTING,
-    INITIALISING,
-    NOT_OBSERVABLE,
-    TRACKING,
-    Functions,
-)
-from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
-from estimator_pkg.observers.mechanism.noise import NoiseGains, make_stddev
+from estimator_pkg.engine.calls import Memory, functions_of
+from estimator_pkg.models.mechanics import Mechanics, Vector
+from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.observers.mechanism.algebra import is_beyond, is_finite
+from estimator_pkg.observers.mechanism.noise import Noise, NoiseGains
 from estimator_pkg.observers.mechanism.parameters import (
     EXACT,
     LINEAR,
+    MEASUREMENT,
     PAPER,
     MechanicalGains,
     circles_of,
     per_joint,
 )
+from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work, enlarge
+from estimator_pkg.record import record
+from estimator_pkg.sensor.convention import begin, follow, present
 
 Array = NDArray[np.float64]
 
@@ -47,280 +55,454 @@ MEMORY = 400.0  # samples over which the innovation's power is averaged
 DRIFT_MEMORY = 20.0  # slowest time constants over which the power of its slow part is averaged
 SETTLED = 4.0  # time constants of the slowest pole until a start has settled
 
+NO_TROUBLE = 0
+OUT_OF_DOMAIN = 1
+NO_INPUT = 2
+FAR_OFF = 3  # the innovation is too large
+NOT_FINITE = 4  # the model returned values that are not finite
 
-class Design(NamedTuple):
-    """Everything that follows from the gains alone."""
-
-    core: tuple  # design of the core
-    periods: tuple  # wrap period of each position [rad]; 0: none
-    unwrap: tuple  # 1.0 or 0.0 for each position
-    outside: tuple  # innovations [rad or m] beyond which the lock is in doubt
-    settle: float  # time without trouble until the estimate is valid [s]
-    lost_after: float  # time in trouble after which the observer starts again [s]
+SINGLE_ANGLE = EDGES = TURNS = False
+DRIVEN = True
 
 
-class Coefficients(NamedTuple):
-    """Everything that follows from the design and the sample time."""
+@record
+class Estimate:
+    """The newest estimate of a mechanism."""
 
-    core: tuple
-    dt: float  # [s]
-    drift: float  # weight of the newest sample in the slow part of the innovation
-    memory: float  # over which the power of the slow part is averaged [s]
+    position: Vector  # [rad or m], in the convention of the measurement
+    velocity: Vector  # [rad/s or m/s]
+    status: int
+
+
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set what follows from dt [s]."""
+    corner = SETTLED * dt / design.settle  # of the slow part: the slowest pole
+    coefficients.dt = dt
+    coefficients.inverse_dt = 1.0 / dt
+    coefficients.drift = corner / (1.0 + corner)
+    coefficients.memory = max(MEMORY * dt, DRIFT_MEMORY * design.settle / SETTLED)
+
+
+def is_reading(measurement: Vector) -> bool:
+    """Return True: `driver.mechanism_channel` examines the measurement."""
+    return True
+
+
+def start(observer: Any, state: State, design: Design, measurement: Vector) -> None:
+    """Set every field, after the first sample."""
+    begin_core(observer.model, state, INITIALISING, NO_TROUBLE)
+    for i in range(observer.model.JOINTS):
+        state.before[i] = measurement[i]
+        begin(state.conventions[i], measurement[i])
+        state.squares[i] = state.drift[i] = state.drift_squares[i] = 0.0
+
+
+def begin_core(model: Any, state: State, status: int, trouble: int) -> None:
+    """Begin at rest at the measurement."""
+    core = state.core
+    for i in range(model.JOINTS):
+        core.e[i] = core.x[i] = core.d[i] = core.v[i] = 0.0
+    state.status, state.trouble = status, trouble
+    state.clear = state.astray = 0.0
+
+
+def step(
+    observer: Any,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: Vector,
+    known_input: Vector,
+) -> None:
+    """Take one sample."""
+    n, work, core = observer.model.JOINTS, state.work, state.core
+    for i in range(n):
+        work.moved[i] = wrap(measurement[i] - state.before[i], design.periods[i])
+        follow(state.conventions[i], measurement[i], design.periods[i])
+    trouble = NO_TROUBLE
+    if not is_finite(observer.model.INPUTS, known_input):
+        trouble = NO_INPUT
+    elif not observer.advance(
+        observer.model,
+        core,
+        work,
+        coefficients,
+        design,
+        state.before,
+        work.moved,
+        measurement,
+        known_input,
+    ):
+        trouble = OUT_OF_DOMAIN
+    elif not (is_finite(n, work.after.e) and is_finite(n, work.after.v)):
+        begin_core(observer.model, state, INITIALISING, NOT_FINITE)
+        trouble = NOT_FINITE
+    else:
+        core.take(work.after)
+        if is_beyond(n, core.e, design.outside):
+            trouble = FAR_OFF
+    if trouble == NO_TROUBLE:
+        settle(observer, state, coefficients, design)
+    elif trouble != NOT_FINITE:
+        stray(observer, state, coefficients, design, measurement, trouble)
+    for i in range(n):
+        state.before[i] = measurement[i]
+
+
+def settle(observer: Any, state: State, coefficients: Coefficients, design: Design) -> None:
+    """Follow the status and the power of the innovation after a sample without trouble."""
+    dt = coefficients.dt
+    state.clear += dt
+    if state.clear >= design.settle:
+        state.status = TRACKING
+        state.astray = 0.0
+    state.trouble = NO_TROUBLE
+    weight = dt / state.clear if state.clear < MEMORY * dt else 1.0 / MEMORY
+    since = max(state.clear - design.settle, 0.0) + dt
+    slowly = dt / min(since, coefficients.memory)
+    for i in range(observer.model.JOINTS):
+        innovation = state.core.e[i]
+        if observer.SLIDING:
+            innovation = state.core.d[i]
+        state.squares[i] += weight * (innovation * innovation - state.squares[i])
+        drift = state.drift[i] + coefficients.drift * (innovation - state.drift[i])
+        state.drift[i] = drift
+        if state.status == TRACKING:  # the transient of the start is not an error of the model
+            state.drift_squares[i] += slowly * (drift * drift - state.drift_squares[i])
+
+
+def stray(
+    observer: Any,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: Vector,
+    trouble: int,
+) -> None:
+    """Follow the status after a sample in trouble."""
+    state.astray += coefficients.dt
+    state.trouble = trouble
+    if trouble == FAR_OFF:
+        state.clear = 0.0
+        if state.astray > design.lost_after:
+            begin_core(observer.model, state, INITIALISING, FAR_OFF)
+        elif state.status == TRACKING or state.status == COASTING:
+            state.status = COASTING
+        else:
+            state.status = INITIALISING
+        return
+    # no update: keep the velocity, take the position from the measurement
+    hold(observer, state, design, measurement)
+    if state.astray > COAST:
+        state.clear = 0.0
+        state.status = NOT_OBSERVABLE
+    elif state.status == TRACKING:
+        state.status = COASTING
+
+
+def hold(observer: Any, state: State, design: Design, measurement: Vector) -> None:
+    """Take the position from the measurement, and keep the motion."""
+    for i in range(observer.model.JOINTS):
+        state.core.e[i] = 0.0
+    observer.carry(observer.model, state.core, state.work, design, measurement)
+
+
+def keep(model: Any, core: Core, work: Work, design: Design, at: Vector) -> None:
+    """Keep the velocities: `carry` of an observer whose state they are."""
+
+
+def estimate(
+    observer: Any,
+    out: Estimate,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: Vector,
+    known_input: Vector,
+) -> None:
+    """Set the estimate at the last measurement."""
+    core = state.core
+    for i in range(observer.model.JOINTS):
+        out.position[i] = present(
+            state.conventions[i], measurement[i] + core.e[i], design.periods[i], design.unwrap[i]
+        )
+        out.velocity[i] = core.v[i]
+    out.status = state.status
+
+
+def resume(
+    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Vector
+) -> None:
+    """Go on after a gap: position from the measurement, motion kept."""
+    hold(observer, state, design, measurement)
+    go_on(observer.model, state, design, measurement)
+    if state.status == TRACKING:
+        state.status = COASTING
+    state.trouble = NO_TROUBLE
+    state.clear = state.astray = 0.0
+
+
+def restart(
+    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Vector
+) -> None:
+    """Start again after an outage; the turns that were counted stay."""
+    begin_core(observer.model, state, INITIALISING, NO_TROUBLE)
+    go_on(observer.model, state, design, measurement)
+
+
+def go_on(model: Any, state: State, design: Design, measurement: Vector) -> None:
+    """Follow the convention of a measurement without a step."""
+    for i in range(model.JOINTS):
+        state.before[i] = measurement[i]
+        follow(state.conventions[i], measurement[i], design.periods[i])
+
+
+def place(model: Any, at: Vector, design: Design, before: Vector, moved: Vector, e: Vector) -> None:
+    """Set the positions at which a step evaluates the model."""
+    for i in range(model.JOINTS):
+        if not design.at_measurement:
+            at[i] = before[i] + e[i]
+        elif design.linear_hold:
+            at[i] = before[i] + 0.5 * moved[i]
+        else:
+            at[i] = before[i]
+
+
+def walk(
+    observer: Any,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    count: int,
+    measured: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    parts: int,
+    single: bool,
+    velocities: NDArray[np.float64],
+) -> None:
+    """Advance over `count` samples of positions that do not wrap, without status: for studies.
+
+    Parameters
+    ----------
+    measured, velocities : shape (count, n), flat. Row k of the velocities is the estimate before
+        y_k is injected.
+    inputs : shape (count, max(1, m)), flat; row k acts from sample k to k + 1.
+    parts : steps per sample, with a constant measurement; the coefficients are those of dt/parts.
+    single : the state is stored in single precision.
+    """
+    n, m = observer.model.JOINTS, max(1, observer.model.INPUTS)
+    core, work = state.core, state.work
+    for i in range(n):
+        velocities[i] = core.v[i]
+    for k in range(1, count):
+        for i in range(m):
+            work.given[i] = inputs[(k - 1) * m + i]
+        for part in range(parts):
+            for i in range(n):
+                state.before[i] = measured[(k - 1) * n + i]
+                work.now[i] = measured[k * n + i] if part == parts - 1 else state.before[i]
+                work.moved[i] = work.now[i] - state.before[i]
+            good = observer.advance(
+                observer.model,
+                core,
+                work,
+                coefficients,
+                design,
+                state.before,
+                work.moved,
+                work.now,
+                work.given,
+            )
+            if good:
+                core.take(work.after)
+        for i in range(n):
+            if single:
+                core.e[i] = in_single(core.e[i])
+                core.x[i] = in_single(core.x[i])
+                core.d[i] = in_single(core.d[i])
+            velocities[k * n + i] = core.v[i]
+
+
+def in_single(x: float) -> float:
+    """Return x rounded to the 24 digits of single precision (Veltkamp's splitting)."""
+    wide = 536870913.0 * x
+    return wide - (wide - x)
+
+
+def limits(design: Design, dt: float) -> str | None:
+    """Return None, or why these gains cannot work at this dt [s], with the limit."""
+    if dt < design.longest:
+        return None
+    if design.paper:
+        return (
+            f'forward Euler (form: paper) is unstable at a sample time of {dt:.4g} s: these '
+            f'gains need less than {design.longest:.4g} s; use form: exact or lower gains'
+        )
+    return (
+        f'the gains are far too fast for a sample time of {dt:.4g} s: these need less than '
+        f'{design.longest:.4g} s; lower bandwidth_hz'
+    )
+
+
+def group_delay(design: Design, dt: float) -> float:
+    """Return the delay of the velocity at low frequency [s]."""
+    return design.lag + (0.0 if design.linear_hold else 0.5 * dt)
+
+
+@cache
+def bound(module: ModuleType, model: Any) -> ModuleType:
+    """Return the observer's module with `model` in it, named as the engine names it."""
+    name = f'{module.__dict__["advance"].__module__} model={getattr(model, "__name__", "")}'
+    made = ModuleType(name)
+    vars(made).update({**vars(module), 'model': model, '__name__': name})
+    return made
 
 
 @dataclass(frozen=True)
-class MechanicalCore:
-    """The part that differs between observers. All but `design`, `linear` and `limits` compile.
-
-    Its state is (e, x, d, v): e, estimate minus measurement of the positions; x, momenta or
-    velocities; d, disturbances, if they are estimated; v, published velocities.
-
-    design : () -> design of the core.
-    prepare : (design, dt) -> coefficients of the core.
-    begin : () -> core state at rest at the measurement.
-    advance : (core, coefficients, design, before, moved, measurement, known_input) -> (core, good).
-        Advances by one sample: `before` is the previous measurement, `moved` the wrapped change
-        since then. `good` is False where the model is not valid.
-    carry : (core, design, at) -> core. Sets the velocities v at the positions `at` after samples
-        with missing inputs or measurements.
-    linear : (at, mean squares of the innovation) -> (A, V): the error system about a configuration,
-        (e, x, d)' = A (e, x, d), and velocities = V x. For standard deviations, status and limits.
-    slowest : slowest pole at the operating point [1/s], positive.
-    lag : delay at low frequency of motion that the model does not predict [s].
-    noise : (at, mean squares of the innovation, dt) -> `NoiseGains`, for a core that is not linear;
-        None: they follow from `linear`.
-    seen : index of the innovation in the core's state: 0 for e, 2 for d.
-    """
-
-    design: Callable[[], tuple]
-    prepare: Callable[[tuple, float], tuple]
-    begin: Callable[[], tuple]
-    advance: Callable[..., tuple]
-    carry: Callable[..., tuple]
-    linear: Callable[[Array, Array], tuple[Array, Array]]
-    limits: Callable[[float], str | None]
-    slowest: float
-    lag: float
-    noise: Callable[[Array, Array, float], NoiseGains] | None = None
-    seen: int = 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class MechanicalFunctions(Functions):
-    """The functions of an observer of kind 'mechanical'.
+class Plan:
+    """What the gains of an observer imply.
 
     Attributes
     ----------
-    mechanics : the model.
-    core : the core, for callers that start it in another state than at rest at the measurement.
+    module : the observer's module with its model, see `bound`.
+    linear : (at, mean squares of the innovation) -> (A, V): the error system about a configuration,
+        (e, x, d)' = A (e, x, d), and velocities = V x. For standard deviations, status and limits.
     describe : (dt) -> properties of the gains by name: poles, limits, noise.
-    why : (state, design) -> why the estimate is not published, in words, or ''.
+    noise : (at, mean squares of the innovation, dt) -> `NoiseGains`, for an observer that is not
+        linear; None: they follow from `linear`.
     """
 
     mechanics: Mechanics
-    core: MechanicalCore
+    module: ModuleType
+    design: Design
+    deviations: Noise
+    linear: Callable[[Array, Array], tuple[Array, Array]]
     describe: Callable[[float], dict[str, Any]]
-    why: Callable[[tuple, tuple], str]
 
+    def limits(self, dt: float) -> str | None:
+        """Return None, or why these gains cannot work at this dt [s]."""
+        return limits(self.design, dt)
 
-def prepare_dt(design: tuple, dt: float) -> tuple[float, float]:
-    """Return (dt [s], 1 / dt [1/s]): the coefficients of a core that needs no others."""
-    return (dt, 1.0 / dt)
+    def state(self) -> State:
+        """Return a state with room for all positions."""
+        return enlarge(State(), self.mechanics.degrees)
 
-
-def around(
-    core: MechanicalCore,
-    gains: MechanicalGains,
-    mechanics: Mechanics,
-    circle: Any,
-    describe: Callable[[float], dict[str, Any]],
-) -> MechanicalFunctions:
-    """Return the contract's functions for the observer of a mechanism with this core.
-
-    The state is (state of the core, last measurement, conventions, power, lock). The power is (mean
-    squares of the innovation, its slow part, mean squares of the slow part). The lock is (status,
-    time since the last trouble [s], time in trouble [s], kind of trouble): 0 none, 1 outside the
-    domain, 2 no input, 3 innovation too large, 4 the model returned values that are not finite.
-    """
-    n = mechanics.degrees
-    circles = circles_of(mechanics, circle)
-    algebra = mechanical_algebra(n)
-    between, begin_all, follow_all = algebra.between, algebra.begin, algebra.follow
-    finite, beyond, present_all, squares = (
-        algebra.finite,
-        algebra.beyond,
-        algebra.present,
-        algebra.squares,
-    )
-    towards, minus, zeros_like = algebra.towards, algebra.minus, algebra.zeros_like
-    input_finite = mechanical_algebra(max(1, mechanics.inputs)).finite
-    needs_input = mechanics.inputs > 0
-    prepare_core, advance, carry, begin_core = (core.prepare, core.advance, core.carry, core.begin)
-    unknown, seen = (math.nan,) * n, core.seen
-    stddev = make_stddev(
-        core,
-        mechanics,
-        per_joint('noise', gains.noise, n),
-        per_joint('quantum', gains.quantum, n),
-        measured=gains.noise is None,
-        euler=gains.form == PAPER,
-        linear_hold=gains.form == EXACT and gains.hold == LINEAR,
-    )
-    linear_hold = gains.form == EXACT and gains.hold == LINEAR
-    settling = SETTLED / core.slowest if core.slowest > 0.0 else math.inf
-
-    def design() -> Design:
-        periods = tuple(float(each.period) for each in circles)
-        outside = tuple(OUTSIDE * period if period > 0.0 else math.inf for period in periods)
-        return Design(
-            core=core.design(),
-            periods=periods,
-            unwrap=tuple(float(each.unwrap) for each in circles),
-            outside=outside,
-            settle=float(settling),
-            lost_after=max(LOST_AFTER, min(float(settling), 10.0 * LOST_AFTER)),
-        )
-
-    def prepare(design: Any, dt: float) -> Coefficients:
-        corner = SETTLED * dt / settling  # of the slow part: the slowest pole
-        memory = max(MEMORY * dt, DRIFT_MEMORY * settling / SETTLED)
-        return Coefficients(prepare_core(design.core, dt), dt, corner / (1.0 + corner), memory)
-
-    def init(measurement: tuple, design: Any) -> tuple:
-        return (
-            begin_core(),
-            measurement,
-            begin_all(measurement),
-            (zeros_like(measurement), zeros_like(measurement), zeros_like(measurement)),
-            (INITIALISING, 0.0, 0.0, 0),
-        )
-
-    def step(
-        state: tuple, coefficients: Any, design: Any, measurement: tuple, known_input: tuple
-    ) -> tuple:
-        inner, before, conventions, power, (status, clear, astray, trouble) = state
-        core_coefficients, dt, of_newest, memory = coefficients
-        core_design, periods, unwrap, outside, settle, lost_after = design
-        moved = between(measurement, before, periods)
-        conventions = follow_all(conventions, measurement, periods)
-        found = 0
-        if needs_input and not input_finite(known_input):
-            found = 2
-        else:
-            after, good = advance(
-                inner, core_coefficients, core_design, before, moved, measurement, known_input
+    def velocities(
+        self,
+        state: State,
+        measured: Array,
+        inputs: Array,
+        dt: float,
+        parts: int = 1,
+        single: bool = False,
+    ) -> Array:
+        """Return the velocities of `walk`, shape (N, n); the state goes on."""
+        given = np.zeros((len(measured), max(1, self.mechanics.inputs)))
+        given[:, : self.mechanics.inputs] = inputs
+        coefficients = Coefficients()
+        prepare(coefficients, self.design, dt / parts)
+        rows, out = np.ascontiguousarray(measured, float), np.zeros(np.shape(measured))
+        compiled = functions_of(self.module)
+        if compiled is None:
+            walk(
+                self.module,
+                state,
+                coefficients,
+                self.design,
+                len(rows),
+                rows.ravel().tolist(),
+                given.ravel().tolist(),
+                parts,
+                single,
+                out.ravel(),
             )
-            e, x, d, v = after
-            if not good:
-                found = 1
-            elif not finite(e) or not finite(v):
-                return (begin_core(), measurement, conventions, power, (INITIALISING, 0.0, 0.0, 4))
-            else:
-                inner = after
-                if beyond(e, outside):
-                    found = 3
-        if found == 0:
-            clear += dt
-            if clear >= settle:
-                status = TRACKING
-                astray = 0.0
-            weight = dt / clear if clear < MEMORY * dt else 1.0 / MEMORY
-            mean_squares, drift, drift_squares = power
-            mean_squares = squares(mean_squares, weight, inner[seen])
-            drift = towards(drift, of_newest, minus(inner[seen], drift))
-            if status == TRACKING:  # the transient of the start is not an error of the model
-                since = max(clear - settle, 0.0) + dt
-                drift_squares = squares(drift_squares, dt / min(since, memory), drift)
-            power = (mean_squares, drift, drift_squares)
-            return (inner, measurement, conventions, power, (status, clear, astray, 0))
-        astray += dt
-        if found != 3:  # no update: keep the velocity, take the position from the measurement
-            e, x, d, v = inner
-            inner = carry((zeros_like(measurement), x, d, v), core_design, measurement)
-        if found == 3:
-            clear = 0.0
-            if astray > lost_after:
-                return (begin_core(), measurement, conventions, power, (INITIALISING, 0.0, 0.0, 3))
-            status = COASTING if status == TRACKING or status == COASTING else INITIALISING
-        elif astray > COAST:
-            clear = 0.0
-            status = NOT_OBSERVABLE
-        elif status == TRACKING:
-            status = COASTING
-        return (inner, measurement, conventions, power, (status, clear, astray, found))
+            return out
+        records = [Memory(type(each), each) for each in (state, coefficients, self.design)]
+        pointers = [each.pointer for each in records]
+        columns = [each.ctypes.data for each in (rows, given)]
+        compiled.walk(*pointers, len(rows), *columns, parts, single, out.ctypes.data)
+        state.take(State.read(records[0].array[0]))
+        return out
 
-    def output(
-        state: tuple, coefficients: Any, design: Any, measurement: tuple, known_input: tuple
-    ) -> tuple:
-        (e, x, d, v), before, conventions, power, (status, clear, astray, trouble) = state
-        position = present_all(
-            conventions, towards(measurement, 1.0, e), design.periods, design.unwrap
-        )
-        return position, v, unknown, status
-
-    def resume(state: tuple, coefficients: Any, design: Any, measurement: tuple) -> tuple:
-        (e, x, d, v), before, conventions, power, (status, clear, astray, trouble) = state
-        inner = carry((zeros_like(measurement), x, d, v), design.core, measurement)
-        if status == TRACKING:
-            status = COASTING
-        return (
-            inner,
-            measurement,
-            follow_all(conventions, measurement, design.periods),
-            power,
-            (status, 0.0, 0.0, 0),
-        )
-
-    def restart(state: tuple, coefficients: Any, design: Any, measurement: tuple) -> tuple:
-        inner, before, conventions, power, lock = state
-        return (
-            begin_core(),
-            measurement,
-            follow_all(conventions, measurement, design.periods),
-            power,
-            (INITIALISING, 0.0, 0.0, 0),
-        )
-
-    def why(state: tuple, design: Any) -> str:
-        inner, before, conventions, power, (status, clear, astray, trouble) = state
-        if trouble == 1:
-            complaint = mechanics.complaint()
-            return f"outside the domain of model '{mechanics.name}': the last velocity is kept" + (
+    def why(self, state: State) -> str:
+        """Return why the estimate is not published, in words, or ''."""
+        model, complaint = self.mechanics.name, self.mechanics.complaint()
+        if state.trouble == OUT_OF_DOMAIN:
+            return f"outside the domain of model '{model}': the last velocity is kept" + (
                 f' ({complaint})' if complaint else ''
             )
-        if trouble == 2:
-            needed = ', '.join(mechanics.joints[index] for index in mechanics.actuated)
-            return f"no effort for {needed}, which model '{mechanics.name}' needs"
-        if trouble == 3:
+        if state.trouble == NO_INPUT:
+            needed = ', '.join(self.mechanics.joints[index] for index in self.mechanics.actuated)
+            return f"no effort for {needed}, which model '{model}' needs"
+        if state.trouble == FAR_OFF:
             return 'the positions are far from those that the model predicts with these inputs'
-        if trouble == 4:
-            complaint = mechanics.complaint()
-            return f"model '{mechanics.name}' is not finite at these positions" + (
+        if state.trouble == NOT_FINITE:
+            return f"model '{model}' is not finite at these positions" + (
                 f': {complaint}' if complaint else ''
             )
-        if status == INITIALISING:
+        if state.status == INITIALISING:
             return (
-                f'settling: {clear:.2g} s of {design.settle:.3g} s, four times the slowest '
-                'time constant'
+                f'settling: {state.clear:.2g} s of {self.design.settle:.3g} s, four times the '
+                'slowest time constant'
             )
         return ''
 
-    return MechanicalFunctions(
-        design=design,
-        prepare=prepare,
-        init=init,
-        step=step,
-        output=output,
-        stddev=stddev,
-        resume=resume,
-        limits=core.limits,
-        group_delay=lambda dt: core.lag + (0.0 if linear_hold else 0.5 * dt),
-        finite=finite,
-        blank=tuple(mechanics.centre),
-        no_input=(math.nan,) * max(1, mechanics.inputs),
-        mechanics=mechanics,
-        core=core,
-        describe=describe,
-        why=why,
-        restart=restart,
+
+def made_plan(
+    module: ModuleType,
+    gains: MechanicalGains,
+    mechanics: Mechanics,
+    circle: Any,
+    *,
+    matrices: dict[str, Any],
+    slowest: float,
+    longest: float,
+    lag: float,
+    linear: Callable[[Array, Array], tuple[Array, Array]],
+    describe: Callable[[float], dict[str, Any]],
+    noise: Callable[[Array, Array, float], NoiseGains] | None = None,
+) -> Plan:
+    """Return the plan of an observer.
+
+    Parameters
+    ----------
+    matrices : fields of `Design` that the observer sets.
+    slowest : slowest pole at the operating point [1/s], positive.
+    longest, lag : as in `Design`. linear, describe, noise : as in `Plan`.
+    """
+    n = mechanics.degrees
+    made: Design = enlarge(Design(), n)
+    for index, value in enumerate(mechanics.values):
+        made.values[index] = float(value)
+    made.paper = gains.form == PAPER
+    made.at_measurement = gains.schedule == MEASUREMENT
+    made.linear_hold = gains.hold == LINEAR and gains.form == EXACT
+    made.damped, made.dry = mechanics.damped, mechanics.speed_matters
+    made.resisted = mechanics.damped or (mechanics.speed_matters and not made.paper)
+    for index, each in enumerate(circles_of(mechanics, circle)):
+        made.periods[index], made.unwrap[index] = float(each.period), bool(each.unwrap)
+        made.outside[index] = OUTSIDE * each.period if each.period > 0.0 else math.inf
+        made.one[index][index] = 1.0
+    made.settle = float(SETTLED / slowest) if slowest > 0.0 else math.inf
+    made.lost_after = max(LOST_AFTER, min(made.settle, 10.0 * LOST_AFTER))
+    made.longest, made.lag = float(longest), float(lag)
+    for name, value in matrices.items():
+        if isinstance(value, np.ndarray):
+            for index, row in enumerate(value.tolist()):
+                if isinstance(row, list):
+                    getattr(made, name)[index][:n] = row
+                else:
+                    getattr(made, name)[index] = row
+        else:
+            setattr(made, name, value)
+    deviations = Noise(
+        mechanics,
+        per_joint('noise', gains.noise, n),
+        per_joint('quantum', gains.quantum, n),
+        linear,
+        noise,
+        measured=gains.noise is None,
+        euler=made.paper,
+        linear_hold=made.linear_hold,
     )
+    return Plan(mechanics, bound(module, mechanics.model), made, deviations, linear, describe)

@@ -12,6 +12,7 @@ does not predict, is then (K s + E)/(s + w)^3.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,14 +21,33 @@ from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanism.core import MechanicalFunctions
+from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
+    SINGLE_ANGLE,
+    TURNS,
+    Estimate,
+    Plan,
+    estimate,
+    group_delay,
+    is_reading,
+    limits,
+    prepare,
+    restart,
+    resume,
+    start,
+    step,
+    walk,
+)
+from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
 from estimator_pkg.observers.mechanism.parameters import (
     BandwidthGains,
     MechanicalGains,
     model_of,
     operating_point,
 )
-from estimator_pkg.observers.mechanism.velocity import linear_observer
+from estimator_pkg.observers.mechanism.state import Coefficients, Design, State  # noqa: F401
+from estimator_pkg.observers.mechanism.velocity import SLIDING, advance, linear_plan  # noqa: F401  (its functions too)
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
@@ -62,15 +82,16 @@ def tune(gains: Gains) -> tuple[float, float, float]:
     return h[0] / epsilon, h[1] / epsilon**2, h[2] / epsilon**3
 
 
-def build(gains: Gains, circle: Any) -> MechanicalFunctions:
-    """Return the functions of the observer with these gains; raises UserError, UsageError."""
+def plan(gains: Gains, circle: Any) -> Plan:
+    """Return what these gains imply; raises UserError, UsageError."""
     mechanics = model_of(gains)
     point = operating_point(gains, mechanics)
     eye = np.eye(mechanics.degrees)
     L, K, E = (gain * eye for gain in tune(gains))
-    return linear_observer(
-        mechanics,
+    return linear_plan(
+        sys.modules[__name__],
         gains,
+        mechanics,
         circle,
         L,
         K,
@@ -85,7 +106,6 @@ OBSERVER = Observer(
     name='ehgo',
     summary='extended high-gain observer of any mechanism: estimates unknown forces too',
     gains=Gains,
-    build=build,
     kind='mechanical',
     reference='(25) of Aranovskiy, Ortega, Romero, Sokolov (IJC 2019)',
 )

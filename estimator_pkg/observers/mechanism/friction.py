@@ -11,11 +11,10 @@ replaced by viscous friction of the same size, F(v)/v, which the steps treat exa
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Any
 
-from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.maths.unroll import written_out
-from estimator_pkg.observers.mechanism.algebra import column
+from estimator_pkg.models.mechanics import Vector
+from estimator_pkg.observers.mechanism.state import Design, Work
 
 MOST = 30.0  # largest viscous decay per sample: with more, the joint is at rest all the same
 
@@ -51,60 +50,36 @@ def stopping(
     return free, lost / abs(v) if lost < most * abs(v) else most
 
 
-def make_resistance(mechanics: Mechanics) -> Callable[..., tuple]:
-    """Return resistance(values, q, v, u, mass, dt) -> (constant forces, D with such friction).
+def resist(
+    model: Any, design: Design, work: Work, q: Vector, v: Vector, u: Vector, dt: float
+) -> None:
+    """Set `work.force`, constant over the sample, and `work.damping`, D with such friction.
 
-    `mass` is M at q. If the model has neither damping nor friction, D is meaningless (but has its
-    shape); see `is_resisted`.
+    With dry friction `work.mass` must be M at q. D is zero if the model has neither damping nor
+    dry friction.
     """
-    n, force = mechanics.degrees, mechanics.force
-    damped = mechanics.damping is not None
-    damping = mechanics.damping if mechanics.damping is not None else mechanics.inertia
-
-    def viscous(values: tuple, q: tuple, v: tuple, u: tuple, mass: tuple, dt: float) -> tuple:
-        return force(values, q, v, u), damping(values, q)
-
-    if not mechanics.speed_matters:
-        return viscous
-    matrix = ''.join(
-        '('
-        + ''.join(
-            (f'd[{i}][{j}]' if damped else '0.0') + (f' + s{i}, ' if i == j else ', ')
-            for j in range(n)
-        )
-        + '), '
-        for i in range(n)
-    )
-    stops = ' or '.join(
-        f'may_stop(full[{i}], free[{i}], v[{i}], mass[{i}][{i}], dt)' for i in range(n)
-    )
-    lines = [
-        'def resistance(values, q, v, u, mass, dt):',
-        '    full = force(values, q, v, u)',
-        f'    free = force(values, q, {column("0.0", n)}, u)',
-        f'    {column("f{i}", n)} = full',
-        *(f'    s{i} = 0.0' for i in range(n)),
-        f'    if {stops}:',
-        f'        ahead = {column("v[{i}] + dt * free[{i}] / mass[{i}][{i}]", n)}',
-        '        late = force(values, q, ahead, u)',
-        *(
-            f'        f{i}, s{i} = stopping(full[{i}], free[{i}], late[{i}], v[{i}], '
-            f'mass[{i}][{i}], dt)'
-            for i in range(n)
-        ),
-        *(['    d = damping(values, q)'] if damped else []),
-        f'    return {column("f{i}", n)}, ({matrix})',
-    ]
-    return written_out(
-        lines,
-        f'resistance of {mechanics.name}',
-        force=force,
-        damping=damping,
-        stopping=stopping,
-        may_stop=may_stop,
-    )['resistance']
-
-
-def is_resisted(mechanics: Mechanics) -> bool:
-    """Return True if the D of `resistance` is meaningful: there is damping or dry friction."""
-    return mechanics.damping is not None or mechanics.speed_matters
+    n, values = model.JOINTS, design.values
+    model.force(work.force, values, q, v, u)
+    if design.damped:
+        model.damping(work.damping, values, q)
+    if not design.dry:
+        return
+    force, free, mass = work.force, work.free, work.mass
+    model.force(free, values, q, work.nothing, u)
+    stops = False
+    for i in range(n):
+        if may_stop(force[i], free[i], v[i], mass[i][i], dt):
+            stops = True
+    if stops:
+        for i in range(n):
+            work.ahead[i] = v[i] + dt * free[i] / mass[i][i]
+        model.force(work.late, values, q, work.ahead, u)
+    for i in range(n):
+        viscous = 0.0
+        if stops:
+            constant, viscous = stopping(force[i], free[i], work.late[i], v[i], mass[i][i], dt)
+            force[i] = constant
+        if design.damped:
+            work.damping[i][i] += viscous
+        else:
+            work.damping[i][i] = viscous

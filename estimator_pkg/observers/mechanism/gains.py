@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +17,6 @@ from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.mechanism.flow import LARGEST_PART, MOST_PARTS
 
 Array = NDArray[np.float64]
-Limits = Callable[[float], str | None]
 
 GUARANTEED_SPEED = 1.0  # of each position, for the guaranteed rate [rad/s or m/s]
 
@@ -81,15 +79,15 @@ def error_matrix(mechanics: Mechanics, tuning: Tuning, q: Array, disturbed: bool
 
     Its shape is (3 n, 3 n) if `disturbed`, else (2 n, 2 n).
     """
-    calm, psi = check.factors(mechanics, q)
+    calm, psi = mechanics.factors(q)
     n = mechanics.degrees
     size = 3 * n if disturbed else 2 * n
     matrix = np.zeros((size, size))
     matrix[:n, :n] = -tuning.L
     matrix[:n, n : 2 * n] = calm
     matrix[n : 2 * n, :n] = -tuning.Gamma @ calm.T @ tuning.P0
-    if mechanics.damping is not None:
-        damping = check.matrix(mechanics.damping, mechanics, q)
+    if mechanics.damped:
+        damping = mechanics.damping(q)
         matrix[n : 2 * n, n : 2 * n] = -psi.T @ damping @ calm
     if disturbed:
         matrix[n : 2 * n, 2 * n :] = psi.T
@@ -116,49 +114,19 @@ def longest_euler(matrices: list[Array]) -> float:
     return longest
 
 
-def euler_limit(matrices: list[Array]) -> Limits:
-    """Return `limits` of forward Euler with one of these error systems [1/s], shape (m, m)."""
-    longest = longest_euler(matrices)
+def longest_exact(matrices: list[Array], n: int) -> float:
+    """Return the longest sample time [s] of the exact step of `flow` with these error systems.
 
-    def limits(dt: float) -> str | None:
-        if dt < longest:
-            return None
-        return (
-            f'forward Euler (form: paper) is unstable at a sample time of {dt:.4g} s: these '
-            f'gains need less than {longest:.4g} s; use form: exact or lower gains'
-        )
-
-    return limits
-
-
-def exact_limit(matrices: list[Array], n: int) -> Limits:
-    """Return `limits` of the exact step of `flow` with one of these error systems.
-
-    They have shape (2 n, 2 n) or (3 n, 3 n) [1/s], n the number of positions. It refuses gains that
-    are so fast for the sample rate that a step would take more than `MOST_PARTS` parts.
+    They have shape (2 n, 2 n) or (3 n, 3 n) [1/s], n the number of positions. Gains are refused if
+    they are so fast for the sample rate that a step would take more than `MOST_PARTS` parts.
     """
-    longest = LARGEST_PART * MOST_PARTS / max(_pace(matrix, n) for matrix in matrices)
-
-    def limits(dt: float) -> str | None:
-        if dt < longest:
-            return None
-        return (
-            f'the gains are far too fast for a sample time of {dt:.4g} s: these need less than '
-            f'{longest:.4g} s; lower bandwidth_hz'
-        )
-
-    return limits
+    return LARGEST_PART * MOST_PARTS / max(_pace(matrix, n) for matrix in matrices)
 
 
 def _pace(matrix: Array, n: int) -> float:
     """Return the rate [1/s] by which `flow` chooses the number of parts."""
     stiffness = abs(float(np.trace(matrix[:n, n : 2 * n] @ matrix[n : 2 * n, :n])))
     return float(np.sum(np.abs(np.diag(matrix)[: 2 * n]))) + math.sqrt(stiffness)
-
-
-def never(dt: float) -> str | None:
-    """Return None: the `limits` of an observer that works at every sample time."""
-    return None
 
 
 class Guarantee(NamedTuple):
@@ -205,7 +173,7 @@ def describe(
     dt : sample time [s].
     disturbed : the observer has a disturbance state.
     """
-    calm = check.factors(mechanics, point)[0]
+    calm = mechanics.factors(point)[0]
     K = calm @ tuning.Gamma @ calm.T @ tuning.P0
     configurations = [q for q, _ in check.random_states(mechanics)]
     matrices = [error_matrix(mechanics, tuning, q, disturbed) for q in (point, *configurations)]
@@ -226,13 +194,11 @@ def describe(
     }
     # the proposition applies to (11): L + L^T > 0 and no disturbance state
     if not disturbed and np.allclose(tuning.P0, np.eye(len(tuning.P0))):
-        sizes = [
-            np.linalg.svd(check.factors(mechanics, q)[0], compute_uv=False) for q in configurations
-        ]
+        sizes = [np.linalg.svd(mechanics.factors(q)[0], compute_uv=False) for q in configurations]
         turning = max(
             sum(
                 float(np.linalg.norm(slope, 2)) * GUARANTEED_SPEED
-                for slope in check.slopes(mechanics, lambda x: check.factors(mechanics, x)[0], q)
+                for slope in check.slopes(mechanics, lambda x: mechanics.factors(x)[0], q)
             )
             for q in configurations
         )

@@ -14,6 +14,7 @@ of the innovation.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,35 +23,55 @@ from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models import check
-from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.models.mechanics import Mechanics, Vector
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.tracking import natural_frequency
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
-from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
-from estimator_pkg.observers.mechanism.core import (
-    MechanicalCore,
-    MechanicalFunctions,
-    around,
-    prepare_dt,
+from estimator_pkg.observers.mechanism.algebra import (
+    apply,
+    is_finite,
+    multiply,
+    multiply_turned,
+    turn,
+    turned_multiply,
 )
-from estimator_pkg.observers.mechanism.flow import make_flow
-from estimator_pkg.observers.mechanism.friction import is_resisted, make_resistance
+from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
+    SINGLE_ANGLE,
+    TURNS,
+    Estimate,
+    Plan,
+    estimate,
+    group_delay,
+    is_reading,
+    limits,
+    made_plan,
+    place,
+    prepare,
+    restart,
+    resume,
+    start,
+    step,
+    walk,
+)
+from estimator_pkg.observers.mechanism.flow import flow
+from estimator_pkg.observers.mechanism.friction import resist
 from estimator_pkg.observers.mechanism.gains import Tuning
 from estimator_pkg.observers.mechanism.parameters import (
-    LINEAR,
-    MEASUREMENT,
     PAPER,
     LoopGains,
     MechanicalGains,
     gain_matrix,
     model_of,
     operating_point,
-    tuple_of,
 )
+from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work  # noqa: F401
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
 TURN = 2.0 * np.pi
+SLIDING = False
 
 
 @dataclass(frozen=True)
@@ -87,7 +108,7 @@ def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
     UsageError : a gain is not positive definite, not Hurwitz, of wrong size, or set twice.
     """
     n = mechanics.degrees
-    calm = check.factors(mechanics, point)[0]
+    calm = mechanics.factors(point)[0]
     slow = TURN * gains.disturbance_hz
     if gains.Gamma is not None and gains.K is not None:
         raise UsageError("'Gamma' and 'K' are both set: set only one of them, not both")
@@ -120,19 +141,133 @@ def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
         product = np.eye(n) * omega * omega * slow
     else:
         product = foreseen * slow
-    E = check.matrix(mechanics.inertia, mechanics, point) @ product
+    E = mechanics.inertia(point) @ product
     return Tuning(L, Gamma, P0, E)
 
 
-def build(gains: Gains, circle: Any) -> MechanicalFunctions:
-    """Return the functions of the observer with these gains.
+def advance(
+    model: Any,
+    core: Core,
+    work: Work,
+    coefficients: Coefficients,
+    design: Design,
+    before: Vector,
+    moved: Vector,
+    measurement: Vector,
+    known_input: Vector,
+) -> bool:
+    """Set `work.after`, the state after one sample; return False where the model is not valid."""
+    n, values, after, at = model.JOINTS, design.values, work.after, work.at
+    place(model, at, design, before, moved, core.e)
+    if not model.admits(values, at):
+        return False
+    after.take(core)
+    model.factors(work.calm, work.psi, values, at)
+    set_gain(model, work, design)
+    if design.paper:
+        move_by_euler(model, core, work, coefficients.dt, design, moved, known_input)
+    else:
+        if design.dry:
+            model.inertia(work.mass, values, at)
+        resist(model, design, work, at, core.v, known_input, coefficients.dt)
+        turn(work.f, n, work.psi, work.force)
+        set_damping(model, work, design)
+        for i in range(n):
+            work.rate[i] = coefficients.inverse_dt * moved[i] if design.linear_hold else 0.0
+        if not flow(model, after, work.calm, work.psi, work.b, work, design, coefficients.dt):
+            return False
+        if not design.linear_hold:
+            for i in range(n):
+                after.e[i] -= moved[i]
+    for i in range(n):
+        at[i] = measurement[i] if design.at_measurement else measurement[i] + after.e[i]
+    if not model.admits(values, at):
+        return False
+    model.factors(work.calm, work.psi, values, at)
+    apply(after.v, n, work.calm, after.x)
+    return True
+
+
+def set_gain(model: Any, work: Work, design: Design) -> None:
+    """Set b = Gamma calM^T P0."""
+    n, calm, Gamma = model.JOINTS, work.calm, design.Gamma
+    if design.simple:
+        for i in range(n):
+            for j in range(n):
+                work.b[i][j] = Gamma[i][i] * calm[j][i]
+    else:
+        multiply_turned(work.w, n, Gamma, calm)
+        multiply(work.b, n, work.w, design.P0)
+
+
+def set_damping(model: Any, work: Work, design: Design) -> None:
+    """Set w = Psi^T D calM."""
+    n = model.JOINTS
+    if design.resisted:
+        multiply(work.mass, n, work.damping, work.calm)
+        turned_multiply(work.w, n, work.psi, work.mass)
+    else:
+        for i in range(n):
+            for j in range(n):
+                work.w[i][j] = 0.0
+
+
+def move_by_euler(
+    model: Any,
+    core: Core,
+    work: Work,
+    dt: float,
+    design: Design,
+    moved: Vector,
+    known_input: Vector,
+) -> None:
+    """Advance by forward Euler of (11)."""
+    n, after = model.JOINTS, work.after
+    model.force(work.force, design.values, work.at, core.v, known_input)
+    if design.damped:
+        model.damping(work.damping, design.values, work.at)
+    turn(work.f, n, work.psi, work.force)
+    set_damping(model, work, design)
+    for i in range(n):
+        of_p, of_L = work.calm[i][0] * core.x[0], design.L[i][0] * core.e[0]
+        of_b, of_w = work.b[i][0] * core.e[0], work.w[i][0] * core.x[0]
+        for k in range(1, n):
+            of_p += work.calm[i][k] * core.x[k]
+            of_L += design.L[i][k] * core.e[k]
+            of_b += work.b[i][k] * core.e[k]
+            of_w += work.w[i][k] * core.x[k]
+        after.e[i] = core.e[i] + dt * (of_p - of_L) - moved[i]
+        work.f[i] = work.f[i] - of_b - of_w
+    if design.disturbed:
+        turn(work.free, n, work.psi, core.d)
+        apply(work.late, n, design.E, core.e)
+        for i in range(n):
+            work.f[i] += work.free[i]
+            after.d[i] = core.d[i] - dt * work.late[i]
+    for i in range(n):
+        after.x[i] = core.x[i] + dt * work.f[i]
+
+
+def carry(model: Any, core: Core, work: Work, design: Design, at: Vector) -> None:
+    """Keep the momenta: without forces they are constant at all positions."""
+    if not model.admits(design.values, at):
+        return
+    model.factors(work.calm, work.psi, design.values, at)
+    apply(work.f, model.JOINTS, work.calm, core.x)
+    if is_finite(model.JOINTS, work.f):
+        for i in range(model.JOINTS):
+            core.v[i] = work.f[i]
+
+
+def plan(gains: Gains, circle: Any) -> Plan:
+    """Return what these gains imply.
 
     Raises
     ------
     UserError, UsageError : the model or the gains cannot work.
     """
     mechanics = model_of(gains)
-    if mechanics.factors is None:
+    if not mechanics.linearisable:
         raise UserError(
             f"model '{mechanics.name}' is not partially linearisable (it has no Psi, and the "
             "Cholesky factor of M^-1 is not one): use the observer 'hgo', which does not need it"
@@ -141,149 +276,50 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
     tuned = tune(gains, mechanics, point)
     n = mechanics.degrees
     disturbed = gains.disturbance_hz > 0.0
-    paper = gains.form == PAPER
-    damped = mechanics.damping is not None if paper else is_resisted(mechanics)
-    diagonal = bool(np.all(np.diag(np.diag(tuned.L)) == tuned.L))
-    simple = bool(np.all(tuned.Gamma == np.diag(np.diag(tuned.Gamma)))) and bool(
-        np.all(np.eye(n) == tuned.P0)
-    )
-    at_measurement = gains.schedule == MEASUREMENT
-    linear_hold = gains.hold == LINEAR and not paper
-    algebra = mechanical_algebra(n)
-    apply, turned, product, product_t = (
-        algebra.apply,
-        algebra.turned,
-        algebra.product,
-        algebra.product_t,
-    )
-    scaled_t, scale, zeros_like = algebra.scaled_t, algebra.scale, algebra.zeros_like
-    towards, minus, times = algebra.towards, algebra.minus, algebra.times
-    transposed, finite = algebra.transposed, algebra.finite
-    flow = make_flow(n, diagonal=diagonal, damped=damped, disturbed=disturbed)
-    inertia, factors, force = mechanics.inertia, mechanics.factors, mechanics.force
-    admits = mechanics.admits
-    damping_of = mechanics.damping if mechanics.damping is not None else mechanics.inertia
-    resistance, dry = make_resistance(mechanics), mechanics.speed_matters
-    zeros = (0.0,) * n
-
-    def design() -> tuple:
-        L = tuple_of(np.diag(tuned.L)) if diagonal else tuple_of(tuned.L)
-        Gamma = tuple_of(np.diag(tuned.Gamma)) if simple else tuple_of(tuned.Gamma)
-        return (mechanics.values, L, Gamma, tuple_of(tuned.P0), tuple_of(tuned.E))
-
-    def begin() -> tuple:
-        return (zeros, zeros, zeros, zeros)
-
-    def advance(
-        core: tuple,
-        coefficients: tuple,
-        design: tuple,
-        before: tuple,
-        moved: tuple,
-        measurement: tuple,
-        known_input: tuple,
-    ) -> tuple:
-        e, p, d, v = core
-        values, L, Gamma, P0, E = design
-        dt, inverse_dt = coefficients
-        if not at_measurement:
-            at = towards(before, 1.0, e)
-        elif linear_hold:
-            at = towards(before, 0.5, moved)
-        else:
-            at = before
-        if not admits(values, at):
-            return core, False
-        calm, psi = factors(values, at)
-        if simple:
-            b = scaled_t(Gamma, calm)  # Gamma calM^T
-        else:
-            b = product(product_t(Gamma, calm), P0)
-        if paper:
-            f, friction = force(values, at, v, known_input), damping_of(values, at)
-        else:
-            mass = inertia(values, at) if dry else calm
-            f, friction = resistance(values, at, v, known_input, mass, dt)
-        f = turned(psi, f)
-        if damped:
-            w = product(transposed(psi), product(friction, calm))  # Psi^T D calM
-        else:
-            w = calm
-        good = True
-        if paper:  # forward Euler of (11)
-            rate = apply(calm, p)
-            pushed = apply(b, e)
-            if diagonal:
-                rate = minus(rate, times(L, e))
-            else:
-                rate = minus(rate, apply(L, e))
-            f = minus(f, pushed)
-            if damped:
-                f = minus(f, apply(w, p))
-            if disturbed:
-                f = towards(f, 1.0, turned(psi, d))
-                d = towards(d, -dt, apply(E, e))
-            e = minus(towards(e, dt, rate), moved)
-            p = towards(p, dt, f)
-        else:
-            rate = scale(inverse_dt, moved) if linear_hold else zeros_like(moved)
-            e, p, d, good = flow(e, p, d, calm, psi, b, L, w, E, f, rate, dt)
-            if not linear_hold:
-                e = minus(e, moved)
-        now = measurement if at_measurement else towards(measurement, 1.0, e)
-        if not good or not admits(values, now):
-            return core, False
-        return (e, p, d, apply(factors(values, now)[0], p)), True
-
-    def carry(core: tuple, design: tuple, at: tuple) -> tuple:
-        """Keep the momenta: without forces they are constant at all positions."""
-        e, p, d, v = core
-        values, L, Gamma, P0, E = design
-        if not admits(values, at):
-            return core
-        velocity = apply(factors(values, at)[0], p)
-        return (e, p, d, velocity) if finite(velocity) else core
 
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
-        return (
-            mechanical_gains.error_matrix(mechanics, tuned, at, disturbed),
-            check.factors(mechanics, at)[0],
-        )
+        matrix = mechanical_gains.error_matrix(mechanics, tuned, at, disturbed)
+        return matrix, mechanics.factors(at)[0]
+
+    def describe(dt: float) -> dict[str, Any]:
+        return mechanical_gains.describe(mechanics, tuned, point, dt, disturbed=disturbed)
 
     configurations = [point, *(q for q, _ in check.random_states(mechanics))]
     matrices = [
         mechanical_gains.error_matrix(mechanics, tuned, q, disturbed) for q in configurations
     ]
-    limits = (
-        mechanical_gains.euler_limit(matrices)
-        if paper
-        else mechanical_gains.exact_limit(matrices, n)
-    )
-    calm_there = check.factors(mechanics, point)[0]
+    calm_there = mechanics.factors(point)[0]
     K = calm_there @ tuned.Gamma @ calm_there.T @ tuned.P0
-
-    def describe(dt: float) -> dict[str, Any]:
-        return mechanical_gains.describe(mechanics, tuned, point, dt, disturbed=disturbed)
-
-    core = MechanicalCore(
-        design=design,
-        prepare=prepare_dt,
-        begin=begin,
-        advance=advance,
-        carry=carry,
-        linear=linear,
-        limits=limits,
+    simple = np.all(tuned.Gamma == np.diag(np.diag(tuned.Gamma))) and np.all(np.eye(n) == tuned.P0)
+    return made_plan(
+        sys.modules[__name__],
+        gains,
+        mechanics,
+        circle,
+        matrices={
+            'L': tuned.L,
+            'Gamma': tuned.Gamma,
+            'P0': tuned.P0,
+            'E': tuned.E,
+            'simple': bool(simple),
+            'disturbed': disturbed,
+        },
         slowest=mechanical_gains.slowest_pole(matrices[0]),
+        longest=(
+            mechanical_gains.longest_euler(matrices)
+            if gains.form == PAPER
+            else mechanical_gains.longest_exact(matrices, n)
+        ),
         lag=0.0 if disturbed else float(np.max(np.diag(tuned.L) / np.diag(K))),
+        linear=linear,
+        describe=describe,
     )
-    return around(core, gains, mechanics, circle, describe)
 
 
 OBSERVER = Observer(
     name='geso',
     summary='globally exponentially stable observer of a mechanism with known model and input',
     gains=Gains,
-    build=build,
     kind='mechanical',
     reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), equation (11)',
 )

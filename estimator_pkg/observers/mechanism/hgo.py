@@ -11,6 +11,7 @@ mechanism. Its error grows with the speed, through C.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,25 @@ from numpy.typing import NDArray
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.tracking import natural_frequency
-from estimator_pkg.observers.mechanism.core import MechanicalFunctions
+from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
+    SINGLE_ANGLE,
+    TURNS,
+    Estimate,
+    Plan,
+    estimate,
+    group_delay,
+    is_reading,
+    limits,
+    prepare,
+    restart,
+    resume,
+    start,
+    step,
+    walk,
+)
+from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
 from estimator_pkg.observers.mechanism.parameters import (
     LoopGains,
     MechanicalGains,
@@ -28,7 +47,8 @@ from estimator_pkg.observers.mechanism.parameters import (
     model_of,
     operating_point,
 )
-from estimator_pkg.observers.mechanism.velocity import linear_observer
+from estimator_pkg.observers.mechanism.state import Coefficients, Design, State  # noqa: F401
+from estimator_pkg.observers.mechanism.velocity import SLIDING, advance, linear_plan  # noqa: F401  (its functions too)
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
@@ -88,14 +108,15 @@ def tune(gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
     return L, K, K * slow if slow > 0.0 else None
 
 
-def build(gains: Gains, circle: Any) -> MechanicalFunctions:
-    """Return the functions of the observer with these gains; raises UserError, UsageError."""
+def plan(gains: Gains, circle: Any) -> Plan:
+    """Return what these gains imply; raises UserError, UsageError."""
     mechanics = model_of(gains)
     point = operating_point(gains, mechanics)
     L, K, E = tune(gains, mechanics.degrees)
-    return linear_observer(
-        mechanics,
+    return linear_plan(
+        sys.modules[__name__],
         gains,
+        mechanics,
         circle,
         L,
         K,
@@ -109,7 +130,6 @@ OBSERVER = Observer(
     name='hgo',
     summary='high-gain observer of any mechanism with known model and input',
     gains=Gains,
-    build=build,
     kind='mechanical',
     reference='Lee, Mukherjee, Khalil (2015); (21) of Aranovskiy et al. (IJC 2019)',
 )

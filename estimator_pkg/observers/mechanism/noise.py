@@ -12,13 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.maths.steady_noise import steady_covariance
+from estimator_pkg.observers.mechanism.state import Coefficients, State
 
 Array = NDArray[np.float64]
 
@@ -126,51 +127,59 @@ def noise_gains(
     return NoiseGains(of_position, of_velocity, of_innovation, nothing, nothing, nothing)
 
 
-def make_stddev(
-    core: Any,
-    mechanics: Mechanics,
-    noise: tuple[float, ...],
-    quantum: tuple[float, ...],
-    *,
-    measured: bool,
-    euler: bool,
-    linear_hold: bool,
-) -> Callable[[tuple, tuple, tuple], tuple]:
-    """Return `stddev` of the contract for a `MechanicalCore`.
+class Noise:
+    """Standard deviations of an observer's estimates.
 
     The variances per noise depend on configuration and dt, and on the size of the innovation if the
-    core is not linear. They are computed on a grid of these and cached. The slow part of the
+    observer is not linear. They are computed on a grid of these and cached. The slow part of the
     innovation adds the error of the model, as far as white noise does not explain it.
 
     Parameters
     ----------
     noise, quantum : standard deviation of the noise and quantum of each position [rad or m].
+    linear, of_size : `linear` and `noise` of `core.Plan`.
     measured : the noise is not a parameter, but estimated from the innovation.
     euler, linear_hold : as in `noise_gains`.
     """
-    n = mechanics.degrees
-    floor = np.array(quantum) ** 2 / 12.0
-    variance = np.array(noise) ** 2 + floor
-    spacing = [GRID * each for each in mechanics.reach]
 
-    def variances(at: Array, sizes: tuple[int, ...], dt: float) -> NoiseGains:
-        if core.noise is not None:
-            return core.noise(at, np.exp(2.0 * GRID * np.array(sizes)), dt)
-        matrix, shown = core.linear(at, np.zeros(n))
-        return noise_gains(matrix, shown, n, dt, euler=euler, linear_hold=linear_hold)
+    def __init__(
+        self,
+        mechanics: Mechanics,
+        noise: tuple[float, ...],
+        quantum: tuple[float, ...],
+        linear: Callable[[Array, Array], tuple[Array, Array]],
+        of_size: Callable[[Array, Array, float], NoiseGains] | None,
+        *,
+        measured: bool,
+        euler: bool,
+        linear_hold: bool,
+    ) -> None:
+        self._mechanics, self._linear, self._of_size = mechanics, linear, of_size
+        self._measured, self._euler, self._linear_hold = measured, euler, linear_hold
+        self._floor = np.array(quantum) ** 2 / 12.0
+        self._variance = np.array(noise) ** 2 + self._floor
+        self._spacing = [GRID * each for each in mechanics.reach]
+        self._gains = lru_cache(KEPT)(self._found)
 
-    @lru_cache(KEPT)
-    def gains(
-        place: tuple[int, ...], sizes: tuple[int, ...], period: int
+    def _variances(self, at: Array, sizes: tuple[int, ...], dt: float) -> NoiseGains:
+        if self._of_size is not None:
+            return self._of_size(at, np.exp(2.0 * GRID * np.array(sizes)), dt)
+        n = self._mechanics.degrees
+        matrix, shown = self._linear(at, np.zeros(n))
+        return noise_gains(matrix, shown, n, dt, euler=self._euler, linear_hold=self._linear_hold)
+
+    def _found(
+        self, place: tuple[int, ...], sizes: tuple[int, ...], period: int
     ) -> tuple[NoiseGains, Array, Array] | None:
         """Return (variances, inverse of the innovation's, L^2 by entry); None: not finite."""
-        at, dt = np.array(spacing) * np.array(place), math.exp(GRID * period)
-        if not mechanics.admits(mechanics.values, tuple(at.tolist())):
+        n = self._mechanics.degrees
+        at, dt = np.array(self._spacing) * np.array(place), math.exp(GRID * period)
+        if not self._mechanics.admits(at):
             return None
         try:
             with np.errstate(all='ignore'):  # checked for finite values below
-                found = variances(at, sizes, dt)
-                matrix, _ = core.linear(at, np.exp(2.0 * GRID * np.array(sizes)))
+                found = self._variances(at, sizes, dt)
+                matrix, _ = self._linear(at, np.exp(2.0 * GRID * np.array(sizes)))
         except np.linalg.LinAlgError:  # overflow in an intermediate result
             return None
         if not all(np.all(np.isfinite(each)) for each in found):
@@ -180,16 +189,18 @@ def make_stddev(
         back = np.array(np.linalg.pinv(found.innovation), float)
         return found, back, np.square(matrix[:n, :n])
 
-    def stddev(state: tuple, coefficients: Any, design: Any) -> tuple:
-        inner, measurement, conventions, (squares, _, drift_squares), lock = state
+    def __call__(self, state: State, coefficients: Coefficients) -> tuple[tuple, tuple]:
+        """Return the standard deviations of all positions and of all velocities."""
+        n = self._mechanics.degrees
+        squares = list(state.squares)[:n]
         power = [max(each, 1e-300) for each in squares]
         sizes = (
             ()
-            if core.noise is None
+            if self._of_size is None
             else tuple(round(0.5 * math.log(each) / GRID) for each in power)
         )
-        kept = gains(
-            tuple(round(at / each) for at, each in zip(measurement, spacing)),
+        kept = self._gains(
+            tuple(round(at / each) for at, each in zip(state.before, self._spacing)),
             sizes,
             round(math.log(coefficients.dt) / GRID),
         )
@@ -197,13 +208,11 @@ def make_stddev(
             return (math.inf,) * n, (math.inf,) * n
         found, back, L_squared = kept
         of_white = coefficients.drift / (2.0 - coefficients.drift)
-        slow = [max(m - of_white * p, 0.0) for m, p in zip(drift_squares, squares)]
-        used = variance
-        if measured:
-            used = np.maximum(back @ (np.array(power) - found.own_innovation), floor)
+        slow = [max(m - of_white * p, 0.0) for m, p in zip(state.drift_squares, squares)]
+        used = self._variance
+        if self._measured:
+            used = np.maximum(back @ (np.array(power) - found.own_innovation), self._floor)
         return (
             tuple(np.sqrt(found.position @ used + found.own_position + slow).tolist()),
             tuple(np.sqrt(found.velocity @ used + found.own_velocity + L_squared @ slow).tolist()),
         )
-
-    return stddev

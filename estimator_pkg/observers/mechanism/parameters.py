@@ -211,14 +211,9 @@ def operating_point(gains: BandwidthGains, mechanics: Mechanics) -> Array:
             f"parameter 'operating_point' has {len(gains.operating_point)} numbers "
             f'for {mechanics.degrees} positions: set {mechanics.degrees}'
         )
-    if not mechanics.admits(mechanics.values, gains.operating_point):
+    if not mechanics.admits(gains.operating_point):
         raise UsageError(
             f"model '{mechanics.name}' is not valid at operating_point "
             f'{list(gains.operating_point)}: choose positions inside its domain'
         )
     return np.array(gains.operating_point, float)
-
-
-def tuple_of(matrix: Array) -> tuple:
-    """Return a matrix or vector, shape (n, m) or (n,), as tuples of floats in the same unit."""
-    return tuple(tuple(row) if isinstance(row, list) else row for row in matrix.tolist())

@@ -18,6 +18,7 @@ closed form for super_twisting; for uniform Newton's method converges monotonica
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,19 +26,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.models.mechanics import Vector
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.describing import Describing, describing
 from estimator_pkg.observers.maths.steady_noise import steady_covariance
 from estimator_pkg.observers.maths.twisting import implicit_step, injections
-from estimator_pkg.observers.maths.unroll import written_out
-from estimator_pkg.observers.mechanism import gains as mechanical_gains
-from estimator_pkg.observers.mechanism.algebra import column, mechanical_algebra
-from estimator_pkg.observers.mechanism.core import (
-    MechanicalCore,
-    MechanicalFunctions,
-    around,
-    prepare_dt,
+from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
+    SINGLE_ANGLE,
+    TURNS,
+    Estimate,
+    Plan,
+    estimate,
+    group_delay,
+    is_reading,
+    limits,
+    made_plan,
+    place,
+    prepare,
+    restart,
+    resume,
+    start,
+    step,
+    walk,
 )
+from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
 from estimator_pkg.observers.mechanism.noise import NoiseGains
 from estimator_pkg.observers.mechanism.parameters import (
     LINEAR,
@@ -46,14 +60,11 @@ from estimator_pkg.observers.mechanism.parameters import (
     model_of,
     per_joint,
 )
-from estimator_pkg.observers.mechanism.velocity import (
-    linear_matrix,
-    make_acceleration,
-    make_braked,
-    make_place,
-)
+from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work  # noqa: F401
+from estimator_pkg.observers.mechanism.velocity import accelerate, brake, linear_matrix
 from estimator_pkg.parameters import parameter, structural
 
+SLIDING = True  # d is the innovation
 NEWTON = 60  # most steps of Newton's method; from above it converges monotonically
 
 
@@ -70,7 +81,9 @@ def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tupl
     root = math.sqrt(size)
     one = first * (m1 * root + m2 * root * size)
     two = second * (0.5 * m1 * m1 + 2.0 * m1 * m2 * size + 1.5 * m2 * m2 * size * size)
-    return (one, two) if e > 0.0 else (-one, -two)
+    if e > 0.0:
+        return one, two
+    return -one, -two
 
 
 def implicit_twisting(
@@ -105,38 +118,9 @@ def implicit_uniform(
             break
     e = root * root
     two = second * (0.5 * m1 * m1 + 2.0 * m1 * m2 * e + 1.5 * m2 * m2 * e * e)
-    return (e, two) if free > 0.0 else (-e, -two)
-
-
-def make_inject(n: int, one: Any) -> Any:
-    """Return inject(e, first, second, m1, m2) -> two vectors; `one` is that of one position."""
-    body = (
-        ['def inject(e, first, second, m1, m2):']
-        + [
-            f'    a{i}, b{i} = {one.__name__}(e[{i}], first[{i}], second[{i}], m1, m2)'
-            for i in range(n)
-        ]
-        + [f'    return {column("a{i}", n)}, {column("b{i}", n)}']
-    )
-    title = f'injections of {n}, {one.__name__}'
-    return written_out(body, title, **{one.__name__: one})['inject']
-
-
-def make_implicit_steps(n: int, one: Any) -> Any:
-    """Return steps(free, h, first, second, m1, m2) -> (e, second injections), vectors each.
-
-    `one` is the implicit step of one position.
-    """
-    body = (
-        ['def steps(free, h, first, second, m1, m2):']
-        + [
-            f'    a{i}, b{i} = {one.__name__}(free[{i}], h, first[{i}], second[{i}], m1, m2)'
-            for i in range(n)
-        ]
-        + [f'    return {column("a{i}", n)}, {column("b{i}", n)}']
-    )
-    title = f'implicit steps of {n}, {one.__name__}'
-    return written_out(body, title, **{one.__name__: one})['steps']
+    if free > 0.0:
+        return e, two
+    return -e, -two
 
 
 Array = NDArray[np.float64]
@@ -178,7 +162,7 @@ def noise_variances(
         entering = -eye
         speed = np.hstack([-dt * velocity, glide, zeros])
         of_speed = zeros
-    step = np.vstack([offset, speed, np.zeros((n, 3 * n))])
+    transition = np.vstack([offset, speed, np.zeros((n, 3 * n))])
     arrival = np.vstack([entering, of_speed, eye])
     remnant = np.zeros((3 * n, 3 * n))
     turn = np.diag([1.0, -dt]) if implicit else np.diag([-dt, -dt])
@@ -195,11 +179,11 @@ def noise_variances(
     per_noise = np.zeros((3, n, n))
     for joint in range(n):
         came = arrival[:, joint]
-        covariance = steady_covariance(step, came[:, None] * came)
+        covariance = steady_covariance(transition, came[:, None] * came)
         per_noise[0, :, joint] = variances(shown, covariance)
         per_noise[1, :, joint] = variances(speeds, covariance)
         per_noise[2, :, joint] = variances(seen, covariance) + of_noise[:, joint] ** 2
-    chatter = steady_covariance(step, remnant)
+    chatter = steady_covariance(transition, remnant)
     return NoiseGains(
         per_noise[0],
         per_noise[1],
@@ -247,8 +231,62 @@ class Gains(MechanicalGains):
     )
 
 
-def build(gains: Gains, circle: Any) -> MechanicalFunctions:
-    """Return the functions of the observer with these gains; raises UserError, UsageError."""
+def advance(
+    model: Any,
+    core: Core,
+    work: Work,
+    coefficients: Coefficients,
+    design: Design,
+    before: Vector,
+    moved: Vector,
+    measurement: Vector,
+    known_input: Vector,
+) -> bool:
+    """Set `work.after`, the state after one sample; return False where the model is not valid."""
+    after, dt = work.after, coefficients.dt
+    place(model, work.at, design, before, moved, core.e)
+    if not model.admits(design.values, work.at):
+        return False
+    if design.paper:
+        accelerate(model, work, design.values, design.damped, work.at, core.x, known_input)
+    else:
+        brake(model, work, design, core.x, known_input, dt)
+    for i in range(model.JOINTS):
+        e, v, f = core.e[i], core.x[i], work.f[i]
+        if design.paper:
+            a, b = inject(e, design, design.first[i], design.second[i])
+            after.e[i] = e + dt * (v - a) - moved[i]
+            after.d[i] = after.e[i]
+        else:
+            free = e + dt * (v + dt * f)
+            if design.linear_hold:
+                free -= moved[i]
+            after.d[i] = free
+            e, b = step_implicitly(free, dt, design, design.first[i], design.second[i])
+            after.e[i] = e if design.linear_hold else e - moved[i]
+        after.x[i] = v + dt * (f - b)
+        after.v[i] = after.x[i]
+    return True
+
+
+def inject(e: float, design: Design, first: float, second: float) -> tuple[float, float]:
+    """Return the two injections at e [rad or m]."""
+    if design.uniform:
+        return uniform(e, first, second, design.m1, design.m2)
+    return injections(e, first, second)
+
+
+def step_implicitly(
+    free: float, h: float, design: Design, first: float, second: float
+) -> tuple[float, float]:
+    """Return (e, second injection) after an implicit step of h [s]."""
+    if design.uniform:
+        return implicit_uniform(free, h, first, second, design.m1, design.m2)
+    return implicit_step(free, h, first, second)
+
+
+def plan(gains: Gains, circle: Any) -> Plan:
+    """Return what these gains imply; raises UserError, UsageError."""
     mechanics = model_of(gains)
     n = mechanics.degrees
     twists = gains.variant == SUPER_TWISTING
@@ -262,63 +300,6 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
         acceleration_limit = second * 0.5 * gains.mu1**2
     paper = gains.form == PAPER
     linear_hold = gains.hold == LINEAR and not paper
-    algebra = mechanical_algebra(n)
-    towards, minus = algebra.towards, algebra.minus
-    inject = make_inject(n, twisting if twists else uniform)
-    implicit_steps = make_implicit_steps(n, implicit_twisting if twists else implicit_uniform)
-    acceleration, braked = make_acceleration(mechanics), make_braked(mechanics)
-    place = make_place(n, gains)
-    admits = mechanics.admits
-    zeros = (0.0,) * n
-
-    def design() -> tuple:
-        return (
-            mechanics.values,
-            tuple(first.tolist()),
-            tuple(second.tolist()),
-            float(gains.mu1),
-            float(gains.mu2),
-        )
-
-    def begin() -> tuple:
-        return (zeros, zeros, zeros, zeros)
-
-    def advance(
-        core: tuple,
-        coefficients: tuple,
-        design: tuple,
-        before: tuple,
-        moved: tuple,
-        measurement: tuple,
-        known_input: tuple,
-    ) -> tuple:
-        e, x, _, _ = core
-        values, gain_1, gain_2, m1, m2 = design
-        dt, inverse_dt = coefficients
-        at = place(before, moved, e)
-        if not admits(values, at):
-            return core, False
-        if paper:
-            f = acceleration(values, at, x, known_input)
-            a, b = inject(e, gain_1, gain_2, m1, m2)
-            e = minus(towards(e, dt, minus(x, a)), moved)
-            x = towards(x, dt, minus(f, b))
-            seen = e
-        else:
-            f = braked(values, at, x, known_input, dt)
-            free = towards(e, dt, towards(x, dt, f))
-            if linear_hold:
-                free = minus(free, moved)
-            seen = free
-            e, b = implicit_steps(free, dt, gain_1, gain_2, m1, m2)
-            x = towards(x, dt, minus(f, b))
-            if not linear_hold:
-                e = minus(e, moved)
-        return (e, x, seen, x), True
-
-    def carry(core: tuple, design: tuple, at: tuple) -> tuple:
-        return core
-
     injections_of_one = twisting if twists else uniform
     implicit_step_of_one = implicit_twisting if twists else implicit_uniform
 
@@ -372,27 +353,31 @@ def build(gains: Gains, circle: Any) -> MechanicalFunctions:
             'chattering': (dt * acceleration_limit).tolist(),
         }
 
-    core = MechanicalCore(
-        design=design,
-        prepare=prepare_dt,
-        begin=begin,
-        advance=advance,
-        carry=carry,
-        linear=linear,
-        limits=mechanical_gains.never,
+    return made_plan(
+        sys.modules[__name__],
+        gains,
+        mechanics,
+        circle,
+        matrices={
+            'first': first,
+            'second': second,
+            'm1': float(gains.mu1),
+            'm2': float(gains.mu2),
+            'uniform': not twists,
+        },
         slowest=4.0 * float(np.min(acceleration_limit)),
+        longest=math.inf,
         lag=0.0,
+        linear=linear,
+        describe=describe,
         noise=noise,
-        seen=2,
     )
-    return around(core, gains, mechanics, circle, describe)
 
 
 OBSERVER = Observer(
     name='smo',
     summary='sliding-mode observer of any mechanism with known model and input',
     gains=Gains,
-    build=build,
     kind='mechanical',
     reference='Davila, Fridman, Levant (2005) and Cruz-Zavala, Moreno, Fridman (2010); (22) of '
     'Aranovskiy et al. (IJC 2019)',

@@ -9,7 +9,7 @@ Their error contains C(q, vh) vh - C(q, v) v, which grows with the speed. GESO's
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,102 +17,142 @@ from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models import check
-from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.models.mechanics import Mechanics, Values, Vector
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
-from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
-from estimator_pkg.observers.mechanism.core import (
-    MechanicalCore,
-    MechanicalFunctions,
-    around,
-    prepare_dt,
+from estimator_pkg.observers.mechanism.algebra import apply, divide, solve
+from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
+    SINGLE_ANGLE,
+    TURNS,
+    Estimate,
+    Plan,
+    estimate,
+    group_delay,
+    is_reading,
+    limits,
+    made_plan,
+    place,
+    prepare,
+    restart,
+    resume,
+    start,
+    step,
+    walk,
 )
-from estimator_pkg.observers.mechanism.flow import make_flow
-from estimator_pkg.observers.mechanism.friction import is_resisted, make_resistance
-from estimator_pkg.observers.mechanism.parameters import (
-    LINEAR,
-    MEASUREMENT,
-    PAPER,
-    MechanicalGains,
-    tuple_of,
-)
+from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
+from estimator_pkg.observers.mechanism.flow import flow
+from estimator_pkg.observers.mechanism.friction import resist
+from estimator_pkg.observers.mechanism.parameters import PAPER, MechanicalGains
+from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work  # noqa: F401
 
 Array = NDArray[np.float64]
+SLIDING = False
 
 
-def make_acceleration(mechanics: Mechanics) -> Callable[..., tuple]:
-    """Return acceleration(values, q, v, u) -> M^-1 [force - C v - D v]."""
-    algebra = mechanical_algebra(mechanics.degrees)
-    solve, minus, apply = algebra.solve, algebra.minus, algebra.apply
-    inertia, force, coriolis = mechanics.inertia, mechanics.force, mechanics.coriolis
-    damped = mechanics.damping is not None
-    damping = mechanics.damping if mechanics.damping is not None else mechanics.inertia
+def accelerate(
+    model: Any, work: Work, values: Values, damped: bool, q: Vector, v: Vector, u: Vector
+) -> None:
+    """Set `work.f` = M^-1 [force - C v - D v]."""
+    n, f = model.JOINTS, work.f
+    model.force(work.force, values, q, v, u)
+    model.coriolis(work.coriolis, values, q, v)
+    for i in range(n):
+        f[i] = work.force[i] - work.coriolis[i]
+    if damped:
+        model.damping(work.damping, values, q)
+        apply(work.free, n, work.damping, v)
+        for i in range(n):
+            f[i] -= work.free[i]
+    model.inertia(work.mass, values, q)
+    solve(f, work.lower, work.upper, n, work.mass)
 
-    def acceleration(values: tuple, q: tuple, v: tuple, u: tuple) -> tuple:
-        total = minus(force(values, q, v, u), coriolis(values, q, v))
-        if damped:
-            total = minus(total, apply(damping(values, q), v))
-        return solve(inertia(values, q), total)
 
-    return acceleration
-
-
-def make_drift(mechanics: Mechanics) -> Callable[..., tuple]:
-    """Return drift(values, q, v, u, h) -> (a, W) of v' = a - W v.
+def drift(model: Any, work: Work, design: Design, v: Vector, u: Vector, h: float) -> None:
+    """Set a = `work.f` and W = `work.w` of v' = a - W v.
 
     a = M^-1 [force - C v] and W = M^-1 D. An explicit step of D v would be unstable if friction
-    stops a joint within a sample of h [s]. Without resistance W is meaningless, but has its shape.
+    stops a joint within a sample of h [s].
     """
-    algebra = mechanical_algebra(mechanics.degrees)
-    solve, minus, divided = algebra.solve, algebra.minus, algebra.divided
-    inertia, coriolis = mechanics.inertia, mechanics.coriolis
-    resisted, resistance = is_resisted(mechanics), make_resistance(mechanics)
-
-    def drift(values: tuple, q: tuple, v: tuple, u: tuple, h: float) -> tuple:
-        mass = inertia(values, q)
-        force, damping = resistance(values, q, v, u, mass, h)
-        free = solve(mass, minus(force, coriolis(values, q, v)))
-        if resisted:
-            return free, divided(mass, damping)
-        return free, mass
-
-    return drift
+    n, f = model.JOINTS, work.f
+    model.inertia(work.mass, design.values, work.at)
+    resist(model, design, work, work.at, v, u, h)
+    model.coriolis(work.coriolis, design.values, work.at, v)
+    for i in range(n):
+        f[i] = work.force[i] - work.coriolis[i]
+    solve(f, work.lower, work.upper, n, work.mass)
+    if design.resisted:
+        divide(work.w, work.free, work.lower, work.upper, n, work.mass, work.damping)
 
 
-def make_braked(mechanics: Mechanics) -> Callable[..., tuple]:
-    """Return braked(values, q, v, u, h) -> mean acceleration over h [s].
+def brake(model: Any, work: Work, design: Design, v: Vector, u: Vector, h: float) -> None:
+    """Set `work.f`, the mean acceleration over h [s].
 
     (M + h D) a = force - C v - D v: implicit in the damping, explicit in the other forces.
     """
-    algebra = mechanical_algebra(mechanics.degrees)
-    solve, minus, apply, blend = algebra.solve, algebra.minus, algebra.apply, algebra.blend
-    inertia, coriolis = mechanics.inertia, mechanics.coriolis
-    resisted, resistance = is_resisted(mechanics), make_resistance(mechanics)
+    n, f, mass = model.JOINTS, work.f, work.mass
+    model.inertia(mass, design.values, work.at)
+    resist(model, design, work, work.at, v, u, h)
+    model.coriolis(work.coriolis, design.values, work.at, v)
+    for i in range(n):
+        f[i] = work.force[i] - work.coriolis[i]
+    if design.resisted:
+        apply(work.free, n, work.damping, v)
+        for i in range(n):
+            f[i] -= work.free[i]
+            for j in range(n):
+                mass[i][j] += h * work.damping[i][j]
+    solve(f, work.lower, work.upper, n, mass)
 
-    def braked(values: tuple, q: tuple, v: tuple, u: tuple, h: float) -> tuple:
-        mass = inertia(values, q)
-        force, damping = resistance(values, q, v, u, mass, h)
-        total = minus(force, coriolis(values, q, v))
-        if resisted:
-            total, mass = minus(total, apply(damping, v)), blend(mass, h, damping)
-        return solve(mass, total)
 
-    return braked
+def advance(
+    model: Any,
+    core: Core,
+    work: Work,
+    coefficients: Coefficients,
+    design: Design,
+    before: Vector,
+    moved: Vector,
+    measurement: Vector,
+    known_input: Vector,
+) -> bool:
+    """Set `work.after`, the state after one sample; return False where the model is not valid.
 
-
-def make_place(n: int, gains: MechanicalGains) -> Callable[..., tuple]:
-    """Return place(before, moved, e) -> positions at which a step evaluates the model."""
-    towards = mechanical_algebra(n).towards
-    at_measurement = gains.schedule == MEASUREMENT
-    linear_hold = gains.hold == LINEAR and gains.form != PAPER
-
-    def place(before: tuple, moved: tuple, e: tuple) -> tuple:
-        if not at_measurement:
-            return towards(before, 1.0, e)
-        if linear_hold:
-            return towards(before, 0.5, moved)
-        return before
-
-    return place
+    qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)
+    """
+    n, after, dt = model.JOINTS, work.after, coefficients.dt
+    place(model, work.at, design, before, moved, core.e)
+    if not model.admits(design.values, work.at):
+        return False
+    after.take(core)
+    if design.paper:
+        accelerate(model, work, design.values, design.damped, work.at, core.x, known_input)
+        for i in range(n):
+            of_L, of_K = design.L[i][0] * core.e[0], design.K[i][0] * core.e[0]
+            for k in range(1, n):
+                of_L += design.L[i][k] * core.e[k]
+                of_K += design.K[i][k] * core.e[k]
+            after.e[i] = core.e[i] + dt * (core.x[i] - of_L) - moved[i]
+            work.f[i] -= of_K
+        if design.disturbed:
+            apply(work.late, n, design.E, core.e)
+            for i in range(n):
+                work.f[i] += core.d[i]
+                after.d[i] = core.d[i] - dt * work.late[i]
+        for i in range(n):
+            after.x[i] = core.x[i] + dt * work.f[i]
+    else:
+        drift(model, work, design, core.x, known_input, dt)
+        for i in range(n):
+            work.rate[i] = coefficients.inverse_dt * moved[i] if design.linear_hold else 0.0
+        if not flow(model, after, design.one, design.one, design.K, work, design, dt):
+            return False
+        if not design.linear_hold:
+            for i in range(n):
+                after.e[i] -= moved[i]
+    for i in range(n):
+        after.v[i] = after.x[i]
+    return True
 
 
 def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at: Array) -> Array:
@@ -125,10 +165,9 @@ def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at:
     matrix[:n, :n] = -L
     matrix[:n, n : 2 * n] = np.eye(n)
     matrix[n : 2 * n, :n] = -K
-    if mechanics.damping is not None:
+    if mechanics.damped:
         matrix[n : 2 * n, n : 2 * n] = -np.linalg.solve(
-            check.matrix(mechanics.inertia, mechanics, at),
-            check.matrix(mechanics.damping, mechanics, at),
+            mechanics.inertia(at), mechanics.damping(at)
         )
     if E is not None:
         matrix[n : 2 * n, 2 * n :] = np.eye(n)
@@ -136,20 +175,22 @@ def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at:
     return matrix
 
 
-def linear_observer(
-    mechanics: Mechanics,
+def linear_plan(
+    module: ModuleType,
     gains: MechanicalGains,
+    mechanics: Mechanics,
     circle: Any,
     L: Array,
     K: Array,
     E: Array | None,
     point: Array,
     complaint: str,
-) -> MechanicalFunctions:
-    """Return the functions of HGO (if E is None) or EHGO with these gains, see `linear_core`.
+) -> Plan:
+    """Return what the gains of HGO (if E is None) or EHGO imply.
 
     Parameters
     ----------
+    module : that of the observer.
     L, K, E : gains [1/s, 1/s^2, 1/s^3], shape (n, n).
     point : operating point, shape (n,) [rad or m].
 
@@ -158,120 +199,29 @@ def linear_observer(
     UsageError : the error does not decay; the text is `complaint` with the slowest pole.
     """
     matrices = matrices_over_range(mechanics, L, K, E, point)
-    slowest = mechanical_gains.slowest_pole(matrices[0])
+    slowest, n = mechanical_gains.slowest_pole(matrices[0]), mechanics.degrees
     if slowest <= 0.0:
         raise UsageError(f'{complaint} (slowest pole {-slowest:+.3g} 1/s)')
-
-    def describe(dt: float) -> dict[str, Any]:
-        return describe_linear(L, K, matrices, dt)
-
-    return around(
-        linear_core(mechanics, gains, L, K, E, matrices), gains, mechanics, circle, describe
-    )
-
-
-def linear_core(
-    mechanics: Mechanics,
-    gains: MechanicalGains,
-    L: Array,
-    K: Array,
-    E: Array | None,
-    matrices: list[Array],
-) -> MechanicalCore:
-    """Return the core of HGO (if E is None) or EHGO.
-
-    qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)
-
-    Parameters
-    ----------
-    L, K, E : gains [1/s, 1/s^2, 1/s^3], shape (n, n).
-    matrices : error systems [1/s], from `matrices_over_range`.
-    """
-    n = mechanics.degrees
-    extended = E is not None
-    diagonal = bool(np.all(np.diag(np.diag(L)) == L))
-    paper = gains.form == PAPER
-    linear_hold = gains.hold == LINEAR and not paper
-    algebra = mechanical_algebra(n)
-    towards, minus, scale, zeros_like = (
-        algebra.towards,
-        algebra.minus,
-        algebra.scale,
-        algebra.zeros_like,
-    )
-    apply, times = algebra.apply, algebra.times
-    flow = make_flow(n, diagonal=diagonal, damped=is_resisted(mechanics), disturbed=extended)
-    acceleration, drift = make_acceleration(mechanics), make_drift(mechanics)
-    place = make_place(n, gains)
-    admits = mechanics.admits
-    zeros = (0.0,) * n
-    gain_e = np.zeros((n, n)) if E is None else E
-
-    def design() -> tuple:
-        return (
-            mechanics.values,
-            tuple_of(np.diag(L)) if diagonal else tuple_of(L),
-            tuple_of(K),
-            tuple_of(gain_e),
-            tuple_of(np.eye(n)),
-        )
-
-    def begin() -> tuple:
-        return (zeros, zeros, zeros, zeros)
-
-    def advance(
-        core: tuple,
-        coefficients: tuple,
-        design: tuple,
-        before: tuple,
-        moved: tuple,
-        measurement: tuple,
-        known_input: tuple,
-    ) -> tuple:
-        e, x, d, v = core
-        values, L, K, E, one = design
-        dt, inverse_dt = coefficients
-        at = place(before, moved, e)
-        if not admits(values, at):
-            return core, False
-        good = True
-        if paper:
-            f = acceleration(values, at, x, known_input)
-            rate = minus(x, times(L, e)) if diagonal else minus(x, apply(L, e))
-            f = minus(f, apply(K, e))
-            if extended:
-                f = towards(f, 1.0, d)
-                d = towards(d, -dt, apply(E, e))
-            e = minus(towards(e, dt, rate), moved)
-            x = towards(x, dt, f)
-        else:
-            f, w = drift(values, at, x, known_input, dt)
-            rate = scale(inverse_dt, moved) if linear_hold else zeros_like(moved)
-            e, x, d, good = flow(e, x, d, one, one, K, L, w, E, f, rate, dt)
-            if not linear_hold:
-                e = minus(e, moved)
-        return (e, x, d, x), good
-
-    def carry(core: tuple, design: tuple, at: tuple) -> tuple:
-        return core
-
-    def linear(at: Array, power: Array) -> tuple[Array, Array]:
-        return linear_matrix(mechanics, L, K, E, at), np.eye(n)
-
-    return MechanicalCore(
-        design=design,
-        prepare=prepare_dt,
-        begin=begin,
-        advance=advance,
-        carry=carry,
-        linear=linear,
-        limits=(
-            mechanical_gains.euler_limit(matrices)
-            if paper
-            else mechanical_gains.exact_limit(matrices, n)
+    return made_plan(
+        module,
+        gains,
+        mechanics,
+        circle,
+        matrices={
+            'L': L,
+            'K': K,
+            'E': np.zeros((n, n)) if E is None else E,
+            'disturbed': E is not None,
+        },
+        slowest=slowest,
+        longest=(
+            mechanical_gains.longest_euler(matrices)
+            if gains.form == PAPER
+            else mechanical_gains.longest_exact(matrices, n)
         ),
-        slowest=mechanical_gains.slowest_pole(matrices[0]),
-        lag=0.0 if extended else float(np.max(np.diag(L) / np.diag(K))),
+        lag=float(np.max(np.diag(L) / np.diag(K))) if E is None else 0.0,
+        linear=lambda at, power: (linear_matrix(mechanics, L, K, E, at), np.eye(n)),
+        describe=lambda dt: describe_linear(L, K, matrices, dt),
     )
 
 
@@ -280,7 +230,7 @@ def matrices_over_range(
 ) -> list[Array]:
     """Return the error systems [1/s], shape (m, m), at `point`; with damping, over the range."""
     places = [point]
-    if mechanics.damping is not None:
+    if mechanics.damped:
         places += [q for q, _ in check.random_states(mechanics)]
     return [linear_matrix(mechanics, L, K, E, q) for q in places]
 

@@ -1,54 +1,59 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The contract of drive observers: `Functions`, and the outputs that only a drive has.
+"""The records of drive observers: a sample, and what only a drive has as estimates.
 
-Observers of kind 'drive' take a sample (i_alpha, i_beta, u_alpha, u_beta): the current at the stamp
-[A] and the mean voltage [V] over the interval that ends at the stamp.
+Besides what the contract asks for, the module of an observer of kind 'drive' has
+
+- `electrical(out, state, design)`: set an `Electrical`;
+- `electrical_deviation(out, state, coefficients, design)`: set an `ElectricalDeviation`;
+- `speed_bound(state, coefficients, design)`: upper bound of the mechanical speed while the rotor is
+  not observable [rad/s]; inf if no bound is known;
+- `coast(state, gap)`: go on with the speed as it was over a gap [s], after `resume`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
-from estimator_pkg.observers.contract import Functions
+from estimator_pkg.record import record
 
 LARGEST = 1e6  # A and V: a sample whose vector is longer is garbage
 
-Sample = tuple[float, float, float, float]
+
+@record
+class Sample:
+    """What one row of a drive holds, in the stator frame."""
+
+    i_alpha: float  # current at the stamp [A]
+    i_beta: float
+    u_alpha: float  # mean voltage over the interval that ends at the stamp [V]
+    u_beta: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class DriveFunctions(Functions):
-    """The functions of an observer of kind 'drive'.
+@record
+class Electrical:
+    """The newest estimate in electrical quantities."""
 
-    Attributes
-    ----------
-    row : (state, coefficients, design) -> the values of `electrical`, then status and reasons: all
-        per-sample outputs in one call.
-    electrical : (state, coefficients, design) -> (electrical angle [rad], electrical speed [rad/s],
-        flux linkage [Wb], 1.0 if they are valid, else 0.0). Angle and speed are nan while the rotor
-        is not observable.
-    electrical_stddev : (state, coefficients, design) -> one standard deviation of angle, speed and
-        flux.
-    speed_bound : (state, coefficients, design) -> upper bound of the mechanical speed while the
-        rotor is not observable [rad/s]; inf if no bound is known.
-    reasons : (state) -> bits of `watch.REASONS`.
-    coast : (state, coefficients, design, measurement, gap) -> state. Continues after a gap [s].
-    """
-
-    row: Callable[..., tuple]
-    electrical: Callable[..., tuple]
-    electrical_stddev: Callable[..., tuple]
-    speed_bound: Callable[..., float]
-    reasons: Callable[[tuple], int]
-    coast: Callable[..., tuple]
+    angle: float  # [rad]; nan while the rotor is not observable
+    speed: float  # [rad/s]; nan while the rotor is not observable
+    flux: float  # flux linkage [Wb]
+    valid: float  # 1: angle and speed are valid; else 0
+    status: int
+    reasons: int  # bits of `watch.REASONS`
 
 
-def finite(measurement: Sample) -> bool:
+@record
+class ElectricalDeviation:
+    """One standard deviation of each."""
+
+    angle: float  # [rad]
+    speed: float  # [rad/s]
+    flux: float  # [Wb]
+
+
+def is_reading(measurement: Sample) -> bool:
     """Return False if a component is NaN or infinite, or the vector is longer than `LARGEST`."""
-    i_alpha, i_beta, u_alpha, u_beta = measurement
+    i_alpha, i_beta = measurement.i_alpha, measurement.i_beta
+    u_alpha, u_beta = measurement.u_alpha, measurement.u_beta
     # false for nan too; one comparison costs half as much as four
     return (
         i_alpha * i_alpha + i_beta * i_beta + u_alpha * u_alpha + u_beta * u_beta

@@ -9,49 +9,63 @@ Between clock ticks at t-T and t the rotor's motion satisfies (22),
 
 one equation X = Phi xi per tick, with the estimates |h| for chi and y = C[z] J h. Reflections of
 the frame do not change |h| and y, so the registers may shift before or after them.
-
-Registers are (Y, Z, Phi): Y and Z at the last N+1 ticks, Phi at the last N.
 """
 
 from __future__ import annotations
 
+from estimator_pkg.observers.pmsm.state import Design, Registers
 
-def empty_registers(count: int) -> tuple[tuple, tuple, tuple]:
-    """Return empty registers (all zero) for `count` = N periods."""
-    return (complex(0.0, 0.0),) * (count + 1), (0.0,) * (count + 1), (complex(0.0, 0.0),) * count
+CHORD = 0.3  # smallest rotation between ticks, as a chord of the unit circle (rms)
+REST = 0.25  # largest residual of the fit, relative to |X|^2
 
 
 def shift(
-    registers: tuple[tuple, tuple, tuple], emf: complex, size: float, integral: complex
-) -> tuple[tuple, tuple, tuple]:
-    """Return the registers after one more tick, (25).
+    registers: Registers,
+    periods: int,
+    y_alpha: float,
+    y_beta: float,
+    size: float,
+    area_alpha: float,
+    area_beta: float,
+) -> None:
+    """Take one more tick into the registers, (25).
 
     Parameters
     ----------
-    emf, size : y and |h| at the tick [V].
-    integral : integral of y since the last tick [V s].
+    periods : N.
+    y_alpha, y_beta, size : y and |h| at the tick [V].
+    area_alpha, area_beta : integral of y since the last tick [V s].
     """
-    ys, zs, phis = registers
-    turned = complex(-integral.imag, integral.real)
-    newest = turned * (size * zs[-1])  # zs[-1] is still the size at the last tick
-    return ys[1:] + (emf,), zs[1:] + (size,), phis[1:] + (newest,)
+    scale = size * registers.size[periods]  # |h| at the last tick
+    for k in range(periods):
+        registers.y_alpha[k] = registers.y_alpha[k + 1]
+        registers.y_beta[k] = registers.y_beta[k + 1]
+        registers.size[k] = registers.size[k + 1]
+    for k in range(periods - 1):
+        registers.phi_alpha[k] = registers.phi_alpha[k + 1]
+        registers.phi_beta[k] = registers.phi_beta[k + 1]
+    registers.y_alpha[periods] = y_alpha
+    registers.y_beta[periods] = y_beta
+    registers.size[periods] = size
+    registers.phi_alpha[periods - 1] = -area_beta * scale
+    registers.phi_beta[periods - 1] = area_alpha * scale
 
 
-def solve(registers: tuple[tuple, tuple, tuple]) -> tuple[float, float, float, float]:
+def solve(registers: Registers, periods: int) -> tuple[float, float, float, float]:
     """Return (xi*, |X|^2, |X - Phi xi*|^2, sum of (Z Z)^2): the fit (24) and its quality.
 
     xi* [1/Wb] is the least-squares solution; the last three are arguments of `credible`.
     """
-    ys, zs, phis = registers
-    along, power, travelled, scale = 0.0, 0.0, 0.0, 0.0
-    for k in range(len(phis)):
-        size = zs[k] * zs[k + 1]
-        x = zs[k] * ys[k + 1] - zs[k + 1] * ys[k]
-        phi = phis[k]
-        along += phi.real * x.real + phi.imag * x.imag
-        power += phi.real * phi.real + phi.imag * phi.imag
-        travelled += x.real * x.real + x.imag * x.imag
-        scale += size * size
+    along = power = travelled = scale = 0.0
+    for k in range(periods):
+        before, now = registers.size[k], registers.size[k + 1]
+        x_alpha = before * registers.y_alpha[k + 1] - now * registers.y_alpha[k]
+        x_beta = before * registers.y_beta[k + 1] - now * registers.y_beta[k]
+        phi_alpha, phi_beta = registers.phi_alpha[k], registers.phi_beta[k]
+        along += phi_alpha * x_alpha + phi_beta * x_beta
+        power += phi_alpha * phi_alpha + phi_beta * phi_beta
+        travelled += x_alpha * x_alpha + x_beta * x_beta
+        scale += before * now * (before * now)
     if power == 0.0:
         return 0.0, travelled, travelled, scale
     found = along / power
@@ -60,15 +74,12 @@ def solve(registers: tuple[tuple, tuple, tuple]) -> tuple[float, float, float, f
 
 
 def credible(
-    registers: tuple[tuple, tuple, tuple],
+    registers: Registers,
+    design: Design,
     found: float,
     travelled: float,
     rest: float,
     scale: float,
-    least_chord: float,
-    largest_rest: float,
-    lowest: float,
-    highest: float,
     least_emf: float,
 ) -> bool:
     """Return True if xi* is credible: the gates of the robust form.
@@ -79,16 +90,13 @@ def credible(
     Parameters
     ----------
     found, travelled, rest, scale : from `solve`.
-    least_chord : smallest rotation between ticks, as a chord of the unit circle (rms).
-    largest_rest : largest residual of the fit, relative to |X|^2.
-    lowest, highest : range of |xi*| [1/Wb].
     least_emf : smallest |h| at a tick [V].
     """
-    for size in registers[1]:
-        if size < least_emf:
+    for k in range(design.periods + 1):
+        if registers.size[k] < least_emf:
             return False
     return (
-        travelled >= least_chord * least_chord * scale
-        and rest <= largest_rest * travelled
-        and lowest <= abs(found) <= highest
+        travelled >= CHORD * CHORD * scale
+        and rest <= REST * travelled
+        and design.xi_low <= abs(found) <= design.xi_high
     )

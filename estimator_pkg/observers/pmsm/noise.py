@@ -13,27 +13,19 @@ from __future__ import annotations
 
 import math
 
+from estimator_pkg.observers.pmsm.state import Design, Scheme
+
 ROUNDING = 1e-30  # smallest innovation variance, where the estimate equals each measurement
-
-
-def power_of(number: complex) -> float:
-    """Return |number|^2."""
-    return number.real * number.real + number.imag * number.imag
-
-
-def together(one: complex, other: complex) -> float:
-    """Return Re(one other*), the scalar product of two vectors."""
-    return one.real * other.real + one.imag * other.imag
+DAMPING = 0.46  # of the low-pass on the speed: little delay for its noise and -3 dB frequency
 
 
 def covariance(
-    e11: float, e12: float, e21: float, e22: float, b1: complex, b2: complex
+    e11: float, e12: float, e21: float, e22: float, r1: float, r2: float, r3: float
 ) -> tuple[float, float, float]:
-    """Return (P11, Re P12, P22) of P = E P E' + b b*, by Cramer's rule."""
+    """Return (P11, Re P12, P22) of P = E P E' + [[r1, r2], [r2, r3]], by Cramer's rule."""
     a11, a12, a13 = 1.0 - e11 * e11, -2.0 * e11 * e12, -e12 * e12
     a21, a22, a23 = -e11 * e21, 1.0 - e11 * e22 - e12 * e21, -e12 * e22
     a31, a32, a33 = -e21 * e21, -2.0 * e21 * e22, 1.0 - e22 * e22
-    r1, r2, r3 = power_of(b1), together(b1, b2), power_of(b2)
     m1, m2, m3 = a22 * a33 - a23 * a32, a21 * a33 - a23 * a31, a21 * a32 - a22 * a31
     total = a11 * m1 - a12 * m2 + a13 * m3
     p11 = r1 * m1 - a12 * (r2 * a33 - a23 * r3) + a13 * (r2 * a32 - a22 * r3)
@@ -42,9 +34,7 @@ def covariance(
     return p11 / total, p12 / total, p22 / total
 
 
-def prepare_noise(
-    inductance: float, k_p: float, k_i: float, scheme: tuple, omega: float
-) -> tuple[float, float, float]:
+def noise_gains(design: Design, scheme: Scheme, omega: float) -> tuple[float, float, float]:
     """Return three variances per unit variance of white noise on each current.
 
     The noise is white in the turning frame too. The frame speed `omega` [rad/s] changes its effect
@@ -55,18 +45,24 @@ def prepare_noise(
     Variances of one component of h [V^2/A^2], of one component of the innovation i_frame - i, and
     of the fast part of the integral of h [V^2 s^2/A^2].
     """
-    (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
-    # x_k+1 = E x_k + b0 n_k + b1 n_k+1; w = x - b1 n has white drive E b1 + b0
-    c1, c2 = complex(idd, -omega * idw), complex(hdd, -omega * hdw)
-    b1 = e11 * c1 + e12 * c2 + complex(ia, -omega * iw) - c1
-    b2 = e21 * c1 + e22 * c2 + complex(ha, -omega * hw) - c2
-    p11, p12, p22 = covariance(e11, e12, e21, e22, b1, b2)
-    of_h = p22 + power_of(c2)
-    of_innovation = max(p11 + power_of(1.0 - c1), ROUNDING)
+    # x_k+1 = E x_k + b0 n_k + b1 n_k+1; w = x - c n has white drive b = E c + b0 + b1 - c, where
+    # all that has an imaginary part is -omega times a weight
+    e11, e12, e21, e22 = scheme.e11, scheme.e12, scheme.e21, scheme.e22
+    c1, c2, d1, d2 = scheme.idd, scheme.hdd, -omega * scheme.idw, -omega * scheme.hdw
+    b1 = e11 * c1 + e12 * c2 + scheme.ia - c1
+    b2 = e21 * c1 + e22 * c2 + scheme.ha - c2
+    j1 = e11 * d1 + e12 * d2 + -omega * scheme.iw - d1
+    j2 = e21 * d1 + e22 * d2 + -omega * scheme.hw - d2
+    p11, p12, p22 = covariance(
+        e11, e12, e21, e22, b1 * b1 + j1 * j1, b1 * b2 + j1 * j2, b2 * b2 + j2 * j2
+    )
+    of_h = p22 + (c2 * c2 + d2 * d2)
+    of_innovation = max(p11 + ((1.0 - c1) * (1.0 - c1) + d1 * d1), ROUNDING)
     # integral of h = L (i - h kp/ki) + a slow part
-    ratio = k_p / k_i
-    x11, x12, x22 = p11 + power_of(c1), p12 + together(c1, c2), of_h
-    of_integral = inductance * inductance * (x11 - 2.0 * ratio * x12 + ratio * ratio * x22)
+    ratio = design.k_p / design.k_i
+    x11, x12, x22 = p11 + (c1 * c1 + d1 * d1), p12 + (c1 * c2 + d1 * d2), of_h
+    square = design.inductance * design.inductance
+    of_integral = square * (x11 - 2.0 * ratio * x12 + ratio * ratio * x22)
     return of_h, of_innovation, of_integral
 
 
@@ -84,18 +80,7 @@ def through_four_poles(
 
 
 def deviations(
-    variance: float,
-    size: float,
-    x: float,
-    k_eta: float,
-    gamma: float,
-    resistance: float,
-    inductance: float,
-    epsilon: float,
-    natural: float,
-    damping_out: float,
-    dt: float,
-    gains: tuple[float, float, float],
+    design: Design, scheme: Scheme, power: float, size: float, x: float
 ) -> tuple[float, float, float]:
     """Return one standard deviation of electrical angle [rad], its speed [rad/s] and xi [1/Wb].
 
@@ -106,17 +91,14 @@ def deviations(
 
     Parameters
     ----------
-    variance : variance of the noise on each current [A^2].
+    power : innovation variance [A^2].
     size, x : |h| [V] and xi_hat [1/Wb].
-    epsilon : time constant of the fast part [s].
-    natural, damping_out : natural frequency [rad/s] and damping of the low-pass on the speed;
-        natural 0: no low-pass.
-    dt : sample time [s].
-    gains : from `prepare_noise`.
     """
-    of_h, of_innovation, of_integral = gains
-    omega = size * abs(x)
-    density = variance * dt
+    of_h, of_innovation, of_integral = noise_gains(design, scheme, size * x)
+    variance = design.noise_power if design.noise_power > 0.0 else power / of_innovation
+    omega, k_eta, gamma = size * abs(x), design.k_eta, design.gamma
+    resistance, inductance = design.resistance, design.inductance
+    density = variance * scheme.dt
     slow = (resistance * resistance + omega * omega * inductance * inductance) * density
     damping = k_eta * size  # 2 zeta omega_n of the slow loop
     stiffness = gamma * size * size  # omega_n^2
@@ -128,48 +110,50 @@ def deviations(
         + 0.5 * slow * x * x / damping
         + 0.5 * slow / (size * size) * (damping + stiffness / damping)
     )
-    of_xi = (
-        0.5
-        * slow
-        * (x * x * stiffness + stiffness * stiffness / (size * size))
-        / (damping * size * size)
-    )
+    of_xi = 0.5 * slow * (x * x * stiffness + stiffness * stiffness / (size * size))
+    of_xi = of_xi / (damping * size * size)
     of_speed = x * x * of_h * variance  # of |h| xi: the speed output without a low-pass
-    if natural > 0.0:
-        e, w = 2.0 * damping_out * natural, natural * natural
-        d3, d2, d1, d0 = (
-            damping + e,
-            stiffness + damping * e + w,
-            damping * w + stiffness * e,
-            stiffness * w,
-        )
-        pull = gamma * size
-        of_speed = (
-            w
-            * w
-            * slow
-            * (
-                through_four_poles(0.0, x, 0.0, d3, d2, d1, d0)
-                + through_four_poles(0.0, k_eta, pull, d3, d2, d1, d0)
-            )
-        )
-        # L s n: filtered by the slow loop or by the fast part, whichever gives less
-        fast = through_four_poles(x, 0.0, 0.0, d3, d2, d1, d0) + through_four_poles(
-            k_eta, pull, 0.0, d3, d2, d1, d0
-        )
-        f = 2.0 / epsilon
-        corner = 0.5 * f * f
-        of_fast = (
-            both
-            * corner
-            * corner
-            * through_four_poles(
-                0.0, 0.0, 1.0, e + f, w + e * f + corner, w * f + e * corner, w * corner
-            )
-        )
-        of_speed += w * w * inductance * inductance * density * min(fast, of_fast)
+    if design.natural > 0.0:
+        of_speed = behind_low_pass(design, slow, density, damping, stiffness, size, x)
         of_speed = min(of_speed, both * of_h * variance)
     return math.sqrt(of_angle), math.sqrt(of_speed), math.sqrt(of_xi)
+
+
+def behind_low_pass(
+    design: Design,
+    slow: float,
+    density: float,
+    damping: float,
+    stiffness: float,
+    size: float,
+    x: float,
+) -> float:
+    """Return the variance of the low-passed speed [rad^2/s^2].
+
+    Parameters
+    ----------
+    slow, density : power spectral densities of (R + j omega L) n [V^2 s] and of n [A^2 s].
+    damping, stiffness : of the slow loop. size, x : as in `deviations`.
+    """
+    natural, k_eta = design.natural, design.k_eta
+    e, w = 2.0 * DAMPING * natural, natural * natural
+    d3, d2 = damping + e, stiffness + damping * e + w
+    d1, d0 = damping * w + stiffness * e, stiffness * w
+    pull = design.gamma * size
+    of_speed = through_four_poles(0.0, x, 0.0, d3, d2, d1, d0)
+    of_speed += through_four_poles(0.0, k_eta, pull, d3, d2, d1, d0)
+    of_speed = w * w * slow * of_speed
+    # L s n: filtered by the slow loop or by the fast part, whichever gives less
+    by_slow = through_four_poles(x, 0.0, 0.0, d3, d2, d1, d0)
+    by_slow += through_four_poles(k_eta, pull, 0.0, d3, d2, d1, d0)
+    f = 2.0 / design.epsilon
+    corner = 0.5 * f * f
+    by_fast = through_four_poles(
+        0.0, 0.0, 1.0, e + f, w + e * f + corner, w * f + e * corner, w * corner
+    )
+    by_fast = (x * x + k_eta * k_eta) * corner * corner * by_fast
+    inductance = design.inductance
+    return of_speed + w * w * inductance * inductance * density * min(by_slow, by_fast)
 
 
 def low_pass_weight(pole: float, dt: float) -> float:

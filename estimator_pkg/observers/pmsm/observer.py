@@ -4,453 +4,471 @@
 """Sensorless speed, angle and flux of a permanent-magnet motor (Bosso, Azzollini, Tilli, 2020).
 
 A sample is (i_alpha, i_beta, u_alpha, u_beta): the current at the stamp and the mean voltage over
-the interval that ends at the stamp. The robust form extends the paper: it waits while the rotor is
-not observable, and finds it again from the direction and the rotation of the back-EMF.
+the interval that ends at the stamp. `step` is in step.py; here are the parameters, the gains that
+follow from motor and bandwidth, and the estimates.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from estimator_pkg.models.motor import POWER_INVARIANT, check_motor
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models.motor import POWER_INVARIANT, MotorData, check_motor
 from estimator_pkg.observers.circle import Circle, wrap
-from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING, Observer
+from estimator_pkg.observers.contract import (
+    INITIALISING,
+    NOT_OBSERVABLE,
+    TRACKING,
+    Deviation,
+    Estimate,
+    Observer,
+)
+from estimator_pkg.observers.contract import never_late as lateness  # noqa: F401
+from estimator_pkg.observers.contract import no_reason as why  # noqa: F401  (see `DriveJoint.why`)
 from estimator_pkg.observers.maths.tracking import natural_frequency
-from estimator_pkg.observers.pmsm.drive import DriveFunctions, Sample, finite
-from estimator_pkg.observers.pmsm.equations import (
-    aligned,
-    emf,
-    flux_linkage,
-    phase_signs,
-    reflect,
-    rotor_angle,
-    wants_reflection,
-)
-from estimator_pkg.observers.pmsm.gains import Gains
-from estimator_pkg.observers.pmsm.identifier import credible, empty_registers, shift, solve
-from estimator_pkg.observers.pmsm.noise import deviations, prepare_noise
-from estimator_pkg.observers.pmsm.ripple import NO_RIPPLES, follow_ripples, ripple_variances
-from estimator_pkg.observers.pmsm.scheme import advance, turned_emf
-from estimator_pkg.observers.pmsm.state import (
-    DAMPING,
-    Coefficients,
-    Design,
-    State,
-    design_of,
-    prepare_coefficients,
-)
+from estimator_pkg.observers.pmsm.drive import Electrical, ElectricalDeviation, Sample, is_reading  # noqa: F401
+from estimator_pkg.observers.pmsm.equations import flux_linkage, rotor_angle
+from estimator_pkg.observers.pmsm.noise import DAMPING, deviations, low_pass_weight, noise_gains
+from estimator_pkg.observers.pmsm.ripple import NARROW, RIPPLE_MEMORY, ripple_variances
+from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
+from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
+from estimator_pkg.observers.pmsm.step import coast, restart, resume, start, step  # noqa: F401  (functions of the observer)
 from estimator_pkg.observers.pmsm.watch import (
     BLIND,
+    HALF_TURN,
+    LEAST_EMF,
     LEAVES,
     LOW_EMF,
-    RESET,
-    SEARCHING,
-    begin_watch,
     least_emf,
-    look,
 )
+from estimator_pkg.parameters import parameter, structural
 
-CHORD = 0.3  # gates of the identifier, see `credible`
-REST = 0.25
-SPEED_CLIP = 2e4  # rad/s, electrical: a back-EMF that turns faster is noise
-BEYOND = 1e15  # V and 1/Wb: larger states have diverged
+SINGLE_ANGLE = False
+EDGES = False
+TURNS = False
+DRIVEN = False
+EPSILON = 85e-6  # s; Table 1's gains are those of (17) at this epsilon
+EPSILON_SPEED = 0.374  # epsilon times the top electrical speed in Table 1's motor
+EMF_SPEED = 75.0  # electrical rad/s: the smallest usable back-EMF is the one at this speed
+FLUX_RANGE = 2.5  # the flux linkage is estimated within this factor of the nominal one
+NOISE_GUESS = 0.002  # current noise per flux/inductance until it is measured
+SETTLES = 5.0  # settling time of the fast part in units of epsilon
+FAST = 1e-3  # s, averages of the back-EMF
+SLOW = 5e-3  # s, averages of speeds; also how long the rotation is observed before locking on
+NOISE_MEMORY = 0.03  # s, average of the innovation's power
 TURN = 2.0 * math.pi
 
 
-def build(gains: Gains, circle: Circle) -> DriveFunctions:
-    """Return the functions of the sensorless observer with these gains.
+@dataclass(frozen=True)
+class Gains(MotorData):
+    """Parameters of `pmsm`: motor data, one relative bandwidth, and the paper's symbols."""
 
-    `design` is a `Design`, `coefficients` are `Coefficients` and `state` is a `State`. The
-    functions close over the structure only, so that new gains need no new compilation.
+    variant: str = structural(
+        'identifier',
+        choices=('identifier', 'hybrid', 'continuous'),
+        description='identifier: (16) with the flux identifier (25), (26); hybrid: (16); '
+        'continuous: (5)',
+    )
+    form: str = structural(
+        'robust',
+        choices=('robust', 'paper'),
+        description='robust: gated identifier, alternating clock, frozen while not observable; '
+        'paper: the equations as printed (misprints mended)',
+    )
+    relative_bandwidth: float = parameter(
+        0.1286,
+        range=(0.01, 1.0),
+        search=(0.03, 0.5),
+        description='natural frequency of angle and flux estimation per electrical speed',
+        equation='sqrt(gamma) phi',
+    )
+    epsilon: float | None = parameter(
+        None,
+        unit='s',
+        range=(1e-6, 0.1),
+        advanced=True,
+        description='time constant of current and back-EMF estimation; automatic: 0.374 over the '
+        'top electrical speed, 85 us where speed_max is automatic',
+        equation='(17)',
+    )
+    speed_max: float | None = parameter(
+        None,
+        unit='rad/s',
+        range=(0.1, 1e5),
+        description='top mechanical speed; a sample rate at which the rotor turns more than half '
+        'an electrical turn per sample at this speed is refused; automatic: not known',
+    )
+    k_p: float | None = parameter(
+        None,
+        unit='1/s',
+        range=(1e-3, 1e9),
+        advanced=True,
+        description='current correction; automatic: 2/epsilon - R/L',
+        equation='kp in (5), (17)',
+    )
+    k_i: float | None = parameter(
+        None,
+        unit='V/(A s)',
+        range=(1e-9, 1e12),
+        advanced=True,
+        description='back-EMF correction; automatic: 2 L/epsilon^2',
+        equation='ki in (5), (17)',
+    )
+    k_eta: float | None = parameter(
+        None,
+        unit='1/Wb',
+        range=(0.0, 1e9),
+        advanced=True,
+        description='alignment of the frame; automatic: sqrt(2 gamma) (damping 0.707)',
+        equation='k_eta in (5)',
+    )
+    gamma: float | None = parameter(
+        None,
+        unit='1/Wb^2',
+        range=(0.0, 1e15),
+        advanced=True,
+        description='adaptation of the flux; automatic: (relative_bandwidth/flux)^2',
+        equation='gamma in (5)',
+    )
+    clock_rate: float = parameter(
+        200.0,
+        unit='1/s',
+        range=(1.0, 5000.0),
+        advanced=True,
+        description='rate of the clock ticks at which the frame may be reset and the identifier '
+        'takes a sample',
+        equation='Lambda in (7)',
+    )
+    periods: int = structural(
+        2,
+        range=(1, 16),
+        advanced=True,
+        description='clock periods that the identifier fits',
+        equation='N in (23)',
+    )
+    second_period: float = parameter(
+        0.8,
+        range=(0.2, 1.0),
+        advanced=True,
+        description='length of every second clock period relative to the others, so that at no '
+        'speed the rotor is at the same angle at every tick; 1: all equal (form paper: always)',
+    )
+    scaling: str = structural(
+        'amplitude',
+        choices=('amplitude', 'power'),
+        description='scaling of the measured alpha-beta vectors: their length is the amplitude of '
+        'the phase quantity, or sqrt(1.5) times that (power-invariant)',
+    )
+    voltage_delay: float = structural(
+        0.0,
+        unit='sample',
+        range=(0.0, 8.0),
+        description='delay between the interval that ends at the stamp of a voltage and the '
+        'interval over which it acts (2: a command computed at the stamp acts over the period '
+        'after the next)',
+    )
+    dead_time_voltage: float = parameter(
+        0.0,
+        unit='V',
+        range=(0.0, 1e4),
+        description='mean phase voltage lost by the dead time of the bridge, if the reported '
+        'voltage does not include it: dc voltage x dead time x carrier frequency; it is '
+        'subtracted with the signs of the phase currents',
+    )
+    pwm_frequency: float | None = parameter(
+        None,
+        unit='Hz',
+        range=(1.0, 1e7),
+        advanced=True,
+        description='carrier frequency of the drive: within a period the voltage is constant while '
+        'the rotor turns, so the current deviates from the line between its samples; this is '
+        'corrected if the frequency is known (angle: omega R/(12 L f^2)); automatic: not known',
+    )
+    initial_flux: float | None = parameter(
+        None,
+        unit='Wb',
+        range=(0.0, 1e3),
+        advanced=True,
+        description='initial estimate of the flux linkage; automatic: the nominal one; 0: unknown',
+    )
+    flux_min: float | None = parameter(
+        None,
+        unit='Wb',
+        range=(1e-9, 1e3),
+        advanced=True,
+        description='smallest credible flux linkage; automatic: nominal / 2.5',
+        equation='sat, below (5)',
+    )
+    flux_max: float | None = parameter(
+        None,
+        unit='Wb',
+        range=(1e-9, 1e3),
+        advanced=True,
+        description='largest credible flux linkage; automatic: nominal x 2.5',
+        equation='sat, below (5)',
+    )
+    emf_min: float | None = parameter(
+        None,
+        unit='V',
+        range=(0.0, 1e4),
+        description='back-EMF below which the rotor is not observable; noise and resistance_error '
+        'can raise this limit; automatic: nominal flux times 75 rad/s (electrical)',
+    )
+    resistance_error: float = parameter(
+        0.2,
+        range=(0.0, 2.0),
+        advanced=True,
+        description='relative uncertainty of the resistance; the back-EMF must exceed twice the '
+        'voltage drop that corresponds to it',
+    )
+    current_noise: float | None = parameter(
+        None,
+        unit='A',
+        range=(1e-9, 1e3),
+        description='standard deviation of the noise of each measured current; automatic: '
+        'estimated from the innovation',
+    )
+    speed_filter_hz: float = parameter(
+        1000.0,
+        unit='Hz',
+        range=(0.0, 1e5),
+        search=(20.0, 2000.0),
+        description='-3 dB frequency of the low-pass on the speed output (two poles); 0: none. Its '
+        'delay 0.193/f is reported as the group delay',
+    )
+    hold: float = parameter(
+        0.010,
+        unit='s',
+        range=(0.0, 10.0),
+        advanced=True,
+        description='time for which all residuals must be within their limits before the estimate '
+        'is valid',
+    )
+
+
+class Tuning(NamedTuple):
+    """The gains in the paper's symbols, and epsilon [s]."""
+
+    epsilon: float
+    k_p: float
+    k_i: float
+    k_eta: float
+    gamma: float
+
+
+def tuning(gains: Gains) -> Tuning:
+    """Return epsilon, kp, ki, k_eta and gamma; automatic ones from motor data and bandwidth.
 
     Raises
     ------
     UsageError : motor data are missing, or the gains cannot work.
     """
-    design_of(gains, circle)  # raises UsageError if the gains cannot work
-    poles = check_motor(gains, 'pmsm')[3]
-    robust = gains.form == 'robust'
-    resets = gains.variant != 'continuous'
-    identifies = gains.variant == 'identifier'
-    count = gains.periods
-    scale = 1.0 / POWER_INVARIANT if gains.scaling == 'power' else 1.0
-    late = math.floor(gains.voltage_delay)
-    part = gains.voltage_delay - late
-    kept = late + 1 if part > 0.0 else late
-    blank_registers = empty_registers(count)
-    no_voltages = (complex(0.0, 0.0),) * (kept + 1)
-    when_blind = SEARCHING if robust else 0
-
-    def design() -> Design:
-        return design_of(gains, circle)
-
-    def prepare(design: Any, dt: float) -> Coefficients:
-        return prepare_coefficients(design, dt, when_blind)
-
-    def take(measurement: Sample) -> tuple[complex, complex]:
-        """Return current and voltage as amplitude-invariant vectors."""
-        i_alpha, i_beta, u_alpha, u_beta = measurement
-        if scale != 1.0:
-            return (
-                complex(i_alpha * scale, i_beta * scale),
-                complex(u_alpha * scale, u_beta * scale),
-            )
-        return complex(i_alpha, i_beta), complex(u_alpha, u_beta)
-
-    def init(measurement: Sample, design: Any) -> State:
-        current, voltage = take(measurement)
-        zero = complex(0.0, 0.0)
-        return (
-            (current, zero, complex(1.0, 0.0), design.xi_start, current, zero),
-            (zero, 0.0, 1.0, 0),
-            blank_registers,
-            begin_watch(design.noise_guess),
-            (0.0, 0.0, 0.0),
-            (design.dead, 0.0),
-            no_voltages,
-            NO_RIPPLES,
+    resistance, inductance, flux, pole_pairs = check_motor(gains, 'pmsm')
+    epsilon = gains.epsilon
+    if epsilon is None:
+        epsilon = EPSILON
+        if gains.speed_max is not None:
+            epsilon = EPSILON_SPEED / (gains.speed_max * pole_pairs)
+            epsilon = min(epsilon, inductance / resistance)
+    k_p = gains.k_p if gains.k_p is not None else 2.0 / epsilon - resistance / inductance
+    k_i = gains.k_i if gains.k_i is not None else 2.0 * inductance / epsilon**2
+    gamma = gains.gamma if gains.gamma is not None else (gains.relative_bandwidth / flux) ** 2
+    k_eta = gains.k_eta if gains.k_eta is not None else math.sqrt(2.0 * gamma)
+    if k_p <= 0.0:
+        raise UsageError(
+            f'epsilon = {epsilon:g} s is too slow for L/R = '
+            f'{inductance / resistance:g} s: set it below twice that'
         )
-
-    def tick(
-        i: complex,
-        h: complex,
-        z: complex,
-        x: float,
-        integral: complex,
-        ticks: int,
-        registers: tuple,
-        least: float,
-        design: Any,
-    ) -> tuple:
-        """Run one clock tick: the identifier, then the reset of the frame."""
-        event = 0
-        if identifies:
-            size = abs(h)
-            registers = shift(registers, emf(h, z), size, integral)
-            ticks += 1
-            if ticks > count + 1:
-                found, travelled, rest, total = solve(registers)
-                if abs(x - found) > design.threshold and (
-                    not robust
-                    or credible(
-                        registers,
-                        found,
-                        travelled,
-                        rest,
-                        total,
-                        CHORD,
-                        REST,
-                        design.xi_low,
-                        design.xi_high,
-                        least,
-                    )
-                ):
-                    x = found
-                    event = RESET
-                    if robust:  # flux and direction are credible: align the frame
-                        i, h, z = aligned(i, h, z, h)
-        if resets and wants_reflection(h):
-            i, h, z = reflect(i, h, z)
-            event = RESET
-        return i, h, z, x, registers, ticks, event
-
-    def lock_on(core: tuple, watch: tuple, turned: float, design: Any) -> tuple:
-        """Return (i, h, z, x, watch) aligned with the averaged back-EMF, xi signed as it turned."""
-        i, h, z, x = core
-        level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        size = abs(mean_h)
-        if x != 0.0 and size > 0.0:
-            i, h, z = aligned(i, h, z, mean_h)
-            most = abs(x)
-            if most > design.xi_high:  # xi has diverged: take its initial value
-                most = design.xi_start if design.xi_start > 0.0 else design.xi_high
-            x = most if turned > 0.0 else -most
-            mean_h = complex(0.0, -size)
-        return i, h, z, x, (level, mean_h, rate, 0.0, power, idle, calm, reasons)
-
-    def step(
-        state: Any, coefficients: Any, design: Any, measurement: Sample, known_input: float
-    ) -> State:
-        core, clock, registers, watch, out, clear, voltages, ripples = state
-        i, h, z, x, before, y = core
-        integral, rho, span, ticks = clock
-        level, mean_h, rate, slip, power, idle, calm, last = watch
-        velocity, slope, travel = out
-        clear_time, clear_angle = clear
-        (
-            dt,
-            scheme,
-            noise,
-            watching,
-            emf_of_noise,
-            window,
-            low_pass,
-            pace,
-            k_eta,
-            gamma,
-            standing,
-            dead_time,
-            of_ripple,
-        ) = coefficients
-        i_alpha, i_beta, u_alpha, u_beta = measurement
-        current, voltage = complex(i_alpha, i_beta), complex(u_alpha, u_beta)
-        if scale != 1.0:
-            current, voltage = scale * current, scale * voltage
-        if kept > 0:
-            voltages = voltages[1:] + (voltage,)
-            voltage = voltages[kept - late]
-            if part > 0.0:
-                voltage = (1.0 - part) * voltage + part * voltages[0]
-        if dead_time > 0.0:
-            voltage -= dead_time * phase_signs(before + current)
-        if standing != 0.0:
-            voltage *= complex(1.0, -standing * velocity)
-        if not robust and not (abs(x) < BEYOND and abs(h) < BEYOND):
-            return init(measurement, design)  # the printed equations do not bound xi_hat: restart
-        searching = robust and last & SEARCHING != 0
-        if searching:  # xi is frozen, the frame turns at the speed of the back-EMF
-            turning = rate if -SPEED_CLIP < rate < SPEED_CLIP else 0.0
-            i, h, z, frozen, frame = advance(
-                i, h, z, 0.0, before, current, voltage, scheme, 0.0, 0.0, turning
-            )
-        else:  # the flow (16)
-            i, h, z, x, frame = advance(
-                i, h, z, x, before, current, voltage, scheme, k_eta, gamma, 0.0
-            )
-            travel += frame * dt
-        innovation = z.conjugate() * current - i  # i_tilde
-        new_y = emf(h, z)
-        area, turned = turned_emf(y, new_y, dt)
-        integral += area
-        rho += pace  # Lambda dt
-        event = 0
-        if rho + 0.5 * pace >= span:  # the jump of (16), at the end of the clock period
-            z *= 1.0 / abs(z)
-            if searching:
-                ticks = 0
-                if identifies:
-                    registers = shift(registers, new_y, abs(h), integral)
-            else:
-                least = least_emf(power, current, emf_of_noise, design.emf_min, design.drop)
-                flowed = x
-                i, h, z, x, registers, ticks, event = tick(
-                    i, h, z, x, integral, ticks, registers, least, design
-                )
-                if robust and x != flowed:  # the averages belong to the old frame: reset them
-                    watch = (level, complex(0.0, -level), rate, 0.0, power, idle, calm, last)
-                travel += wrap(rotor_angle(z, x) - travel, TURN)
-            integral = complex(0.0, 0.0)
-            rho = 0.0
-            if robust:
-                span = design.second_period if span == 1.0 else 1.0
-        if searching:
-            event = SEARCHING
-            slope = 0.0
-            if last & BLIND:
-                clear = (design.dead, 0.0)
-                velocity = 0.0
-            else:
-                if clear_time < 0.0:
-                    turned = velocity * dt  # with the speed before a gap; 0 after a standstill
-                travel += turned
-                clear_angle = clear_angle + turned if clear_time >= 0.0 else 0.0
-                clear_time += dt
-                clear = (clear_time, clear_angle)
-                if clear_time >= window:
-                    i, h, z, x, watch = lock_on((i, h, z, x), watch, clear_angle, design)
-                    velocity = abs(h) * x
-                    travel += wrap(rotor_angle(z, x) - travel, TURN)
-                    clear = (design.dead, 0.0)
-                    event = RESET
-            speed = abs(h) * x
-        else:
-            speed = abs(h) * x  # omega_hat
-            f11, f12, f21, f22 = low_pass
-            if f21 != 0.0:
-                # filter the speed of the frame, not |h| x: its integral is the angle, so the
-                # current noise in it is above the low-pass
-                lag = velocity - frame
-                velocity = frame + f11 * lag + f12 * slope
-                slope = f21 * lag + f22 * slope
-                if last == 0 and calm >= design.hold:  # a start is no ripple
-                    ripples = follow_ripples(ripples, of_ripple, frame - velocity, new_y)
-            else:
-                velocity = speed
-        watch = look(
-            watch, event, h, speed, turned / dt, innovation, before, current, voltage, x, watching
+    epsilon = 2.0 / (resistance / inductance + k_p)
+    if gains.clock_rate * SETTLES * epsilon > 1.0:
+        raise UsageError(
+            f'clock_rate = {gains.clock_rate:g} /s is too fast: the back-EMF needs '
+            f'{SETTLES * epsilon:g} s to settle between ticks; '
+            f'set at most {1.0 / (SETTLES * epsilon):g} /s'
         )
-        return (
-            (i, h, z, x, current, new_y),
-            (integral, rho, span, ticks),
-            registers,
-            watch,
-            (velocity, slope, travel),
-            clear,
-            voltages,
-            ripples,
-        )
+    low, high = flux_range(gains)
+    if not low < high:
+        raise UsageError(f'flux_min = {low:g} Wb is not below flux_max = {high:g} Wb: set it below')
+    return Tuning(epsilon, k_p, k_i, k_eta, gamma)
 
-    def status_of(reasons: int, calm: float, design: Any) -> int:
-        if reasons & BLIND:
-            return NOT_OBSERVABLE
-        if reasons or calm < design.hold:
-            return INITIALISING
-        return TRACKING
 
-    def reasons_of(state: Any) -> int:
-        core, clock, registers, watch, out, clear, voltages, ripples = state
-        level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        return reasons
+def flux_range(gains: Gains) -> tuple[float, float]:
+    """Return the smallest and the largest credible flux linkage [Wb]."""
+    nominal = float(gains.flux or 0.0)
+    low = gains.flux_min if gains.flux_min is not None else nominal / FLUX_RANGE
+    high = gains.flux_max if gains.flux_max is not None else nominal * FLUX_RANGE
+    return low, high
 
-    def output(
-        state: Any, coefficients: Any, design: Any, measurement: Sample, known_input: float
-    ) -> tuple:
-        core, clock, registers, watch, out, clear, voltages, ripples = state
-        i, h, z, x, current, y = core
-        level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        velocity, slope, travel = out
-        status = status_of(reasons, calm, design)
-        if status == NOT_OBSERVABLE:
-            return math.nan, math.nan, math.nan, status
-        travel += wrap(rotor_angle(z, x) - travel, TURN)
-        position = wrap(travel / design.pole_pairs, design.period)
-        return position, velocity / design.pole_pairs, math.nan, status
 
-    def row(
-        state: Any, coefficients: Any, design: Any
-    ) -> tuple[float, float, float, float, int, int]:
-        core, clock, registers, watch, out, clear, voltages, ripples = state
-        i, h, z, x, current, y = core
-        level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        velocity, slope, travel = out
-        flux = flux_linkage(x, design.flux_low, design.flux_high)
-        if reasons & BLIND:
-            return math.nan, math.nan, flux, 0.0, NOT_OBSERVABLE, reasons
-        if reasons or calm < design.hold:
-            return rotor_angle(z, x), velocity, flux, 0.0, INITIALISING, reasons
-        return rotor_angle(z, x), velocity, flux, 1.0, TRACKING, reasons
+def design(gains: Gains, circle: Circle) -> Design:
+    """Return what the gains imply whatever the sample time is.
 
-    def electrical(state: Any, coefficients: Any, design: Any) -> tuple[float, float, float, float]:
-        angle, speed, flux, valid, status, reasons = row(state, coefficients, design)
-        return angle, speed, flux, valid
+    Raises
+    ------
+    UsageError : motor data are missing, or the gains cannot work.
+    """
+    made = Design()
+    made.resistance, made.inductance, nominal, made.pole_pairs = check_motor(gains, 'pmsm')
+    made.epsilon, made.k_p, made.k_i, made.k_eta, made.gamma = tuning(gains)
+    made.robust, made.periods = gains.form == 'robust', gains.periods
+    made.resets, made.identifies = gains.variant != 'continuous', gains.variant == 'identifier'
+    made.clock_rate, made.second_period = gains.clock_rate, gains.second_period
+    made.threshold = 4.0 * math.sqrt(made.gamma)
+    low, high = flux_range(gains)
+    made.flux_low, made.flux_high, made.xi_low, made.xi_high = low, high, 1.0 / high, 1.0 / low
+    flux = nominal if gains.initial_flux is None else gains.initial_flux
+    made.xi_start = 1.0 / flux if flux > 0.0 else 0.0
+    made.emf_min = nominal * EMF_SPEED if gains.emf_min is None else gains.emf_min
+    made.drop = 2.0 * gains.resistance_error * made.resistance
+    made.speed_max, made.hold = gains.speed_max or 0.0, gains.hold
+    made.natural = natural_frequency(gains.speed_filter_hz, DAMPING)
+    made.noise_power = (gains.current_noise or 0.0) ** 2
+    made.noise_guess = (NOISE_GUESS * nominal / made.inductance) ** 2
+    made.period = 0.0 if circle.unwrap else float(circle.period)
+    made.dead = -10.0 * made.epsilon
+    made.scale = 1.0 / POWER_INVARIANT if gains.scaling == 'power' else 1.0
+    _set_voltage(made, gains)
+    return made
 
-    def electrical_stddev(state: Any, coefficients: Any, design: Any) -> tuple[float, float, float]:
-        core, clock, registers, watch, out, clear, voltages, ripples = state
-        i, h, z, x, current, y = core
-        level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        noise = prepare_noise(
-            design.inductance, design.k_p, design.k_i, coefficients.scheme, level * x
-        )
-        of_h, of_innovation, of_integral = noise
-        variance = design.noise_power if design.noise_power > 0.0 else power / of_innovation
-        of_angle, of_speed, of_xi = deviations(
-            variance,
-            level,
-            x,
-            design.k_eta,
-            design.gamma,
-            design.resistance,
-            design.inductance,
-            design.epsilon,
-            design.natural,
-            DAMPING,
-            coefficients.dt,
-            noise,
-        )
-        ripple_of_angle, ripple_of_speed = ripple_variances(
-            ripples, abs(level * x), design.natural, DAMPING
-        )
-        of_angle = math.sqrt(of_angle * of_angle + ripple_of_angle)
-        of_speed = math.sqrt(of_speed * of_speed + ripple_of_speed)
-        if reasons & BLIND:
-            # angle unknown: uniform over a turn; speed uniform within its bound
-            of_angle = math.pi / math.sqrt(3.0)
-            of_speed = speed_bound(state, coefficients, design) * design.pole_pairs / math.sqrt(3.0)
-        flux = flux_linkage(x, design.flux_low, design.flux_high)
-        return of_angle, of_speed, of_xi * flux * flux
 
-    def stddev(state: Any, coefficients: Any, design: Any) -> tuple[float, float]:
-        of_angle, of_speed, of_flux = electrical_stddev(state, coefficients, design)
-        return of_angle / design.pole_pairs, of_speed / design.pole_pairs
+def _set_voltage(made: Design, gains: Gains) -> None:
+    made.late = math.floor(gains.voltage_delay)
+    made.part = gains.voltage_delay - made.late
+    made.kept = made.late + 1 if made.part > 0.0 else made.late
+    made.dead_time = gains.dead_time_voltage
+    if gains.pwm_frequency:
+        made.standing = made.resistance / (12.0 * made.inductance * gains.pwm_frequency**2)
+    made.corrects = made.kept > 0 or made.dead_time > 0.0 or made.standing > 0.0
 
-    def speed_bound(state: Any, coefficients: Any, design: Any) -> float:
-        core, clock, registers, watch, out, clear, voltages, ripples = state
-        i, h, z, x, current, y = core
-        level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        if reasons & BLIND != LOW_EMF:
-            return math.inf
-        least = LEAVES * least_emf(
-            power, current, coefficients.emf_of_noise, design.emf_min, design.drop
-        )
-        if level > least:
-            least = level
-        flux = flux_linkage(x, design.flux_low, design.flux_high)
-        return least / (flux * design.pole_pairs)
 
-    def coast(state: Any, coefficients: Any, design: Any, measurement: Sample, gap: float) -> State:
-        """Continue after `gap` [s] without samples: keep flux and speed, search the rotor again."""
-        core, clock, registers, watch, out, clear, voltages, ripples = state
-        i, h, z, x, before, y = core
-        level, mean_h, rate, slip, power, idle, calm, reasons = watch
-        velocity, slope, travel = out
-        current, voltage = take(measurement)
-        zero = complex(0.0, 0.0)
-        return (
-            (z.conjugate() * current, h, z, x, current, zero),
-            (zero, 0.0, 1.0, 0),
-            registers,
-            (level, mean_h, rate, slip, power, idle, 0.0, reasons | SEARCHING),
-            (velocity, 0.0, travel + velocity * gap),
-            (design.dead, 0.0),
-            voltages,
-            ripples,
-        )
-
-    def resume(state: Any, coefficients: Any, design: Any, measurement: Sample) -> State:
-        return coast(state, coefficients, design, measurement, 0.0)
-
-    def limits(dt: float) -> str | None:
-        top = (gains.speed_max or 0.0) * poles
-        if top * dt <= math.pi:
-            return None
-        return (
-            f'at {1.0 / dt:.0f} Hz the rotor turns more than half an electrical turn per '
-            f'sample at speed_max = {gains.speed_max:g} rad/s: sample at {top / math.pi:.0f} Hz '
-            'at least'
-        )
-
-    def group_delay(dt: float) -> float:
-        if gains.speed_filter_hz <= 0.0:
-            return 0.0  # the flux estimate compensates the lag of the back-EMF (epsilon)
-        return 2.0 * DAMPING / natural_frequency(gains.speed_filter_hz, DAMPING)
-
-    return DriveFunctions(
-        design,
-        prepare,
-        init,
-        step,
-        output,
-        stddev,
-        resume,
-        limits,
-        group_delay,
-        finite=finite,
-        blank=(0.0, 0.0, 0.0, 0.0),
-        row=row,
-        electrical=electrical,
-        electrical_stddev=electrical_stddev,
-        speed_bound=speed_bound,
-        reasons=reasons_of,
-        coast=coast,
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set what follows from dt [s]."""
+    scheme, natural = coefficients.scheme, design.natural
+    prepare_scheme(scheme, design.resistance, design.inductance, design.k_p, design.k_i, dt)
+    of_h, of_innovation, of_integral = noise_gains(design, scheme, 0.0)
+    fast = max(FAST, 5.0 * design.epsilon)
+    coefficients.window = max(SLOW, 5.0 * fast)
+    coefficients.dt, coefficients.pace = dt, design.clock_rate * dt
+    coefficients.fast = low_pass_weight(1.0 / fast, dt)
+    coefficients.slow = low_pass_weight(1.0 / coefficients.window, dt)
+    coefficients.memory = low_pass_weight(1.0 / NOISE_MEMORY, dt)
+    coefficients.of_ripple = low_pass_weight(min(1.0 / RIPPLE_MEMORY, natural / NARROW), dt)
+    coefficients.known_power = design.noise_power * of_innovation
+    coefficients.emf_of_noise = LEAST_EMF * math.sqrt(of_h / of_innovation)
+    coefficients.fastest = HALF_TURN * math.pi / dt
+    coefficients.f11, coefficients.f12, coefficients.f21, coefficients.f22 = exponential(
+        0.0, 1.0, -natural * natural, -2.0 * DAMPING * natural, dt
     )
+
+
+def status_of(state: State, design: Design) -> int:
+    """Return the status."""
+    if state.watch.reasons & BLIND != 0:
+        return NOT_OBSERVABLE
+    if state.watch.reasons != 0 or state.watch.calm < design.hold:
+        return INITIALISING
+    return TRACKING
+
+
+def estimate(
+    observer: Any,
+    out: Estimate,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: Sample,
+    known_input: float,
+) -> None:
+    """Set the mechanical estimate."""
+    out.status = status_of(state, design)
+    out.position = out.velocity = out.acceleration = math.nan
+    if out.status != NOT_OBSERVABLE:
+        travel = state.out.travel
+        travel += wrap(rotor_angle(state.core) - travel, TURN)
+        out.position = wrap(travel / design.pole_pairs, design.period)
+        out.velocity = state.out.speed / design.pole_pairs
+
+
+def electrical(out: Electrical, state: State, design: Design) -> None:
+    """Set the electrical estimate."""
+    out.status, out.reasons = status_of(state, design), state.watch.reasons
+    out.flux = flux_linkage(state.core.x, design.flux_low, design.flux_high)
+    out.valid = 1.0 if out.status == TRACKING else 0.0
+    out.angle = out.speed = math.nan
+    if out.status != NOT_OBSERVABLE:
+        out.angle, out.speed = rotor_angle(state.core), state.out.speed
+
+
+def electrical_deviation(
+    out: ElectricalDeviation, state: State, coefficients: Coefficients, design: Design
+) -> None:
+    """Set one standard deviation of angle, speed and flux."""
+    level, x = state.watch.level, state.core.x
+    of_angle, of_speed, of_xi = deviations(design, coefficients.scheme, state.watch.power, level, x)
+    of_angle_ripple, of_speed_ripple = ripple_variances(
+        state.ripples, abs(level * x), design.natural
+    )
+    out.angle = math.sqrt(of_angle * of_angle + of_angle_ripple)
+    out.speed = math.sqrt(of_speed * of_speed + of_speed_ripple)
+    if state.watch.reasons & BLIND != 0:
+        # angle unknown: uniform over a turn; speed uniform within its bound
+        bound = speed_bound(state, coefficients, design)
+        out.angle = math.pi / math.sqrt(3.0)
+        out.speed = bound * design.pole_pairs / math.sqrt(3.0)
+    flux = flux_linkage(x, design.flux_low, design.flux_high)
+    out.flux = of_xi * flux * flux
+
+
+def deviation(
+    observer: Any,
+    out: Deviation,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    scale: float,
+) -> None:
+    """Set one standard deviation of mechanical position and speed, the latter times `scale`."""
+    of_electrical = ElectricalDeviation()
+    electrical_deviation(of_electrical, state, coefficients, design)
+    out.position = of_electrical.angle / design.pole_pairs
+    out.velocity = scale * (of_electrical.speed / design.pole_pairs)
+
+
+def speed_bound(state: State, coefficients: Coefficients, design: Design) -> float:
+    """Return the upper bound of the mechanical speed [rad/s] while not observable; inf: none."""
+    core, watch = state.core, state.watch
+    if watch.reasons & BLIND != LOW_EMF:
+        return math.inf
+    least = least_emf(watch.power, core.i_alpha, core.i_beta, coefficients, design)
+    flux = flux_linkage(core.x, design.flux_low, design.flux_high)
+    return max(LEAVES * least, watch.level) / (flux * design.pole_pairs)
+
+
+def limits(design: Design, dt: float) -> str | None:
+    """Return why the sample time is too long for the top speed; None: it is not."""
+    top = design.speed_max * design.pole_pairs
+    if top * dt <= math.pi:
+        return None
+    return (
+        f'at {1.0 / dt:.0f} Hz the rotor turns more than half an electrical turn per '
+        f'sample at speed_max = {design.speed_max:g} rad/s: sample at {top / math.pi:.0f} Hz '
+        'at least'
+    )
+
+
+def group_delay(design: Design, dt: float) -> float:
+    """Return the delay of the speed at low frequency [s]."""
+    if design.natural <= 0.0:
+        return 0.0  # the flux estimate compensates the lag of the back-EMF (epsilon)
+    return 2.0 * DAMPING / design.natural
 
 
 OBSERVER = Observer(
     name='pmsm',
     summary='sensorless speed, angle and flux of a permanent-magnet motor',
     gains=Gains,
-    build=build,
     reference='Bosso, Azzollini, Tilli (2020), (5), (16), (25), (26)',
     kind='drive',
 )

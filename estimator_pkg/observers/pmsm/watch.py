@@ -11,6 +11,9 @@ from __future__ import annotations
 
 import math
 
+from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.state import Coefficients, Core, Design, Watch
+
 # Reasons, as bits. An estimate is valid once no reason has been present for the hold time.
 LOW_EMF = 1  # back-EMF too small compared with noise, resistance drop or emf_min
 MISALIGNED = 2  # the back-EMF does not have the direction that the frame requires
@@ -52,180 +55,116 @@ UNCONNECTED = 0.010  # s of exactly zero voltage, or of exactly equal currents
 TURN = 2.0 * math.pi  # the rotor has turned this far during equal currents [rad]
 CLIP = 16.0  # a squared innovation is clamped to this multiple of the variance
 
-# (level of |h| [V], h averaged [V], mean speed at which y turns [rad/s], mean disagreement [rad/s],
-#  variance of the innovation [A^2], time of zero voltage or equal currents [s], time in order [s],
-#  reasons)
-Watch = tuple[float, complex, float, float, float, float, float, int]
 
-
-def begin_watch(power: float) -> Watch:
-    """Return the watch before the first step; `power`: initial innovation variance [A^2]."""
-    return (0.0, complex(0.0, 0.0), 0.0, 0.0, power, 0.0, 0.0, SEARCHING | LOW_EMF)
+def begin_watch(watch: Watch, power: float) -> None:
+    """Set the watch before the first step; `power`: initial innovation variance [A^2]."""
+    watch.level = watch.mean_h1 = watch.mean_h2 = watch.rate = watch.slip = 0.0
+    watch.power = power
+    watch.idle = watch.calm = 0.0
+    watch.reasons = SEARCHING | LOW_EMF
 
 
 def least_emf(
-    power: float, current: complex, of_noise: float, emf_min: float, drop: float
+    power: float, i_alpha: float, i_beta: float, coefficients: Coefficients, design: Design
 ) -> float:
     """Return the back-EMF [V] above which the rotor is observable.
 
     Parameters
     ----------
     power : innovation variance [A^2].
-    current : measured current [A].
-    of_noise : back-EMF required per standard deviation of the innovation [V/A].
-    emf_min : smallest usable back-EMF [V].
-    drop : back-EMF required per current, for the resistance error [ohm].
+    i_alpha, i_beta : measured current [A].
     """
-    least = of_noise * math.sqrt(power)
-    if least < emf_min:
-        least = emf_min
-    drop *= abs(current)
+    least = coefficients.emf_of_noise * math.sqrt(power)
+    if least < design.emf_min:
+        least = design.emf_min
+    drop = design.drop * abs(complex(i_alpha, i_beta))
     return drop if drop > least else least
 
 
-def emf_of_noise(noise: tuple[float, float, float]) -> float:
-    """Return the back-EMF required per standard deviation of the innovation [V/A].
-
-    Parameters
-    ----------
-    noise : from `prepare_noise`.
-    """
-    of_h, of_innovation, of_integral = noise
-    return LEAST_EMF * math.sqrt(of_h / of_innovation)
-
-
-def prepare_watch(
-    weights: tuple[float, float, float],
-    noise: tuple,
-    window: float,
-    dt: float,
-    known_power: float,
-    emf_min: float,
-    drop: float,
-    xi_low: float,
-    xi_high: float,
-    when_blind: int,
-) -> tuple:
-    """Return the limits of `look`.
-
-    Parameters
-    ----------
-    weights : of the newest sample in the averages of h, of speeds, of the innovation's power.
-    noise : from `prepare_noise`.
-    window : time constant of the average of speeds [s].
-    dt : sample time [s].
-    known_power : innovation variance [A^2] if the noise is a parameter; 0: it is estimated.
-    emf_min, drop : as in `least_emf`.
-    xi_low, xi_high : credible range of |xi| [1/Wb].
-    when_blind : reason added while the rotor is not observable, or if xi_hat has diverged.
-    """
-    return (
-        *weights,
-        dt,
-        known_power,
-        emf_of_noise(noise),
-        emf_min,
-        drop,
-        xi_low,
-        xi_high,
-        HALF_TURN * math.pi / dt,
-        LEAST_DISAGREEMENT * emf_min,
-        SIGMAS / window,
-        when_blind,
-    )
+def follow_averages(
+    watch: Watch,
+    coefficients: Coefficients,
+    core: Core,
+    size: float,
+    speed: float,
+    turning: float,
+    square: float,
+) -> None:
+    """Take one more sample into the averages; parameters as in `look`."""
+    fast, slow = coefficients.fast, coefficients.slow
+    watch.level += fast * (size - watch.level)
+    watch.mean_h1 += fast * (core.h1 - watch.mean_h1)
+    watch.mean_h2 += fast * (core.h2 - watch.mean_h2)
+    watch.rate += (fast if watch.reasons & SEARCHING != 0 else slow) * (turning - watch.rate)
+    watch.slip += slow * (speed - turning - watch.slip)
+    if coefficients.known_power > 0.0:
+        watch.power = coefficients.known_power
+    else:
+        if square > CLIP * watch.power:
+            square = CLIP * watch.power
+        watch.power += coefficients.memory * (square - watch.power)
 
 
 def look(
     watch: Watch,
+    coefficients: Coefficients,
+    design: Design,
+    core: Core,
+    acting: Sample,
     event: int,
-    h: complex,
+    size: float,
     speed: float,
     turning: float,
-    innovation: complex,
-    before_current: complex,
-    current: complex,
-    voltage: complex,
-    x: float,
-    limits: tuple,
-) -> Watch:
-    """Return the watch after one more sample.
+    square: float,
+) -> None:
+    """Take one more sample.
 
     Parameters
     ----------
+    core : with the current of the sample before. acting : the sample.
     event : reasons from the step itself (RESET, SEARCHING).
-    h : estimated back-EMF [V].
-    speed, turning : |h| x, and the speed at which y turned during the sample [rad/s].
-    innovation : measured minus estimated current, in any frame [A].
-    before_current : of the sample before [A].
-    current, voltage : of the sample [A], [V].
-    x : xi_hat [1/Wb].
-    limits : from `prepare_watch`.
+    size, speed : |h| [V] and omega_hat = |h| x [rad/s].
+    turning : speed at which y turned during the sample [rad/s].
+    square : power of the innovation, of each component [A^2].
     """
-    level, mean_h, rate, slip, power, idle, calm, before = watch
-    (
-        fast,
-        slow,
-        memory,
-        dt,
-        known_power,
-        of_noise,
-        emf_min,
-        drop,
-        xi_low,
-        xi_high,
-        fastest,
-        floor,
-        sigmas,
-        when_blind,
-    ) = limits
-    level += fast * (abs(h) - level)
-    mean_h += fast * (h - mean_h)
-    rate += (fast if before & SEARCHING else slow) * (turning - rate)
-    slip += slow * (speed - turning - slip)
-    if known_power > 0.0:
-        power = known_power
-    else:
-        real, imag = innovation.real, innovation.imag
-        square = 0.5 * (real * real + imag * imag)
-        if square > CLIP * power:
-            square = CLIP * power
-        power += memory * (square - power)
+    follow_averages(watch, coefficients, core, size, speed, turning, square)
+    before, blind = watch.reasons, SEARCHING if design.robust else 0
+    i_alpha, i_beta, x = acting.i_alpha, acting.i_beta, abs(core.x)
+    silent = acting.u_alpha == 0.0 and acting.u_beta == 0.0
     # currents of exactly zero may be right: a converter without load
-    repeated = current == before_current and current != 0.0
-    idle = idle + dt if voltage == 0.0 or repeated else 0.0
-    least = of_noise * math.sqrt(power)  # as `least_emf`, without the call
-    if least < emf_min:
-        least = emf_min
-    drop *= abs(current)
-    if drop > least:
-        least = drop
+    loaded = i_alpha != 0.0 or i_beta != 0.0
+    repeated = loaded and i_alpha == core.i_alpha and i_beta == core.i_beta
+    watch.idle = watch.idle + coefficients.dt if silent or repeated else 0.0
+    least = least_emf(watch.power, i_alpha, i_beta, coefficients, design)
     reasons = event
-    if level < (least * LEAVES if before & LOW_EMF else least):
-        reasons |= LOW_EMF | when_blind
-    if idle > UNCONNECTED:
-        if voltage == 0.0:
-            reasons |= NO_VOLTAGE | when_blind
-        elif abs(rate) * idle > TURN:
-            reasons |= STUCK | when_blind
-    if before & TOO_FAST and level > emf_min:
+    if watch.level < (least * LEAVES if before & LOW_EMF != 0 else least):
+        reasons |= LOW_EMF | blind
+    if watch.idle > UNCONNECTED:
+        if silent:
+            reasons |= NO_VOLTAGE | blind
+        elif abs(watch.rate) * watch.idle > TURN:
+            reasons |= STUCK | blind
+    fastest = coefficients.fastest
+    if before & TOO_FAST != 0 and watch.level > design.emf_min:
         # beyond half a turn per sample the samples are also those of a slower rotor that turns
         # backwards: only at rest is it certain that the speed is low again
         reasons |= TOO_FAST
-    elif not -fastest < rate < fastest:
+    elif not -fastest < watch.rate < fastest:
         reasons |= TOO_FAST
     elif not -fastest < speed < fastest:
         reasons |= INCONSISTENT
-    if not abs(mean_h.real) <= -ALIGNED * mean_h.imag:
+    if not abs(watch.mean_h1) <= -ALIGNED * watch.mean_h2:
         reasons |= MISALIGNED
-    size = abs(x)
-    if not xi_low <= size <= xi_high:
+    if not design.xi_low <= x <= design.xi_high:
         reasons |= FLUX_RANGE
-        if size > RUN_AWAY * xi_high:
-            reasons |= when_blind
-    allowed = CONSISTENT * abs(speed) + floor * size + sigmas * least / (level + TINY)
-    if not -allowed < slip < allowed:
+        if x > RUN_AWAY * design.xi_high:
+            reasons |= blind
+    allowed = CONSISTENT * abs(speed) + LEAST_DISAGREEMENT * design.emf_min * x
+    allowed += SIGMAS / coefficients.window * least / (watch.level + TINY)
+    if not -allowed < watch.slip < allowed:
         reasons |= INCONSISTENT
-    return (level, mean_h, rate, slip, power, idle, calm + dt if reasons == 0 else 0.0, reasons)
+    watch.calm = watch.calm + coefficients.dt if reasons == 0 else 0.0
+    watch.reasons = reasons
 
 
 def describe(reasons: int) -> str:

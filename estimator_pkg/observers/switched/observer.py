@@ -26,6 +26,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from estimator_pkg.observers.adaptive.filter import rows, series
 from estimator_pkg.observers.circle import Circle, is_angle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
 from estimator_pkg.observers.convention import begin, follow, present
@@ -67,19 +68,11 @@ def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
         return ()
 
     def prepare(design: tuple, dt: float) -> tuple:
-        filters = zip(
-            system.filters,
-            system.columns,
-            (
-                made.series(column, gains.filter_rate, dt)
-                for made, column in zip(system.filters, system.columns)
-            ),
-        )
-        return (
-            dt,
-            tuple((made.rows(f, column), g0, g1) for made, column, (f, g0, g1) in filters),
-            tuple(each.at(dt) for each in extended),
-        )
+        filters = []
+        for column in system.columns:
+            f, g0, g1 = series(column, gains.filter_rate, dt)
+            filters.append((list(zip(*rows(f, column))), g0, g1))
+        return dt, tuple(filters), tuple(each.at(dt) for each in extended)
 
     def init(measurement: tuple, design: tuple) -> State:
         y = tuple(map(float, measurement))

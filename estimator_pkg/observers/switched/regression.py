@@ -11,9 +11,10 @@ in a filter of its own. So learning can go on without waiting for the filters to
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
-from estimator_pkg.observers.maths.least_squares import kept
+from estimator_pkg.observers.adaptive.filter import after, feed
+from estimator_pkg.observers.maths.least_squares import kept, update
+from estimator_pkg.observers.maths.vectors import dot
 from estimator_pkg.observers.switched.state import State
 from estimator_pkg.observers.switched.system import System
 
@@ -47,7 +48,7 @@ def learn(
     ----------
     y : the new outputs.
     jumps : change of each output since the last sample.
-    filters_of : matrix and input rows of each output's filter for this sample time.
+    filters_of : columns and input rows of each output's filter for this sample time.
     h : sample time [s].
     """
     # the input u was constant over the interval: columns go from (y before, u) to (y now, u)
@@ -58,29 +59,32 @@ def learn(
     )
     state = state._replace(y=y)
     now = system.signals(y, state.u, system.chains(state)[0])
-    z, p, power, filters = state.z, state.p, state.power, []
-    most, keep = vague(system), kept(h, system.gains.memory)
+    z, p, power, filters = list(state.z), [list(row) for row in state.p], state.power, []
+    most, keep = [VAGUE] * system.model.size, kept(h, system.gains.memory)
     for i in system.outputs:
         own, rows, target = _filtered(system, state, i, jumps[i], before[i], now[i], filters_of[i])
         filters.append(own)
         if state.forgetting <= 0.0:
-            residual = target - system.free.dot(rows, z)
-            z, p, s = system.update(z, p, rows, residual, keep, most)
+            residual = target - dot(rows, z)
+            s = update(z, p, rows, residual, keep, most)
             power += 0.02 * (residual * residual / s - power)
-    return state._replace(z=z, p=p, power=power, filters=tuple(filters), last_columns=now)
+    return state._replace(
+        z=tuple(z), p=tuple(map(tuple, p)), power=power, filters=tuple(filters), last_columns=now
+    )
 
 
 def _filtered(
     system: System, state: State, i: int, jump: float, before: tuple, now: tuple, filter_of: tuple
-) -> tuple[tuple, tuple, float]:
+) -> tuple[tuple, list[float], float]:
     """Return (filters of output i, row of Lambda, target that the row times Z must equal)."""
-    left, add, dot = system.filters[i].left, system.wide[i].add, system.wide[i].dot
-    f, g0, g1 = filter_of
+    columns, g0, g1 = filter_of
     k, orders, m = system.model.indices[i], system.orders[i], system.model.size
     of_y, of_gamma, of_columns, carried = state.filters[i]
 
     def fed(row: tuple, start: float, end: float) -> tuple:
-        return add(add(left(row, f), start, g0), end - start, g1)
+        found = list(row)
+        feed(found, columns, g0, g1, start, end - start)
+        return tuple(found)
 
     of_y = fed(of_y, state.y[i] - jump, state.y[i])
     of_gamma = fed(of_gamma, before[0], now[0])
@@ -88,8 +92,8 @@ def _filtered(
     of_columns = tuple(
         fed(of_columns[j], before[j + 1] - shift[j], now[j + 1] - shift[j]) for j in range(m)
     )
-    carried = left(carried, f)
-    rows = tuple(of_columns[j][k - 1 - orders[j + 1]] for j in range(m))
+    carried = tuple(dot(carried, column) for column in columns)
+    rows = [of_columns[j][k - 1 - orders[j + 1]] for j in range(m)]
     target = (
         state.y[i] + dot(system.columns[i], of_y) - of_gamma[k - 1 - orders[0]] - carried[k - 1]
     )
@@ -104,17 +108,13 @@ def carry(system: System, state: State) -> State:
     filters, z = [], state.z
     for i in system.outputs:
         of_y, of_gamma, of_columns, carried = state.filters[i]
-        add: Callable[..., tuple] = system.wide[i].add
         for j in range(system.model.size):
             column = of_columns[j]
             if system.orders[i][j + 1]:  # convert to the filter of the derivative
                 fed = state.last_columns[i][j + 1] - state.origin[i][j + 1]
-                column = add(
-                    system.filters[i].after(column, system.columns[i]),
-                    fed,
-                    (1.0, *(0.0,) * (system.model.indices[i] - 1)),
-                )
-            carried = add(carried, z[j], column)
+                first, *others = after(column, system.columns[i])
+                column = (first + fed, *others)
+            carried = tuple(old + z[j] * x for old, x in zip(carried, column))
         filters.append((of_y, of_gamma, empty_columns(system, i), carried))
     forgetting = state.forgetting if certain(state) else FORGOTTEN / system.gains.filter_rate
     return state._replace(filters=tuple(filters), origin=state.last_columns, forgetting=forgetting)

@@ -6,17 +6,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.switched import SwitchedModel, check, load
-from estimator_pkg.observers.adaptive.filter import Companion, companion
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.maths.least_squares import make_update
-from estimator_pkg.observers.maths.unroll import Algebra, algebra
+from estimator_pkg.observers.maths.vectors import dot
 from estimator_pkg.observers.switched.gains import Gains
 
 LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
@@ -29,9 +26,7 @@ class System:
     Attributes
     ----------
     stages : (lambda, alpha) of each stage, by output.
-    columns, filters : first columns of the regression filters and their functions, by output.
-    free, wide : algebra of the size of Z, and of each chain.
-    update : least squares for Z, from `least_squares.make_update`.
+    columns : first columns of the regression filters, by output.
     orders : `orders` of the model; zeros if the model has none.
     """
 
@@ -40,10 +35,6 @@ class System:
     circle: Circle
     stages: tuple[tuple[tuple[float, float], ...], ...]
     columns: tuple[tuple[float, ...], ...]
-    filters: tuple[Companion, ...]
-    free: Algebra
-    update: Callable[..., tuple]
-    wide: tuple[Algebra, ...]
     orders: tuple[tuple[int, ...], ...]
 
     @property
@@ -95,7 +86,7 @@ class System:
     def ending(self, zeta: tuple, u: tuple, z: tuple) -> tuple[float, ...]:
         """Return Gamma + Lambda Z, the last derivative of each chain (9)."""
         return tuple(
-            float(g) + self.free.dot(tuple(map(float, row)), z)
+            float(g) + dot(tuple(map(float, row)), z)
             for g, row in zip(self.model.gamma(zeta, u), self.model.lam(zeta, u))
         )
 
@@ -122,8 +113,8 @@ def make_system(gains: Gains, circle: Circle) -> System:
             f"parameter 'memory' = {gains.memory:g} s is shorter than the filter's time constant: "
             f'set 0, or at least {1.0 / gains.filter_rate:.3g} s'
         )
-    m, scale, rate = model.size, gains.bound_scale, gains.filter_rate
-    orders = model.orders or tuple((0,) * (m + 1) for _ in model.indices)
+    scale, rate = gains.bound_scale, gains.filter_rate
+    orders = model.orders or tuple((0,) * (model.size + 1) for _ in model.indices)
     if any(order > 1 or order >= k for own, k in zip(orders, model.indices) for order in own):
         raise UsageError(
             f"model '{gains.model}': 'orders' = {orders} has an entry that is too large: each must "
@@ -140,9 +131,5 @@ def make_system(gains: Gains, circle: Circle) -> System:
         tuple(
             tuple(-math.comb(k, i + 1) * rate ** (i + 1) for i in range(k)) for k in model.indices
         ),
-        tuple(companion(k) for k in model.indices),
-        algebra(m),
-        make_update(m),
-        tuple(algebra(k) for k in model.indices),
         orders,
     )

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.observers.maths.steady_noise import steady_variances
+from estimator_pkg.observers.maths.vectors import dot
 from estimator_pkg.observers.switched.state import State
 from estimator_pkg.observers.switched.system import System
 
@@ -137,7 +138,7 @@ def observe(
         gains, factors, noise = corrections[i]
         lam = tuple(map(float, row))
         rest = _unexplained(system, state, i, lam, z)
-        x = (*state.observed[i][:-1], float(gamma) + system.free.dot(lam, z) + rest)
+        x = (*state.observed[i][:-1], float(gamma) + dot(lam, z) + rest)
         n = len(x)
         ahead = [sum(factors[j - first] * x[j] for j in range(first, n)) for first in range(n)]
         ahead[-1] = rest
@@ -161,7 +162,7 @@ def _chains(state: State) -> tuple[float, ...]:
 def _unexplained(system: System, state: State, i: int, lam: tuple, z: tuple) -> float:
     """Return the disturbance w of output i after the Z in use changes to z."""
     change = tuple(old - new for old, new in zip(state.used, z))
-    return float(state.observed[i][-1] + system.free.dot(lam, change))
+    return float(state.observed[i][-1] + dot(lam, change))
 
 
 def moved_observers(

@@ -6,21 +6,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator_pkg.driver.compiled import available, compiled
-from estimator_pkg.observers.adaptive.gains import Gains
-from estimator_pkg.observers.adaptive.observer import OBSERVER, Design
+from estimator_pkg.observers.adaptive import observer as adaptive
+from estimator_pkg.observers.adaptive.motion import set_plant
+from estimator_pkg.observers.adaptive.observer import Gains
+from estimator_pkg.observers.adaptive.state import Coefficients, State
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.maths.unroll import algebra
+from estimator_pkg.observers.contract import Estimate
 from sim_pkg.reproduce.adaptive.plant import Array, Example
-
-COMPILE_FROM = 50_000  # samples from which compiling pays
 
 
 class Run(NamedTuple):
@@ -54,55 +52,6 @@ def gains(example: Example, **changes: Any) -> Gains:
     return replace(plain, **changes)
 
 
-def with_theta(state: tuple, theta: tuple) -> tuple:
-    """Return the observer's state with other parameters."""
-    inner, z, _, information, p, convention, scatter, signals, flags, evidence = state
-    return inner, z, theta, information, p, convention, scatter, signals, flags, evidence
-
-
-@lru_cache
-def _loop(step: Callable, output: Callable, size: int) -> Callable:
-    add, scale = algebra(size).add, algebra(size).scale
-
-    def loop(
-        state: tuple,
-        coefficients: tuple,
-        design: Design,
-        angles: Array,
-        inputs: Array,
-        every: int,
-        kept: Array,
-        leak: float,
-        dead: float,
-    ) -> tuple:
-        for k in range(1, len(angles)):
-            _, _, before, _, _, _, _, _, _, _ = state
-            state = step(state, coefficients, design, angles[k], inputs[k - 1])
-            if dead > 0.0:
-                unmoved = with_theta(state, before)
-                e = angles[k] - output(unmoved, coefficients, design, angles[k], inputs[k - 1])[0]
-                if -dead <= e <= dead:
-                    state = unmoved
-            elif leak > 0.0:
-                _, _, theta, _, _, _, _, _, _, _ = state
-                theta = add(scale(1.0 - leak, theta), leak, design.start)
-                state = with_theta(state, theta)
-            if k % every == 0:
-                position, speed, acceleration, status = output(
-                    state, coefficients, design, angles[k], inputs[k - 1]
-                )
-                row = kept[k // every - 1]
-                _, _, theta, _, _, _, _, _, (phase, _, _), _ = state
-                row[0], row[1], row[2] = position, speed, phase
-                i = 3
-                for value in theta:
-                    row[i] = value
-                    i += 1
-        return state
-
-    return loop
-
-
 def run(
     settings: Gains,
     angles: Array,
@@ -125,35 +74,37 @@ def run(
         below it are ignored [rad]. Both are remedies of others that the observer does not have;
         they need the sampled form, where x follows theta by itself.
     """
-    functions = OBSERVER.build(settings, Circle(0.0))
-    design = functions.design()
-    state = functions.init(float(angles[0]), design)
+    design, coefficients = adaptive.design(settings, Circle(0.0)), Coefficients()
+    adaptive.prepare(coefficients, design, dt)
+    state, out = State(), Estimate()
+    adaptive.start(adaptive, state, design, float(angles[0]))
     if from_zero:
-        _, _, *others = state
-        state = (((0.0, 0.0),) * 4, (0.0, 0.0), *others)
-    coefficients = functions.prepare(design, dt)
+        state.of_y, state.of_u, state.of_one, state.of_sine, state.z = (
+            [0.0] * design.order for _ in range(5)
+        )
     count = len(inputs) // every
-    _, _, theta, *_ = state
-    kept = np.full((count, 3 + len(theta)), math.nan)
-    loop = _loop(functions.step, functions.output, len(theta))
-    remedies = (leak * dt, dead_zone)
-    with np.errstate(over='ignore', invalid='ignore'):
-        if len(inputs) >= COMPILE_FROM and available():
-            compiled(loop)(state, coefficients, design, angles, inputs, every, kept, *remedies)
-        else:
-            try:
-                loop(
-                    state,
-                    coefficients,
-                    design,
-                    angles.tolist(),
-                    inputs.tolist(),
-                    every,
-                    kept,
-                    *remedies,
-                )
-            except OverflowError:
-                kept[:, :] = math.nan  # diverged
+    kept = np.full((count, 3 + len(state.theta)), math.nan)
+    leak *= dt
+    with suppress(OverflowError):  # diverged
+        for k, (angle, given) in enumerate(zip(angles[1:].tolist(), inputs.tolist()), start=1):
+            before = state.theta[:]
+            adaptive.step(adaptive, state, coefficients, design, angle, given)
+            if dead_zone > 0.0:
+                after, state.theta = state.theta, before
+                set_plant(state, design)
+                adaptive.estimate(adaptive, out, state, coefficients, design, angle, given)
+                if not -dead_zone <= angle - out.position <= dead_zone:
+                    state.theta = after
+                    set_plant(state, design)
+            elif leak > 0.0:
+                state.theta = [
+                    (1.0 - leak) * own + leak * first
+                    for own, first in zip(state.theta, design.start)
+                ]
+                set_plant(state, design)
+            if k % every == 0:
+                adaptive.estimate(adaptive, out, state, coefficients, design, angle, given)
+                kept[k // every - 1] = out.position, out.velocity, state.phase, *state.theta
     rows = np.arange(1, count + 1) * every
     free = kept[:, 3:]
     b1 = free[:, 2] if free.shape[1] >= 4 else 0.0

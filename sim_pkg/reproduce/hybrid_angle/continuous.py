@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import available, compiled
-from estimator_pkg.observers.angle.hybrid import injections
 from estimator_pkg.observers.circle import wrap
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.hybrid_angle.observer import (
+    INJECTIONS,
     POTENTIALS,
     TURN,
     first_jump,
@@ -92,7 +92,7 @@ class Trace(NamedTuple):
 
 def make_simulation(name: str) -> Callable[..., None]:
     """Return the loop over steps for the injection `name`, in the subset that Numba compiles."""
-    flow = make_flow(injections.BUILT_IN[name])
+    flow = make_flow(INJECTIONS[name])
     lyapunov = make_lyapunov(POTENTIALS[name])
 
     def simulate(
@@ -265,10 +265,8 @@ def lyapunov_values() -> Values:
             yield f'LY dV at J2 {name}', np.nanmin(trace.reset_change)
         yield f'LY max |dV| at J1 {name}', np.nanmax(np.abs(trace.wrap_change))
         yield f'LY max flow increase of V {name}', trace.flow_change[free].max()
-        injection = injections.BUILT_IN[name]
-        power = l1 * np.square(
-            [injection(error, TURN, 1.0) for error in trace.position_error.tolist()]
-        )
+        injection = INJECTIONS[name]
+        power = l1 * np.square([injection(error, 1.0) for error in trace.position_error.tolist()])
         # the cubic through four samples gives the integral over the step between the middle two
         whole = free & np.isnan(trace.reset_change)
         smooth = whole[:-2] & whole[1:-1] & whole[2:]

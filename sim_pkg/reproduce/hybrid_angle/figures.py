@@ -12,18 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from estimator_pkg.observers.angle.hybrid import injections
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, MARGIN, Trace, figure_4, figure_5
-from sim_pkg.reproduce.hybrid_angle.sampled import (
-    PERIOD,
-    QUANTUM,
-    TURN,
-    algorithm_1,
-    samples,
-    wrapped,
-)
+from sim_pkg.reproduce.hybrid_angle.observer import INJECTIONS
+from sim_pkg.reproduce.hybrid_angle.sampled import PERIOD, QUANTUM, algorithm_1, samples, wrapped
 
 # As in the paper: sin blue, tan red, saw green, sat purple.
 COLOURS = {'sin': '#1f6fb4', 'tan': '#d1342f', 'saw': '#2a9d4a', 'sat': '#8a4fbf'}
@@ -51,7 +44,7 @@ def injection_curves() -> Figure:
     axes = figure.subplots()
     error = np.linspace(-math.pi, math.pi, 1601)
     for name in ('tan', 'saw', 'sat', 'sin'):
-        curve = [injections.BUILT_IN[name](float(e), TURN, 1.0) for e in error]
+        curve = [INJECTIONS[name](float(e), 1.0) for e in error]
         axes.plot(error[:-1], curve[:-1], color=COLOURS[name], label=LABELS[name], linewidth=1.8)
     axes.axvspan(-math.pi, -math.pi + MARGIN, color=BAND, label=r'jump set $J_2$')
     axes.axvspan(math.pi - MARGIN, math.pi, color=BAND)

@@ -18,11 +18,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from estimator_pkg.observers.angle.hybrid.injections import Injection
 from estimator_pkg.observers.circle import wrap
 
 TURN = 2.0 * math.pi
 
+Injection = Callable[[float, float], float]
 Flow = Callable[[float, float, float, tuple[float, float, float]], tuple[float, float]]
 Potential = Callable[[float, float], float]
 
@@ -33,6 +33,29 @@ def observer_gains(k1: float, k2: float, epsilon: float) -> tuple[float, float]:
     k1 is the paper's k_v and k2 its k_p: the error polynomial of (3) is s^2 + l1 s + l2.
     """
     return k1 / epsilon, k2 / (epsilon * epsilon)
+
+
+def sin(error: float, limit: float) -> float:
+    """Return the injection of an error, both [rad]: case study 1."""
+    return math.sin(error)
+
+
+def tan(error: float, limit: float) -> float:
+    """Return the injection of case study 2 [rad]."""
+    return 2.0 * math.tan(0.5 * error)
+
+
+def saw(error: float, limit: float) -> float:
+    """Return the injection of case study 3 [rad]: the wrapped error."""
+    return wrap(error, TURN)
+
+
+def sat(error: float, limit: float) -> float:
+    """Return the injection of case study 4 [rad]: the wrapped error saturated at +-limit [rad]."""
+    return max(-limit, min(limit, wrap(error, TURN)))
+
+
+INJECTIONS: dict[str, Injection] = {'sin': sin, 'tan': tan, 'saw': saw, 'sat': sat}
 
 
 def make_flow(injection: Injection) -> Flow:
@@ -46,7 +69,7 @@ def make_flow(injection: Injection) -> Flow:
         gains : l1 [1/s], l2 [1/s^2], saturation limit M [rad] of the injection.
         """
         l1, l2, limit = gains
-        corrected = injection(measurement - position, TURN, limit)
+        corrected = injection(measurement - position, limit)
         return velocity + l1 * corrected, l2 * corrected  # (3a)
 
     return flow

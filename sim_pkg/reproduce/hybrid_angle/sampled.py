@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.observers.angle.hybrid import observer as hybrid_angle
+from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core
 from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.parameters import build
 from sim_pkg.joints.profiles import Profile
@@ -43,6 +44,33 @@ class Run(NamedTuple):
     position: Array
     velocity: Array
     resets: NDArray[np.bool_]
+
+
+class Alone:
+    """The core of `hybrid_angle`, begun at a measurement [rad]; what the gains imply.
+
+    Attributes
+    ----------
+    design, core : records of `hybrid_angle`.
+    """
+
+    def __init__(self, measurement: float = 0.0, **gains: Any) -> None:
+        self.design = hybrid_angle.design(build(hybrid_angle.Gains, gains), Circle())
+        self._coefficients, self.core = Coefficients(), Core()
+        self.prepare(PERIOD)
+        hybrid_angle.begin(self.core, self.design, measurement)
+
+    def prepare(self, period: float) -> None:
+        """Take the next sample after this time [s]."""
+        hybrid_angle.prepare(self._coefficients, self.design, period)
+
+    def correct(self, angle: float) -> float:
+        """Take a measurement [rad]; return the innovation [rad]."""
+        return hybrid_angle.correct(self.core, self._coefficients, self.design, angle)
+
+    def noise_gains(self) -> tuple[float, float, float]:
+        """Return the variances of position, velocity and innovation per that of the readings."""
+        return hybrid_angle.noise_gains(self.core, self._coefficients, self.design)
 
 
 def algorithm_1(
@@ -83,24 +111,20 @@ def robust(
 
 
 def _run(angles: Numbers, periods: float | Numbers, *, start: float | None, **gains: Any) -> Run:
-    core = hybrid_angle.core(build(hybrid_angle.Gains, gains), Circle())
-    design = core.design()
     times = np.broadcast_to(np.asarray(periods, float), (len(angles),)).tolist()
     measured = np.asarray(angles, float).tolist()
-    state = core.init(measured[0] if start is None else start, design)
-    last, coefficients = times[0], core.prepare(design, times[0])
+    alone = Alone(measured[0] if start is None else start, **gains)
+    last, core = PERIOD, alone.core
     positions, velocities, resets = [], [], []
     for place, (angle, period) in enumerate(zip(measured, times)):
         if period != last:
-            last, coefficients = period, core.prepare(design, period)
-        innovation = 0.0
-        if place or start is not None:
-            state, innovation = core.correct(state, coefficients, angle)
-        position, velocity, _ = core.estimate(state)
-        positions.append(position)
-        velocities.append(velocity)
+            last = period
+            alone.prepare(period)
+        innovation = alone.correct(angle) if place or start is not None else 0.0
+        positions.append(core.position)
+        velocities.append(core.velocity)
         # a reset puts the position exactly at the measurement, in spite of a large innovation
-        resets.append(position == angle and abs(innovation) > 1e-3)
+        resets.append(core.position == angle and abs(innovation) > 1e-3)
     return Run(np.array(positions), np.array(velocities), np.array(resets))
 
 

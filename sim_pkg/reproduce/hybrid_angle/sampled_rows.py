@@ -12,13 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.observers.angle.hybrid import observer as hybrid_angle
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.parameters import build
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.contract import Values
@@ -28,6 +27,7 @@ from sim_pkg.reproduce.hybrid_angle.sampled import (
     PERIOD,
     QUANTUM,
     TURN,
+    Alone,
     Array,
     Run,
     algorithm_1,
@@ -83,8 +83,9 @@ def stability_values() -> Values:
         else:
             high = middle
     yield 'stability T/eps', low
-    core = hybrid_angle.core(build(hybrid_angle.Gains, {'form': 'paper', **FIGURE_6}), Circle())
-    yield 'stability T/eps refused', longest_dt(core.limits) / EPSILON
+    design = Alone(form='paper', **FIGURE_6).design
+    refused = longest_dt(lambda dt: hybrid_angle.limits(design, dt))
+    yield 'stability T/eps refused', refused / EPSILON
     slow, fast = sorted(z_poles(EPSILON), key=abs, reverse=True)
     yield 'stability slow z-pole', slow.real
     yield 'stability fast z-pole', fast.real
@@ -113,14 +114,11 @@ def unpredicted_bias(speed: float) -> float:
     Adding T times the observer's own speed to the measurement has the same effect as that line; the
     estimate is then compared with the true angle.
     """
-    core = hybrid_angle.core(build(hybrid_angle.Gains, {'form': 'paper', **FIGURE_6}), Circle())
-    design = core.design()
-    coefficients = core.prepare(design, PERIOD)
-    state = core.init(0.0, design)
+    alone = Alone(form='paper', **FIGURE_6)
     for place in range(600):
         angle = speed * place * PERIOD
-        state, _ = core.correct(state, coefficients, angle + PERIOD * core.estimate(state)[1])
-    return float(wrapped([angle - core.estimate(state)[0]])[0])
+        alone.correct(angle + PERIOD * alone.core.velocity)
+    return float(wrapped([angle - alone.core.position])[0])
 
 
 DESIGNS: dict[str, Callable[[Array], Run]] = {
@@ -141,8 +139,8 @@ def noise_values() -> Values:
         'noise sigma_v/sigma_y',
         math.sqrt(np.square(algorithm_1('saw', impulse).velocity / 1e-3).sum()),
     )
-    yield 'noise sigma_v/sigma_y reported', reported_noise({'form': 'paper', **FIGURE_6})
-    yield 'noise sigma_v/sigma_y matched', reported_noise({'order': 2, 'epsilon': EPSILON})
+    yield 'noise sigma_v/sigma_y reported', reported_noise(form='paper', **FIGURE_6)
+    yield 'noise sigma_v/sigma_y matched', reported_noise(order=2, epsilon=EPSILON)
     time, _, angles = samples(profiles.constant(150.0), 30.0, quantum=QUANTUM)
     settled = rows(4, 30)
     yield 'noise std xh2 14 bit', algorithm_1('saw', angles).velocity[settled].std()
@@ -159,15 +157,12 @@ def noise_values() -> Values:
         )
 
 
-def reported_noise(gains: dict[str, float | str]) -> float:
+def reported_noise(**gains: Any) -> float:
     """Return sigma_v/sigma_y [1/s] from the observer's own noise gain in steady state."""
-    core = hybrid_angle.core(build(hybrid_angle.Gains, gains), Circle())
-    design = core.design()
-    coefficients = core.prepare(design, PERIOD)
-    state = core.init(0.0, design)
+    alone = Alone(**gains)
     for _ in range(1000):
-        state, _ = core.correct(state, coefficients, 0.0)
-    return math.sqrt(core.noise_gains(state, coefficients)[1])
+        alone.correct(0.0)
+    return math.sqrt(alone.noise_gains()[1])
 
 
 def ramp_values() -> Values:

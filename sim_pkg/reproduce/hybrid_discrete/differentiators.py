@@ -6,12 +6,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 
-from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.observers.angle.super_twisting import observer as super_twisting
 from estimator_pkg.observers.circle import Circle
 from sim_pkg.reproduce.adaptive.plant import Array, lcg
@@ -50,27 +47,17 @@ def signal(t: Array) -> tuple[Array, Array, Array]:
     )
 
 
-@lru_cache
-def _loop(form: str, order: int) -> Callable:
-    correct = super_twisting.correction(form, order)
-    step = super_twisting.euler if form == 'explicit' else super_twisting.taylor
-    implicit = form == 'implicit'
-
-    def loop(
-        state: tuple, coefficients: tuple, dt: float, measured: Array, v: Array, a: Array
-    ) -> None:
-        for k in range(len(measured)):
-            _, v[k], a[k], _ = step(state[:4], dt)
-            state = correct(state, coefficients, measured[k])[0]
-            if implicit:
-                _, v[k], a[k] = state[:3]
-
-    return loop
+def at_rest(measurement: float) -> super_twisting.Core:
+    """Return a differentiator of a shaft that is known to rest at this angle [rad]."""
+    core = super_twisting.Core()
+    core.chain.x, core.ticks = measurement, 1
+    return core
 
 
-def at_rest(measurement: float) -> tuple:
-    """Return the state of a shaft that is known to rest at this angle [rad]."""
-    return (measurement, 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
+def made(form: str, order: int, bound: float = 0.0) -> super_twisting.Design:
+    """Return what these gains imply, without a circle."""
+    gains = super_twisting.Gains(order=order, form=form, bound=bound or BOUND[order])
+    return super_twisting.design(gains, Circle(0.0))
 
 
 def estimated(
@@ -80,14 +67,18 @@ def estimated(
 
     Both are predictions before a sample is used, except for the implicit form, which uses it.
     """
-    gains = super_twisting.Gains(order=order, form=form, bound=bound or BOUND[order])
-    design = super_twisting.build(gains, Circle(0.0)).design()[0]
-    v, a = np.empty(len(measured)), np.empty(len(measured))
+    design, coefficients = made(form, order, bound), super_twisting.Coefficients()
+    super_twisting.prepare(coefficients, design, dt)
     # one step before the first sample, at rest there, so that the prediction is the start itself
-    first = at_rest(float(measured[0]))
-    compiled(_loop(form, order))(
-        first, super_twisting.prepare(design, dt), dt, np.asarray(measured, float), v, a
-    )
+    core = at_rest(float(measured[0]))
+    chain, half = core.chain, 0.0 if form == 'explicit' else 0.5 * dt
+    rows = []
+    for angle in np.asarray(measured, float).tolist():
+        rows.append((chain.v + dt * (chain.a + half * chain.j), chain.a + dt * chain.j))
+        super_twisting.correct(core, coefficients, design, angle)
+        if form == 'implicit':
+            rows[-1] = chain.v, chain.a
+    v, a = np.array(rows).T
     return v, a
 
 
@@ -175,17 +166,13 @@ def _jitter() -> Values:
     steps = 1e-3 * (1.0 + 0.5 * lcg(4242, 20_000) / math.sqrt(3.0))
     t = np.concatenate([[0.0], np.cumsum(steps)])
     position, velocity, _ = signal(t)
-    correct = super_twisting.correction('implicit', 1)
-    design = super_twisting.build(
-        super_twisting.Gains(order=1, form='implicit', bound=BOUND[1]), Circle(0.0)
-    ).design()[0]
+    design, coefficients = made('implicit', 1), super_twisting.Coefficients()
     for name in ('nominal', 'true'):
-        state, found = at_rest(float(position[0])), [0.0]
+        core, found = at_rest(float(position[0])), [0.0]
         for dt, angle in zip(steps.tolist(), position[1:].tolist()):
-            coefficients = super_twisting.prepare(design, 1e-3 if name == 'nominal' else dt)
-            state = correct(state, coefficients, angle)[0]
-            _, velocity_now = state[:2]
-            found.append(velocity_now)
+            super_twisting.prepare(coefficients, design, 1e-3 if name == 'nominal' else dt)
+            super_twisting.correct(core, coefficients, design, angle)
+            found.append(core.chain.v)
         yield f'B5 jitter {name}', np.abs((np.array(found) - velocity)[t >= FROM]).max()
 
 

@@ -53,12 +53,12 @@ def with_lqr(sign: float) -> Array:
     step = 1e-6
 
     def force(q: Array) -> Array:
-        return np.array(mechanics.force(mechanics.values, tuple(q), (0.0, 0.0), (0.0,)))
+        return mechanics.force(q, (0.0, 0.0), (0.0,))
 
     stiffness = np.array(
         [(force(step * row) - force(-step * row)) / (2.0 * step) for row in np.eye(2)]
     ).T
-    back = np.linalg.inv(check.matrix(mechanics.inertia, mechanics, UPRIGHT))
+    back = np.linalg.inv(mechanics.inertia(UPRIGHT))
     matrix = np.zeros((4, 4))
     matrix[:2, 2:] = np.eye(2)
     matrix[2:, :2] = back @ stiffness
@@ -82,28 +82,20 @@ def values() -> Values:
     rest = 0.0
     for angle in random.uniform(-math.pi, math.pi, 50):
         q = np.array([angle, 0.0])
-        psi = check.factors(cart, q)[1]
-        rest = max(
-            rest,
-            float(np.max(np.abs(psi @ psi.T @ check.matrix(cart.inertia, cart, q) - np.eye(2)))),
-        )
+        psi = cart.factors(q)[1]
+        rest = max(rest, float(np.max(np.abs(psi @ psi.T @ cart.inertia(q) - np.eye(2)))))
     yield 'A1', rest
     states = check.random_states(leg())
     yield 'A2', max(check.linear_residual(leg(), q, v)[0] for q, v in states)
     rest = 0.0
     for q, _ in states:
-        calm, psi = check.factors(leg(), q)
-        rest = max(
-            rest,
-            float(
-                np.max(np.abs(calm - np.linalg.inv(psi.T @ check.matrix(leg().inertia, leg(), q))))
-            ),
-        )
+        calm, psi = leg().factors(q)
+        rest = max(rest, float(np.max(np.abs(calm - np.linalg.inv(psi.T @ leg().inertia(q))))))
     yield 'A3', rest
     tuned = Tuning(
         np.diag([0.61, 0.9, 1.9]), np.diag([1.74, 4.9, 0.71]), np.eye(3), np.zeros((3, 3))
     )
-    calm = check.factors(leg(), LEG_POINT)[0]
+    calm = leg().factors(LEG_POINT)[0]
     yield 'A4', (calm @ tuned.Gamma @ calm.T)[1, 1]
     yield (
         'A5',
@@ -112,7 +104,7 @@ def values() -> Values:
         ),
     )
     lab = cart_pendulum.build(cart_pendulum.Parameters())
-    k1 = 400.0 * check.factors(lab, HANGING)[1][0, 0] ** 2
+    k1 = 400.0 * lab.factors(HANGING)[1][0, 0] ** 2
     yield 'A6', k1
     yield 'A7', radius(of_channel(50.0, k1), 1.0 / RATE)
     yield 'A8', radius(of_channel(50.0, k1), 2.0 / RATE)

@@ -11,9 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.observers.mechanism.core import MechanicalFunctions
-from estimator_pkg.observers.mechanism.motion import make_plant
+from estimator_pkg.observers.mechanism.motion import Motion
 from sim_pkg.mechanisms.balance import balancing_force, triangle
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.lab import (
@@ -28,7 +26,7 @@ from sim_pkg.reproduce.mechanical.lab import (
     QUANTA,
     plant,
 )
-from sim_pkg.reproduce.mechanical.runs import make, make_in_single
+from sim_pkg.reproduce.mechanical.runs import make, quantise
 
 Array = NDArray[np.float64]
 
@@ -53,79 +51,31 @@ class Balanced(NamedTuple):
         return not float(np.max(np.abs(self.positions[:, 0]))) < FALLEN
 
 
-def make_loop(functions: MechanicalFunctions) -> Any:
-    """loop(core, coefficients, design, numbers, q, dt, parts, held, quanta, offsets, single, out):
-    plant, encoders, observer and controller together.
-    """
-    advance = functions.core.advance
-    mechanics = plant('nominal')
-    move = make_plant(mechanics)
-    in_single = make_in_single(functions)
-    forward, backward, constant, limit = FORWARD, BACKWARD, CONSTANT, LIMIT
-
-    def loop(
-        core: tuple,
-        coefficients: tuple,
-        design: tuple,
-        numbers: tuple,
-        q: tuple,
-        dt: float,
-        parts: int,
-        held: int,
-        quanta: tuple,
-        offsets: tuple,
-        out: Any,
-    ) -> None:
-        v = (0.0, 0.0)
-        before, force = (0.0, 0.0), 0.0
-        y = before
-        for k in range(len(out)):
-            if k % held == 0:
-                y = (
-                    quanta[0] * math.floor((q[0] + offsets[0]) / quanta[0] + 0.5) - offsets[0],
-                    quanta[1] * math.floor((q[1] + offsets[1]) / quanta[1] + 0.5) - offsets[1],
-                )
-            if k > 0:
-                moved = (y[0] - before[0], y[1] - before[1])
-                core, good = advance(
-                    core, coefficients, design, before, moved, y, (force / constant,)
-                )
-                core = in_single(core)
-            before = y
-            r, rate = triangle(k * dt)
-            _, _, _, velocity = core
-            force = balancing_force(y, velocity, r, rate, forward, backward)
-            force = min(max(force, -limit), limit)
-            out[k, 0] = q[0]
-            out[k, 1] = q[1]
-            if not abs(q[0]) < 100.0:
-                break
-            q, v = move(numbers, q, v, (force / constant,), dt, parts)
-
-    return loop
-
-
 def balance(name: str, scenario: str, run: int) -> Balanced:
-    """One run with an observer of `ALL_CASES` in the loop."""
+    """One run of plant, encoders, an observer of `ALL_CASES` and the controller together."""
     observer, gains = ALL_CASES[name]
-    functions = make(observer, 'cart_pendulum', {'force_constant': CONSTANT, **FRICTION}, **gains)
-    quanta = QUANTA[scenario]
+    plan = make(observer, 'cart_pendulum', {'force_constant': CONSTANT, **FRICTION}, **gains)
+    quanta = np.array(QUANTA[scenario])
     offsets = np.random.default_rng(run).uniform(-0.5, 0.5, 2) * quanta
     out = np.full((COUNT, 2), np.nan)
-    design = functions.core.design()
-    compiled(make_loop(functions))(
-        functions.core.begin(),
-        functions.core.prepare(design, DT),
-        design,
-        plant('nominal').values,
-        (0.05 + 0.001 * run, 0.0),
-        DT,
-        PARTS_PLANT,
-        HELD[scenario],
-        quanta,
-        tuple(offsets.tolist()),
-        out,
-    )
+    q = np.array([0.05 + 0.001 * run, 0.0])
+    moving, state = Motion(plant('nominal'), q, (0.0, 0.0)), plan.state()
+    before = y = np.zeros(2)
+    force, velocity = 0.0, (0.0, 0.0)
+    for k in range(COUNT):
+        if k % HELD[scenario] == 0:
+            y = quantise(q + offsets, quanta) - offsets
+        if k > 0:
+            rows, given = np.stack([before, y]), np.full((2, 1), force / CONSTANT)
+            velocity = tuple(plan.velocities(state, rows, given, DT, single=True)[1].tolist())
+        before = y
+        r, rate = triangle(k * DT)
+        force = balancing_force((y[0], y[1]), velocity, r, rate, FORWARD, BACKWARD)
+        force = min(max(force, -LIMIT), LIMIT)
+        out[k] = q
+        if not abs(q[0]) < 100.0:
+            break
+        q = np.array(moving.step([force / CONSTANT], DT, PARTS_PLANT)[0])
     return Balanced(out, np.array([triangle(k * DT)[0] for k in range(COUNT)]))
 
 

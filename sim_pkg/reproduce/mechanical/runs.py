@@ -3,13 +3,12 @@
 
 """Runs of observers of mechanisms over simulated motions, for the rows of the table.
 
-Every run steps the package's own observers (`MechanicalCore.advance`). Features of the paper alone,
+Every run steps the package's own observers (`core.walk`). Features of the paper alone,
 such as a start away from the measurement, are added here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -17,43 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import observers
-from estimator_pkg.driver.compiled import compiled
 from estimator_pkg.models import cart_pendulum, robotic_leg
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.maths.unroll import written_out
-from estimator_pkg.observers.mechanism.algebra import mechanical_algebra
-from estimator_pkg.observers.mechanism.core import MechanicalFunctions
-from estimator_pkg.observers.mechanism.motion import make_plant, put_row, row_of
+from estimator_pkg.observers.mechanism.core import Plan
+from estimator_pkg.observers.mechanism.motion import Motion
 from estimator_pkg.parameters import build
-
-
-def make_motion(mechanics: Mechanics) -> Callable[..., None]:
-    """Return motion(values, q, v, inputs, dt, parts, positions, velocities), which simulates a run.
-
-    `inputs` has shape (N, m), constant between samples; row k of `positions` and `velocities`,
-    shape (N, n), is the state at sample k.
-    """
-    plant = make_plant(mechanics)
-    vector, out = row_of(max(1, mechanics.inputs)), put_row(mechanics.degrees)
-
-    def motion(
-        values: tuple,
-        q: tuple,
-        v: tuple,
-        inputs: Any,
-        dt: float,
-        parts: int,
-        positions: Any,
-        velocities: Any,
-    ) -> None:
-        for k in range(len(positions)):
-            out(positions, k, q)
-            out(velocities, k, v)
-            q, v = plant(values, q, v, vector(inputs, k), dt, parts)
-
-    return motion
-
 
 Array = NDArray[np.float64]
 
@@ -71,10 +39,8 @@ def quantise(values: Array, quantum: Any) -> Array:
     return d * np.floor(values / d + 0.5)
 
 
-def make(
-    observer: str, model: str, parameters: dict[str, Any], **gains: Any
-) -> MechanicalFunctions:
-    """Return an observer of a built-in model, on positions that do not wrap (forward Euler)."""
+def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any) -> Plan:
+    """Return the plan of an observer of a built-in model, without wrapping (forward Euler)."""
     record = observers.find(observer)
     values = {
         'form': 'paper',
@@ -84,77 +50,12 @@ def make(
     }
     checked: Any = build(record.gains, values, owner=observer)
     count = {'single_joint': 1, 'cart_pendulum': 2, 'robotic_leg': 3}[model]
-    build_any: Any = record.build  # observers of mechanisms take a circle for each position
-    functions = build_any(checked, (ONE_SIZE,) * count)
-    assert isinstance(functions, MechanicalFunctions)
-    return functions
-
-
-def make_run(functions: MechanicalFunctions) -> Callable[..., Any]:
-    """Return run(core, coefficients, design, measured, inputs, parts, velocities, single) -> core.
-
-    Row k of `velocities` is the estimate from (p_k, y_k), before y_k is injected; the input of
-    row k acts from sample k to k + 1. Each sample takes `parts` Euler steps with a constant
-    measurement; the coefficients are those of dt / parts. `single`: the state is stored in single
-    precision.
-    """
-    mechanics = functions.mechanics
-    n = mechanics.degrees
-    advance = functions.core.advance
-    row, given, put = row_of(n), row_of(max(1, mechanics.inputs)), put_row(n)
-    algebra = mechanical_algebra(n)
-    minus, zeros_like = algebra.minus, algebra.zeros_like
-    in_single = make_in_single(functions)
-
-    def run(
-        core: tuple,
-        coefficients: tuple,
-        design: tuple,
-        measured: Any,
-        inputs: Any,
-        parts: int,
-        velocities: Any,
-        single: bool,
-    ) -> tuple:
-        _, _, _, velocity = core
-        put(velocities, 0, velocity)
-        for k in range(1, len(measured)):
-            before, now, u = row(measured, k - 1), row(measured, k), given(inputs, k - 1)
-            moved = minus(now, before)
-            for _ in range(parts - 1):
-                core, good = advance(
-                    core, coefficients, design, before, zeros_like(moved), before, u
-                )
-            core, good = advance(core, coefficients, design, before, moved, now, u)
-            if single:
-                core = in_single(core)
-            _, _, _, velocity = core
-            put(velocities, k, velocity)
-        return core
-
-    return run
-
-
-def make_in_single(functions: MechanicalFunctions) -> Callable[[tuple], tuple]:
-    """Return in_single(core), which rounds a core's state to single precision."""
-    n = functions.mechanics.degrees
-    _, _, disturbances, _ = functions.core.begin()
-    disturbed = len(disturbances) > 0
-    entries = ''.join(f'float(single(x[{i}])), ' for i in range(n))
-    lines = [f'def rounded(x): return ({entries})']
-    rounded = written_out(lines, f'rounded for {n}', single=np.float32)['rounded']
-
-    def in_single(core: tuple) -> tuple:
-        e, x, d, v = core
-        if disturbed:
-            d = rounded(d)
-        return rounded(e), rounded(x), d, v
-
-    return in_single
+    plan: Plan = record.module.plan(checked, (ONE_SIZE,) * count)
+    return plan
 
 
 def observe(
-    functions: MechanicalFunctions,
+    plan: Plan,
     measured: Array,
     inputs: Array,
     dt: float,
@@ -169,44 +70,18 @@ def observe(
     ----------
     start : qh(0); None: y(0). Velocity and momenta start at 0.
     """
-    design = functions.core.design()
-    coefficients = functions.core.prepare(design, dt / parts)
-    core = functions.core.begin()
+    state = plan.state()
     if start is not None:
-        offset = tuple((np.asarray(start, float) - measured[0]).tolist())
-        _, *others = core
-        core = (offset, *others)
-    velocities = np.zeros_like(measured)
-    compiled(make_run(functions))(
-        core,
-        coefficients,
-        design,
-        np.ascontiguousarray(measured),
-        np.ascontiguousarray(inputs, float),
-        parts,
-        velocities,
-        single,
-    )
-    return velocities
+        state.core.e[: measured.shape[1]] = (np.asarray(start, float) - measured[0]).tolist()
+    return plan.velocities(state, measured, inputs, dt, parts, single)
 
 
 def move(
     mechanics: Mechanics, q: Any, v: Any, inputs: Array, dt: float, parts: int
 ) -> tuple[Array, Array]:
     """Return (positions, velocities), shape (N, n): row k at sample k; input k acts from it on."""
-    shape = (len(inputs), mechanics.degrees)
-    positions, velocities = np.zeros(shape), np.zeros(shape)
-    compiled(make_motion(mechanics))(
-        mechanics.values,
-        tuple(map(float, q)),
-        tuple(map(float, v)),
-        np.ascontiguousarray(inputs, float),
-        dt,
-        parts,
-        positions,
-        velocities,
-    )
-    return positions, velocities
+    count = len(inputs) - 1
+    return Motion(mechanics, q, v).run(inputs[:count], np.full(count, dt), np.full(count, parts))
 
 
 def metrics(errors: Array) -> list[float]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from estimator_pkg.observers.mechanism.state import Coefficients
 from sim_pkg.reproduce.claims import agrees
 from sim_pkg.reproduce.contract import Row
 from sim_pkg.reproduce.mechanical.cart import cart_of
@@ -110,15 +111,16 @@ def costs() -> dict[str, float]:
     """Return the time of one forward Euler step of each observer, plain Python, best of 5 [s]."""
     found = {}
     for name, (observer, gains) in OURS_7.items():
-        functions = make(observer, 'cart_pendulum', cart_of(), **gains)
-        design = functions.core.design()
-        coefficients, core = functions.core.prepare(design, 1e-3), functions.core.begin()
-        advance, at, moved = functions.core.advance, (0.1, 0.2), (1e-3, 1e-3)
+        plan = make(observer, 'cart_pendulum', cart_of(), **gains)
+        state, coefficients, module = plan.state(), Coefficients(), plan.module
+        module.prepare(coefficients, plan.design, 1e-3)
+        at, moved, u = [0.1, 0.2], [1e-3, 1e-3], [0.1]
+        given = state.core, state.work, coefficients, plan.design, at, moved, at, u
         times = []
         for _ in range(REPEATS):
             begun = time.perf_counter()
             for _ in range(STEPS):
-                advance(core, coefficients, design, at, moved, at, (0.1,))
+                module.advance(module.model, *given)
             times.append((time.perf_counter() - begun) / STEPS)
         found[name] = min(times)
     return found

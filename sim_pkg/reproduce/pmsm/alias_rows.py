@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from sim_pkg.joints.sensor import random_stream
 from sim_pkg.pmsm.profiles import Profile
 from sim_pkg.reproduce.contract import Values
-from sim_pkg.reproduce.pmsm.observer import PAPER, ROBUST, functions_of, run_log, start_state
+from sim_pkg.reproduce.pmsm.observer import (
+    PAPER,
+    ROBUST,
+    design_of,
+    first_state,
+    run_log,
+    start_state,
+)
 from sim_pkg.reproduce.pmsm.reference import FLUX, GAMMA, POLE_PAIRS, Signals, settling, signals
 
 RATE = 20000.0
@@ -72,21 +79,21 @@ def outcome(
     cold : start as an observer without samples; else at eta = 1 and xi_hat = 0, with a rotor that
         is known to turn.
     """
-    functions = functions_of(**gains)
+    design = design_of(**gains)
     times, fires = [], []
     omega = rpm * RPM * POLE_PAIRS
     for seed in range(seeds):
         truth, samples = noisy(rpm, seed)
-        start = functions.init(tuple(samples[0].tolist()), functions.design())
+        start = first_state(design, samples[0])
         if not cold:
-            start = start_state(functions, samples[0], 1.0 + 0.0j, 0.0, seen=omega)
-        log = run_log(functions, samples, 1.0 / RATE, start, fast=True)
+            start = start_state(design, samples[0], 1.0 + 0.0j, 0.0, seen=omega)
+        log = run_log(design, samples, 1.0 / RATE, start)
         error = np.angle(np.exp(1j * (log.angle - truth.theta[1:])))
         times.append(settling(truth.time[1:], error, math.radians(5.0)))
         settled = start_state(
-            functions, samples[0], 1.0 + 0.0j, 1.0 / FLUX, -1j * omega * FLUX, seen=omega
+            design, samples[0], 1.0 + 0.0j, 1.0 / FLUX, -1j * omega * FLUX, seen=omega
         )
-        fires.append(count_fires(run_log(functions, samples, 1.0 / RATE, settled, fast=True).x))
+        fires.append(count_fires(run_log(design, samples, 1.0 / RATE, settled).x))
     return times, fires
 
 

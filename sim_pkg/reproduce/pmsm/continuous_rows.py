@@ -12,9 +12,11 @@ from itertools import product
 
 import numpy as np
 
-from estimator_pkg.observers.pmsm.equations import emf, reflect
-from estimator_pkg.observers.pmsm.identifier import empty_registers, shift, solve
+from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.equations import reflect
+from estimator_pkg.observers.pmsm.identifier import shift, solve
 from estimator_pkg.observers.pmsm.scheme import advance, prepare_scheme
+from estimator_pkg.observers.pmsm.state import Registers, Scheme
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.pmsm.reference import (
     DURATION,
@@ -28,14 +30,17 @@ from sim_pkg.reproduce.pmsm.reference import (
     K_I,
     K_P,
     OBSERVERS,
+    PERIODS,
     RESISTANCE,
     STARTS,
     Signals,
+    core_of,
     errors,
     exact_grid,
     reference_run,
     settle_times,
     signals,
+    vectors_of,
 )
 from sim_pkg.reproduce.pmsm.schemes import exponential_step
 
@@ -64,12 +69,15 @@ def checkpoint_values() -> Values:
 def unit_values() -> Values:
     """Rows T1."""
     z, rotor = cmath.exp(1j * math.radians(30.0)), cmath.exp(1j * math.radians(160.0))
-    i, h, z = reflect(1.0 - 2.0j, -5j * z.conjugate() * rotor, z)
+    core = core_of(1.0 - 2.0j, -5j * z.conjugate() * rotor, z)
+    reflect(core)
+    i, h, z = vectors_of(core)
     for name, number in (('z+', z), ('h+', h), ('i+', i)):
         yield f'T1 jump {name} re', number.real
         yield f'T1 jump {name} im', number.imag
     yield 'T1 least squares', exact_least_squares(1000.0)
-    scheme = prepare_scheme(RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / 20000.0)
+    scheme = Scheme()
+    prepare_scheme(scheme, RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / 20000.0)
     z = cmath.exp(1j * math.radians(20.0))
     before, now, voltage = 1.0 + 2.0j, 1.5 + 1.8j, 3.0 - 1.0j
     i, h, spare, x = exponential_step(
@@ -78,9 +86,11 @@ def unit_values() -> Values:
     yield 'T1 X held xi', x
     yield 'T1 X held h re', h.real
     yield 'T1 X held h im', h.imag
-    i, h, z, x, spare = advance(
-        z.conjugate() * before, 0j, z, 400.0, before, now, voltage, scheme, K_ETA, GAMMA, 0.0
-    )
+    core, acting = core_of(z.conjugate() * before, 0j, z, before), Sample()
+    acting.i_alpha, acting.i_beta = now.real, now.imag
+    acting.u_alpha, acting.u_beta = voltage.real, voltage.imag
+    x, _ = advance(core, scheme, acting, 400.0, K_ETA, GAMMA, 0.0)
+    i, h, z = vectors_of(core)
     yield 'T1 X xi', x
     yield 'T1 X h re', h.real
     yield 'T1 X h im', h.imag
@@ -90,13 +100,12 @@ def unit_values() -> Values:
 
 def exact_least_squares(omega: float) -> float:
     """Return xi* from exact data at constant speed: N+1 ticks of 5 ms."""
-    registers, period, chi = empty_registers(2), 5e-3, omega * FLUX
+    registers, period, chi = Registers(), 5e-3, omega * FLUX
     for k in range(4):
         y = chi * cmath.exp(1j * omega * period * k)
         integral = (y - y * cmath.exp(-1j * omega * period)) / (1j * omega)
-        z = y / chi
-        registers = shift(registers, emf(-1j * chi, z), chi, integral)
-    return solve(registers)[0]
+        shift(registers, PERIODS, y.real, y.imag, chi, integral.real, integral.imag)
+    return solve(registers, PERIODS)[0]
 
 
 @lru_cache

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.profiles import Profile
-from sim_pkg.pmsm.sensorless import RUNNING, begin, make_feedback
+from sim_pkg.pmsm.sensorless import RUNNING, Sensorless
 from sim_pkg.reproduce.contract import Values
-from sim_pkg.reproduce.pmsm.observer import ROBUST, Verdict, functions_of, judge, run_log
+from sim_pkg.reproduce.pmsm.observer import ROBUST, Verdict, design_of, first_state, judge, run_log
 
 RPM = math.pi / 30.0
 RATE = 20000.0
@@ -53,9 +53,8 @@ def judged(profile: Profile, plant: dict[str, Any], seed: int = 1, **gains: Any)
     record = Drive(PmsmParameters(**plant), seed, profile=profile).run(
         round(profile.duration * RATE)
     )
-    functions = functions_of(**{**ROBUST, **gains})
-    first = functions.init(tuple(record.samples[0].tolist()), functions.design())
-    log = run_log(functions, record.samples, 1.0 / RATE, first, fast=True)
+    design = design_of(**{**ROBUST, **gains})
+    log = run_log(design, record.samples, 1.0 / RATE, first_state(design, record.samples[0]))
     return judge(log, record.truth[1:, 1], record.truth[1:, 0], 1.0 / RATE)
 
 
@@ -107,22 +106,14 @@ def closed_loop(name: str) -> Loop:
     forced, start, profile, step_time = LOOPS[name]
     rated = PmsmParameters().rated_torque
     parameters = PmsmParameters(current_noise=0.1, load_step=0.5 * rated, load_step_time=step_time)
-    functions = functions_of(**ROBUST)
-    drive = Drive(
-        parameters,
-        3,
-        feedback=make_feedback(functions),
-        profile=profile,
-        held=begin(functions, parameters, forced=forced),
-        start_speed=start * RPM,
-    )
+    feedback = Sensorless(design_of(**ROBUST), parameters, forced=forced)
+    drive = Drive(parameters, 3, feedback=feedback, profile=profile, start_speed=start * RPM)
     per_row = round(1e-3 * RATE)
     rows = []
     for _ in range(round(profile.duration * 1e3)):
         truth = drive.run(per_row).truth[-1]
-        mode, angle, omega = drive.held[3], drive.held[4], drive.held[5]
-        wrong = math.degrees(math.remainder(angle - truth[1], 2.0 * math.pi))
-        speed = omega / parameters.pole_pairs
+        wrong = math.degrees(math.remainder(feedback.angle - truth[1], 2.0 * math.pi))
+        speed = feedback.omega / parameters.pole_pairs
         rows.append(
             (
                 wrong,
@@ -130,7 +121,7 @@ def closed_loop(name: str) -> Loop:
                 truth[0] / RPM,
                 truth[4] / RPM,
                 truth[3],
-                float(mode == RUNNING),
+                float(feedback.mode == RUNNING),
             )
         )
     table = np.array(rows).T

@@ -6,18 +6,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.driver.drive_channel import trace
+from estimator_pkg.engine.calls import functions_of
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import TRACKING
-from estimator_pkg.observers.pmsm.drive import DriveFunctions
-from estimator_pkg.observers.pmsm.gains import Gains
-from estimator_pkg.observers.pmsm.observer import build
+from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
+from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
+from estimator_pkg.observers.pmsm.watch import BLIND
 from sim_pkg.reproduce.pmsm.reference import (
     FLUX,
     GAMMA,
@@ -35,7 +36,7 @@ from sim_pkg.reproduce.pmsm.reference import (
 )
 from sim_pkg.reproduce.pmsm.schemes import Samples
 
-COMPILE_FROM = 100_000  # samples from which compiling pays off
+observer = OBSERVER.module
 
 PAPER: dict[str, Any] = {
     'form': 'paper',
@@ -56,38 +57,9 @@ ROBUST: dict[str, Any] = {
 }
 
 
-def functions_of(**gains: Any) -> DriveFunctions:
-    """The observer's functions at these gains."""
-    return build(Gains(**gains), Circle())
-
-
-def make_log(functions: DriveFunctions) -> Callable[..., tuple]:
-    """A loop that logs h, z, xi_hat, the speed output, status and reasons after each sample."""
-    step, output, reasons_of = functions.step, functions.output, functions.reasons
-
-    def log(
-        state: Any,
-        coefficients: tuple,
-        design: tuple,
-        samples: NDArray[np.float64],
-        out_h: NDArray[np.complex128],
-        out_z: NDArray[np.complex128],
-        out_x: NDArray[np.float64],
-        speed: NDArray[np.float64],
-        status: NDArray[np.int8],
-        reasons: NDArray[np.int16],
-    ) -> tuple:
-        for k in range(len(samples)):
-            row = samples[k]
-            sample = (row[0], row[1], row[2], row[3])
-            state = step(state, coefficients, design, sample, 0.0)
-            core, _, _, _, (speed[k], _, _), _, _, _ = state
-            _, out_h[k], out_z[k], out_x[k], _, _ = core
-            position, velocity, spare, status[k] = output(state, coefficients, design, sample, 0.0)
-            reasons[k] = reasons_of(state)
-        return state
-
-    return log
+def design_of(**gains: Any) -> Design:
+    """The observer's design at these gains."""
+    return observer.design(Gains(**gains), Circle())
 
 
 class Log(NamedTuple):
@@ -98,7 +70,7 @@ class Log(NamedTuple):
     x: NDArray[np.float64]
     speed: NDArray[np.float64]
     status: NDArray[np.int8]
-    reasons: NDArray[np.int16]
+    reasons: NDArray[np.int64]
 
     @property
     def angle(self) -> NDArray[np.float64]:
@@ -106,14 +78,28 @@ class Log(NamedTuple):
         return np.angle(self.z * np.where(self.x < 0.0, -1.0, 1.0))
 
 
+def sample_of(row: NDArray[np.float64]) -> Sample:
+    """Return a row of samples, shape (4,), as the observer takes it."""
+    sample = Sample()
+    sample.i_alpha, sample.i_beta, sample.u_alpha, sample.u_beta = map(float, row)
+    return sample
+
+
+def first_state(design: Design, first: NDArray[np.float64]) -> State:
+    """Return the observer's state after the first sample, shape (4,)."""
+    state = State()
+    observer.start(observer, state, design, sample_of(first))
+    return state
+
+
 def start_state(
-    functions: DriveFunctions,
+    design: Design,
     first: NDArray[np.float64],
     z: complex,
     x: float,
     h: complex = 0j,
     seen: float = 0.0,
-) -> Any:
+) -> State:
     """Return the observer's state at a chosen start.
 
     Parameters
@@ -123,45 +109,64 @@ def start_state(
     seen : electrical speed [rad/s] that the watch has observed for long; 0: no observation, and
         the robust form searches for the rotor first.
     """
-    state: Any = functions.init(tuple(float(value) for value in first), functions.design())
-    current = complex(first[0], first[1])
+    state = first_state(design, first)
+    core, watch = state.core, state.watch
+    current = z.conjugate() * complex(first[0], first[1])
     y = z * complex(-h.imag, h.real)
-    _, clock, registers, watch, *others = state
+    core.i1, core.i2, core.h1, core.h2 = current.real, current.imag, h.real, h.imag
+    core.z1, core.z2, core.x = z.real, z.imag, float(x)
+    core.y_alpha, core.y_beta = y.real, y.imag
     if seen:
-        chi = abs(seen) * FLUX
-        _, _, _, _, power, _, _, _ = watch
-        watch = (chi, complex(0.0, -chi), seen, 0.0, power, 0.0, 1.0, 0)
-    core = (z.conjugate() * current, h, z, float(x), current, y)
-    return (core, clock, registers, watch, *others)
+        watch.level = abs(seen) * FLUX
+        watch.mean_h2, watch.rate, watch.calm, watch.reasons = -watch.level, seen, 1.0, 0
+    return state
 
 
-def run_log(
-    functions: DriveFunctions,
-    samples: NDArray[np.float64],
-    dt: float,
-    state: Any,
-    *,
-    fast: bool | None = None,
-) -> Log:
+def run_states(design: Any, samples: NDArray[np.float64], dt: float, state: Any) -> NDArray[Any]:
+    """Return the state at each of `samples`, shape (n + 1, 4), from that at the first of them.
+
+    Shape (n + 1,), of `State.dtype`.
+    """
+    coefficients: Any = Coefficients()
+    observer.prepare(coefficients, design, dt)
+    count, engine = len(samples) - 1, functions_of(observer)
+    states = _array(state, count + 1)
+    if engine is not None:
+        pointers = states.ctypes.data + states.itemsize * np.arange(count + 1)
+        arrays = pointers, _array(coefficients), _array(design)
+        rows = np.ascontiguousarray(samples[1:], float)
+        engine.trace(*(each.ctypes.data for each in arrays), count, rows.ctypes.data)
+        return states
+    made = [state, *(State() for _ in range(count))]
+    trace(observer, made, coefficients, design, count, samples[1:].ravel().tolist())
+    for row, each in zip(states, made):
+        each.write(row)
+    return states
+
+
+def _array(record: Any, count: int = 1) -> NDArray[Any]:
+    """Return an array of records, the first of which has these values."""
+    array = np.zeros(count, type(record).dtype)
+    record.write(array[0])
+    return array
+
+
+def run_log(design: Design, samples: NDArray[np.float64], dt: float, state: State) -> Log:
     """Run the observer over `samples`, shape (n + 1, 4), from the state at the first of them."""
-    count = len(samples) - 1
-    design = functions.design()
-    log = Log(
-        np.empty(count, complex),
-        np.empty(count, complex),
-        np.empty(count),
-        np.empty(count),
-        np.empty(count, np.int8),
-        np.empty(count, np.int16),
+    states = run_states(design, samples, dt, state)[1:]
+    core, watch = states['core'], states['watch']
+    reasons = watch['reasons']
+    settled = (reasons == 0) & (watch['calm'] >= design.hold)
+    status = np.where(settled, TRACKING, INITIALISING)
+    status = np.where(reasons & BLIND, NOT_OBSERVABLE, status)
+    return Log(
+        core['h1'] + 1j * core['h2'],
+        core['z1'] + 1j * core['z2'],
+        core['x'],
+        states['out']['speed'],
+        status.astype(np.int8),
+        reasons,
     )
-    loop = make_log(functions)
-    if (available() and count >= COMPILE_FROM) if fast is None else fast:
-        compiled(loop)(
-            state, functions.prepare(design, dt), design, np.ascontiguousarray(samples[1:]), *log
-        )
-    else:
-        loop(state, functions.prepare(design, dt), design, samples[1:].tolist(), *log)
-    return log
 
 
 def table_of(samples: Samples) -> NDArray[np.float64]:
@@ -177,13 +182,13 @@ def table_of(samples: Samples) -> NDArray[np.float64]:
 
 
 def observer_run(
-    functions: DriveFunctions, samples: Samples, rate: float, eta0_deg: float, xi0: float
+    design: Design, samples: Samples, rate: float, eta0_deg: float, xi0: float
 ) -> tuple[Run, Errors]:
     """Run the observer on exact samples; return it in the form of a reference run."""
     truth = samples.truth
     rows = table_of(samples)
     z = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
-    log = run_log(functions, rows, 1.0 / rate, start_state(functions, rows[0], z, xi0))
+    log = run_log(design, rows, 1.0 / rate, start_state(design, rows[0], z, xi0))
     later = Signals(
         truth.time[1:], truth.theta[1:], truth.omega[1:], truth.current[1:], truth.voltage[1:]
     )

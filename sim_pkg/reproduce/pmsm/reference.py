@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.observers.pmsm.equations import emf, flow, reflect, wants_reflection
-from estimator_pkg.observers.pmsm.identifier import empty_registers, shift, solve
+from estimator_pkg.observers.pmsm.equations import reflect
+from estimator_pkg.observers.pmsm.identifier import shift, solve
+from estimator_pkg.observers.pmsm.state import Core, Registers
 from sim_pkg.pmsm.profiles import P1, Profile
 
 # Table 1
@@ -106,31 +107,74 @@ def start_frame(theta0: float, omega0: float, eta0_deg: float) -> complex:
     return cmath.exp(1j * turned)
 
 
-def tick(i, h, z, x, registers, integral, count, kind, threshold):
-    """Apply a clock tick; return (i, h, z, x, registers, jumped, fired).
+def blank(kind: Any) -> Any:
+    """Return a record of zeros in the form that Numba compiles."""
+    return np.zeros(1, kind.dtype).view(np.recarray)[0]
+
+
+def core_of(i: complex, h: complex, z: complex, current: complex = 0j) -> Core:
+    """Return the numbers of the observer for these vectors."""
+    core = Core()
+    core.i1, core.i2, core.h1, core.h2 = i.real, i.imag, h.real, h.imag
+    core.z1, core.z2 = z.real, z.imag
+    core.i_alpha, core.i_beta = current.real, current.imag
+    return core
+
+
+def vectors_of(core: Core) -> tuple[complex, complex, complex]:
+    """Return (i, h, z)."""
+    return complex(core.i1, core.i2), complex(core.h1, core.h2), complex(core.z1, core.z2)
+
+
+def emf(h, z):
+    """Return y = C[z] J h [V]."""
+    return z * (1j * h)
+
+
+def tick(i, h, z, x, core, registers, integral, count, kind, threshold):
+    """Apply a clock tick; return (i, h, z, x, jumped, fired).
 
     `count` is the number of completed ticks, this one included. (26) can be read in three ways:
     id_post decides after the registers shift, id_pre before (and counts one tick less), id_early
-    as id_post but one tick earlier.
+    as id_post but one tick earlier. `core` takes the numbers for the jump.
     """
-    fired = 0
+    fired = jumped = 0
     if kind >= 2:
-        old = registers
-        registers = shift(registers, emf(h, z), abs(h), integral)
+        before, _, _, _ = solve(registers, PERIODS)
+        y = emf(h, z)
+        shift(registers, PERIODS, y.real, y.imag, abs(h), integral.real, integral.imag)
+        found, _, _, _ = solve(registers, PERIODS)
         if kind == 2:
-            found, travelled, rest, scale = solve(old)
-            ready = count - 1 > len(registers[2]) + 1
-        else:
-            found, travelled, rest, scale = solve(registers)
-            ready = count > len(registers[2]) + (1 if kind == 3 else 0)
-        if ready and abs(x - found) > threshold:
+            found, count = before, count - 1
+        if count > PERIODS + (0 if kind == 4 else 1) and abs(x - found) > threshold:
             x = found
             fired = 1
-    jumped = 0
-    if kind >= 1 and wants_reflection(h):
-        i, h, z = reflect(i, h, z)
-        jumped = 1
-    return i, h, z, x, registers, jumped, fired
+    if kind >= 1:
+        core.i1, core.i2, core.h1, core.h2 = i.real, i.imag, h.real, h.imag
+        core.z1, core.z2 = z.real, z.imag
+        if reflect(core):
+            i, h = complex(core.i1, core.i2), complex(core.h1, core.h2)
+            z = complex(core.z1, core.z2)
+            jumped = 1
+    return i, h, z, x, jumped, fired
+
+
+def flow(i, h, z, x, current, voltage, resistance, inductance, k_p, k_i, k_eta, gamma):
+    """Return the time derivatives of (i, h, z, x): the flow of (5) and (16).
+
+    Parameters
+    ----------
+    current, voltage : measured stator current [A] and voltage [V] in the static frame.
+    """
+    back = z.conjugate()
+    i_frame = back * current
+    error = i_frame - i
+    turning = complex(0.0, abs(h) * x + k_eta * h.real)  # the speed of the frame
+    # the rotation acts on the measured current, so that the fast error system is linear
+    d_i = (
+        (h + back * voltage - resistance * i) * (1.0 / inductance) - turning * i_frame + k_p * error
+    )
+    return d_i, k_i * error, turning * z, gamma * h.real
 
 
 def slope(i, h, z, x, current, voltage):
@@ -165,12 +209,13 @@ def runge_kutta_step(i, h, z, x, currents, voltages, dt):
     return i, h, z, x, sixth * (a_n + 2.0 * b_n + 2.0 * c_n + d_n)
 
 
-def runge_kutta(current, voltage, dt, period, kind, registers, start, log_every, logs):
+def runge_kutta(current, voltage, dt, period, kind, records, start, log_every, logs):
     """Run RK4 with inputs exact at the stages; ticks at integer multiples of `period` steps.
 
     Parameters
     ----------
     current, voltage : on a grid of half steps, shape (2 n + 1,).
+    records : blank ones for `tick`: of the core and of the registers.
     start : (i, h, z, x).
     logs : arrays of h, z and x, every `log_every` steps, after the tick; row 0 is the start.
 
@@ -179,6 +224,7 @@ def runge_kutta(current, voltage, dt, period, kind, registers, start, log_every,
     (reflections, replacements of x)
     """
     i, h, z, x = start
+    core, registers = records
     out_h, out_z, out_x = logs
     threshold = 4.0 * math.sqrt(GAMMA)
     integral = complex(0.0, 0.0)
@@ -193,8 +239,8 @@ def runge_kutta(current, voltage, dt, period, kind, registers, start, log_every,
         z = z * (1.0 / abs(z))
         if (k + 1) % period == 0:
             count += 1
-            i, h, z, x, registers, jumped, fired = tick(
-                i, h, z, x, registers, integral, count, kind, threshold
+            i, h, z, x, jumped, fired = tick(
+                i, h, z, x, core, registers, integral, count, kind, threshold
             )
             integral = complex(0.0, 0.0)
             jumps += jumped
@@ -222,9 +268,9 @@ def reference_run(exact: Signals, kind: int, eta0_deg: float, xi0: float) -> Run
     h, z, x = np.zeros(rows, complex), np.zeros(rows, complex), np.zeros(rows)
     z0 = start_frame(exact.theta[0], exact.omega[0], eta0_deg)
     start = z0.conjugate() * exact.current[0], 0j, z0, float(xi0)
-    registers, period = empty_registers(PERIODS), round(1.0 / (CLOCK * STEP))
+    records, period = (blank(Core), blank(Registers)), round(1.0 / (CLOCK * STEP))
     jumps, fires = compiled(runge_kutta)(
-        exact.current, exact.voltage, STEP, period, kind, registers, start, LOG_EVERY, (h, z, x)
+        exact.current, exact.voltage, STEP, period, kind, records, start, LOG_EVERY, (h, z, x)
     )
     return Run(thinned(exact, 2 * LOG_EVERY), h, z, x, jumps, fires)
 

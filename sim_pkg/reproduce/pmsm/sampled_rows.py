@@ -11,13 +11,13 @@ from itertools import product
 
 import numpy as np
 
-from estimator_pkg.observers.pmsm.drive import DriveFunctions
+from estimator_pkg.observers.pmsm.state import Design
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.profiles import P1, Profile
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.pmsm.continuous_rows import shown
-from sim_pkg.reproduce.pmsm.observer import PAPER, functions_of, observer_run, run_log, start_state
+from sim_pkg.reproduce.pmsm.observer import PAPER, design_of, observer_run, run_log, start_state
 from sim_pkg.reproduce.pmsm.reference import (
     CONTINUOUS,
     FLUX,
@@ -93,9 +93,9 @@ def scheme_values() -> Values:
             )
 
 
-def paper_observer(name: str) -> DriveFunctions:
-    """The observer `pmsm` in the paper's form."""
-    return functions_of(variant=VARIANTS[name], **PAPER)
+def paper_observer(name: str) -> Design:
+    """The design of `pmsm` in the paper's form."""
+    return design_of(variant=VARIANTS[name], **PAPER)
 
 
 def start_values() -> Values:
@@ -132,11 +132,10 @@ def bias_values() -> Values:
             'resistance': RESISTANCE * (1.0 + of_r),
             'inductance': INDUCTANCE * (1.0 + of_l),
         }
-        functions = functions_of(**gains)
+        design = design_of(**gains)
         table = np.column_stack((truth.current.real, truth.current.imag, mean.real, mean.imag))
-        log = run_log(
-            functions, table, 1.0 / rate, start_state(functions, table[0], 1.0 + 0.0j, 1.0 / FLUX)
-        )
+        start = start_state(design, table[0], 1.0 + 0.0j, 1.0 / FLUX)
+        log = run_log(design, table, 1.0 / rate, start)
         late = slice(-2000, None)
         turned = np.angle(log.z * np.exp(-1j * truth.theta[1:]))
         name = f'T5 {rpm:.0f} rpm {i_q:g} A R{of_r:+g} L{of_l:+g}'

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.observers.pmsm.equations import emf
-from estimator_pkg.observers.pmsm.identifier import empty_registers
 from estimator_pkg.observers.pmsm.scheme import prepare_scheme, turned_emf
+from estimator_pkg.observers.pmsm.state import Core, Registers, Scheme
 from sim_pkg.reproduce.pmsm.reference import (
     CLOCK,
     GAMMA,
@@ -26,10 +25,11 @@ from sim_pkg.reproduce.pmsm.reference import (
     K_ETA,
     K_I,
     K_P,
-    PERIODS,
     RESISTANCE,
     Run,
     Signals,
+    blank,
+    emf,
     runge_kutta_step,
     signals,
     slope,
@@ -66,9 +66,8 @@ def _held_voltage(voltage, speed, turn, scheme):
     a, b, c, d = turning + rate, 1.0 / INDUCTANCE, -K_I, turning
     inverse = 1.0 / (a * d - b * c)
     drive = voltage * (1.0 / INDUCTANCE)
-    (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
-    first = (e11 - turn.conjugate()) * drive
-    second = e21 * drive
+    first = (scheme.e11 - turn.conjugate()) * drive
+    second = scheme.e21 * drive
     return inverse * (d * first - b * second), inverse * (a * second - c * first)
 
 
@@ -80,7 +79,7 @@ def exponential_step(i, h, z, x, before, now, voltage, scheme, held, passes):
     held : the mean voltage is constant in the static frame, instead of turning with the rotor.
     passes : iterations over the frame speed.
     """
-    (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
+    s, dt = scheme, scheme.dt
     back = z.conjugate()
     start = back * before
     first = abs(h) * x + K_ETA * h.real
@@ -101,21 +100,21 @@ def exponential_step(i, h, z, x, before, now, voltage, scheme, held, passes):
         change = end - start
         back_turn = complex(0.0, -speed)
         new_i = (
-            e11 * i
-            + e12 * h
-            + iu * u
-            + ia * start
-            + idd * change
-            + back_turn * (iw * start + idw * change)
+            s.e11 * i
+            + s.e12 * h
+            + s.iu * u
+            + s.ia * start
+            + s.idd * change
+            + back_turn * (s.iw * start + s.idw * change)
             + held_i
         )
         new_h = (
-            e21 * i
-            + e22 * h
-            + hu * u
-            + ha * start
-            + hdd * change
-            + back_turn * (hw * start + hdw * change)
+            s.e21 * i
+            + s.e22 * h
+            + s.hu * u
+            + s.ha * start
+            + s.hdd * change
+            + back_turn * (s.hw * start + s.hdw * change)
             + held_h
         )
         new_x = x + 0.5 * GAMMA * dt * (h.real + new_h.real)
@@ -124,7 +123,7 @@ def exponential_step(i, h, z, x, before, now, voltage, scheme, held, passes):
     return new_i, new_h, new_z * (1.0 / abs(new_z)), new_x
 
 
-def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, start, logs):
+def sampled(way, current, instant, mean, dt, period, kind, records, start, logs):
     """Run at one sample rate; return (reflections, replacements of x). Diverged rows are nan.
 
     Parameters
@@ -133,9 +132,11 @@ def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, st
     current, instant : at the samples, shape (n + 1,) [A], [V].
     mean : mean voltage over the interval before each sample [V].
     period : samples between clock ticks.
+    records : a scheme, and blank ones for `tick`: of the core and of the registers.
     start : (i, h, z, x). logs : arrays of h, z and x, shape (n + 1,).
     """
     i, h, z, x = start
+    scheme, core, registers = records
     out_h, out_z, out_x = logs
     integral = complex(0.0, 0.0)
     y = emf(h, z)
@@ -173,13 +174,13 @@ def sampled(way, current, instant, mean, dt, period, kind, registers, scheme, st
                 return jumps, fires
             z = z * (1.0 / abs(z))
         new_y = emf(h, z)
-        area, turned = turned_emf(y, new_y, dt)
-        integral += area
+        area_alpha, area_beta, _ = turned_emf(y.real, y.imag, new_y.real, new_y.imag, dt)
+        integral += complex(area_alpha, area_beta)
         y = new_y
         if k % period == 0:
             count += 1
-            i, h, z, x, registers, jumped, fired = tick(
-                i, h, z, x, registers, integral, count, kind, threshold
+            i, h, z, x, jumped, fired = tick(
+                i, h, z, x, core, registers, integral, count, kind, threshold
             )
             integral = complex(0.0, 0.0)
             jumps += jumped
@@ -214,12 +215,11 @@ def sampled_run(
     h, z = np.full(count, np.nan + 0j), np.full(count, np.nan + 0j)
     x = np.full(count, np.nan)
     z0 = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
-    scheme = prepare_scheme(RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / rate)
+    records = blank(Scheme), blank(Core), blank(Registers)
+    prepare_scheme(records[0], RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / rate)
     start = z0.conjugate() * truth.current[0], 0j, z0, float(xi0)
-    registers, period = empty_registers(PERIODS), round(rate / CLOCK)
-    voltages = truth.voltage, samples.mean
+    voltages, period = (truth.voltage, samples.mean), round(rate / CLOCK)
     jumps, fires = compiled(sampled)(
-        *(way, truth.current, *voltages, 1.0 / rate),
-        *(period, kind, registers, scheme, start, (h, z, x)),
+        way, truth.current, *voltages, 1.0 / rate, period, kind, records, start, (h, z, x)
     )
     return Run(truth, h, z, x, jumps, fires)

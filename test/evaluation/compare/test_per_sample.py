@@ -16,13 +16,7 @@ from estimator_pkg.messages import drive_samples
 
 MOTOR = [
     word
-    for pair in (
-        'resistance=0.06',
-        'inductance=33.75e-6',
-        'flux=1.9e-3',
-        'pole_pairs=7',
-        'compile=false',
-    )
+    for pair in ('resistance=0.06', 'inductance=33.75e-6', 'flux=1.9e-3', 'pole_pairs=7')
     for word in ('--set', pair)
 ]
 SAMPLES = '/ground_truth/samples'

@@ -24,8 +24,7 @@ from estimator_pkg.streams.contract import Request
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 REVERSAL = BAGS / 'simulated/drive_reversal'
 BATCHES = 'std_msgs/msg/Float64MultiArray'
-PLAIN = ['--set', 'compile=False']  # the bag is short, and compiling three forms takes longer
-DATA = [*PLAIN, *(word for name, value in MOTOR.items() for word in ('--set', f'{name}={value}'))]
+DATA = [word for name, value in MOTOR.items() for word in ('--set', f'{name}={value}')]
 
 
 @pytest.fixture(scope='module')
@@ -121,7 +120,7 @@ def test_a_drive_gets_a_verdict_and_a_file(bare, tmp_path, capsys):
 
 def test_what_is_missing_is_named_with_its_unit(bare, tmp_path, capsys):
     out = tmp_path / 'p.yaml'
-    assert main(['doctor', bare, '--set', 'flux=0.0019', *PLAIN, '--out', str(out)]) == 1
+    assert main(['doctor', bare, '--set', 'flux=0.0019', '--out', str(out)]) == 1
     text = ' '.join(capsys.readouterr().out.split())
     assert 'FAIL motor data not given: resistance, inductance, pole_pairs' in text
     assert 'ohm, one phase to the star point' in text and '--set pole_pairs=...' in text

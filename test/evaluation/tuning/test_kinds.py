@@ -145,9 +145,7 @@ def test_a_drive(tmp_path):
         'pmsm',
         '--trials',
         6,
-        *held(
-            'resistance=0.06', 'inductance=33.75e-6', 'flux=1.9e-3', 'pole_pairs=7', 'compile=false'
-        ),
+        *held('resistance=0.06', 'inductance=33.75e-6', 'flux=1.9e-3', 'pole_pairs=7'),
     )
     (each,) = found['tuned']
     assert set(each['tried']) == {'relative_bandwidth', 'speed_filter_hz'}

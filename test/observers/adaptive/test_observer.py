@@ -8,16 +8,23 @@ import math
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from servos import excited, feed, joint, lcg, named, run, servo
+from servos import begun, excited, feed, joint, lcg, named, servo
 
-from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.adaptive.filter import companion
-from estimator_pkg.observers.adaptive.gains import Gains, structure
+from estimator_pkg.observers.adaptive import observer as adaptive
+from estimator_pkg.observers.adaptive.filter import feed as filtered
+from estimator_pkg.observers.adaptive.filter import rows, series
 from estimator_pkg.observers.adaptive.law import ADAPTING, FROZEN, GATED, INIT
-from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive.observer import Gains
+from estimator_pkg.observers.adaptive.structure import structure
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.observers.contract import (
+    COASTING,
+    INITIALISING,
+    NOT_OBSERVABLE,
+    TRACKING,
+    Estimate,
+)
 from estimator_pkg.parameters import build
 
 PAPER = {
@@ -97,22 +104,25 @@ VECTORS = {  # form -> sample -> y, xhat1, theta
 def test_vectors_of_the_recursion(form):
     u = np.repeat(lcg(12345, 2), 500)
     angles, _ = servo(0.01, 0.3, 0.2, u, 0.01)
-    functions = OBSERVER.build(Gains(form=form, **PAPER), Circle(0.0))
-    states, coefficients, design = run(functions, angles, u, 0.01)
-    for sample, (y, position, *theta) in VECTORS[form].items():
-        found = functions.output(states[sample], coefficients, design, y, u[sample - 1])[0]
-        assert angles[sample] == pytest.approx(y, rel=1e-9)
-        # the reference prints ten digits
-        assert found == pytest.approx(position, rel=2e-9, abs=1e-15)
-        assert states[sample][2] == pytest.approx(theta, rel=2e-9)
+    state, coefficients, design = begun(Gains(form=form, **PAPER), angles[0], 0.01)
+    out = Estimate()
+    for sample, (angle, given) in enumerate(zip(angles[1:].tolist(), u.tolist()), start=1):
+        adaptive.step(adaptive, state, coefficients, design, angle, given)
+        if sample in VECTORS[form]:
+            y, position, *theta = VECTORS[form][sample]
+            adaptive.estimate(adaptive, out, state, coefficients, design, y, given)
+            assert angle == pytest.approx(y, rel=1e-9)
+            # the reference prints ten digits
+            assert out.position == pytest.approx(position, rel=2e-9, abs=1e-15)
+            assert state.theta == pytest.approx(theta, rel=2e-9)
 
 
 def test_the_paper_form_keeps_the_matrix_regressor():
     """The rows of Upsilon that are not stored are those of (11), filtered entry by entry."""
-    a = (-22.0, -120.0)
+    a = [-22.0, -120.0]
     matrix = np.array([[-22.0, 1.0], [-120.0, 0.0]])
-    made = companion(2)
-    f, g0, g1 = made.series(a, 12.0, 0.01)
+    f, g0, g1 = series(a, 12.0, 0.01)
+    columns = list(zip(*rows(f, a)))
     e = expm(
         np.block(
             [
@@ -123,14 +133,12 @@ def test_the_paper_form_keeps_the_matrix_regressor():
         )
     )
     transition, held, rising = e[:2, :2], e[:2, 2:4], e[:2, 4:]
-    whole, row = np.zeros((2, 2)), (0.0, 0.0)
+    whole, row = np.zeros((2, 2)), [0.0, 0.0]
     random = np.random.default_rng(1)
     for y, change in random.normal(size=(200, 2)):
         whole = transition @ whole + held * y + rising * change
-        row = tuple(
-            np.add(made.left(row, made.rows(f, a)), y * np.array(g0) + change * np.array(g1))
-        )
-    assert np.allclose(made.rows(row, a), whole, rtol=1e-11, atol=1e-13)
+        filtered(row, columns, g0, g1, y, change)
+    assert np.allclose(rows(row, a), whole, rtol=1e-11, atol=1e-13)
 
 
 @pytest.mark.long
@@ -189,7 +197,7 @@ def test_orders_one_and_three():
         )
         out, _ = feed(made, np.array(angles), u)
         theta = made.report().theta
-        learnt = np.array(made._design[2]) + theta[:order]
+        learnt = np.array(made.design.a_c) + theta[:order]
         assert learnt == pytest.approx(a[:, 0], rel=2e-2)
         assert np.abs(out.velocity - speeds)[15000:].max() < 1e-2 * np.std(speeds)
 
@@ -247,7 +255,7 @@ def test_a_load_held_at_rest_moves_no_parameter_through_the_gate(gains, seconds)
     feed(made, np.full(3, -0.2 / 0.3), np.zeros(2))
     rest_with_load(made, seconds)
     assert made.report().phase == 'GATED'
-    for value, true in zip(made._track[6][2], (3.99, 3.45, 0.0, 0.2)):
+    for value, true in zip(made.state.theta, (3.99, 3.45, 0.0, 0.2)):
         assert value == pytest.approx(true, rel=5e-3)
 
 
@@ -268,7 +276,7 @@ def test_without_excitation_nothing_is_presented_as_good():
     assert said.phase == 'GATED' and 'excitation' in said.reason
     assert out.status[-1] == NOT_OBSERVABLE
     assert all(math.isinf(item.stddev) for item in said.parameters)
-    assert made._track[6][2] == (0.0,) * 4
+    assert made.state.theta == [0.0] * 4
 
 
 @pytest.mark.long
@@ -284,14 +292,14 @@ def test_freezing_holds_theta_and_unfreezing_is_bumpless():
         for k in range(begin, end):
             made.update(10**18 + k * 10**6, float(angles[k]), float(u[k - 1]) if k else 0.0)
             if k == 10000:
-                held = made._track[6][2]
+                held = made.state.theta[:]
             if k > 10050:
                 assert abs(made.estimate()[1] - velocity[k]) < 0.01
         if not adapt:
-            assert made._track[6][2] == held
-            assert made._track[6][8][0] == FROZEN
+            assert made.state.theta == held
+            assert made.state.phase == FROZEN
             assert made.report().reason == ("frozen by the user ('adapt' is false)")
-    assert made._track[6][8][0] == ADAPTING
+    assert made.state.phase == ADAPTING
     assert named(made)['b/J'].value == pytest.approx(2.0, rel=5e-4)
 
 
@@ -304,7 +312,7 @@ def test_starts_frozen_with_saved_parameters():
     saved = first.report().theta
     made = joint(0.0, theta=saved, adapt=False)
     out, _ = feed(made, angles, u)
-    assert made._track[6][2] == pytest.approx(saved, rel=0, abs=0)
+    assert made.state.theta == pytest.approx(saved, rel=0, abs=0)
     assert np.abs(out.velocity - velocity)[1000:].max() < 0.01
     assert out.status[-1] == TRACKING
     assert all(item.stddev == 0.0 for item in named(made).values())
@@ -317,14 +325,14 @@ def test_an_outage_and_a_jump_of_the_clock_keep_parameters_and_no_speed(ahead):
     angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
     made = joint(0.0)
     feed(made, angles[:15001], u[:15000])
-    before, mean_dt = made._track[6][2], made.mean_dt
+    before, mean_dt = made.state.theta[:], made.mean_dt
     at = 10**18 + 15000 * 10**6 + ahead
     for k in range(15001, 18000):
         made.update(at + (k - 15000) * 10**6, float(angles[k]), float(u[k - 1]))
         if k == 15001:
             assert abs(made.estimate()[1]) < 0.01 and made.estimate()[3] == INITIALISING
         if k < 15100:
-            assert made._track[6][2] == before
+            assert made.state.theta == before
     assert made.mean_dt == pytest.approx(mean_dt)
     assert made.estimate()[3] == TRACKING
     assert made.estimate()[1] == pytest.approx(velocity[17999], abs=1e-3 * np.std(velocity))
@@ -336,17 +344,17 @@ def test_a_gap_keeps_parameters_and_speed():
     angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
     made = joint(0.0)
     feed(made, angles[:15001], u[:15000])
-    before = made._track[6][2]
+    before = made.state.theta[:]
     at = 10**18 + 15000 * 10**6
     assert made.estimate()[3] == TRACKING
     gap = 4 * 10**8
     made.update(at + gap, float(angles[15001]), float(u[15000]))
     assert made.estimate()[1] == pytest.approx(velocity[15000], abs=0.05 * np.std(velocity))
-    assert made.estimate()[3] == COASTING and made._track[6][8][0] == INIT
+    assert made.estimate()[3] == COASTING and made.state.phase == INIT
     for k in range(15002, 17000):
         made.update(at + gap + (k - 15001) * 10**6, float(angles[k]), float(u[k - 1]))
         if k < 15100:
-            assert made._track[6][2] == before  # not adapted while the filters settle
+            assert made.state.theta == before  # not adapted while the filters settle
     assert made.estimate()[1] == pytest.approx(velocity[16999], abs=1e-3 * np.std(velocity))
 
 
@@ -368,64 +376,6 @@ def test_known_and_bounded_parameters():
     assert found['b/J'].value >= 2.5 - 1e-12
     assert found['Kv/J'].value <= 29.0
     assert found['b1'].value == 0.0
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not available(), reason='Numba is not installed')
-@pytest.mark.parametrize(
-    'gains',
-    [
-        {},
-        pytest.param({'form': 'paper', 'law': 'gradient', 'load': True}, marks=pytest.mark.slow),
-        pytest.param(
-            {'order': 3, 'bounds': ('l1>=-1',), 'known': ('b1=0',)}, marks=pytest.mark.slow
-        ),
-    ],
-)
-def test_plain_equals_compiled_per_step(gains):
-    functions = OBSERVER.build(build(Gains, gains), Circle())
-    twins = {
-        name: compiled(getattr(functions, name))
-        for name in ('prepare', 'init', 'step', 'output', 'stddev', 'resume')
-    }
-    design = functions.design()
-    u = excited(400, hold=20)
-    angles, _ = servo(2.0, 5.0, 30.0, u, 1e-3)
-    state = functions.init(0.3, design)
-
-    def same(plain, twin):
-        if isinstance(plain, tuple):
-            assert len(plain) == len(twin)
-            for a, b in zip(plain, twin):
-                same(a, b)
-        else:
-            assert type(plain) in (int, float) and isinstance(twin, type(plain))
-            assert (
-                plain == twin
-                or (math.isnan(plain) and math.isnan(twin))
-                or (abs(plain - twin) <= 1e-12 * max(abs(plain), abs(twin)))
-            )
-
-    same(state, twins['init'](0.3, design))
-    for k, (angle, given) in enumerate(zip(angles[1:].tolist(), u.tolist())):
-        dt = 1e-3 * (1.0 + 0.3 * math.sin(k))
-        coefficients = functions.prepare(design, dt)
-        same(coefficients, twins['prepare'](design, dt))
-        after = functions.step(state, coefficients, design, angle, given)
-        same(after, twins['step'](state, coefficients, design, angle, given))
-        state = after
-        same(
-            functions.output(state, coefficients, design, angle, given),
-            twins['output'](state, coefficients, design, angle, given),
-        )
-        same(
-            functions.stddev(state, coefficients, design),
-            twins['stddev'](state, coefficients, design),
-        )
-        same(
-            functions.resume(state, coefficients, design, angle),
-            twins['resume'](state, coefficients, design, angle),
-        )
 
 
 @pytest.mark.parametrize(
@@ -456,10 +406,10 @@ def test_bad_gains_are_refused_in_one_line(gains, words):
 
 
 def test_euler_is_refused_where_it_is_unstable():
-    functions = OBSERVER.build(Gains(form='paper', **PAPER), Circle())
-    assert functions.limits(0.16) is None
-    assert '0.167' in functions.limits(0.17)
-    assert OBSERVER.build(Gains(), Circle()).limits(10.0) is None
+    design = adaptive.design(Gains(form='paper', **PAPER), Circle())
+    assert adaptive.limits(design, 0.16) is None
+    assert '0.167' in adaptive.limits(design, 0.17)
+    assert adaptive.limits(adaptive.design(Gains(), Circle()), 10.0) is None
 
 
 def test_gain_matrix_and_list_agree():
@@ -469,24 +419,24 @@ def test_gain_matrix_and_list_agree():
     for gamma in ((10.0, 20.0, 30.0, 40.0), tuple(np.diag([10.0, 20.0, 30.0, 40.0]).ravel())):
         made = joint(0.0, law='gradient', gamma=gamma)
         feed(made, angles, u)
-        thetas.append(made._track[6][2])
+        thetas.append(made.state.theta)
     assert thetas[0] == pytest.approx(thetas[1], rel=1e-12)
     whole = np.diag([10.0, 20.0, 30.0, 40.0])
     whole[0, 1] = whole[1, 0] = 5.0
     made = joint(0.0, law='gradient', gamma=tuple(whole.ravel()))
     feed(made, angles, u)
-    assert made._track[6][2] != pytest.approx(thetas[0], rel=1e-3)
+    assert made.state.theta != pytest.approx(thetas[0], rel=1e-3)
 
 
 @pytest.mark.long
 def test_gate_opens_with_excitation():
     made = trained()
     rest_with_load(made, 5.0)
-    assert made._track[6][8][0] == GATED
+    assert made.state.phase == GATED
     u = excited(20000, size=20.0)
     angles, _ = servo(0.01, 0.3, 0.2, u, 1e-3, start=(-0.2 / 0.3, 0.0))
     feed(made, angles, u, start_ns=made.stamp_ns + 10**6)
-    assert made._track[6][8][0] == ADAPTING
+    assert made.state.phase == ADAPTING
 
 
 # Numbers that run away
@@ -500,7 +450,7 @@ def test_least_squares_that_forgets_does_not_run_away_while_nothing_moves():
     feed(made, angle, excited(4000))
     rest = np.full(8000, angle[-1])  # 1000 memories
     feed(made, rest, np.zeros(len(rest) - 1), dt=5e-3, start_ns=10**18 + 10**10)
-    theta, p = made._track[6][2], made._track[6][4]
+    theta, p = made.state.theta, made.state.p
     assert all(map(math.isfinite, theta))
     start = structure(made.gains).variance
     assert all(0.0 < row[i] <= 1.2 * most for i, (row, most) in enumerate(zip(p, start)))
@@ -519,9 +469,7 @@ def test_an_observer_whose_numbers_ran_away_starts_again():
     made = joint()
     angle, velocity = servo(2.0, 3.0, 5.0, excited(6000), 1e-3)
     feed(made, angle[:3000], excited(6000)[:2999])
-    track = list(made._track)
-    track[6] = (*track[6][:2], (math.nan,) * 4, *track[6][3:])
-    made._track = tuple(track)
+    made.state.theta[:] = [math.nan] * 4
     out, _ = feed(made, angle[3000:], excited(6000)[3000:], start_ns=10**18 + 3 * 10**9)
     assert out.status[1] == INITIALISING and out.status[-1] == TRACKING
     assert np.max(np.abs(out.velocity[-500:] - velocity[-500:])) < 0.05

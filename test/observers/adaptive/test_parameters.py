@@ -15,6 +15,7 @@ from estimator_pkg.driver.identified import save
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive.evidence import FEWEST, MOST, Evidence, judge
 from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive.state import Sums
 
 TRUE = {'b/J': 2.0, 'k/J': 5.0, 'Kv/J': 30.0}
 DT = 2e-3
@@ -79,8 +80,8 @@ def test_standard_deviations_cover_the_errors_and_are_not_far_above(case):
 
 def test_the_formula_for_independent_errors_would_be_too_small():
     made, out, _ = learnt(1, disturbance=0.3)
-    state = made._track[6]
-    independent = np.sqrt(state[7][2] * np.diag(np.array(state[4])))  # rms innovation, P
+    state = made.state
+    independent = np.sqrt(state.power * np.diag(np.array(state.p)))
     found = [named(made)[name].stddev for name in TRUE]
     assert np.all(np.array(found) > 3.0 * independent)
 
@@ -235,9 +236,11 @@ def test_blocks_merge_and_forget():
     matrix, vector = np.zeros((2, 2)), np.zeros(2)
     for k, (psi, target) in enumerate(zip(rows, targets)):
         matrix, vector = matrix + np.outer(psi, psi), vector + psi * target
-        sums = (k + 1.0, 0.01 * (k + 1.0), 10.0 * (k + 1.0))
-        whole.look(0.01 * (k + 1), (matrix, vector, sums))
-        forgetting.look(0.01 * (k + 1), (matrix, vector, sums))
+        sums = Sums()
+        sums.matrix, sums.vector = [[matrix[0, 0]], [*matrix[1]]], [*vector]
+        sums.count, sums.of_e, sums.of_bend = k + 1.0, 0.01 * (k + 1.0), 10.0 * (k + 1.0)
+        whole.look(0.01 * (k + 1), sums)
+        forgetting.look(0.01 * (k + 1), sums)
     assert FEWEST <= len(whole.blocks) < MOST and whole.length > whole.shortest
     assert len(forgetting.blocks) <= 16
     zero = np.zeros(2)
@@ -248,7 +251,7 @@ def test_blocks_merge_and_forget():
     )
     assert said.noise_only and np.all(said.hidden == 0.0)
     assert judge(Evidence(100.0), zero, zero, zero, 0.01, 9.0) is None
-    whole.look(0.0, (matrix, vector, sums))
+    whole.look(0.0, sums)
     assert not whole.blocks
 
 

@@ -4,28 +4,30 @@
 """The scale of the standard deviation: right, always learnt, and no part of the estimate."""
 
 import math
+from types import ModuleType
 
 import numpy as np
 import pytest
-from observer_cases import make, stamps, wrapped
+from observer_cases import make, plain, stamps, wrapped
 
 from benchmarks.columns import Column
 from benchmarks.intervals import HARD, parts, sampled, uncalibrated
 from benchmarks.signals import Samples
-from estimator_pkg.driver.track import make_track, newest
-from estimator_pkg.observers.angle import calibration as under_test
-from estimator_pkg.observers.angle.calibration import (
+from estimator_pkg.observers.angle.hybrid import observer
+from estimator_pkg.observers.contract import TRACKING, Deviation
+from estimator_pkg.sensor.calibration import (
     BROKEN,
+    CHANCE,
     FEWEST,
-    FIRST_INTERVAL,
     LONGEST,
     MOST,
     SHORTEST,
+    Calibration,
     averaged,
+    begin_calibration,
+    follow_calibration,
     follow_noise,
-    make_calibrate,
 )
-from estimator_pkg.observers.contract import TRACKING
 
 DT = 1e-3
 TURN = 2.0 * math.pi
@@ -48,6 +50,12 @@ def constant(time):
     return 3.0 * time, np.full(len(time), 3.0)
 
 
+def begun():
+    calibration = Calibration()
+    begin_calibration(calibration)
+    return calibration
+
+
 def covered(out, sigma, velocity):
     told = out.status == TRACKING
     return np.mean(np.abs(out.velocity - velocity)[told] < 1.96 * sigma[told])
@@ -57,8 +65,8 @@ def covered(out, sigma, velocity):
 def test_the_estimate_does_not_change_and_the_interval_only_grows(name):
     samples = moving(fast_sine)
     joint = make(name, {})
-    out = joint.run(samples.stamps, samples.angle, fast=False)
-    alone = uncalibrated(joint, samples, fast=False)
+    out = joint.run(samples.stamps, samples.angle)
+    alone = uncalibrated(joint, samples)
     for with_it, without in zip(out, alone):
         if without is not alone.velocity_stddev:
             assert np.array_equal(with_it, without, equal_nan=True)
@@ -69,8 +77,8 @@ def test_the_estimate_does_not_change_and_the_interval_only_grows(name):
 def test_a_lag_that_sigma_does_not_contain_is_learnt(name, least):
     samples = moving(fast_sine)
     joint = make(name, {})
-    out = joint.run(samples.stamps, samples.angle, fast=False)
-    alone = uncalibrated(joint, samples, fast=False)
+    out = joint.run(samples.stamps, samples.angle)
+    alone = uncalibrated(joint, samples)
     assert covered(alone, alone.velocity_stddev, samples.velocity) < 0.5
     assert covered(out, out.velocity_stddev, samples.velocity) > least
 
@@ -83,7 +91,7 @@ def test_a_vibration_of_a_fifth_of_the_rate_is_no_noise_of_the_readings(name):
     angle = 3.0 * time + swing * np.sin(120.0 * math.pi * time)
     velocity = 3.0 + swing * 120.0 * math.pi * np.cos(120.0 * math.pi * time)
     read = wrapped(np.rint(angle / QUANTUM) * QUANTUM)
-    out = make(name).run(stamps(3000, 1.0 / 300.0), read, fast=False)
+    out = make(name).run(stamps(3000, 1.0 / 300.0), read)
     assert covered(out, out.velocity_stddev, velocity) > 0.85
 
 
@@ -91,8 +99,8 @@ def test_a_vibration_of_a_fifth_of_the_rate_is_no_noise_of_the_readings(name):
 def test_a_sigma_that_is_right_stays(name):
     samples = moving(constant, 8000)
     joint = make(name, {})
-    out = joint.run(samples.stamps, samples.angle, fast=False)
-    alone = uncalibrated(joint, samples, fast=False)
+    out = joint.run(samples.stamps, samples.angle)
+    alone = uncalibrated(joint, samples)
     assert np.mean(out.velocity_stddev[2000:] / alone.velocity_stddev[2000:]) < 1.05
 
 
@@ -102,22 +110,20 @@ def test_readings_without_noise_that_turn_half_a_turn_between_instants():
     read = wrapped(np.floor(200.3 * time / (TURN / 4096)) * (TURN / 4096))
     joint = make('edge_adaptive', {'quantum': TURN / 4096})
     samples = Samples(stamps(3000, DT), read, np.full(3000, 200.3))
-    out = joint.run(samples.stamps, read, fast=False)
-    alone = uncalibrated(joint, samples, fast=False)
+    out = joint.run(samples.stamps, read)
+    alone = uncalibrated(joint, samples)
     assert np.max(out.velocity_stddev[500:] / alone.velocity_stddev[500:]) < 1.2
 
 
 @pytest.mark.parametrize('changes, moves', [((1, 1, 1, 0), True), ((1, 1, 0, 0), False)])
 def test_instants_are_further_apart_where_less_than_three_of_four_changed(changes, moves):
-    calibrate = make_calibrate(lambda *_: (0.0, 0.0, 0.0, TRACKING), lambda *_: (0.0, 1.0), 0.0)
-    interval, readings = FIRST_INTERVAL, [0.0, 0.0]
+    calibration, readings = begun(), [0.0, 0.0]
     for k in range(1, 16):
         readings.append(readings[-1] + 1e-3 * changes[k % 4])
-        sample = (k * SHORTEST, *readings[:-4:-1], SHORTEST, SHORTEST)
-        interval = calibrate(interval, sample, None, None, None, 0.0)
-    due_ns, _ = interval
-    spacing_ns = due_ns - 15 * SHORTEST + SHORTEST // 2
-    assert spacing_ns == (SHORTEST if moves else 2 * SHORTEST)
+        follow_calibration(
+            calibration, k * SHORTEST, *readings[:-4:-1], SHORTEST, SHORTEST, 0.0, 1.0, 0.0
+        )
+    assert calibration.spacing_ns == (SHORTEST if moves else 2 * SHORTEST)
 
 
 def test_it_is_learnt_whether_or_not_anyone_reads_it():
@@ -129,46 +135,42 @@ def test_it_is_learnt_whether_or_not_anyone_reads_it():
         read.stddev()
         unread.update(stamp, angle)
     batch = make('hybrid_angle', {})
-    out = batch.run(samples.stamps, samples.angle, fast=False)
+    out = batch.run(samples.stamps, samples.angle)
     assert read.stddev() == unread.stddev() == batch.stddev()
     assert out.velocity_stddev[-1] == unread.stddev()[1]
-    functions = unread.functions
-    _, coefficients, state = newest(unread._track)
-    assert unread.stddev()[1] > 2.0 * functions.stddev(state, coefficients, functions.design())[1]
+    module, track, alone = unread.module, unread.channel.track, Deviation()
+    module.deviation(module, alone, track.state, track.coefficients, unread.design, 1.0)
+    assert unread.stddev()[1] > 2.0 * alone.velocity
 
 
 @pytest.mark.parametrize('ahead', [0.3, -1.0, 10.0])
 def test_instants_before_a_gap_or_a_jump_of_the_clock_are_void(ahead):
     samples = moving(constant, 500)
     joint = make('hybrid_angle', {})
-    joint.run(samples.stamps, samples.angle, fast=False)
-    *_, (due, _) = joint._track
-    assert due > samples.stamps[-1]
+    joint.run(samples.stamps, samples.angle)
+    assert joint.channel.track.calibration.due_ns > samples.stamps[-1]
     joint.update(int(samples.stamps[-1]) + round(ahead * 1e9), 0.1)
-    *_, (due, _) = joint._track
-    assert due == BROKEN
+    assert joint.channel.track.calibration.due_ns == BROKEN
 
 
 @pytest.mark.parametrize('error', [0.0, 0.4, -1.5])
 def test_the_derivative_is_exact_for_a_polynomial_of_order_four(error):
     """At uneven instants: what is left of the published speed is its own error."""
-    follow = under_test._make_follow(0.0)
-    random = np.random.default_rng(1)
-    scale, learnt, chain = FIRST_INTERVAL[1]
-    mean, _, *rest = learnt
-    learnt = (mean, SHORTEST, *rest)
+    random, calibration = np.random.default_rng(1), begun()
     passed, at = 10**6, 10**9
     for _ in range(400):
         at += round(4e6 + 4e6 * random.random())
         t = (at - 10**9) * 1e-9
         position = (((0.3 * t - 1.0) * t + 2.0) * t - 1.5) * t
         speed = ((1.2 * t - 3.0) * t + 4.0) * t - 1.5
-        sample = (at, position, position, position, passed, passed)  # no step shows noise
-        scale, learnt, chain = follow(scale, learnt, chain, sample, speed + error, 0.1)
-        mean, _, _, _, still, *_ = learnt
-        learnt = (mean, SHORTEST, 0, 0.0, still, 1e-20, 1e-20, 1e-9)  # the readings have no noise
-    assert mean == pytest.approx(max(FEWEST, (error / 0.1) ** 2), rel=0.02)
-    assert scale == pytest.approx(math.sqrt(max(1.0, mean - under_test.CHANCE)))
+        readings = position, position, position  # no step shows noise
+        follow_calibration(calibration, at, *readings, passed, passed, speed + error, 0.1, 0.0)
+        calibration.spacing_ns, calibration.waited, calibration.level = SHORTEST, 0, 0.0
+        calibration.variance = calibration.fourths = 1e-20  # the readings have no noise
+        calibration.quantum = 1e-9
+    assert calibration.mean == pytest.approx(max(FEWEST, (error / 0.1) ** 2), rel=0.02)
+    scale = math.sqrt(max(1.0, calibration.mean - CHANCE))
+    assert calibration.scale == pytest.approx(scale)
 
 
 @pytest.mark.parametrize('own, noise', [(1.0, 0.1), (4.0, 0.5), (4.0, 4.0), (30.0, 2.0)])
@@ -192,27 +194,23 @@ def test_errors_that_are_no_numbers_do_no_harm(error):
 def test_the_noise_of_white_readings_and_the_step_of_a_counter():
     random = np.random.default_rng(2)
     readings = 0.01 * np.arange(20_000) + random.normal(0.0, 1e-3, 20_000)
-    variance, quantum, found = 0.0, math.inf, []
+    white, found = begun(), []
     for a, b, c in zip(readings, readings[1:], readings[2:]):
-        variance, quantum = follow_noise(
-            variance, quantum, (0, c, b, a, 10**6, 10**6), c - b, b - a
-        )
-        found.append(variance)
+        follow_noise(white, c, c - b, b - a, 10**6, 10**6)
+        found.append(white.variance)
     assert np.mean(found) == pytest.approx(1e-6, rel=0.05)
-    counts = np.floor(13.27 * np.arange(200)) * 1.5e-3
-    quantum = math.inf
+    counts, counter = np.floor(13.27 * np.arange(200)) * 1.5e-3, begun()
     for a, b, c in zip(counts, counts[1:], counts[2:]):
-        variance, quantum = follow_noise(
-            variance, quantum, (0, c, b, a, 10**6, 10**6), c - b, b - a
-        )
-    assert quantum == pytest.approx(1.5e-3)
+        follow_noise(counter, c, c - b, b - a, 10**6, 10**6)
+    assert counter.quantum == pytest.approx(1.5e-3)
 
 
 def test_the_rounding_of_float32_is_no_quantum():
     """Half of it is 2^-25 of a reading; steps of a few of these are noise, larger ones count."""
     for move, quantum in ((1.5e-7, math.inf), (3e-7, 3e-7)):
-        sample = (0, 1.0 + move, 1.0, 1.0, 10**6, 10**6)
-        assert follow_noise(0.0, math.inf, sample, move, 0.0)[1] == quantum
+        calibration = begun()
+        follow_noise(calibration, 1.0 + move, move, 0.0, 10**6, 10**6)
+        assert calibration.quantum == quantum
 
 
 def test_the_spacing_grows_at_rest_and_shrinks_where_the_motion_shows():
@@ -224,8 +222,7 @@ def test_the_spacing_grows_at_rest_and_shrinks_where_the_motion_shows():
     spacings = []
     for stamp, angle in zip(stamps(count, DT).tolist(), read.tolist()):
         joint.update(stamp, angle)
-        *_, (_, (_, (_, spacing, *_), _)) = joint._track
-        spacings.append(spacing)
+        spacings.append(joint.channel.track.calibration.spacing_ns)
     assert spacings[3990] > 16 * SHORTEST
     assert spacings[-1] < 4 * SHORTEST
     assert max(spacings) <= LONGEST
@@ -241,8 +238,8 @@ def test_a_vibration_is_found_that_looks_like_noise_at_a_long_spacing(name):
     velocity = np.cos(2.0 * time) + 0.01 * w * np.cos(w * time)
     samples = Samples(stamps(count, 1 / 300.0), np.round(position / 3e-3) * 3e-3, velocity)
     joint = make(name, {})
-    out = joint.run(samples.stamps, samples.angle, fast=False)
-    alone = uncalibrated(joint, samples, fast=False)
+    out = joint.run(samples.stamps, samples.angle)
+    alone = uncalibrated(joint, samples)
     assert covered(alone, alone.velocity_stddev, velocity) < 0.4
     assert covered(out, out.velocity_stddev, velocity) > 0.75
 
@@ -254,29 +251,25 @@ def test_instants_far_apart_give_no_derivative():
     read = wrapped(3.0 * at + 0.5 * np.sin(2.0 * at) + random.normal(0.0, 1e-3, len(at)))
     joint = make('kalman', {})
     samples = Samples(10**9 + np.rint(at * 1e9).astype(np.int64), read, np.zeros(len(at)))
-    out = joint.run(samples.stamps, read, fast=False)
-    alone = uncalibrated(joint, samples, fast=False)
+    out = joint.run(samples.stamps, read)
+    alone = uncalibrated(joint, samples)
     assert np.mean(out.velocity_stddev[200:] / alone.velocity_stddev[200:]) < 1.2
 
 
 def test_measurements_that_are_not_one_angle_are_not_calibrated():
-    functions = make('hybrid_angle', {}).functions
-    track = make_track(functions, None)
-    state, design = track.blank(functions.design()), functions.design()
-    samples = moving(fast_sine, 2000)
-    allowed = (10**8, 10**8, 10**9, math.inf)
-    for stamp, angle in zip(samples.stamps.tolist(), samples.angle.tolist()):
-        state, _ = track.advance(state, design, allowed, stamp, angle, 0.0)
-    *_, (_, (scale, _, _)) = state
-    assert scale == 1.0
+    joint, samples = plain('hybrid_angle'), moving(fast_sine, 2000)
+    joint.module = ModuleType('not_one_angle')
+    vars(joint.module).update({**vars(observer), 'SINGLE_ANGLE': False})
+    joint.run(samples.stamps, samples.angle)
+    assert joint.used == 2000 and joint.channel.track.calibration.scale == 1.0
 
 
 @pytest.mark.parametrize('name, least', [('bursts 1000/12', 0.86), ('gaps .25 const 1000/12', 0.9)])
 def test_bursts_and_gaps_are_covered(name, least):
     samples = sampled(name, HARD[name])
     joint = make('hybrid_angle', {})
-    out = joint.run(samples.stamps, samples.angle, fast=False)
-    alone = uncalibrated(joint, samples, fast=False)
+    out = joint.run(samples.stamps, samples.angle)
+    alone = uncalibrated(joint, samples)
     assert covered(out, out.velocity_stddev, samples.velocity) > least
     assert covered(alone, alone.velocity_stddev, samples.velocity) < least - 0.05
     column = Column(f'own {name}', '', samples, TURN / HARD[name].counts, skip=0.0)

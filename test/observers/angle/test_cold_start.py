@@ -4,15 +4,16 @@
 """Starts and returns: from any angle, at any speed up to half a turn per sample, honestly told."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.observers.angle.core import _make_relock
+from estimator_pkg.observers.angle.hybrid import observer
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
+from estimator_pkg.observers.angle.shared import relock
+from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
 
 DT = 0.01
@@ -39,13 +40,13 @@ def wrapped(angle):
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def run(angle, dt=DT, quantum=QUANTUM, fast=False, **gains):
+def run(angle, dt=DT, quantum=QUANTUM, **gains):
     """Estimates from this true angle [rad], quantised and wrapped."""
     if quantum:
         angle = np.floor(angle / quantum) * quantum
     joint = Joint(OBSERVER, OBSERVER.gains(quantum=quantum, **gains), JointSettings())
     stamps = 10**18 + np.rint(np.arange(len(angle)) * dt * 1e9).astype(np.int64)
-    return joint.run(stamps, wrapped(angle), fast=fast)
+    return joint.run(stamps, wrapped(angle))
 
 
 def longest(flags):
@@ -68,11 +69,10 @@ def longest(flags):
 )
 def test_locks_from_every_angle_and_says_so(form, speed):
     count = round((WITHIN + 0.5) / DT)
-    fast = form == 'default'  # other tests compile this loop, too
     failed = []
     for sign, start in zip(12 * (1.0, -1.0), ANGLES[::3]):
         truth = sign * speed
-        out = run(start + truth * DT * np.arange(count), fast=fast, **DEFAULTS[form])
+        out = run(start + truth * DT * np.arange(count), **DEFAULTS[form])
         wrong = np.abs(out.velocity - truth) > 0.1 * speed
         right_from = int(np.max(np.nonzero(wrong)[0], initial=-1)) + 1
         tracking = out.status == TRACKING
@@ -204,13 +204,10 @@ def test_beyond_half_a_turn_per_sample_a_start_can_only_find_the_alias():
 @pytest.mark.parametrize('speed, lost', [(1.0 + 6.2 / DT, False), (1.0 + 6.4 / DT, True)])
 def test_a_speed_in_doubt_is_lost_a_turn_per_sample_from_the_last_trusted_one(speed, lost):
     """Any speed that much larger fits the samples as well, and may be a runaway."""
-    core = SimpleNamespace(
-        init=lambda measurement, design: ('again', measurement),
-        estimate=lambda inner: (0.0, inner, math.nan),
-        restarts=True,
-    )
-    relock = _make_relock(core, 2.0 * math.pi)
-    design = SimpleNamespace(core=None, settle=1.0, lost_after=0.5)
-    lock = (COASTING, 0.0, 0.1, 1.0)
-    inner, (status, *_) = relock(lock, 1.0, speed, 2.0, 0.1 * DT, DT, design, 3.0)
-    assert (inner, status) == ((('again', 3.0), INITIALISING) if lost else (speed, COASTING))
+    design, state = observer.design(OBSERVER.gains(), Circle()), observer.State.of(observer)()
+    observer.start(observer, state, design, 0.0)
+    state.lock.status, state.lock.astray, state.lock.trusted = COASTING, 0.1, 1.0
+    state.core.velocity = speed
+    relock(observer, state, design, 3.0, 1.0, 2.0, 0.1 * DT, DT)
+    assert state.lock.status == (INITIALISING if lost else COASTING)
+    assert (state.core.velocity, state.core.last) == ((0.0, 3.0) if lost else (speed, 0.0))

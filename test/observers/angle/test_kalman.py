@@ -4,26 +4,52 @@
 """The Kalman filter: against a textbook one, from the first samples, for hours, at any noise."""
 
 import math
+import shutil
+import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_build import build
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from observer_cases import make, stamps, wrapped
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 from test_frequency_response import transition
 
-from estimator_pkg.driver.compiled import compiled
-from estimator_pkg.observers.angle.kalman import noise_gains_2, noise_gains_3
+import estimator_pkg
+from estimator_pkg.engine.calls import Memory
+from estimator_pkg.observers.angle.kalman import Coefficients, Core, Design, noise_gains
 from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.maths import covariance
-from estimator_pkg.observers.maths.covariance import steady_gains_2, step_2, step_3
-from estimator_pkg.observers.maths.scatter import FINEST, begin_scatter, follow_scatter
+from estimator_pkg.observers.maths.covariance import Covariance, steady_gains_2
+from estimator_pkg.sensor.scatter import FINEST, Scatter, begin_scatter, follow_scatter
 
 DT = 1e-3
 MODELS = {2: {'model': 'constant_velocity'}, 3: {}}
 DENSITY = {2: 'acceleration_psd', 3: 'jerk_psd'}
 orders = pytest.mark.parametrize('order', [2, 3])
+ENTRIES = {2: ('p00', 'p01', 'p11'), 3: ('p00', 'p01', 'p02', 'p11', 'p12', 'p22')}
+UPDATE = {2: covariance.update_2, 3: covariance.update_3}
+
+
+def upper(p, order):
+    """The upper triangle of P or Q."""
+    return [getattr(p, name) for name in ENTRIES[order]]
+
+
+def of_line(order, dt):
+    """P after two samples."""
+    p = Covariance()
+    (covariance.set_line_2 if order == 2 else covariance.set_line_3)(p, dt)
+    return p
+
+
+def of_noise(order, density, dt):
+    """Q."""
+    q = Covariance()
+    (covariance.set_noise_2 if order == 2 else covariance.set_noise_3)(q, density, dt)
+    return q
 
 
 def process_noise(order, dt):
@@ -74,7 +100,7 @@ def test_equals_a_textbook_filter_with_jittered_stamps(order):
 
 @orders
 def test_process_noise_is_the_integral(order):
-    ours = (covariance.of_noise_2 if order == 2 else covariance.of_noise_3)(7.0, 0.013)
+    ours = upper(of_noise(order, 7.0, 0.013), order)
     rows, columns = np.triu_indices(order)
     np.testing.assert_allclose(ours, 7.0 * process_noise(order, 0.013)[rows, columns], rtol=1e-12)
 
@@ -106,29 +132,36 @@ def test_after_a_gap_the_kept_speed_tells_the_turn(order):
         assert joint.estimate()[1] == pytest.approx(400.0, rel=1e-3)
 
 
-def many(step):
-    def loop(p, dt, added, count):
-        gain = 0.0
-        for _ in range(count):
-            after = step(p, dt, 1.0, added)  # P, gains, 1/S
-            p, gain = after[0], 1.0 - after[-1]
-        return p, gain
+MANY = """
+    from estimator_pkg.observers.maths.covariance import Covariance, update_2, update_3
 
-    return compiled(loop)
+    def many_2(p: Covariance, q: Covariance, dt: float, count: int) -> float:
+        of_s = 0.0
+        for _ in range(count):
+            K1, of_s = update_2(p, q, dt, 1.0)
+        return 1.0 - of_s
+
+    def many_3(p: Covariance, q: Covariance, dt: float, count: int) -> float:
+        of_s = 0.0
+        for _ in range(count):
+            K1, K2, of_s = update_3(p, q, dt, 1.0)
+        return 1.0 - of_s
+"""
 
 
 @pytest.mark.long
+@pytest.mark.skipif(shutil.which('gcc') is None, reason='needs gcc')
 @orders
-def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order):
-    step, of_noise, start = (
-        (step_2, covariance.of_noise_2, covariance.start_2)
-        if order == 2
-        else (step_3, covariance.of_noise_3, covariance.start_3)
-    )
-    loop, dt = many(step), 1e-4
+def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order, tmp_path):
+    (tmp_path / 'estimator_pkg').symlink_to(Path(estimator_pkg.__file__).parent)
+    (tmp_path / 'updates.py').write_text(textwrap.dedent(MANY))
+    _, library = build(tmp_path, ('updates', f'many_{order}', {}, 'many'))
+    p, added, dt = Memory(Covariance), Memory(Covariance), 1e-4
     # per noise variance: slow, usual for an hour, nearly no filtering
     for density, count in ((1e3, 300_000), (1e9, 36_000_000), (1e15, 300_000)):
-        p, gain = loop(start(dt), dt, of_noise(density, dt), count)
+        of_line(order, dt).write(p.array[0])
+        of_noise(order, density, dt).write(added.array[0])
+        gain = library.many(p.pointer, added.pointer, dt, count)
         f = transition(order, 1.0)
         q = process_noise(order, 1.0) * density * dt ** (2 * order - 1)
         c = np.eye(order)[:1]
@@ -136,7 +169,8 @@ def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order):
         after = prior - np.outer(prior[0], prior[0]) / (prior[0, 0] + 1.0)
         rows, columns = np.triu_indices(order)
         scale = dt ** -(rows + columns).astype(float)
-        np.testing.assert_allclose(p, after[rows, columns] * scale, rtol=2e-4)
+        found = upper(Covariance.read(p.array[0]), order)
+        np.testing.assert_allclose(found, after[rows, columns] * scale, rtol=2e-4)
         assert gain == pytest.approx(after[0, 0], rel=2e-4)
 
 
@@ -149,19 +183,14 @@ def test_an_hour_at_10_khz_ends_at_the_riccati_solution(order):
 )
 def test_covariance_stays_positive_whatever_the_sample_times(exponent, times, order):
     """Sample times from 1 us to 10 s in one run, process noise from none to all."""
-    step, of_noise, start = (
-        (step_2, covariance.of_noise_2, covariance.start_2)
-        if order == 2
-        else (step_3, covariance.of_noise_3, covariance.start_3)
-    )
-    p = start(10.0 ** times[0])
+    p = of_line(order, 10.0 ** times[0])
     for time in times[1:]:
         dt = 10.0**time
-        p, *_, left = step(p, dt, 1.0, of_noise(10.0**exponent, dt))
-        assert all(math.isfinite(value) for value in p)
-        assert 0.0 < left <= 1.0 and p[0] <= 1.0
+        *_, left = UPDATE[order](p, of_noise(order, 10.0**exponent, dt), dt, 1.0)
+        assert all(math.isfinite(value) for value in upper(p, order))
+        assert 0.0 < left <= 1.0 and p.p00 <= 1.0
         full = np.zeros((order, order))
-        full[np.triu_indices(order)] = p
+        full[np.triu_indices(order)] = upper(p, order)
         full += np.triu(full, 1).T
         deviations = np.sqrt(np.diag(full))
         assert np.linalg.eigvalsh(full / np.outer(deviations, deviations))[0] > -1e-6
@@ -199,11 +228,18 @@ def test_readings_without_noise_leave_the_filter_stable(order, rate, noise):
 @given(st.floats(-2.0, 8.0))
 def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
     density, dt = 10.0**exponent, 0.02
-    p = covariance.start_2(dt)
-    added = covariance.of_noise_2(density, dt)
+    p, q = of_line(2, dt), of_noise(2, density, dt)
     for _ in range(2_000):
-        p, _, _ = step_2(p, dt, 1.0, added)
-    assert steady_gains_2(density, dt) == pytest.approx((p[0], p[1] * dt), rel=1e-9)
+        covariance.update_2(p, q, dt, 1.0)
+    assert steady_gains_2(density, dt) == pytest.approx((p.p00, p.p01 * dt), rel=1e-9)
+
+
+def noise_gains_of(order, *gains):
+    """Those of a filter with these gains at DT, after its second sample."""
+    core, coefficients, design = Core(), Coefficients(), Design()
+    core.started, coefficients.dt, design.order = True, DT, order
+    core.p.p00, core.p.p01, core.p.p02 = gains
+    return noise_gains(core, coefficients, design)
 
 
 def test_noise_gains_of_any_stable_gains_solve_the_lyapunov_equation():
@@ -218,8 +254,7 @@ def test_noise_gains_of_any_stable_gains_solve_the_lyapunov_equation():
             continue
         stable += 1
         p = solve_discrete_lyapunov(kept, np.outer(gain, gain))
-        state = (0.0, 0.0, 0.0, (*gain.tolist(), 0.0, 0.0, 0.0), 1.0, None)
-        found = noise_gains_3(state, (DT, None, None, None))
+        found = noise_gains_of(3, *gain.tolist())
         expected = p[0, 0], p[1, 1], 1.0 + (f @ p @ f.T)[0, 0]
         assert found == pytest.approx(expected, rel=1e-6)
 
@@ -228,11 +263,12 @@ def test_noise_gains_of_any_stable_gains_solve_the_lyapunov_equation():
 
 
 def estimated(measured, dt=DT, at=None):
-    scatter = begin_scatter(float(measured[0]))
+    scatter = Scatter()
+    begin_scatter(scatter, float(measured[0]))
     for i, value in enumerate(measured[1:].tolist(), 1):
         passed = dt if at is None else (at[i] - at[i - 1]) * 1e-9
-        scatter = follow_scatter(scatter, value, passed, 2.0 * math.pi)
-    return math.sqrt(scatter[0])
+        follow_scatter(scatter, value, passed, 2.0 * math.pi)
+    return math.sqrt(scatter.variance)
 
 
 @pytest.mark.parametrize('noise', [1e-5, 1e-4, 1e-3, 1e-2])
@@ -246,20 +282,21 @@ def test_noise_is_seen_through_fast_motion(noise):
 def test_noise_gains_of_unstable_gains_are_those_after_the_third_sample():
     """A first sample time that is far too long leaves such gains for some samples."""
     for alpha, beta, gamma in ((1.0, 2.2, 0.5), (0.6, 3.3, 0.5), (0.3, 0.1, 0.9)):
-        gain = (alpha, beta / DT, gamma / DT**2, 0.0, 0.0, 0.0)
+        gain = alpha, beta / DT, gamma / DT**2
         expected = (alpha, pytest.approx((2.0 - 6.0 * beta * (1.0 - beta)) / DT**2), 6.0)
-        assert noise_gains_3((0.0,) * 3 + (gain, 1.0, None), (DT, 0.0, 0.0, 0.0)) == expected
+        assert noise_gains_of(3, *gain) == expected
         if gamma == 0.5:
-            assert noise_gains_2((0.0,) * 2 + (gain[:3], 1.0, None), (DT,) + (0.0,) * 3) == expected
+            assert noise_gains_of(2, *gain) == expected
 
 
 def test_noise_is_seen_only_where_sample_times_differ_little():
     """Each second one is longer: 1.9 times as long is used, 2.1 times as long is not."""
     for longer, used in ((1.9, True), (2.1, False)):
-        scatter = begin_scatter(0.0)
+        scatter = Scatter()
+        begin_scatter(scatter, 0.0)
         for k, value in enumerate(np.random.default_rng(3).normal(0.0, 1e-3, 500).tolist()):
-            scatter = follow_scatter(scatter, value, DT * (longer if k % 2 else 1.0), 6.3)
-        assert (scatter[1] > 100.0) == used
+            follow_scatter(scatter, value, DT * (longer if k % 2 else 1.0), 6.3)
+        assert (scatter.count > 100.0) == used
 
 
 @pytest.mark.parametrize('speed', [0.02, 0.3, 3.0, 30.0])

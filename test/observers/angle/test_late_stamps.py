@@ -5,13 +5,16 @@
 
 import math
 from itertools import cycle
+from types import ModuleType
 
 import numpy as np
 import pytest
-from observer_cases import angle_observers, make, stamps
+from observer_cases import angle_observers, make, plain, stamps
 
-from estimator_pkg.driver import track
-from estimator_pkg.observers.angle.late_stamps import make_retake
+from estimator_pkg.driver import channel
+from estimator_pkg.record import record
+from estimator_pkg.sensor import clock
+from estimator_pkg.sensor.late_stamps import Stamps, retake
 
 QUANTUM, RATE, WAY, FREQUENCY = 3.8e-4, 667.0, 4.0, 2.0 * math.pi * 0.8
 EVERY, DELAYS = 500, (1e-3, 2e-3, 4e-3)  # samples; s
@@ -64,13 +67,13 @@ def speed(t):
     return WAY * FREQUENCY * np.cos(FREQUENCY * t)
 
 
-def run(case, t, late, quantum=None, fast=None):
+def run(case, t, late, quantum=None):
     name, gains = case
     reading = np.floor(WAY * np.sin(FREQUENCY * t) / QUANTUM) * QUANTUM
     reading = (reading + math.pi) % (2.0 * math.pi) - math.pi
     gains = gains if quantum is None else {**gains, 'quantum': quantum}
     at = stamps(1)[0] + np.rint(late * 1e9).astype(np.int64)
-    return make(name, gains).run(at, reading, fast=fast)
+    return make(name, gains).run(at, reading)
 
 
 def errors(out, t, late):
@@ -128,14 +131,11 @@ def test_true_sample_times_are_believed(case):
     assert np.max(rest) < 8.0 * 0.02
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('case', [case for case in CASES if not case[1]], ids=label)
-def test_compiled_code_finds_the_same(case):
-    t = np.arange(int(2.0 * RATE)) / RATE
-    late = delayed(t, True, DELAYS[-1:])
-    plain, fast = (run(case, t, late, fast=fast) for fast in (False, True))
-    np.testing.assert_array_equal(plain.velocity, fast.velocity)
-    np.testing.assert_allclose(plain.velocity_stddev, fast.velocity_stddev, rtol=1e-12)
+@record
+class Value:
+    """One number: a core that is what its last reading left, and coefficients."""
+
+    dt: float
 
 
 @pytest.mark.parametrize('paces, left, taken', [(2.0, 9.0, 2.0), (2.0, 8.0, 1.0), (1.6, 9.0, 1.0)])
@@ -143,16 +143,21 @@ def test_a_reading_after_a_whole_number_of_paces_is_rather_lost_samples_than_lat
     paces, left, taken
 ):
     """The mean sample time has to leave less than a twelfth of the innovation, not a fourth."""
-    pace, innovation = 1e-3, 100.0
-    retake = make_retake(
-        lambda design, dt: (None, dt), lambda state, of_core, measurement: ('evenly', left)
-    )
-    clock = (pace, 0.0, 0.0, None)
-    after, _, (_, dt), _ = retake(
-        clock, 1.0, None, None, 0.0, 'as stamped', innovation, (None, paces * pace)
-    )
+    observer = ModuleType('observer')
+    observer.Core = observer.Coefficients = Value
+    observer.prepare = lambda coefficients, design, dt: setattr(coefficients, 'dt', dt)
+
+    def correct(core, coefficients, design, measurement):
+        core.dt = coefficients.dt
+        return left
+
+    observer.correct = correct
+    pace, core, stamped, now = 1e-3, Value(), Stamps.of(observer)(), Value()
+    stamped.mean_dt, now.dt = pace, paces * pace
+    core.dt = math.inf  # as stamped
+    found, dt = retake(observer, core, stamped, 1.0, now, None, 0.0, 100.0)
     assert dt == pytest.approx(taken * pace)
-    assert after == ('evenly' if taken == 1.0 else 'as stamped')
+    assert (found, core.dt) == ((left, pace) if taken == 1.0 else (100.0, math.inf))
 
 
 if __name__ == '__main__':
@@ -202,9 +207,9 @@ def test_samples_at_random_times_did_not_wait(name, monkeypatch):
     angle = np.sin(6.0 * t) + random.normal(0.0, 1e-3, len(t))
     at = stamps(1)[0] + np.rint(t * 1e9).astype(np.int64)
     errors_of = []
-    for queued_below in (track.QUEUED, 0.0):
-        monkeypatch.setattr(track, 'QUEUED', queued_below)
-        joint = make(name, {})
+    for queued_below in (clock.QUEUED, 0.0):
+        monkeypatch.setattr(channel, 'QUEUED', queued_below)
+        joint = plain(name, {})
         found = joint.run(at, angle)
         assert 'bursts' not in joint.why()
         errors_of.append(np.sqrt(np.mean((found.velocity - 6.0 * np.cos(6.0 * t))[400:] ** 2)))

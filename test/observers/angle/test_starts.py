@@ -11,8 +11,7 @@ import pytest
 from observer_cases import label, make, stamps, tunable_variants, variants, wrapped
 from sigma_starts import MOTIONS, Case, measure, readings_of_error, stream
 
-from estimator_pkg.driver.track import newest
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.observers.contract import TRACKING, Deviation
 
 QUANTUM = 2.0 * math.pi / 4096.0
 NOISES = (0.0, 0.5)
@@ -110,11 +109,11 @@ def test_the_scale_does_not_widen_what_a_start_covers_itself(name):
     joint = make(name)
     for stamp, angle in zip(at[: begins + 4].tolist(), read[: begins + 4].tolist()):
         joint.update(stamp, angle)
-    _, coefficients, state = newest(joint._track)
-    functions = joint.functions
-    _, alone = functions.scaled_stddev(state, coefficients, functions.design(), 1.0)
-    _, scaled = functions.scaled_stddev(state, coefficients, functions.design(), 5.0)
-    assert alone < scaled < 1.1 * alone
+    module, track = joint.module, joint.channel.track
+    alone, scaled = Deviation(), Deviation()
+    for out, scale in ((alone, 1.0), (scaled, 5.0)):
+        module.deviation(module, out, track.state, track.coefficients, joint.design, scale)
+    assert alone.velocity < scaled.velocity < 1.1 * alone.velocity
 
 
 AT_ONCE = ('steps at once', 'trapezoid at once', 'constant', 'sine', 'chirp', 'figure_4')
@@ -129,9 +128,7 @@ def test_edge_adaptive_covers_a_start_out_of_noise(motion):
     ):
         case = Case(motion, rate, bits, 0.5, known, seed=seed)
         at, read, velocity, begins = stream(case)
-        out = make('edge_adaptive', {'quantum': case.quantum} if known else {}).run(
-            at, read, fast=True
-        )
+        out = make('edge_adaptive', {'quantum': case.quantum} if known else {}).run(at, read)
         still = wrapped(read - read[begins - 1])
         off = np.abs(still - np.mean(still[:begins]))
         outside = 4.0 * math.hypot(case.noise, math.sqrt(1.0 / 12.0)) * case.quantum
@@ -198,7 +195,7 @@ def test_a_rest_at_the_wrap_is_a_rest(name):
     read = angle + np.random.default_rng(1).normal(0.0, 1e-3, len(time))
     deviations = []
     for middle in (0.0, math.pi):
-        out = make(name).run(stamps(len(time)), wrapped(read + middle), fast=False)
+        out = make(name).run(stamps(len(time)), wrapped(read + middle))
         deviations.append(out.velocity_stddev[3:])
     np.testing.assert_allclose(*deviations, rtol=1e-9)
 

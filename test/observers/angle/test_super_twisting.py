@@ -16,7 +16,13 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.super_twisting import gains as tables
 from estimator_pkg.observers.angle.super_twisting import observer as super_twisting
-from estimator_pkg.observers.angle.super_twisting.observer import OBSERVER, Gains
+from estimator_pkg.observers.angle.super_twisting.observer import (
+    OBSERVER,
+    Chain,
+    Coefficients,
+    Core,
+    Gains,
+)
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.maths.twisting import implicit_step, injections
@@ -40,25 +46,24 @@ def predictions(form, order, dt, measured, bound=None):
     (The implicit form is judged after the sample, as its table is.)
     """
     gains = Gains(order=order, form=form, bound=bound or BOUND[order])
-    functions = OBSERVER.build(gains, Circle(0.0))
-    design = functions.design().core
-    correct = super_twisting.correction(form, order)
-    step = super_twisting.euler if form == 'explicit' else super_twisting.taylor
-
-    def run(first, coefficients, dt, measured, v, a):
-        state = first
-        for k in range(len(measured)):
-            _, v[k], a[k], _ = step(state[:4], dt)
-            state = correct(state, coefficients, measured[k])[0]
-            if implicit:
-                v[k], a[k] = state[1], state[2]
-
-    implicit = form == 'implicit'
-    v, a = [0.0] * len(measured), [0.0] * len(measured)
+    design, coefficients = super_twisting.design(gains, Circle(0.0)), Coefficients()
+    super_twisting.prepare(coefficients, design, dt)
     # one step before the first sample, at rest on it, so that the prediction is the start itself
-    first = (float(measured[0]), 0.0, 0.0, 0.0, 0.0, 1.0, (1.0, 1.0, 1.0), 0.0)
-    run(first, super_twisting.prepare(design, dt), dt, np.asarray(measured).tolist(), v, a)
-    return np.array(v), np.array(a)
+    core, before = Core(), Chain()
+    core.chain.x, core.ticks = float(measured[0]), 1
+    v, a = np.zeros((2, len(measured)))
+    for k, reading in enumerate(np.asarray(measured).tolist()):
+        before.take(core.chain)
+        super_twisting.correct(core, coefficients, design, reading)
+        if form == 'implicit':
+            v[k], a[k] = core.chain.v, core.chain.a
+        else:
+            if form != 'explicit':
+                super_twisting.advance(before, dt)
+            else:
+                before.v, before.a = before.v + dt * before.a, before.a + dt * before.j
+            v[k], a[k] = before.v, before.a
+    return v, a
 
 
 VECTORS = [  # form, order, values of z1 after samples 1, 2, 3, 10, 100, 1000
@@ -193,7 +198,7 @@ def test_bound_set_wrong(bound, exact, quantised):
 def test_cold_start_on_a_wrapped_angle_locks(form, order):
     if form == 'implicit' and order != 1:
         with pytest.raises(UsageError, match='order 1 only'):
-            OBSERVER.build(Gains(order=order, form=form), Circle())
+            super_twisting.design(Gains(order=order, form=form), Circle())
         return
     bound = {1: 500.0, 2: 5000.0, 3: 1e5}[order]
     joint = Joint(
@@ -229,12 +234,12 @@ def test_noise_gain_is_that_of_the_equivalent_linear_filter():
 @pytest.mark.parametrize('form', ['taylor', 'explicit'])
 def test_an_explicit_form_is_refused_where_it_chatters_over_much_of_a_turn(form):
     """L dt^3 = 5 rad at 10 Hz: it estimated hundreds of rad/s, and at times said tracking."""
-    limits = joint_of('super_twisting', {'form': form}).functions.limits
+    limits = joint_of('super_twisting', {'form': form}).limit
     assert re.search(r"'matching' does not chatter", limits(0.1))
     assert limits(0.05) is None and limits(0.06) is not None
-    assert joint_of('super_twisting', {'form': form, 'bound': 1.0}).functions.limits(0.1) is None
-    assert joint_of('super_twisting', {}).functions.limits(10.0) is None
-    assert joint_of('super_twisting', {'form': form}, wrap_period=0.0).functions.limits(0.1) is None
+    assert joint_of('super_twisting', {'form': form, 'bound': 1.0}).limit(0.1) is None
+    assert joint_of('super_twisting', {}).limit(10.0) is None
+    assert joint_of('super_twisting', {'form': form}, wrap_period=0.0).limit(0.1) is None
 
 
 @pytest.mark.parametrize('bound', [3.0, 300.0, 1e5])
@@ -263,9 +268,7 @@ def test_interval_covers_after_a_large_transient(outlier):
     time = np.arange(count) * 1e-3
     read = np.sin(math.pi * time) + np.random.default_rng(1).normal(0.0, quantum, count)
     read[1000::500] += outlier
-    out = joint_of('super_twisting').run(
-        stamps(count), wrapped(np.rint(read / quantum) * quantum), fast=False
-    )
+    out = joint_of('super_twisting').run(stamps(count), wrapped(np.rint(read / quantum) * quantum))
     number = np.arange(count)
     later = (number > 1000) & ((number - 1000) % 500 > 150)
     error = np.abs(out.velocity - math.pi * np.cos(math.pi * time))[later]
@@ -273,15 +276,12 @@ def test_interval_covers_after_a_large_transient(outlier):
 
 
 def test_beyond_the_table_the_noise_gains_are_those_of_its_end():
-    design = OBSERVER.build(Gains(order=3), Circle(0.0)).design().core
-    coefficients = super_twisting.prepare(design, 1e-3)
+    design, dt = super_twisting.design(Gains(order=3), Circle(0.0)), 1e-3
 
     def at(place):
         """The gains at this place of the table: the speed of the error dynamics in samples."""
         speed = 10.0 ** (tables.TABLE_FROM + tables.TABLE_STEP * place)
-        power = (coefficients[-1] / speed) ** 8
-        assert tables.equivalent(power, coefficients) == pytest.approx(speed)
-        return tables.noise_gains_tabled(power, coefficients)
+        return tables.noise_gains_at((dt * design.scale / speed) ** 8, dt, design)
 
     last = tables.TABLE - 1
     assert at(-0.5) == at(-5.0) == pytest.approx(at(1e-6), rel=1e-4)
@@ -290,7 +290,8 @@ def test_beyond_the_table_the_noise_gains_are_those_of_its_end():
         for here, below, above in zip(at(inside), at(inside - 0.5), at(inside + 0.4999)):
             assert min(below, above) <= here <= max(below, above)
         # as the filter of that speed has them
-        k = tables.matched_3(10.0 ** (tables.TABLE_FROM + tables.TABLE_STEP * inside), design.roots)
+        s = 10.0 ** (tables.TABLE_FROM + tables.TABLE_STEP * inside)
+        k = tables.matched(3, s, design.roots)
         assert at(inside)[0] == pytest.approx(_position_variance(k), rel=2e-2)
 
 

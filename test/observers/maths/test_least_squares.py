@@ -12,20 +12,24 @@ from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.contract import TRACKING
-from estimator_pkg.observers.maths.least_squares import LEAST_KEPT, kept, make_update
+from estimator_pkg.observers.maths.least_squares import LEAST_KEPT, kept, update
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.parameters import build
 
-MOST = ((1e6, 0.0), (0.0, 1e6))
+MOST = [1e6, 1e6]
+
+
+def begun():
+    return [0.0, 0.0], [[1e6, 0.0], [0.0, 1e6]]
 
 
 def test_it_is_the_weighted_fit():
     random = np.random.default_rng(1)
     rows, forget = random.normal(size=(60, 2)), 0.9
     targets = rows @ [2.0, -3.0] + random.normal(0.0, 0.1, 60)
-    update, theta, p = make_update(2), (0.0, 0.0), MOST
+    theta, p = begun()
     for row, target in zip(rows.tolist(), targets.tolist()):
-        theta, p, _ = update(theta, p, tuple(row), target - float(np.dot(row, theta)), forget, MOST)
+        update(theta, p, row, target - float(np.dot(row, theta)), forget, MOST)
     weights = forget ** np.arange(59, -1, -1.0)
     information = rows.T @ (weights[:, None] * rows)
     np.testing.assert_allclose(
@@ -36,24 +40,24 @@ def test_it_is_the_weighted_fit():
 
 @pytest.mark.parametrize('row', [(0.0, 0.0), (1.0, 0.0), (1.0, 1e-9), (1e6, 1e6)])
 def test_what_no_sample_shows_is_forgotten_no_further_than_the_start(row):
-    update, theta, p = make_update(2), (0.0, 0.0), MOST
+    theta, p = begun()
     for _ in range(20_000):
-        theta, p, _ = update(theta, p, row, 1.0 - row[0] * theta[0] - row[1] * theta[1], 0.9, MOST)
-    assert 0.0 < p[0][0] <= 1.001 * MOST[0][0] and 0.0 < p[1][1] <= 1.001 * MOST[1][1]
+        update(theta, p, row, 1.0 - row[0] * theta[0] - row[1] * theta[1], 0.9, MOST)
+    assert 0.0 < p[0][0] <= 1.001 * MOST[0] and 0.0 < p[1][1] <= 1.001 * MOST[1]
     assert all(map(math.isfinite, theta))
     random = np.random.default_rng(2)  # and it can still learn
     for new in random.normal(size=(300, 2)).tolist():
         error = float(np.dot(new, (2.0, -3.0))) - float(np.dot(new, theta))
-        theta, p, _ = update(theta, p, tuple(new), error, 0.9, MOST)
+        update(theta, p, new, error, 0.9, MOST)
     assert theta == pytest.approx((2.0, -3.0), abs=1e-6)
 
 
 def test_what_samples_show_is_forgotten_though_another_parameter_is_not():
     """The second never moves; the first changes, and is followed within its memory."""
-    update, theta, p = make_update(2), (0.0, 0.0), MOST
+    theta, p = begun()
     for k in range(2000):
         target = 5.0 if k < 1900 else -5.0
-        theta, p, _ = update(theta, p, (1.0, 0.0), target - theta[0], 0.9, MOST)
+        update(theta, p, [1.0, 0.0], target - theta[0], 0.9, MOST)
     assert theta[0] == pytest.approx(-5.0, abs=10.0 * 0.9**100 + 1e-6)
 
 

@@ -10,7 +10,6 @@ import pytest
 from mechanism_runs import FAST, driven, made, motion
 
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.models import check
 from estimator_pkg.models.load import load
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
 from estimator_pkg.observers.mechanism.parameters import per_joint
@@ -25,10 +24,10 @@ def test_a_list_of_another_length_is_refused_with_the_right_one():
 
 
 def test_gamma_follows_from_k_at_the_operating_point():
-    functions = made('geso', model='robotic_leg', L=[1.2, 2.0, 2.0], K=[3.9, 2.5, 1.3])
-    K = np.array(functions.describe(1e-3)['K'])
+    plan = made('geso', model='robotic_leg', L=[1.2, 2.0, 2.0], K=[3.9, 2.5, 1.3])
+    K = np.array(plan.describe(1e-3)['K'])
     np.testing.assert_allclose(K, np.diag([3.9, 2.5, 1.3]), atol=1e-12)
-    other = functions.describe(1e-3)
+    other = plan.describe(1e-3)
     assert other['slowest_pole_over_range'] > 0.0
     assert other['noise_figure'][0] == pytest.approx(3.9**2 / 2.4)
     assert other['dt_K_below_L']
@@ -88,7 +87,7 @@ def test_guaranteed_rate_holds_and_the_printed_one_does_not():
     angles = np.linspace(-math.pi, math.pi, 61)
 
     def calm(angle):
-        return check.factors(mechanics, np.array([angle, 0.0]))[0]
+        return mechanics.factors((angle, 0.0))[0]
 
     rates = [speed * (calm(a + step) - calm(a - step)) / (2.0 * step) for a in angles]
     sizes = np.array([np.linalg.svd(calm(a), compute_uv=False) for a in angles])
@@ -123,14 +122,14 @@ def test_an_unknown_constant_force_is_found():
     )
     error = {}
     for hertz in (0.0, 2.0):
-        functions = made(
+        plan = made(
             'geso',
             model='single_joint',
             model_parameters=['inertia=0.1', 'damping=0.5'],
             bandwidth_hz=5.0,
             disturbance_hz=hertz,
         )
-        velocities, _, _ = driven(functions, dt, count, positions, [(0.0,)] * count)
+        velocities, _, _ = driven(plan, dt, count, positions, [(0.0,)] * count)
         error[hertz] = abs(velocities[-1, 0] - truth[-1, 0])
     assert error[0.0] > 0.03
     assert error[2.0] < 0.01 * error[0.0]

@@ -7,9 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from mechanism_runs import NAMES, driven, made
+from mechanism_runs import NAMES, begun, driven, made, stepped
 
-from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.observers.mechanism import smo
 from estimator_pkg.observers.mechanism.noise import exponential
 
@@ -36,9 +35,9 @@ def test_smo_is_exact_below_its_bound_and_fails_beyond():
     dt, count = 1e-3, 3000
     time = dt * np.arange(count)
     for acceleration, good in ((5.0, True), (20.0, False)):
-        functions = made('smo', model='single_joint', mu=[10.0])
+        plan = made('smo', model='single_joint', mu=[10.0])
         readings = [(x,) for x in (0.5 * acceleration * np.minimum(time, 2.0) ** 2).tolist()]
-        velocities, _, _ = driven(functions, dt, 2000, readings, [(0.0,)] * count)
+        velocities, _, _ = driven(plan, dt, 2000, readings, [(0.0,)] * count)
         error = abs(velocities[-1, 0] - acceleration * time[1999])
         assert (error < 0.02 * acceleration) == good
 
@@ -52,12 +51,11 @@ def test_smo_is_exact_below_its_bound_and_fails_beyond():
 def test_stddev_is_the_scatter_of_the_estimate(name, form):
     dt, count, noise = 2e-3, 20000, (1e-3, 4e-4)
     own = {'mu': [3.0]} if name == 'smo' else {'bandwidth_hz': 8.0}
-    functions = made(name, model='cart_pendulum', form=form, model_parameters=['gravity=0'], **own)
+    plan = made(name, model='cart_pendulum', form=form, model_parameters=['gravity=0'], **own)
     random = np.random.default_rng(5)
     readings = [(0.6 + x, y) for x, y in (random.normal(size=(count, 2)) * noise).tolist()]
-    velocities, _, state = driven(functions, dt, count, readings)
-    design = functions.design()
-    reported = functions.stddev(state, functions.prepare(design, dt), design)[1]
+    velocities, _, state = driven(plan, dt, count, readings)
+    reported = plan.deviations(state, begun(plan, dt, readings[0])[1])[1]
     scatter = np.std(velocities[5000:], axis=0)
     np.testing.assert_allclose(reported, scatter, rtol=0.12)
 
@@ -68,15 +66,14 @@ def test_stddev_includes_what_the_model_gets_wrong(name, wrong):
     """An input with `wrong` times the effect of the model's: the deviation is that of the error."""
     dt, count, turning = 2e-3, 5000, 4.0
     own = {'mu': [3.0]} if name == 'smo' else {}  # too small for the acceleration that is missing
-    functions = made(name, model='single_joint', model_parameters=['inertia=1'], **own)
+    plan = made(name, model='single_joint', model_parameters=['inertia=1'], **own)
     time = dt * np.arange(count)
     noise = 1e-4 * np.random.default_rng(2).normal(size=count)
     readings = [(x,) for x in (-np.sin(turning * time) / turning + noise).tolist()]
     inputs = [(x,) for x in (wrong * turning * np.sin(turning * time)).tolist()]
-    velocities, _, state = driven(functions, dt, count, readings, inputs)
+    velocities, _, state = driven(plan, dt, count, readings, inputs)
     error = velocities[2500:, 0] + np.cos(turning * time[2501:])
-    design = functions.design()
-    reported = functions.stddev(state, functions.prepare(design, dt), design)[1][0]
+    reported = plan.deviations(state, begun(plan, dt, readings[0])[1])[1][0]
     assert 0.5 < reported / np.sqrt(np.mean(error**2)) < 2.0
 
 
@@ -92,30 +89,27 @@ def test_stddev_includes_what_the_model_gets_wrong(name, wrong):
     ],
     ids=('strong', 'one step', 'held', 'uniform', 'euler'),
 )
-@pytest.mark.skipif(not available(), reason='slow without numba')
 def test_stddev_of_sliding_modes_holds_from_weak_to_strong(values):
     """Chattering and noise: from a filter of the noise to a sliding mode met in every sample."""
     dt, count, noise = 2e-3, 20000, 1e-3
-    functions = made('smo', model='single_joint', **values)
+    plan = made('smo', model='single_joint', **values)
     readings = [(x,) for x in (noise * np.random.default_rng(3).normal(size=count)).tolist()]
-    design = functions.design()
-    coefficients, state = functions.prepare(design, dt), functions.init(readings[0], design)
-    step, velocities, positions = compiled(functions.step), [], []
+    state, coefficients = begun(plan, dt, readings[0])
+    velocities, positions = [], []
     for reading in readings[1:]:
-        state = step(state, coefficients, design, reading, (0.0,))
-        velocities.append(state[0][3][0])
-        positions.append(reading[0] + state[0][0][0])
-    reported = functions.stddev(state, coefficients, design)
+        stepped(plan, state, coefficients, reading, (0.0,))
+        velocities.append(state.core.v[0])
+        positions.append(reading[0] + state.core.e[0])
+    reported = plan.deviations(state, coefficients)
     assert reported[1][0] == pytest.approx(np.std(velocities[8000:]), rel=0.12)
     assert reported[0][0] == pytest.approx(np.std(positions[8000:]), rel=0.12)
 
 
 def test_noise_law():
     """var(vh) = s^2 dt K^2 / (2 L) where K dt << L << 1/dt."""
-    functions = made('hgo', model='single_joint', L=[20.0], K=[100.0], noise=[1e-3])
-    design, dt = functions.design(), 1e-4
-    state = functions.init((0.0,), design)
-    reported = functions.stddev(state, functions.prepare(design, dt), design)[1][0]
+    plan = made('hgo', model='single_joint', L=[20.0], K=[100.0], noise=[1e-3])
+    dt = 1e-4
+    reported = plan.deviations(*begun(plan, dt, (0.0,)))[1][0]
     assert reported == pytest.approx(1e-3 * math.sqrt(dt * 100.0**2 / 40.0), rel=0.01)
 
 
@@ -137,14 +131,12 @@ def test_exponential():
 )
 def test_deviations_are_numbers_or_say_that_nothing_holds(name, model, dt, values):
     """Variances of nearly nothing, and numbers beyond every float on the way to them."""
-    functions = made(name, model=model, **values)
-    design, random = functions.design(), np.random.default_rng(3)
-    coefficients, state = functions.prepare(design, dt), functions.init(functions.blank, design)
-    given = (0.0,) * max(1, functions.mechanics.inputs)
+    plan = made(name, model=model, **values)
+    random, blank = np.random.default_rng(3), np.array(plan.mechanics.centre)
+    state, coefficients = begun(plan, dt, blank)
+    given = (0.0,) * max(1, plan.mechanics.inputs)
     for _ in range(60):
-        reading = tuple(
-            (np.array(functions.blank) + random.normal(0.0, 1e-3, len(functions.blank))).tolist()
-        )
-        state = functions.step(state, coefficients, design, reading, given)
-        for deviations in functions.stddev(state, coefficients, design):
+        reading = blank + random.normal(0.0, 1e-3, len(blank))
+        stepped(plan, state, coefficients, reading.tolist(), given)
+        for deviations in plan.deviations(state, coefficients):
             assert all(each >= 0.0 for each in deviations)  # not nan

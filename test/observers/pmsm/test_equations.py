@@ -12,17 +12,14 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from estimator_pkg.observers.maths.clarke import clarke, phases
-from estimator_pkg.observers.pmsm.equations import (
-    emf,
-    flow,
-    flux_linkage,
-    reflect,
-    rotor_angle,
-    wants_reflection,
-)
-from estimator_pkg.observers.pmsm.identifier import credible, empty_registers, shift, solve
-from estimator_pkg.observers.pmsm.noise import prepare_noise
+from estimator_pkg.observers.pmsm import identifier
+from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.equations import emf, flux_linkage, reflect, rotor_angle
+from estimator_pkg.observers.pmsm.identifier import credible, shift, solve
+from estimator_pkg.observers.pmsm.noise import noise_gains
 from estimator_pkg.observers.pmsm.scheme import advance, exponential, prepare_scheme, turned_emf
+from estimator_pkg.observers.pmsm.state import Design, Registers, Scheme
+from sim_pkg.reproduce.pmsm.reference import core_of, flow, vectors_of
 
 R, L, FLUX = 0.06, 33.75e-6, 1.9e-3
 K_P, K_I, K_ETA, GAMMA = 2.18e4, 9.34e3, 95.7, 4582.0
@@ -39,18 +36,22 @@ def test_a_reset_mirrors_eta_and_leaves_the_static_frame_alone():
         chi = random.uniform(0.1, 9.0)
         i = complex(*random.normal(size=2))
         h = -1j * chi * z.conjugate() * rotor
-        new_i, new_h, new_z = reflect(i, h, z)
+        core = core_of(i, h, z)
+        y, reset = emf(core), reflect(core)
+        new_i, new_h, new_z = vectors_of(core)
         eta, new_eta = z.conjugate() * rotor, new_z.conjugate() * rotor
         if eta.real <= 0.0:
             assert abs(new_eta + eta.conjugate()) < 1e-12  # eta+ = -F eta
-            assert wants_reflection(h)
+            assert reset
         else:
-            assert (new_i, new_h, new_z) == (i, h, z)
+            assert not reset and (new_i, new_h, new_z) == (i, h, z)
         # the misprinted row (h+ = G_f i) would change these
         assert abs(new_z * new_i - z * i) < 1e-12
         assert abs(new_z * new_h - z * h) < 1e-12
-        assert abs(emf(new_h, new_z) - emf(h, z)) < 1e-12
-    assert reflect(1j, 0j, 1 + 0j) == (1j, 0j, 1 + 0j)
+        assert emf(core) == pytest.approx(y, abs=1e-12)
+        assert complex(*y) == pytest.approx(z * (1j * h), abs=1e-12)
+    nothing = core_of(1j, 0j, 1 + 0j)
+    assert reflect(nothing) and vectors_of(nothing) == (1j, 0j, 1 + 0j)
 
 
 def test_a_converged_observer_stands_still_in_its_frame():
@@ -82,6 +83,19 @@ def test_the_exponential_of_a_strongly_damped_system_does_not_overflow(k_p):
     slow = -3e4 * 9e3 / k_p * 0.01  # what is left: the slow pole
     assert ours[1, 1] == pytest.approx(math.exp(slow), rel=1e-3)
     assert np.all(np.isfinite(ours)) and abs(ours[0, 0]) < 1e-3
+
+
+def scheme_of(dt):
+    scheme = Scheme()
+    prepare_scheme(scheme, R, L, K_P, K_I, dt)
+    return scheme
+
+
+def sample_of(current, voltage):
+    sample = Sample()
+    sample.i_alpha, sample.i_beta = current.real, current.imag
+    sample.u_alpha, sample.u_beta = voltage.real, voltage.imag
+    return sample
 
 
 @pytest.fixture
@@ -131,19 +145,11 @@ def one_step_errors():
         ).y[:, -1]
         half = 0.5 * omega * dt
         mean = voltage(0.5 * dt) * math.sin(half) / half
-        ours = advance(
-            i,
-            h,
-            z,
-            x,
-            current(0.0),
-            current(dt),
-            mean,
-            prepare_scheme(R, L, K_P, K_I, dt),
-            K_ETA,
-            GAMMA,
-            0.0,
+        core = core_of(i, h, z, current(0.0))
+        x_after, _ = advance(
+            core, scheme_of(dt), sample_of(current(dt), mean), x, K_ETA, GAMMA, 0.0
         )
+        ours = *vectors_of(core), x_after
         return np.array(
             [
                 abs(ours[0] - complex(exact[0], exact[1])),
@@ -163,92 +169,100 @@ def test_scheme_x_solves_the_flow_to_second_order(one_step_errors):
 
 
 def test_a_runaway_frame_stays_finite():
-    scheme = prepare_scheme(R, L, K_P, K_I, 5e-4)
-    i, h, z, x = 0j, 5.0 + 5.0j, 1.0 + 0.0j, 2500.0
+    scheme = scheme_of(5e-4)
+    core, x = core_of(0j, 5.0 + 5.0j, 1.0 + 0.0j), 2500.0
     for k in range(5000):
-        before, now = 20.0 * unit(100.0 * k), 20.0 * unit(100.0 * (k + 1))
-        i, h, z, x, speed = advance(i, h, z, x, before, now, 5.0 + 0j, scheme, K_ETA, GAMMA, 0.0)
-    assert all(math.isfinite(abs(value)) for value in (i, h, z, x))
+        core.i_alpha, core.i_beta = 20.0 * unit(100.0 * k).real, 20.0 * unit(100.0 * k).imag
+        now = sample_of(20.0 * unit(100.0 * (k + 1)), 5.0 + 0j)
+        x, speed = advance(core, scheme, now, x, K_ETA, GAMMA, 0.0)
+    assert all(math.isfinite(abs(value)) for value in (*vectors_of(core), x))
 
 
 def test_the_integral_of_a_turning_emf_is_exact():
     for turn in (1e-7, 0.3, -2.5):
         before, omega = 3.0 * unit(20.0), turn / 1e-4
         now = before * cmath.exp(1j * turn)
-        area, turned = turned_emf(before, now, 1e-4)
+        *area, turned = turned_emf(before.real, before.imag, now.real, now.imag, 1e-4)
         assert turned == pytest.approx(turn, rel=1e-6)
-        assert abs(area - (now - before) / (1j * omega)) < 1e-9
-    assert turned_emf(0j, 0j, 1e-4) == (0j, 0.0)
+        assert abs(complex(*area) - (now - before) / (1j * omega)) < 1e-9
+    assert turned_emf(0.0, 0.0, 0.0, 0.0, 1e-4) == (0.0, 0.0, 0.0)
+
+
+def test_a_back_emf_that_begins_has_not_turned():
+    zero = emf(core_of(0j, 0j, 1.0 + 0j))  # without -0.0
+    assert turned_emf(*zero, 3.0, -2.0, 1e-4)[2] == 0.0
 
 
 def ticks(omega, period, count=5, noise=0.0, seed=1):
     """Registers after `count` ticks of exact data at constant speed."""
     random = np.random.default_rng(seed)
-    registers, chi = empty_registers(2), abs(omega) * FLUX
+    registers, chi = Registers(), abs(omega) * FLUX
     sign = 1.0 if omega > 0.0 else -1.0
     for k in range(count):
         y = sign * chi * cmath.exp(1j * omega * period * k)
         integral = (y - y * cmath.exp(-1j * omega * period)) / (1j * omega)
-        registers = shift(registers, y + complex(*random.normal(0.0, noise, 2)), chi, integral)
-    return registers, chi
+        y += complex(*random.normal(0.0, noise, 2))
+        shift(registers, 2, y.real, y.imag, chi, integral.real, integral.imag)
+    return registers
 
 
 @pytest.mark.parametrize('omega', [1000.0, -1000.0, 2513.27])
 def test_least_squares_finds_the_flux_and_the_sign(omega):
-    registers, chi = ticks(omega, 5e-3 if omega < 2000.0 else 4e-3)
-    assert solve(registers)[0] == pytest.approx(math.copysign(1.0 / FLUX, omega), rel=1e-9)
+    registers = ticks(omega, 5e-3 if omega < 2000.0 else 4e-3)
+    assert solve(registers, 2)[0] == pytest.approx(math.copysign(1.0 / FLUX, omega), rel=1e-9)
 
 
-GATES = {
-    'least_chord': 0.3,
-    'largest_rest': 0.25,
-    'lowest': 200.0,
-    'highest': 1500.0,
-    'least_emf': 0.2,
-}
+def gated(registers, lowest=200.0, highest=1500.0, least_emf=0.2):
+    design = Design()
+    design.periods, design.xi_low, design.xi_high = 2, lowest, highest
+    return credible(registers, design, *solve(registers, 2), least_emf)
 
 
-@pytest.mark.parametrize('gate', [None, *GATES])
-def test_each_gate_refuses_what_it_is_for(gate):
+@pytest.mark.parametrize(
+    ('gate', 'tight'),
+    [
+        ('', 0.0),
+        ('CHORD', 1.3),
+        ('REST', 1e-4),
+        ('lowest', 600.0),
+        ('highest', 500.0),
+        ('least_emf', 2.0),
+    ],
+)
+def test_each_gate_refuses_what_it_is_for(gate, tight, monkeypatch):
     """Sound data passes all gates; then one of them is drawn tight."""
-    tight = {
-        'least_chord': 1.3,
-        'largest_rest': 1e-4,
-        'lowest': 600.0,
-        'highest': 500.0,
-        'least_emf': 2.0,
-    }
-    found, _ = ticks(1000.0, 5e-3, noise=0.05)
-    gates = dict(GATES)
-    if gate:
-        gates[gate] = tight[gate]
-    assert credible(found, *solve(found), **gates) == (gate is None)
+    found, more = ticks(1000.0, 5e-3, noise=0.05), {}
+    if gate.isupper():
+        monkeypatch.setattr(identifier, gate, tight)
+    elif gate:
+        more = {gate: tight}
+    assert gated(found, **more) == (gate == '')
 
 
 def test_the_gates_refuse_whole_turns_per_tick():
     """The printed identifier divides noise by nothing there."""
     for seed in range(50):
-        found, _ = ticks(2.0 * math.pi / 5e-3, 5e-3, noise=0.01, seed=seed)
-        assert not credible(found, *solve(found), **GATES)
-    assert abs(solve(found)[0] - 1.0 / FLUX) > 270.0
+        found = ticks(2.0 * math.pi / 5e-3, 5e-3, noise=0.01, seed=seed)
+        assert not gated(found)
+    assert abs(solve(found, 2)[0] - 1.0 / FLUX) > 270.0
 
 
 @pytest.mark.parametrize('omega', [0.0, 4000.0])
 def test_noise_gains_solve_the_lyapunov_equation(omega):
-    scheme = prepare_scheme(R, L, K_P, K_I, 5e-5)
-    (dt, e11, e12, e21, e22, iu, ia, iw, idd, idw, hu, ha, hw, hdd, hdw) = scheme
+    s, design = scheme_of(5e-5), Design()
+    design.inductance, design.k_p, design.k_i = L, K_P, K_I
     # state (i, h, n): the noise of the sample before is remembered
     turn = 1j * omega
     a = np.array(
         [
-            [e11, e12, ia - idd - turn * (iw - idw)],
-            [e21, e22, ha - hdd - turn * (hw - hdw)],
+            [s.e11, s.e12, s.ia - s.idd - turn * (s.iw - s.idw)],
+            [s.e21, s.e22, s.ha - s.hdd - turn * (s.hw - s.hdw)],
             [0.0, 0.0, 0.0],
         ]
     )
-    b = np.array([[idd - turn * idw], [hdd - turn * hdw], [1.0]])
+    b = np.array([[s.idd - turn * s.idw], [s.hdd - turn * s.hdw], [1.0]])
     p = solve_discrete_lyapunov(a, b @ b.conj().T).real
-    of_h, of_innovation, of_integral = prepare_noise(L, K_P, K_I, scheme, omega)
+    of_h, of_innovation, of_integral = noise_gains(design, s, omega)
     assert of_h == pytest.approx(p[1, 1], rel=1e-9)
     assert of_innovation == pytest.approx(p[0, 0] + 1.0 - 2.0 * p[0, 2], rel=1e-9)
     way = np.array([1.0, -K_P / K_I]) * L
@@ -256,8 +270,9 @@ def test_noise_gains_solve_the_lyapunov_equation(omega):
 
 
 def test_outputs():
-    assert rotor_angle(unit(30.0), 500.0) == pytest.approx(math.radians(30.0))
-    assert rotor_angle(unit(30.0), -500.0) == pytest.approx(math.radians(-150.0))
+    core = core_of(0j, 0j, unit(30.0))
+    for core.x, degrees in ((500.0, 30.0), (-500.0, -150.0)):
+        assert rotor_angle(core) == pytest.approx(math.radians(degrees))
     assert flux_linkage(500.0, 1e-3, 4e-3) == 1.0 / 500.0
     assert flux_linkage(0.0, 1e-3, 4e-3) == 4e-3
     assert flux_linkage(-1e9, 1e-3, 4e-3) == 1e-3

@@ -23,12 +23,14 @@ from motors import (
 )
 
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import MISCONFIGURED, NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.pmsm.gains import Gains, tuning
-from estimator_pkg.observers.pmsm.observer import OBSERVER, build
+from estimator_pkg.observers.pmsm import observer
+from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains, tuning
+from estimator_pkg.observers.pmsm.state import Coefficients, Design, Watch
 from estimator_pkg.observers.pmsm.watch import (
     FLUX_RANGE,
     INCONSISTENT,
@@ -41,14 +43,13 @@ from estimator_pkg.observers.pmsm.watch import (
     begin_watch,
     describe,
     look,
-    prepare_watch,
 )
 from estimator_pkg.parameters import build as build_parameters
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.profiles import P1, Profile
 from sim_pkg.reproduce.pmsm.observer import run_log, start_state
-from sim_pkg.reproduce.pmsm.reference import signals
+from sim_pkg.reproduce.pmsm.reference import core_of, signals
 
 # ---- tuning ----------------------------------------------------------------------------------
 
@@ -88,7 +89,7 @@ def test_incomplete_motor_data_is_refused_by_name(missing):
     with pytest.raises(UsageError, match=missing):
         made(**{missing: -1})
     with pytest.raises(UsageError, match=missing):
-        build(dataclasses.replace(Gains(**MOTOR), **{missing: -1}), Circle(0.0))
+        observer.design(dataclasses.replace(Gains(**MOTOR), **{missing: -1}), Circle(0.0))
 
 
 @pytest.mark.parametrize(
@@ -105,10 +106,10 @@ def test_gains_that_cannot_work_are_refused(gains, said):
 
 
 def test_a_rate_below_two_samples_per_turn_is_refused_with_the_limit():
-    limits = made(speed_max=6000.0 * RPM).limits
-    assert limits(1.0 / 2000.0) is None
-    assert 'sample at 1400 Hz' in limits(1.0 / 1000.0)
-    joint = Joint(
+    design = made(speed_max=6000.0 * RPM).design
+    assert observer.limits(design, 1.0 / 2000.0) is None
+    assert 'sample at 1400 Hz' in observer.limits(design, 1.0 / 1000.0)
+    joint = DriveJoint(
         OBSERVER, build_parameters(Gains, {**MOTOR, 'speed_max': 6000.0 * RPM}), JointSettings()
     )
     for k in range(100):
@@ -198,7 +199,7 @@ def test_it_works_from_2_to_20_khz(every):
     mean = seen.samples[1 : (count - 1) * every + 1, 2:].reshape(count - 1, every, 2).mean(axis=1)
     samples = np.column_stack((seen.samples[every : count * every : every, :2], mean))
     truth = seen.truth[every : count * every : every]
-    status, _, rows, *_ = estimates(made(), samples, every * DT)
+    status, _, rows, *_ = estimates(made(every * DT), samples)
     tracked = status == TRACKING
     assert tracked.sum() * every * DT > 0.63
     error = np.abs(angle_error(rows[tracked, 0], truth[1:][tracked, 1]))
@@ -211,7 +212,7 @@ def test_aliasing_is_said_and_never_taken_for_tracking():
     mean = seen.samples[1:13981, 2:].reshape(699, 20, 2).mean(axis=1)
     samples = np.column_stack((seen.samples[20:14000:20, :2][:699], mean))
     truth = seen.truth[20:14000:20][:699]
-    status, reasons, rows, *_ = estimates(made(), samples, 20 * DT)
+    status, reasons, rows, *_ = estimates(made(20 * DT), samples)
     assert (reasons & TOO_FAST).astype(bool).sum() > 100
     tracked = status == TRACKING
     assert not np.any(np.abs(angle_error(rows[tracked, 0], truth[1:][tracked, 1])) > 10.0)
@@ -238,7 +239,7 @@ def test_once_beyond_half_a_turn_per_sample_nothing_is_said_until_the_rotor_has_
     )
     mean = seen.samples[1:23981, 2:].reshape(1199, 20, 2).mean(axis=1)
     samples = np.column_stack((seen.samples[20:24000:20, :2][:1199], mean))
-    status, reasons, rows, *_ = estimates(made(), samples, 20 * DT)
+    status, reasons, rows, *_ = estimates(made(20 * DT), samples)
     speed = seen.truth[20:24000:20, 0][1:1199]
     beyond = slice(int(np.argmax(np.abs(speed) * 7.0 > 1.1 * math.pi / (20 * DT))), 600)
     assert beyond.start < 250
@@ -253,30 +254,24 @@ def test_once_beyond_half_a_turn_per_sample_nothing_is_said_until_the_rotor_has_
 
 def test_at_rest_nothing_but_a_bound_is_given():
     seen = noisy(RESTING)
-    functions = made()
-    status, reasons, rows, state, coefficients = estimates(functions, seen.samples)
+    motor = made()
+    status, reasons, rows = estimates(motor, seen.samples)
     assert np.all(status == NOT_OBSERVABLE)
     assert np.all(np.isnan(rows[:, :2])) and np.all(rows[:, 3] == 0.0)
     assert np.all(reasons[10:] & (LOW_EMF | SEARCHING) == LOW_EMF | SEARCHING)
-    bound = functions.speed_bound(state, coefficients, functions.design())
-    assert 100.0 * RPM < bound < 500.0 * RPM
-    assert functions.stddev(state, coefficients, functions.design())[1] == pytest.approx(
-        bound / math.sqrt(3.0)
-    )
+    assert 100.0 * RPM < motor.speed_bound() < 500.0 * RPM
+    assert motor.stddev()[1] == pytest.approx(motor.speed_bound() / math.sqrt(3.0))
 
 
 def test_while_not_observable_the_flux_is_frozen_and_the_registers_are_cleared():
     stop = noisy(((0.05, 3000.0, 3000.0), (0.05, 3000.0, 0.0), (0.1, 0.0, 0.0)))
-    functions = made()
-    design = functions.design()
-    coefficients = functions.prepare(design, DT)
-    state = functions.init(tuple(stop.samples[0]), design)
-    blind = []
+    motor = made()
+    motor.start(stop.samples[0])
+    blind, state = [], motor.state
     for row in stop.samples[1:].tolist():
-        state = functions.step(state, coefficients, design, tuple(row), 0.0)
-        if functions.reasons(state) & LOW_EMF:
-            (*_, xi_hat, _, _), (_, _, _, ticks), _, _, (speed, _, _), *_ = state
-            blind.append((xi_hat, ticks, speed))
+        motor.step(row)
+        if motor.reasons & LOW_EMF:
+            blind.append((state.core.x, state.ticks.count, state.out.speed))
     xs, ticks, speeds = np.array(blind[40:]).T
     assert len(xs) > 2000
     assert np.all(xs == xs[0])
@@ -287,14 +282,12 @@ def test_while_not_observable_the_flux_is_frozen_and_the_registers_are_cleared()
 
 def test_the_speed_bound_holds():
     seen = noisy(((0.05, 0.0, 0.0), (0.4, 0.0, 400.0)))
-    functions = made()
-    design = functions.design()
-    coefficients = functions.prepare(design, DT)
-    state = functions.init(tuple(seen.samples[0]), design)
+    motor = made()
+    motor.start(seen.samples[0])
     checked = 0
     for k, row in enumerate(seen.samples[1:].tolist(), 1):
-        state = functions.step(state, coefficients, design, tuple(row), 0.0)
-        bound = functions.speed_bound(state, coefficients, design)
+        motor.step(row)
+        bound = motor.speed_bound()
         if bound < math.inf:
             assert abs(seen.truth[k, 0]) <= bound
             checked += 1
@@ -332,8 +325,8 @@ def test_a_wrong_resistance_out_of_all_proportion_is_seen():
     assert np.any(reasons & FLUX_RANGE) or np.any(reasons & LOW_EMF)
 
 
-def white(functions, rpm, seconds):
-    """Errors of angle [rad] and speed [rad/s] with white noise at constant speed, and a state."""
+def white(motor, rpm, seconds):
+    """Errors of angle [rad] and speed [rad/s] with white noise at constant speed."""
     times = np.arange(round(seconds * RATE) + 1) / RATE
     omega = rpm * RPM * 7
     exact = signals(times, profile=Profile([(seconds, rpm, rpm)]))
@@ -344,27 +337,26 @@ def white(functions, rpm, seconds):
         (exact.current.real + noise[:, 0], exact.current.imag + noise[:, 1], mean.real, mean.imag)
     )
     start = start_state(
-        functions, samples[0], 1.0 + 0j, 1.0 / 1.9e-3, -1j * omega * 1.9e-3, seen=omega
+        motor.design, samples[0], 1.0 + 0j, 1.0 / 1.9e-3, -1j * omega * 1.9e-3, seen=omega
     )
-    log = run_log(functions, samples, DT, start, fast=False)
-    design = functions.design()
-    coefficients = functions.prepare(design, DT)
-    state = (*start[:4], (omega, 0.0, 0.0), *start[5:])  # the low-pass is settled, as the watch
+    motor.state.take(start)
+    log = run_log(motor.design, samples, DT, start)
+    motor.state.out.speed = omega  # the low-pass is settled, as the watch
     for row in samples[1:4001].tolist():
-        state = functions.step(state, coefficients, design, tuple(row), 0.0)
+        motor.step(row)
     angle = np.angle(np.exp(1j * (log.angle - exact.theta[1:])))
     late = slice(4000, None)
-    return angle[late], (log.speed - omega)[late], (state, coefficients, design)
+    return angle[late], (log.speed - omega)[late]
 
 
 @pytest.mark.long
 def test_the_intervals_hold_95_percent_of_the_errors():
-    functions = made()
-    angle, speed, at = white(functions, 4000.0, 1.0)
-    of_angle, of_speed, _ = functions.electrical_stddev(*at)
+    motor = made()
+    angle, speed = white(motor, 4000.0, 1.0)
+    of_angle, of_speed, _ = motor.electrical_stddev()
     assert 0.9 < np.mean(np.abs(angle) < 1.96 * of_angle) < 0.99
     assert 0.93 < np.mean(np.abs(speed) < 1.96 * of_speed) < 0.97
-    assert functions.stddev(*at) == (of_angle / 7.0, of_speed / 7.0)
+    assert motor.stddev() == (of_angle / 7.0, of_speed / 7.0)
 
 
 @pytest.mark.long
@@ -379,9 +371,9 @@ def test_the_intervals_hold_95_percent_of_the_errors():
     ],
 )
 def test_the_standard_deviations_are_those_of_the_errors(rpm, gains):
-    functions = made(current_noise=0.1, **gains)
-    angle, speed, at = white(functions, rpm, 1.5)
-    of_angle, of_speed, _ = functions.electrical_stddev(*at)
+    motor = made(current_noise=0.1, **gains)
+    angle, speed = white(motor, rpm, 1.5)
+    of_angle, of_speed, _ = motor.electrical_stddev()
     assert np.std(angle) == pytest.approx(of_angle, rel=0.12)
     assert np.std(speed) == pytest.approx(of_speed, rel=0.1)
 
@@ -389,23 +381,21 @@ def test_the_standard_deviations_are_those_of_the_errors(rpm, gains):
 @pytest.mark.parametrize('corner', [100.0, 1000.0])
 def test_the_declared_delay_is_that_of_the_speed_on_a_ramp(corner):
     """(true speed - estimate) / acceleration in the middle of a straight ramp, without noise."""
-    functions = made(speed_filter_hz=corner)
+    motor = made(speed_filter_hz=corner)
     profile = Profile([(0.2, 2000.0, 6000.0)], smooth=False)
     seen = Drive(PmsmParameters(adc_bits=0), profile=profile, fast=False).run(4000)
-    rows = estimates(functions, seen.samples)[2]
+    rows = estimates(motor, seen.samples)[2]
     lag = (seen.truth[1:, 0] - rows[:, 1] / 7.0)[2000:3500]
     rise = np.gradient(seen.truth[1:, 0], DT)[2000:3500]
     measured = float(np.mean(lag) / np.mean(rise))
-    assert measured == pytest.approx(functions.group_delay(DT), rel=0.06)
+    assert measured == pytest.approx(observer.group_delay(motor.design, DT), rel=0.06)
 
 
 def test_the_low_pass_on_the_speed_has_two_poles_and_its_corner_where_it_is_said():
     """Without noise the frame's speed follows the true one; what is left is the low-pass."""
-    functions = made(speed_filter_hz=100.0)
-    first, second = (
-        np.array(functions.prepare(functions.design(), DT).low_pass).reshape(2, 2),
-        np.eye(2),
-    )
+    made_of = made(speed_filter_hz=100.0).coefficients
+    first = np.array([[made_of.f11, made_of.f12], [made_of.f21, made_of.f22]])
+    second = np.eye(2)
     at = np.exp(2j * math.pi * np.array([20.0, 100.0, 1000.0]) * DT)
     # off = velocity - speed obeys (off, slope)+ = A (off, slope); velocity = speed + off
     gain = []
@@ -429,37 +419,34 @@ def test_a_voltage_that_stands_still_over_the_carriers_period_is_allowed_for():
 
 
 def looked(**changes):
-    """Reasons after 20 ms of one and the same signal: converged at 2000 rad/s but for `changes`."""
-    omega = 2000.0
-    power = changes.pop('known_power', 1e-4)
+    """Reasons after 75 ms of one and the same signal: converged at 2000 rad/s but for `changes`."""
     signal = {
         'event': 0,
-        'h': -1j * omega * 1.9e-3,
-        'speed': omega,
-        'turning': omega,
-        'innovation': 0j,
+        'h': -2000j * 1.9e-3,
+        'speed': 2000.0,
+        'turning': 2000.0,
         'before_current': 1.1j,
         'current': 1j,
         'voltage': 4j,
         'x': 1.0 / 1.9e-3,
+        'known_power': 1e-4,
         **changes,
     }
-    signal['limits'] = prepare_watch(
-        (0.05, 0.01, 0.002),
-        (0.1, 1.0, 0.0),
-        window=5e-3,
-        dt=DT,
-        known_power=power,
-        emf_min=0.14,
-        drop=0.024,
-        xi_low=200.0,
-        xi_high=1300.0,
-        when_blind=SEARCHING,
-    )
-    watch = begin_watch(1e-4)
+    core, acting = core_of(0j, signal['h'], 1.0 + 0j, signal['before_current']), Sample()
+    core.x = signal['x']
+    acting.i_alpha, acting.i_beta = signal['current'].real, signal['current'].imag
+    acting.u_alpha, acting.u_beta = signal['voltage'].real, signal['voltage'].imag
+    limits, design, watch = Coefficients(), Design(), Watch()
+    limits.fast, limits.slow, limits.memory = 0.05, 0.01, 0.002
+    limits.window, limits.dt, limits.known_power = 5e-3, DT, signal['known_power']
+    limits.emf_of_noise, limits.fastest = 5.0 * math.sqrt(0.1), 0.85 * math.pi / DT
+    design.robust, design.emf_min, design.drop = True, 0.14, 0.024
+    design.xi_low, design.xi_high = 200.0, 1300.0
+    begin_watch(watch, 1e-4)
+    seen = signal['event'], abs(signal['h']), signal['speed'], signal['turning'], 0.0
     for _ in range(1500):
-        watch = look(watch, **signal)
-    return watch[7]
+        look(watch, limits, design, core, acting, *seen)
+    return watch.reasons
 
 
 @pytest.mark.parametrize(

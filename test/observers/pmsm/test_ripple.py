@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from motors import DT, made, record
+from motors import made, record
 
 from estimator_pkg.observers.contract import TRACKING
 
@@ -31,17 +31,15 @@ def judged(fault, segments):
     seen = record(segments, current_noise=0.01, load_constant=0.03)
     samples = seen.samples.copy()
     fault(samples[:, :2])
-    functions = made()
-    design = functions.design()
-    coefficients = functions.prepare(design, DT)
-    state = functions.init(tuple(samples[0]), design)
+    motor = made()
+    motor.start(samples[0])
     rows = []
     for k, sample in enumerate(samples[1:].tolist(), 1):
-        state = functions.step(state, coefficients, design, tuple(sample), 0.0)
-        angle, speed, _, _, status, _ = functions.row(state, coefficients, design)
+        motor.step(sample)
+        angle, speed, _, _, status, _ = motor.electrical()
         if k > 2400 and k % 7 == 0:
             assert status == TRACKING
-            of_angle, of_speed, _ = functions.electrical_stddev(state, coefficients, design)
+            of_angle, of_speed, _ = motor.electrical_stddev()
             true_speed, true_angle = 7.0 * seen.truth[k, 0], seen.truth[k, 1]
             off = np.angle(np.exp(1j * (angle - true_angle)))
             rows.append((speed - true_speed, of_speed, off, of_angle))

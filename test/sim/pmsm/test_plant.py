@@ -15,8 +15,7 @@ from estimator_pkg.driver.compiled import available
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import TRACKING
-from estimator_pkg.observers.pmsm.gains import Gains
-from estimator_pkg.observers.pmsm.observer import build as build_observer
+from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.parameters import build, declared
 from sim_pkg.pmsm.control import current_control, speed_control
 from sim_pkg.pmsm.drive import Drive, quantised
@@ -24,8 +23,8 @@ from sim_pkg.pmsm.inverter import dead_time_error, edges, limited, switch
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.plant import electric, move, resisting, torque
 from sim_pkg.pmsm.profiles import NAMES, P1, Profile, named
-from sim_pkg.pmsm.sensorless import RUNNING, begin, make_feedback
-from sim_pkg.reproduce.pmsm.observer import judge, run_log
+from sim_pkg.pmsm.sensorless import RUNNING, Sensorless
+from sim_pkg.reproduce.pmsm.observer import design_of, first_state, judge, run_log
 
 RPM = math.pi / 30.0
 PLANT = PmsmParameters(viscous=1e-5).plant()
@@ -230,12 +229,12 @@ def test_the_servo_of_the_configuration_runs_and_is_tracked():
     with open(SERVO, encoding='utf-8') as file:
         nodes = yaml.safe_load(file)
     parameters = build(PmsmParameters, nodes['pmsm_sim']['ros__parameters'])
-    functions = build_observer(build(Gains, nodes['pmsm_observer']['ros__parameters']), Circle())
+    gains = build(observer.Gains, nodes['pmsm_observer']['ros__parameters'])
+    design = observer.design(gains, Circle())
     profile = Profile([(0.1, 3000.0, 3000.0), (0.15, 3000.0, -3000.0), (0.1, -3000.0, -3000.0)])
     record = Drive(parameters, 1, profile=profile, fast=False).run(7000)
     assert np.abs(record.truth[:, 0] - record.truth[:, 4]).max() < 150.0 * RPM
-    first = functions.init(tuple(record.samples[0].tolist()), functions.design())
-    log = run_log(functions, record.samples, 5e-5, first, fast=False)
+    log = run_log(design, record.samples, 5e-5, first_state(design, record.samples[0]))
     found = judge(log, record.truth[1:, 1], record.truth[1:, 0], 5e-5)
     assert found.wrong == 0.0 and found.withheld < 40.0 and found.tracking > 290.0
 
@@ -243,28 +242,25 @@ def test_the_servo_of_the_configuration_runs_and_is_tracked():
 @pytest.mark.parametrize('forced', [False, True])
 def test_the_controller_runs_on_the_observer(forced):
     parameters = PmsmParameters(current_noise=0.1)
-    functions = build_observer(
-        Gains(resistance=0.06, inductance=33.75e-6, flux=1.9e-3, pole_pairs=7), Circle()
-    )
+    design = design_of(resistance=0.06, inductance=33.75e-6, flux=1.9e-3, pole_pairs=7)
+    feedback = Sensorless(design, parameters, forced=forced)
     speed = 1500.0 if not forced else 700.0
     drive = Drive(
         parameters,
         3,
-        feedback=make_feedback(functions),
-        fast=False,
-        held=begin(functions, parameters, forced=forced),
+        feedback=feedback,
         profile=Profile([(1.0, speed, speed)]),
         start_speed=0.0 if forced else 1500 * RPM,
     )
     drive.run(4000)
-    assert drive.held[3] == RUNNING
+    assert feedback.mode == RUNNING
     errors = []
     for _ in range(40):
         truth = drive.run(10).truth[-1]
-        errors.append(math.remainder(drive.held[4] - truth[1], 2.0 * math.pi))
+        errors.append(math.remainder(feedback.angle - truth[1], 2.0 * math.pi))
     assert np.abs(errors).max() < math.radians(2.0)
     assert truth[0] == pytest.approx(speed * RPM, rel=0.03)
-    assert functions.output(drive.held[0], drive.held[2], drive.held[1], (), 0.0)[3] == TRACKING
+    assert feedback.seen.status == TRACKING
 
 
 def test_p1_is_that_of_the_specification():

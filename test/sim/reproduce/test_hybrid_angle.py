@@ -9,20 +9,19 @@ import math
 import numpy as np
 import pytest
 import reproduced
+from observer_cases import make, stamps
 
 from estimator_pkg import cli
 from estimator_pkg.driver.compiled import available, compiled
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.angle.hybrid import injections, observer
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.parameters import build
+from estimator_pkg.observers.angle.hybrid import injections
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import claims, contract, splitmix
 from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, EXACT, PERCENT, Part, Reference, Row
 from sim_pkg.reproduce.hybrid_angle import continuous as hybrid_continuous
 from sim_pkg.reproduce.hybrid_angle import observer as continuous
 from sim_pkg.reproduce.hybrid_angle.paper import REPRODUCTION
-from sim_pkg.reproduce.hybrid_angle.sampled import FIGURE_6, PERIOD, algorithm_1, samples
+from sim_pkg.reproduce.hybrid_angle.sampled import FIGURE_6, PERIOD, Alone, algorithm_1, samples
 
 TURN = 2.0 * math.pi
 
@@ -271,12 +270,12 @@ def test_splitmix_gives_the_published_numbers():
 
 @pytest.mark.parametrize('name', injections.NAMES)
 def test_lyapunov_potential_is_the_integral_of_the_injection(name):
-    potential, injection = continuous.POTENTIALS[name], injections.BUILT_IN[name]
+    potential, injection = continuous.POTENTIALS[name], continuous.INJECTIONS[name]
     for error in np.linspace(-3.0, 3.0, 41):
         if abs(abs(error) - 0.8) < 0.06:
             continue  # the kink of sat
         slope = (potential(error + 1e-5, 0.8) - potential(error - 1e-5, 0.8)) / 2e-5
-        assert slope == pytest.approx(injection(error, TURN, 0.8), abs=1e-6)
+        assert slope == pytest.approx(injection(error, 0.8), abs=1e-6)
         assert potential(error + TURN, 0.8) == pytest.approx(potential(error, 0.8), abs=1e-9)
         assert potential(error, 0.8) >= 0.0
     assert potential(0.0, 0.8) == 0.0
@@ -292,7 +291,7 @@ def test_jump_sets_and_maps_of_the_continuous_observer():
     assert continuous.first_jump(-3.3) == pytest.approx(TURN - 3.3)
     for error, inside in ((3.05, True), (-3.24, True), (3.03, False), (3.25, False), (0.0, False)):
         assert continuous.in_second_jump_set(error, margin) is inside
-    flow = continuous.make_flow(injections.sin)
+    flow = continuous.make_flow(continuous.sin)
     assert flow(1.0, 2.0, 1.5, (3.0, 4.0, 1.0)) == pytest.approx(
         (2.0 + 3.0 * math.sin(0.5), 4.0 * math.sin(0.5))
     )
@@ -317,19 +316,20 @@ def test_continuous_observer_compiles_to_the_same_numbers(name):
 @pytest.mark.parametrize('name', injections.NAMES)
 def test_the_node_runs_the_algorithm_that_is_reproduced(name):
     """What the driver calls (``form: paper``) gives the rows' numbers to the bit."""
-    gains = build(
-        observer.Gains, {'form': 'paper', 'injection': name, **FIGURE_6, 'low_speed_bound': False}
+    joint = make(
+        'hybrid_angle', {'form': 'paper', 'injection': name, **FIGURE_6, 'low_speed_bound': False}
     )
-    functions = observer.build(gains, Circle())
-    design = functions.design()
-    coefficients = functions.prepare(design, PERIOD)
-    state = functions.init(0.0, design)
     _, _, angles = samples(profiles.figure_6(0.05), 8.0, start=0.3)
-    velocities = []
-    for angle in angles.tolist():
-        state = functions.step(state, coefficients, design, angle, 0.0)
-        velocities.append(functions.output(state, coefficients, design, angle, 0.0)[1])
-    np.testing.assert_array_equal(velocities, algorithm_1(name, angles).velocity)
+    # one sample time later: the paper's first step predicts from (0, 0)
+    found = joint.run(stamps(len(angles) + 1, PERIOD), np.concatenate(([0.0], angles))).velocity[1:]
+    np.testing.assert_array_equal(found, algorithm_1(name, angles).velocity)
+
+
+@pytest.mark.parametrize('name', injections.NAMES)
+def test_the_continuous_observer_has_the_injections_of_the_node(name):
+    design = Alone(form='paper', injection=name, **FIGURE_6).design
+    for error in np.linspace(-9.0, 9.0, 61).tolist():
+        assert continuous.INJECTIONS[name](error, 1.0) == injections.inject(error, design)
 
 
 @pytest.mark.parametrize('name', injections.NAMES)
@@ -339,7 +339,7 @@ def test_a_potential_is_the_integral_of_its_injection(name):
     errors = np.linspace(-2.9, 2.9, 59)
     slope = [(potential(e + 1e-6, limit) - potential(e - 1e-6, limit)) / 2e-6 for e in errors]
     assert slope == pytest.approx(
-        [injections.BUILT_IN[name](e, TURN, limit) for e in errors.tolist()], abs=1e-5
+        [continuous.INJECTIONS[name](e, limit) for e in errors.tolist()], abs=1e-5
     )
     assert potential(0.0, limit) == 0.0
     assert potential(limit + 1e-12, limit) == pytest.approx(potential(limit - 1e-12, limit))

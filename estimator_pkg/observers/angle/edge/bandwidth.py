@@ -13,8 +13,8 @@ itself.
 Fast law. Two cumulative sums, one for each sign, of the innovation less a slack (Page, 1954). Their
 run time dates a manoeuvre, and the covariance gets what a blow or a motor makes of the innovation
 at hand over that time. Neither can be set off by one sample, which counts no more than the alarm.
-Manoeuvres come in series (a ramp begins and ends), so the density then expects the next one, the
-more the less time has passed since the one before.
+Manoeuvres come in series (a ramp begins and ends), so in noise the density then expects the next
+one, the more the less time has passed since the one before.
 
 Sway. What the readings moved by beyond the prediction, times the change of the same from one sample
 to the next: for the noise of any sensor, for the counts of any constant speed and for a filter that
@@ -28,36 +28,53 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.constants import (
-    ALARM,
-    EXPECTED,
-    MEMORY,
-    RATE,
-    SHARE,
-    SIGMAS,
-)
+from estimator_pkg.observers.angle.edge.constants import ALARM, MEMORY, RATE, SHARE, SIGMAS
 from estimator_pkg.observers.angle.edge.covariance import jerk_density
-
-# (density of the jerk [(rad/s^3)^2 s]; low-passed innovation, its variance were it white;
-# cumulative sum of positive and of negative innovations; run time of either [s]; mean square of the
-# innovations, over their variance; time since the last manoeuvre, or the start [s])
-Band = tuple[float, float, float, float, float, float, float, float, float]
-# (mean of what the reading moved by beyond the prediction times the change of this before [rad^2];
-# what it moved by beyond the prediction, of the last sample and of the one before [rad])
-Sway = tuple[float, float, float]
-
-STEADY: Sway = (0.0, 0.0, 0.0)
+from estimator_pkg.record import record
 
 
-def begin_band(density: float) -> Band:
-    """Return the band at a start, with this density of the jerk [(rad/s^3)^2 s]."""
-    return (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+@record
+class Band:
+    """How fast the observer listens."""
+
+    density: float  # of the jerk [(rad/s^3)^2 s]
+    low: float  # low-passed innovation
+    variance: float  # of that, were it white
+    up: float  # cumulative sum of positive innovations
+    down: float  # of negative ones
+    up_time: float  # run time of either [s]
+    down_time: float
+    squares: float  # mean square of the innovations, over their variance
+    quiet: float  # time since the last manoeuvre, or the start [s]
+
+
+@record
+class Sway:
+    """Whether the speed goes at random."""
+
+    mean: float  # of what the reading moved by beyond the prediction times its change [rad^2]
+    last: float  # what it moved by beyond the prediction [rad]
+    before: float  # the same one sample before
+
+
+def begin_band(band: Band, density: float) -> None:
+    """Set the band of a start, with this density of the jerk [(rad/s^3)^2 s]."""
+    band.density = density
+    band.squares = 1.0
+    band.quiet = 0.0
+    begin_sums(band)
+
+
+def begin_sums(band: Band) -> None:
+    """Forget the innovations so far, but for their size."""
+    band.low = band.up = band.down = band.up_time = band.down_time = 0.0
+    band.variance = 1.0
 
 
 def follow_band(
     band: Band, z: float, gain: float, idle: float, least: float, slack: float
-) -> tuple[Band, float, float, float]:
-    """Return (band, growth of log density, date of a manoeuvre, product) after an innovation.
+) -> tuple[float, float, float]:
+    """Take an innovation; return (growth of log density, date of a manoeuvre, product).
 
     Parameters
     ----------
@@ -71,70 +88,54 @@ def follow_band(
     -------
     The growth is 0 where it fell; the date [s] is 0 where there is no manoeuvre.
     """
-    density, low, variance, up, down, up_time, down_time, squares, quiet = band
-    squares += (z * z - squares) / MEMORY
+    band.squares += (z * z - band.squares) / MEMORY
     # slow law: C = z m / sqrt(var m), log c += RATE b (C - slack), with b = weight
     weight = SHARE * gain
-    product = z * low / math.sqrt(variance)
-    low += weight * (z - low)
-    variance = (1.0 - weight) * (1.0 - weight) * variance + weight * weight
+    product = z * band.low / math.sqrt(band.variance)
+    band.low += weight * (z - band.low)
+    band.variance = (1.0 - weight) * (1.0 - weight) * band.variance + weight * weight
     move = RATE * weight * (product - slack)
-    density *= math.exp(move)
-    if density < least:
-        density, move = least, 0.0
+    band.density *= math.exp(move)
+    if band.density < least:
+        band.density, move = least, 0.0
     # fast law (Page 1954): g = max(0, g + z - SIGMAS), alarm at g > ALARM
-    quiet += idle
-    up_time += idle
-    down_time += idle
-    up += z - SIGMAS
-    down -= z + SIGMAS
+    band.quiet += idle
+    band.up_time += idle
+    band.down_time += idle
+    band.up += z - SIGMAS
+    band.down -= z + SIGMAS
     date = 0.0
-    if up > ALARM:
-        date = up_time
-    elif down > ALARM:
-        date = down_time
-    if up <= 0.0 or date > 0.0:
-        up = up_time = 0.0
-    if down <= 0.0 or date > 0.0:
-        down = down_time = 0.0
-    return (
-        (density, low, variance, up, down, up_time, down_time, squares, quiet),
-        move if move > 0.0 else 0.0,
-        date,
-        product,
-    )
+    if band.up > ALARM:
+        date = band.up_time
+    elif band.down > ALARM:
+        date = band.down_time
+    if band.up <= 0.0 or date > 0.0:
+        band.up = band.up_time = 0.0
+    if band.down <= 0.0 or date > 0.0:
+        band.down = band.down_time = 0.0
+    return move if move > 0.0 else 0.0, date, product
 
 
-def after_manoeuvre(band: Band, beyond: float, date: float, noisy: bool, most: float) -> Band:
-    """Return the band after a manoeuvre: the density expects more of its kind.
+def expect_manoeuvres(band: Band, beyond: float, date: float, most: float) -> None:
+    """After a manoeuvre the density expects more of its kind.
 
-    In noise what explains the manoeuvre is spread over the time since the last one; where edges are
-    times it is `EXPECTED` of it, for after a real edge the next one is news anyway.
+    What explains the manoeuvre is spread over the time since the last one.
 
     Parameters
     ----------
-    beyond : deviation that the manoeuvre explains, without what a cell may hide [rad].
+    beyond : deviation that the manoeuvre explains, without what cell and noise may hide [rad].
     date : time since the manoeuvre began [s].
-    noisy : noise hides single edges.
     most : the density is not raised beyond this.
     """
-    density, low, variance, up, down, up_time, down_time, squares, quiet = band
     if beyond > 0.0:
-        share = date / max(date, quiet) if noisy else EXPECTED
+        share = date / max(date, band.quiet)
         explains = min(share * jerk_density(beyond * beyond, date), most)
-        density = max(density, explains)
-    return (density, low, variance, up, down, up_time, down_time, squares, 0.0)
+        band.density = max(band.density, explains)
+    band.quiet = 0.0
 
 
-def sums_alone(band: Band, after: Band) -> Band:
-    """Return `band` with the cumulative sums of `after`: those of a reading not believed yet."""
-    density, low, variance, _, _, _, _, squares, _ = band
-    _, _, _, up, down, up_time, down_time, _, quiet = after
-    return (density, low, variance, up, down, up_time, down_time, squares, quiet)
-
-
-def follow_sway(sway: Sway, ahead: float, most: float, believed: bool) -> Sway:
-    """Return the sway after a reading that moved by `ahead` [rad] beyond the prediction.
+def follow_sway(sway: Sway, ahead: float, most: float, believed: bool) -> None:
+    """Take a reading that moved by `ahead` [rad] beyond the prediction.
 
     Parameters
     ----------
@@ -149,15 +150,16 @@ def follow_sway(sway: Sway, ahead: float, most: float, believed: bool) -> Sway:
     filter that does not follow, it is u^2/2. In a mean over 32 samples white noise comes above
     2 s^2, five of its standard deviations away, by no chance to speak of; so less is not believed.
     """
-    mean, last, before = sway
     if not believed:
-        return (mean, 0.0, 0.0)
-    product = ahead * (last - before)
+        sway.last = sway.before = 0.0
+        return
+    product = ahead * (sway.last - sway.before)
     if product > most:
         product = most
     elif product < -most:
         product = -most
-    return (mean + (product - mean) / MEMORY, ahead, last)
+    sway.mean += (product - sway.mean) / MEMORY
+    sway.before, sway.last = sway.last, ahead
 
 
 def began(date: float, dt: float, noisy: bool) -> float:

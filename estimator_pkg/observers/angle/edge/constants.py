@@ -13,7 +13,6 @@ BLUR = 0.03  # quanta: no edge is known better; and either end of an interval, o
 LONGEST = 2.0  # [s] longest memory; the start's too
 FADE = 0.3  # [s] memory of the acceleration
 MEMORY = 32.0  # samples: memory of the noise, and of the innovations' size
-EXPECTED = 0.01  # of the density that explains a manoeuvre: the least after it, without noise
 STRAY = 2.0  # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0  # samples after which a start, a gap or a doubt has settled
 RESTED = 0.7  # of a cell's variance: a prediction this vague has seen no edge for long

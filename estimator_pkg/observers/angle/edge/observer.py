@@ -15,21 +15,25 @@ docs/observers/edge_adaptive_theory.md, whose headings are those of `step`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from estimator_pkg.observers.angle.core import LOST_AFTER, OUTSIDE
-from estimator_pkg.observers.angle.edge.bandwidth import STEADY, follow_sway
+from estimator_pkg.observers.angle.edge.bandwidth import (
+    Band,
+    Sway,
+    begin_band,
+    begin_sums,
+    follow_sway,
+)
 from estimator_pkg.observers.angle.edge.clock import (
     BELIEVED,
     EVEN,
     UNEVEN,
-    UNKNOWN,
+    Clock,
+    begin_clock,
     elapsed,
-    repeats,
-    resumed,
-    waiting,
+    is_repeat,
+    resume_clock,
 )
 from estimator_pkg.observers.angle.edge.constants import (
     CONFIRMED,
@@ -38,57 +42,73 @@ from estimator_pkg.observers.angle.edge.constants import (
     PLAIN,
     RATIO,
     REPEATS,
+    RESTED,
     SIGMAS,
 )
-from estimator_pkg.observers.angle.edge.covariance import Covariance, predicted, swayed
-from estimator_pkg.observers.angle.edge.interval import HELD, NOTHING, interval
-from estimator_pkg.observers.angle.edge.past import make_again
-from estimator_pkg.observers.angle.edge.preference import ALIKE, beside, informed, ratios
+from estimator_pkg.observers.angle.edge.covariance import (
+    Coefficients,
+    add_sway,
+    predict_covariance,
+    set_covariance,
+)
+from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
+from estimator_pkg.observers.angle.edge.motion import Motion
+from estimator_pkg.observers.angle.edge.preference import Other, predict_other, ratios, set_alike
 from estimator_pkg.observers.angle.edge.quantum import (
-    FIRST_STEPS,
     JUMP,
     UNIT,
+    Steps,
+    begin_steps,
+    follow_steps,
+    is_residue,
     misfit,
     quantum_of,
     search,
     shows_quantum,
-    with_jump,
 )
 from estimator_pkg.observers.angle.edge.sensor import (
     OUTLIER,
-    aged,
+    Sensor,
+    age_noise,
+    begin_differences,
     begin_sensor,
+    first_step,
     follow_sensor,
-    with_noise,
 )
-from estimator_pkg.observers.angle.edge.sigma import fastest, make_stddev
+from estimator_pkg.observers.angle.edge.sigma import deviation, fastest  # noqa: F401
 from estimator_pkg.observers.angle.edge.start import (
+    LAST,
     RECENT,
     RESTS,
     SETTLES,
-    START,
     UNSURE,
-    after_jump,
-    doubted,
-    doubted_in_noise,
-    first_state,
-    later,
-    motion_began,
-    overdue,
-    rescaled,
-    settled,
-    stirred,
-    straight_line,
+    Doubt,
+    begin_line,
+    doubt_in_noise,
+    doubt_overdue,
+    doubt_speed,
+    pass_time,
+    set_doubt,
+    settle,
+    stand,
 )
 from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.circle import Circle, is_angle, is_next_count, wrap
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Functions, Observer
-from estimator_pkg.observers.convention import begin, follow, present
+from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Estimate, Observer
+from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
+from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.parameters import parameter
+from estimator_pkg.record import record
+from estimator_pkg.sensor.convention import Convention, begin, follow, present
 
+LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
+OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
 HASTY = 4.0  # first sample times: where the second is longer, the stamps of the first were wrong
-# (status, samples since a start, a gap or a doubt, time [s] for which the readings were far off)
-Lock = tuple[int, float, float]
+
+SINGLE_ANGLE = True
+EDGES = True
+TURNS = True
+DRIVEN = False
 
 
 @dataclass(frozen=True)
@@ -114,357 +134,561 @@ class Gains:
     )
 
 
-class Design(NamedTuple):
+@record
+class Design:
     """What the gains imply whatever the sample time is."""
 
+    period: float  # wrap period [rad]; 0: none
+    half_turn: float  # [rad]; inf: there is no circle
+    outside: float  # innovation that is no reading of this shaft [rad]; inf: there is no circle
+    unwrap: bool  # turns are counted from the first sample
     quantum: float  # as given [rad]; 0: not known
     ratio: float  # density of the published filter, over that of the first; see `preference`
+    log_ratio: float
     of_angle: float  # variance of the published angle, over that of the first filter
     of_speed: float  # the same of the speed
 
 
-def prepare(design: Design, dt: float) -> tuple:
-    """Return what depends on dt alone; see `predicted`."""
+@record
+class Reading:
+    """One reading, as the parts of a step pass it on."""
+
+    angle: float  # [rad]
+    change: float  # since the reading before [rad]
+    counted: float  # the same, without a correction of the reading [rad]
+    further: float  # by how much its cell reaches further than a quantum [rad]
+    passed: float  # time since the last reading that was used [s]
+    held: float  # time for which the readings before it repeated [s]
+    first: bool  # nothing has moved before
+    starting: bool  # the speed is in doubt
+    unsure: float  # variance of the speed in doubt, before this reading [(rad/s)^2]
+    warm: bool  # the noise is known: the first motion is long ago
+    evidence: float  # that the sensor has another clock, before this reading
+    extent: float  # range of all readings before [rad]
+    rested: float  # time for which the reading had not changed [s]
+    stepped: float  # change of the reading before [rad]
+    moved: float  # what the prediction moves in this sample [rad]
+    ahead: float  # change beyond that [rad]
+    off: float  # innovation: distance from the predicted angle [rad]
+
+
+@record
+class Lock:
+    """Whether the readings are those of the shaft."""
+
+    status: int
+    count: float  # samples since a start, a gap or a doubt
+    astray: float  # time for which the readings were far off [s]
+
+
+@record
+class State:
+    """What is known of the motion, the bandwidth, the sensor, its stamps and the start."""
+
+    motion: Motion
+    p: Covariance
+    band: Band
+    sway: Sway
+    sensor: Sensor
+    steps: Steps
+    clock: Clock
+    convention: Convention
+    lock: Lock
+    doubt: Doubt
+    other: Other
+    reading: Reading
+
+
+def design(gains: Gains, circle: Circle) -> Design:
+    """Return what follows from the gains whatever the sample time is."""
+    made, period = Design(), float(circle.period)
+    made.period, made.unwrap = period, circle.unwrap
+    made.half_turn = 0.5 * period if period > 0.0 else math.inf
+    made.outside = OUTSIDE * period if period > 0.0 else math.inf
+    made.quantum = float(gains.quantum)
+    made.ratio, made.of_angle, made.of_speed = ratios(RATIO[gains.prefer])
+    made.log_ratio = math.log(made.ratio)
+    return made
+
+
+def group_delay(design: Design, dt: float) -> float:
+    """Return nan: it follows from the motion."""
+    return math.nan
+
+
+def why(state: State, design: Design) -> str:
+    """Return what a person should know of the given quantum, or ''."""
+    return misfit(state.steps, design.quantum)
+
+
+def is_reading(measurement: float) -> bool:
+    """Return False for NaN, infinities and numbers that no encoder gives [rad or m]."""
+    return is_angle(measurement)
+
+
+def lateness(state: State) -> float:
+    """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
+    return state.clock.late
+
+
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set what follows from dt [s]."""
     square = dt * dt
     cube = square * dt
-    return (
-        dt,
-        0.5 * square,
-        FADE / (FADE + dt),
-        cube / 3.0,
-        0.125 * cube * dt,
-        0.05 * cube * square,
-    )
+    coefficients.dt = dt
+    coefficients.half = 0.5 * square
+    coefficients.kept = FADE / (FADE + dt)
+    coefficients.q11 = cube / 3.0
+    coefficients.q01 = 0.125 * cube * dt
+    coefficients.q00 = 0.05 * cube * square
 
 
-def init(measurement: float, design: Design) -> tuple:
-    """Return the state after the first sample [rad]; see `build`."""
-    sensor = begin_sensor(design.quantum if design.quantum > 0.0 else UNIT)
-    return first_state(measurement, sensor, FIRST_STEPS, begin(measurement), START, UNKNOWN)
+def start(observer: Any, state: State, design: Design, measurement: float) -> None:
+    """Set the state after the first sample [rad]."""
+    blank = State()
+    state.take(blank)
+    begin(state.convention, measurement)
+    begin_steps(state.steps)
+    begin_sensor(state.sensor, design.quantum if design.quantum > 0.0 else UNIT)
+    set_doubt(state.doubt, 0.0, LAST, 0.0, 0.0)
+    begin_clock(state.clock)
+    begin_motion_at(state, measurement)
 
 
-def without_reading(state: tuple, coefficients: tuple, design: Design) -> tuple:
-    """Return the state one sample later, predicted alone: the reading is an old one."""
-    (x, v, a, idle), p, band, sensor, steps, convention, lock, sway, doubt, clock, other = state
-    dt, half_square, kept, _, _, _ = coefficients
-    density, _, _, _, _, _, _, _, _ = band
-    motion = (x + v * dt + a * half_square, v + a * dt, kept * a, idle + dt)
-    p = predicted(p, density, coefficients)
-    if design.ratio != 1.0:
-        other = beside(other, p, design.ratio * density, coefficients, 0.0, dt)
-    clock = waiting(clock, dt)
-    return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
+def begin_motion_at(state: State, measurement: float) -> None:
+    """Begin at this measurement [rad], with what is known of sensor, stamps and doubts."""
+    motion, quantum = state.motion, state.sensor.quantum
+    motion.angle = measurement
+    motion.velocity = motion.acceleration = motion.idle = 0.0
+    set_covariance(state.p, quantum * quantum / 12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    begin_band(state.band, 0.0)
+    state.lock.status, state.lock.count, state.lock.astray = INITIALISING, 1.0, 0.0
+    forget_sway(state)
+    set_alike(state.other)
 
 
-def coasting(lock: Lock) -> Lock:
-    """Return the lock after a reading that is not believed."""
-    status, _, astray = lock
-    return (COASTING if status != INITIALISING else status, 0.0, astray)
+def forget_sway(state: State) -> None:
+    """Forget what the readings moved by beyond the prediction."""
+    state.sway.mean = state.sway.last = state.sway.before = 0.0
 
 
-def settling(lock: Lock, p: Covariance, dt: float, floor: float) -> Lock:
-    """Return the lock after one more believed reading of a start, a gap or a doubt.
+def restart(
+    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: float
+) -> None:
+    """Start again after an outage or a jump of the clock: what is known of the quantum stays."""
+    quantum = quantum_of(state.steps, design.quantum)
+    begin_sensor(state.sensor, quantum if quantum > 0.0 else UNIT)
+    follow(state.convention, measurement, design.period)
+    set_doubt(state.doubt, 0.0, LAST, 0.0, 0.0)
+    begin_clock(state.clock)
+    begin_motion_at(state, measurement)
+
+
+def resume(
+    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: float
+) -> None:
+    """Go on after a gap [rad]: with the speed as it was, in doubt."""
+    motion, p, sensor, clock = state.motion, state.p, state.sensor, state.clock
+    quantum, v = sensor.quantum, motion.velocity
+    motion.angle, motion.acceleration, motion.idle = measurement, 0.0, 0.0
+    set_covariance(p, quantum * quantum / 12.0, 0.0, 0.0, p.p11, 0.0, p.p22)
+    begin_sums(state.band)
+    begin_differences(sensor)
+    state.steps.jump = 0.0
+    follow(state.convention, measurement, design.period)
+    if state.lock.status == TRACKING:
+        state.lock.status = COASTING
+    state.lock.count = 0.0
+    forget_sway(state)
+    set_doubt(state.doubt, v * v, SETTLES, state.doubt.since, 0.0)
+    clock.late = clock.held = 0.0
+    clock.grew = False
+    set_alike(state.other)
+
+
+def step(
+    observer: Any,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: float,
+    known_input: float,
+) -> None:
+    """Take one reading [rad]: what it is, when it came, what it shows."""
+    reading, dt = state.reading, coefficients.dt
+    if not receive(state, design, measurement, known_input, dt):
+        predict_alone(state, coefficients, design)
+        return
+    clock, pace, taken = state.clock, state.sensor.pace, dt
+    if clock.uneven > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
+        moved = reading.change + state.convention.last - state.motion.angle
+        taken = elapsed(clock, dt, moved, state.motion, state.p, state.sensor)
+    if taken == dt:
+        listen(state, coefficients, design)
+    else:  # the stamp was wrong
+        reading.passed = reading.passed + taken - dt
+        evenly = Coefficients()
+        prepare(evenly, design, taken)
+        listen(state, evenly, design)
+
+
+def receive(
+    state: State, design: Design, measurement: float, known_input: float, dt: float
+) -> bool:
+    """Note what a reading is; return False if it is an old one, published again.
+
+    Residue: a jump far beyond the range of all readings before was a glitch if the next reading
+    undoes it, else the first real step.
+    """
+    reading, motion, sensor = state.reading, state.motion, state.sensor
+    steps, clock, last = state.steps, state.clock, state.convention.last
+    change = measurement - last
+    if not -design.half_turn <= change < design.half_turn:
+        change = wrap(change, design.period)
+    starting = state.doubt.to_settle > 0.0
+    lasts = starting and steps.jump * (change + 0.5 * steps.jump) > 0.0
+    if starting and not lasts and steps.jump != 0.0:
+        change += steps.jump
+    if change == 0.0 and not lasts and abs(motion.velocity) * dt > REPEATS * sensor.quantum:
+        tracking = state.lock.status == TRACKING
+        if is_repeat(clock, motion, state.p, sensor.pace, tracking, dt):
+            return False
+    if starting:
+        pass_time(state.doubt, dt)
+        if lasts:
+            believe_jump(state, design, last, dt)
+        else:
+            steps.jump = 0.0
+    reading.angle, reading.change, reading.further = measurement, change, known_input
+    reading.unsure, reading.starting = state.doubt.variance, starting
+    reading.warm, reading.evidence = state.doubt.since >= RECENT, clock.evidence
+    reading.extent = state.convention.high - state.convention.low
+    reading.rested, reading.stepped = sensor.since, sensor.step
+    reading.held = clock.held
+    reading.passed = clock.held + dt
+    if clock.held > 0.0 or clock.evidence > 0.0:
+        resume_clock(clock, change, reading.passed, sensor.pace, motion.velocity)
+    return True
+
+
+def believe_jump(state: State, design: Design, last: float, dt: float) -> None:
+    """Begin with the jump before this reading as the first step: all before it was residue.
 
     Parameters
     ----------
-    floor : twelve times the variance of a reading [rad^2].
+    last : the reading after the jump [rad].
     """
-    status, count, astray = lock
-    _, _, _, p11, _, _ = p
-    count += 1.0
-    if count >= CONFIRMED and p11 * dt * dt < floor:
-        return (TRACKING, count, 0.0)
-    return (status, count, astray)
+    steps, motion, jump = state.steps, state.motion, state.steps.jump
+    begin_steps(steps)
+    follow_steps(steps, jump, 0.0, dt, 0.0, math.inf)
+    quantum = quantum_of(steps, design.quantum)
+    motion.angle = last - 0.5 * jump  # at the edge
+    motion.velocity = motion.acceleration = motion.idle = 0.0
+    stand(state.p, state.band, quantum)
+    first_step(state.sensor, quantum, jump, dt)
+    doubt_speed(state.doubt, quantum, dt, design.period, 0.0, 0.0)
+    set_alike(state.other)
 
 
-def why(state: tuple, design: Any) -> str:
-    """Return what a person should know of the given quantum, or ''."""
-    _, _, _, _, steps, _, _, _, _, _, _ = state
-    return misfit(steps, design.quantum)
+def predict_alone(state: State, coefficients: Coefficients, design: Design) -> None:
+    """Predict one sample on, without a reading."""
+    motion, density = state.motion, state.band.density
+    dt, v, a = coefficients.dt, motion.velocity, motion.acceleration
+    motion.angle = motion.angle + v * dt + a * coefficients.half
+    motion.velocity += a * dt
+    motion.acceleration = coefficients.kept * a
+    motion.idle += dt
+    predict_covariance(state.p, density, coefficients)
+    if design.ratio != 1.0:
+        predict_other(state.other, state.p, design.ratio * density, coefficients, 0.0, dt)
+    state.clock.held += dt
 
 
-def build(gains: Gains, circle: Circle) -> Functions:
-    """Return the functions at these gains.
+def listen(state: State, coefficients: Coefficients, design: Design) -> None:
+    """Take a reading whose time is known: learn the sensor, predict, and meet the reading."""
+    reading, dt = state.reading, coefficients.dt
+    pace, previous = state.sensor.pace, state.sensor.dt
+    learn_sensor(state, design)
+    unknown = reading.starting or reading.first or state.p.p02 == 0.0
+    if unknown and shows_line(state, design, dt, pace, previous):
+        begin_with_line(state, design)
+        return
+    predict(state, coefficients, design, pace)
+    usual = pace if 0.0 < pace < dt else dt  # samples may have been lost
+    if reading.change != 0.0 and reading.rested > MEMORY * usual:
+        stir(state, design, dt)  # a rest ends: the speed is in doubt
+    off, quantum = reading.off, state.sensor.quantum
+    if (off > design.outside or off < -design.outside) and not is_next_count(
+        off, quantum, design.period
+    ):
+        stray(state, design, dt)
+    else:
+        meet(state, design, dt)
 
-    State: motion: (position [rad], velocity, acceleration, time since an informative reading [s]);
-    covariance; band (see `bandwidth`); sensor (see `sensor`); steps (see `quantum`); convention;
-    lock, see `Lock`; sway (see `bandwidth`); doubt (see `start`); clock (see `clock`); other (see
-    `preference`).
+
+def learn_sensor(state: State, design: Design) -> None:
+    """Learn quantum, noise and vibration, in the readings as they came, without a correction."""
+    reading, sensor, steps, convention = state.reading, state.sensor, state.steps, state.convention
+    quantum, change, last = sensor.quantum, reading.change, convention.last
+    reading.first, reading.counted = (
+        change != 0.0 and convention.low == convention.high,
+        change + reading.further,
+    )
+    if change != 0.0 and shows_quantum(steps, reading.counted, sensor.size, sensor.since, quantum):
+        extent = abs(reading.angle) + abs(last)
+        if is_residue(reading.counted, extent, design.quantum, quantum, reading.first):
+            reading.angle, reading.change, reading.first = last, 0.0, False  # it is used again
+        else:
+            found = search(steps, reading.counted, extent, design.quantum, sensor)
+            if found != quantum:
+                rescale(state, found, reading.first)
+                quantum = found
+                set_alike(state.other)
+    believed = state.lock.count if state.lock.status == COASTING else math.inf
+    follow_sensor(sensor, reading.change, reading.counted, reading.passed, quantum, believed)
+    if reading.evidence > BELIEVED:
+        age_noise(sensor, state.motion.velocity)
+    follow(convention, reading.angle, design.period)
+
+
+def rescale(state: State, quantum: float, first: bool) -> None:
+    """Use another quantum [rad] from now on.
+
+    Covariance, band and sensor stay as they were in quanta, but a finer quantum makes no estimate
+    surer.
+
+    Parameters
+    ----------
+    first : this is the first step of all, and everything was relative to `UNIT`.
     """
-    period = float(circle.period)
-    stddev, scaled = make_stddev(period)
-    step = _make_step(period)
-    return Functions(
-        lambda: Design(float(gains.quantum), *ratios(RATIO[gains.prefer])),
-        prepare,
-        init,
-        step,
-        _make_output(period, float(circle.unwrap)),
-        stddev,
-        _make_resume(period),
-        lambda dt: None,
-        lambda dt: math.nan,
-        is_angle,
-        why=why,
-        edges=True,
-        restart=_make_restart(period),
-        scaled=scaled,
-        late=late,
-        again=make_again(prepare, step, period),
-        turns=True,
+    p, sensor = state.p, state.sensor
+    used, noise = sensor.quantum, sensor.noise
+    scale = quantum * quantum / (used * used)
+    if noise > PLAIN * used * used:  # what is known stays as it was in noise
+        scale = (quantum * quantum + 12.0 * noise) / (used * used + 12.0 * noise)
+    state.band.density *= scale
+    if first:
+        sensor.noise *= scale
+        sensor.lasting *= scale
+    if scale > 1.0 or first:
+        p.p00 *= scale
+        p.p01 *= scale
+        p.p02 *= scale
+        p.p11 *= scale
+        p.p12 *= scale
+        p.p22 *= scale
+
+
+def shows_line(state: State, design: Design, dt: float, pace: float, previous: float) -> bool:
+    """Return True if this reading shows the line of a start.
+
+    The second reading; the third where that came too soon; the second that moves on after a rest;
+    or the first that moves so early that it shows the quantum alone.
+
+    Parameters
+    ----------
+    pace, previous : mean sample time, and the sample time before this one [s].
+    """
+    reading, p = state.reading, state.p
+    return (
+        p.p11 == 0.0
+        or (p.p02 == 0.0 and pace == 0.0 and dt > HASTY * previous and previous > 0.0)
+        or (
+            reading.starting
+            and reading.stepped * reading.change > 0.0
+            and state.doubt.to_settle == UNSURE
+        )
+        or (reading.first and design.quantum == 0.0 and reading.rested <= CONFIRMED * dt)
     )
 
 
-def late(state: tuple) -> float:
-    """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
-    _, _, _, _, _, _, _, _, _, (lateness, _, _, _, _, _), _ = state
-    return lateness
+def begin_with_line(state: State, design: Design) -> None:
+    """Begin with the line through this reading and the one before.
+
+    Only the bandwidth stays, where the joint started from a rest. Third differences across the
+    start are neither noise nor vibration, so the sensor's means start again.
+    """
+    reading, sensor, band, doubt = state.reading, state.sensor, state.band, state.doubt
+    rests, density, pace = doubt.to_settle == UNSURE, band.density, sensor.pace
+    if rests:
+        first_step(sensor, sensor.quantum, reading.change, reading.passed)
+        sensor.pace = pace
+    begin_line(
+        state.motion,
+        state.p,
+        band,
+        reading.angle,
+        reading.change,
+        reading.passed,
+        sensor.quantum,
+        sensor.noise,
+        design.period,
+    )
+    if rests:
+        band.density = density if density > band.density else band.density
+        set_doubt(doubt, 0.0, SETTLES, doubt.since, doubt.age)
+    state.lock.count += 1.0
+    forget_sway(state)
+    set_alike(state.other)
 
 
-def _make_step(period: float) -> Callable[..., tuple]:
-    half_turn = 0.5 * period if period > 0.0 else math.inf
-    outside = OUTSIDE * period if period > 0.0 else math.inf
+def predict(state: State, coefficients: Coefficients, design: Design, pace: float) -> None:
+    """Predict motion and covariance: a' = -a/FADE + w, v' = a, x' = v.
 
-    def step(
-        state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
-    ) -> tuple:
-        motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other = state
-        last, low, high, _, _ = convention
-        dt, half_square, kept, _, _, _ = coefficients
-        change = measurement - last
-        if not -half_turn <= change < half_turn:
-            change = wrap(change, period)
-        # Residue: was the last step a glitch, or the first real one?
-        unsure, to_settle, since, _, _, _ = doubt
-        starting = to_settle > 0.0
-        if starting:
-            doubt = later(doubt, dt)
-            _, _, _, _, _, _, jump = steps
-            if jump * (change + 0.5 * jump) > 0.0:  # it lasts
-                motion, p, band, sensor, steps, doubt = after_jump(
-                    jump, last, dt, design.quantum, period
-                )
-                other = ALIKE
-            elif jump != 0.0:  # a glitch
-                change, steps = change + jump, with_jump(steps, 0.0)
-            unsure, to_settle, since, _, _, _ = doubt
-        x, v, a, idle = motion
-        quantum, _, _, _, stepped, previous, size, rested, _, _, pace = sensor
-        status, count, astray = lock
-        _, uneven, held, _, evidence, _ = clock
-        # Repeated readings
-        if change == 0.0 and abs(v) * dt > REPEATS * quantum and repeats(state, dt):
-            return without_reading(state, coefficients, design)
-        passed = held + dt  # since the last reading that was used
-        if held > 0.0 or evidence > 0.0:
-            clock = resumed(clock, change, passed, pace, v)
-        # Wrong stamps
-        if uneven > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
-            taken, clock = elapsed(clock, dt, pace, change + last - x, motion, p, sensor)
-            if taken != dt:
-                dt, passed = taken, passed + taken - dt
-                coefficients = prepare(design, dt)
-                _, half_square, kept, _, _, _ = coefficients
-        # Search for the quantum: in the readings as they came, without a correction
-        first, counted = change != 0.0 and low == high, change + known_input
-        if change != 0.0 and shows_quantum(steps, counted, size, rested, quantum):
-            extent = abs(measurement) + abs(last)
-            moved, steps, found = search(steps, counted, extent, design.quantum, sensor, first)
-            if found != quantum:
-                p, band, sensor = rescaled(p, band, sensor, found, first)
-                quantum, other = found, ALIKE
-            if not moved:  # residue: the reading before is used again
-                measurement, change, first = last, 0.0, False
-        # Noise and vibration
-        believed_for = count if status == COASTING else math.inf
-        sensor = follow_sensor(sensor, change, counted, passed, quantum, believed_for)
-        if evidence > BELIEVED:
-            sensor = aged(sensor, v)
-        _, noise, scatter, _, _, _, _, _, _, _, _ = sensor
-        convention = follow(convention, measurement, period)
-        # A start: the second reading, the third where that came too soon, the second that moves on
-        # after a rest, or the first that moves so early that it shows the quantum alone
-        _, _, p02, p11, _, _ = p
-        if (
-            p11 == 0.0
-            or (p02 == 0.0 == pace and dt > HASTY * previous > 0.0)
-            or (starting and stepped * change > 0.0 and to_settle == UNSURE)
-            or (first and design.quantum == 0.0 and rested <= CONFIRMED * dt)
-        ):
-            motion, p, band, sensor, doubt = straight_line(
-                measurement, change, passed, sensor, period, band, doubt
-            )
-            lock = (status, count + 1.0, astray)
-            return (motion, p, band, sensor, steps, convention, lock, STEADY, doubt, clock, ALIKE)
-        # Prediction: a' = -a/FADE + w, v' = a, x' = v
-        density, _, _, _, _, _, _, _, _ = band
-        moved = v * dt + a * half_square
-        ahead = change - moved
-        if held > 0.0:  # and moved while the reading repeated
-            ahead -= (v - 0.5 * a * held) * held
-        off = measurement - x - moved
-        if off + off >= period or off + off < -period:
-            off = wrap(off, period)
-        v += a * dt
-        a *= kept
-        idle += dt
-        p = predicted(p, density, coefficients)
-        square = quantum * quantum
-        mean_sway, _, _ = sway
-        swing = lasted = 0.0
-        if mean_sway > 0.0:
-            lasted = dt if dt > EVEN * pace else pace  # readings in bursts are not that near
-            swing = mean_sway - square / 6.0 - 2.0 * noise
-            p = swayed(p, swing, lasted)
-        if design.ratio == 1.0:
-            other = ALIKE
-        else:
-            other = beside(other, p, design.ratio * density, coefficients, swing, lasted)
-        usual = pace if 0.0 < pace < dt else dt  # samples may have been lost
-        if change != 0.0 and rested > MEMORY * usual:  # a rest ends: the speed is in doubt
-            doubt, begins = stirred(doubt, sensor, p, rested, dt, first, period)
-            starting = starting and not begins
-        # An eighth of a turn off: no reading of this shaft, or not of this speed
-        if (off > outside or off < -outside) and not is_next_count(off, quantum, period):
-            astray += dt
-            p00, _, _, _, _, _ = p
-            if astray > LOST_AFTER or SIGMAS * SIGMAS * p00 > outside * outside:
-                return first_state(measurement, sensor, steps, convention, doubt, clock)
-            motion, lock = (measurement - off, v, a, idle), coasting((status, count, astray))
-            return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
-        # Sway, unless it moved away from a reading that was not believed
-        before, sway = sway, follow_sway(sway, ahead, OUTLIER * (scatter + square), count > 0.0)
-        # Noise that hides single edges
-        p00, _, _, _, _, _ = p
-        half, noisy = 0.5 * quantum, noise > PLAIN * square
-        if noisy:
-            doubt = doubted_in_noise(doubt, off, v, quantum, noise, dt, period)
-        elif change * stepped < 0.0 and -half < moved < half:
-            mean_sway, _, _ = sway
-            if mean_sway <= 0.0:
-                # a reading that the next undoes: its noise is as unknown as an angle in its cell
-                noise, noisy = square / 12.0, True
-                sensor = with_noise(sensor, noise)
-        # What an edge shows; most readings are plainly no news: no edge, and none was expected
-        flickers = noisy and moved * moved < noise < half * half
-        inside = -half <= ahead <= half and -half <= off <= half
-        if not inside or flickers or 12.0 * p00 > square:
-            # the cell of an unchanged reading may reach further than a quantum; by a quarter of
-            # what is known of that either end may be wrong
-            further = known_input if change == 0.0 else 0.0
-            deviations = (off + 0.5 * further, ahead, quantum + 1.5 * abs(further))
-            centre, _, size = deviations
-            news = interval(centre, ahead, size, p00, noise, flickers)
-            kind, _, _ = news
-            if kind != NOTHING:
-                warm = since >= RECENT
-                believed, shift, p, band, sensor, heard = update(
-                    news, deviations, p, band, sensor, flickers, idle, dt, warm
-                )
-                idle = 0.0
-                if not believed:
-                    if quantum != design.quantum and abs(change) > JUMP * (high - low):
-                        # what moved before was residue, or this is a glitch: the next reading
-                        # decides
-                        steps = with_jump(steps, change)
-                        doubt = doubted(quantum, dt, period, 0.0, 0.0)
-                    motion, lock = (measurement - off, v, a, idle), coasting(lock)
-                    return (
-                        motion,
-                        p,
-                        band,
-                        sensor,
-                        steps,
-                        convention,
-                        lock,
-                        before,
-                        doubt,
-                        clock,
-                        other,
-                    )
-                _, _, _, _, _, _, manoeuvre = heard
-                if manoeuvre and RESTS * abs(v) < quantum:
-                    doubt = motion_began(doubt, dt)
-                dx, dv, da = shift
-                if kind == HELD:
-                    doubt = overdue(doubt, dv)
-                off -= dx
-                v += dv
-                a += da
-                if design.ratio != 1.0:
-                    other = informed(other, heard, shift, design.ratio)
-                if (v + v) * dt > period > 0.0 or (v + v) * dt < -period < 0.0:
-                    # faster than half a turn per sample: lock was lost
-                    return first_state(measurement, sensor, steps, convention, doubt, clock)
-        if change != 0.0 and unsure > 0.0:
-            doubt = overdue(doubt, 0.0)
-        if starting and change != 0.0:
-            doubt = settled(doubt, v, change, rested, dt, square, noise)
-        if status != TRACKING:
-            lock = settling(lock, p, dt, square + 12.0 * noise)
-        motion = (measurement - off, v, a, idle)
-        return (motion, p, band, sensor, steps, convention, lock, sway, doubt, clock, other)
-
-    return step
+    Parameters
+    ----------
+    pace : mean sample time before this one [s].
+    """
+    motion, p, sensor, reading = state.motion, state.p, state.sensor, state.reading
+    dt, v, a, density = coefficients.dt, motion.velocity, motion.acceleration, state.band.density
+    moved = v * dt + a * coefficients.half
+    ahead = reading.change - moved
+    if reading.held > 0.0:  # and moved while the reading repeated
+        ahead -= (v - 0.5 * a * reading.held) * reading.held
+    off = reading.angle - motion.angle - moved
+    if off + off >= design.period or off + off < -design.period:
+        off = wrap(off, design.period)
+    reading.moved, reading.ahead, reading.off = moved, ahead, off
+    motion.velocity += a * dt
+    motion.acceleration = a * coefficients.kept
+    motion.idle += dt
+    predict_covariance(p, density, coefficients)
+    swing = lasted = 0.0
+    if state.sway.mean > 0.0:
+        lasted = dt if dt > EVEN * pace else pace  # readings in bursts are not that near
+        swing = state.sway.mean - sensor.quantum * sensor.quantum / 6.0 - 2.0 * sensor.noise
+        add_sway(p, swing, lasted)
+    if design.ratio != 1.0:
+        predict_other(state.other, p, design.ratio * density, coefficients, swing, lasted)
+    elif state.other.apart:
+        set_alike(state.other)
 
 
-def _make_output(period: float, unwrap: float) -> Callable[..., tuple]:
-    def output(
-        state: tuple, coefficients: tuple, design: Design, measurement: float, known_input: float
-    ) -> tuple:
-        (x, v, a, _), _, _, sensor, _, convention, (status, _, _), _, _, _, other = state
-        dx, dv, da, _ = other
-        x, v, a = x + dx, v + dv, a + da
-        _, _, _, _, _, _, _, since, _, _, _ = sensor
-        if since > 0.0:
-            most = fastest(sensor, known_input)
-            v = most if v > most else -most if v < -most else v
-        return (present(convention, x, period, unwrap), v, a, status)
+def stir(state: State, design: Design, dt: float) -> None:
+    """Doubt the speed at the first changed reading after a rest.
 
-    return output
-
-
-def _make_resume(period: float) -> Callable[..., tuple]:
-    def resume(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
-        (_, v, _, _), p, band, sensor, steps, convention, lock, _, doubt, clock, _ = state
-        _, _, _, p11, _, p22 = p
-        density, _, _, _, _, _, _, squares, quiet = band
-        quantum, noise, scatter, _, _, _, _, _, _, _, _ = sensor
-        smallest, candidate, shown, least, left, finer, _ = steps
-        status, _, astray = lock
-        _, _, since, _, _, _ = doubt
-        _, uneven, _, longest, evidence, _ = clock
-        return (
-            (measurement, v, 0.0, 0.0),
-            (quantum * quantum / 12.0, 0.0, 0.0, p11, 0.0, p22),
-            (density, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, squares, quiet),
-            (quantum, noise, scatter, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0),
-            (smallest, candidate, shown, least, left, finer, 0.0),
-            follow(convention, measurement, period),
-            (COASTING if status == TRACKING else status, 0.0, astray),
-            STEADY,
-            (v * v, SETTLES, since, 0.0, 0.0, 0.0),
-            (0.0, uneven, 0.0, longest, evidence, 0.0),
-            ALIKE,
-        )
-
-    return resume
+    Not where noise hides single edges (see `doubt_in_noise`), and where the angle is known too
+    well: an edge came meanwhile, that noise took back.
+    """
+    reading, doubt, quantum = state.reading, state.doubt, state.sensor.quantum
+    square = quantum * quantum
+    if state.sensor.noise <= PLAIN * square and (
+        reading.first or 12.0 * state.p.p00 > RESTED * square
+    ):
+        since = 0.0 if reading.first else doubt.since
+        age = doubt.age if reading.rested < RESTS else 0.0
+        doubt_speed(doubt, quantum, dt, design.period, since, age)
+        reading.starting = False
 
 
-def _make_restart(period: float) -> Callable[..., tuple]:
-    def restart(state: tuple, coefficients: tuple, design: Design, measurement: float) -> tuple:
-        _, _, _, _, steps, convention, _, _, _, _, _ = state  # steps: what is known of the quantum
-        quantum = quantum_of(steps, design.quantum)
-        return first_state(
-            measurement,
-            begin_sensor(quantum if quantum > 0.0 else UNIT),
-            steps,
-            follow(convention, measurement, period),
-            START,
-            UNKNOWN,
-        )
+def coast(lock: Lock) -> None:
+    """Follow a reading that is not believed."""
+    if lock.status != INITIALISING:
+        lock.status = COASTING
+    lock.count = 0.0
 
-    return restart
+
+def stray(state: State, design: Design, dt: float) -> None:
+    """Take a reading an eighth of a turn off: none of this shaft, or not of this speed."""
+    lock, reading = state.lock, state.reading
+    lock.astray += dt
+    outside = design.outside
+    if lock.astray > LOST_AFTER or SIGMAS * SIGMAS * state.p.p00 > outside * outside:
+        begin_motion_at(state, reading.angle)
+        return
+    state.motion.angle = reading.angle - reading.off
+    coast(lock)
+
+
+def meet(state: State, design: Design, dt: float) -> None:
+    """Take a reading of this shaft: sway, noise that hides single edges, and what an edge shows."""
+    reading, motion, p, sensor = state.reading, state.motion, state.p, state.sensor
+    sway, lock, quantum, off = state.sway, state.lock, sensor.quantum, reading.off
+    mean, last, before, square = sway.mean, sway.last, sway.before, quantum * quantum
+    # unless it moved away from a reading that was not believed
+    follow_sway(sway, reading.ahead, OUTLIER * (sensor.scatter + square), lock.count > 0.0)
+    half, noisy = 0.5 * quantum, sensor.noise > PLAIN * square
+    if noisy:
+        doubt_in_noise(state.doubt, off, motion.velocity, quantum, sensor.noise, dt, design.period)
+    elif reading.change * reading.stepped < 0.0 and -half < reading.moved < half:
+        if sway.mean <= 0.0:
+            # a reading that the next undoes: its noise is as unknown as an angle in its cell
+            sensor.noise, noisy = square / 12.0, True
+    noise = sensor.noise
+    flickers = noisy and reading.moved * reading.moved < noise < half * half
+    # most readings are plainly no news: no edge, and none was expected
+    inside = -half <= reading.ahead <= half and -half <= off <= half
+    if not inside or flickers or 12.0 * p.p00 > square:
+        if not hear(state, design, dt, flickers):
+            sway.mean, sway.last, sway.before = mean, last, before
+            return
+        if motion.idle == 0.0 and abs(2.0 * motion.velocity) * dt > design.period > 0.0:
+            begin_motion_at(state, reading.angle)  # faster than half a turn per sample: lost
+            return
+    if reading.change != 0.0 and reading.unsure > 0.0:
+        doubt_overdue(state.doubt, 0.0)
+    if reading.starting and reading.change != 0.0:
+        settle(state.doubt, motion.velocity, reading.change, reading.rested, dt, square, noise)
+    if lock.status != TRACKING:
+        settle_lock(lock, p.p11, dt, square + 12.0 * noise)
+    motion.angle = reading.angle - reading.off
+
+
+def hear(state: State, design: Design, dt: float, flickers: bool) -> bool:
+    """Take what a reading may show of the angle; return False if it is not believed.
+
+    The cell of an unchanged reading may reach further than a quantum; by a quarter of what is known
+    of that either end may be wrong.
+    """
+    reading, sensor = state.reading, state.sensor
+    quantum = sensor.quantum
+    further = reading.further if reading.change == 0.0 else 0.0
+    off, size = reading.off + 0.5 * further, quantum + 1.5 * abs(further)
+    kind, centre, half = interval(off, reading.ahead, size, state.p.p00, sensor.noise, flickers)
+    if kind == NOTHING:
+        return True
+    if update(state, design, kind, centre, half, off, size, flickers, dt):
+        return True
+    if quantum != design.quantum and abs(reading.change) > JUMP * reading.extent:
+        # what moved before was residue, or this is a glitch: the next reading decides
+        state.steps.jump = reading.change
+        doubt_speed(state.doubt, quantum, dt, design.period, 0.0, 0.0)
+    state.motion.angle = reading.angle - reading.off
+    coast(state.lock)
+    return False
+
+
+def settle_lock(lock: Lock, p11: float, dt: float, floor: float) -> None:
+    """Take one more believed reading of a start, a gap or a doubt.
+
+    Parameters
+    ----------
+    p11 : variance of the speed. floor : twelve times the variance of a reading [rad^2].
+    """
+    lock.count += 1.0
+    if lock.count >= CONFIRMED and p11 * dt * dt < floor:
+        lock.status, lock.astray = TRACKING, 0.0
+
+
+def estimate(
+    observer: Any,
+    out: Estimate,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: float,
+    known_input: float,
+) -> None:
+    """Set the estimate; the known input is by how much a cell reaches further than a quantum."""
+    motion, other, sensor = state.motion, state.other, state.sensor
+    v = motion.velocity + other.v
+    if sensor.since > 0.0:
+        most = fastest(sensor, known_input)
+        v = most if v > most else -most if v < -most else v
+    angle = motion.angle + other.x
+    out.position = present(state.convention, angle, design.period, design.unwrap)
+    out.velocity, out.acceleration = v, motion.acceleration + other.a
+    out.status = state.lock.status
 
 
 OBSERVER = Observer(
@@ -472,7 +696,6 @@ OBSERVER = Observer(
     summary='finds bandwidth and noise by itself: say how many counts the '
     'encoder has, or not even that',
     gains=Gains,
-    build=build,
     reference='docs/observers/edge_adaptive.md: edges as times, truncated Gaussians, innovation '
     'correlation (Mehra 1970), cumulative sums (Page 1954)',
     gives_acceleration=lambda gains: True,

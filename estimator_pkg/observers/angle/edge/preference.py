@@ -12,72 +12,101 @@ velocity, and its delay is RATIO^(-1/2) times that of the first.
 
 from __future__ import annotations
 
-import math
-
 from estimator_pkg.observers.angle.edge.covariance import (
-    Covariance,
-    corrected,
-    predicted,
-    swayed,
-    widened,
+    Coefficients,
+    add_sway,
+    correct_covariance,
+    predict_covariance,
+    widen,
 )
-
-# (angle [rad], speed, acceleration less those of the first filter; covariance)
-Other = tuple[float, float, float, Covariance]
-# news, as the first filter took it: (covariance before it, S [rad^2], d [rad], 1 - f, whether it is
-# a measurement, growth of the log density, whether a manoeuvre was found); see `update`
-Taken = tuple[Covariance, float, float, float, bool, float, bool]
-
-NOWHERE: Covariance = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-ALIKE: Other = (0.0, 0.0, 0.0, NOWHERE)  # it begins as the first filter is
+from estimator_pkg.observers.maths.covariance import Covariance
+from estimator_pkg.record import record
 
 
-def beside(
-    other: Other, p: Covariance, density: float, coefficients: tuple, sway: float, lasted: float
-) -> Other:
-    """Return the second filter one sample later.
+@record
+class Other:
+    """The second filter."""
+
+    apart: bool  # False: it is as the first one
+    x: float  # angle less that of the first filter [rad]
+    v: float  # the same of the speed [rad/s]
+    a: float  # and of the acceleration [rad/s^2]
+    p: Covariance
+
+
+def set_alike(other: Other) -> None:
+    """Let the second filter begin as the first one is."""
+    other.apart = False
+    other.x = other.v = other.a = 0.0
+
+
+def predict_other(
+    other: Other,
+    p: Covariance,
+    density: float,
+    coefficients: Coefficients,
+    sway: float,
+    lasted: float,
+) -> None:
+    """Predict the second filter one sample on.
 
     Parameters
     ----------
     p : covariance of the first filter, one sample later.
     density : of the second one's jerk [(rad/s^3)^2 s].
-    coefficients : see `covariance.predicted`.
-    sway, lasted : see `covariance.swayed`; the time in which the speed sways [s].
+    sway, lasted : see `covariance.add_sway`; the time in which the speed sways [s].
     """
-    x, v, a, own = other
-    p00, _, _, _, _, _ = own
-    if p00 < 0.0:
-        return (0.0, 0.0, 0.0, p)
-    dt, half_square, kept, _, _, _ = coefficients
-    own = swayed(predicted(own, density, coefficients), sway, lasted)
-    return (x + v * dt + a * half_square, v + a * dt, kept * a, own)
+    if not other.apart:
+        other.apart = True
+        other.p.take(p)
+        return
+    predict_covariance(other.p, density, coefficients)
+    add_sway(other.p, sway, lasted)
+    dt = coefficients.dt
+    other.x = other.x + other.v * dt + other.a * coefficients.half
+    other.v += other.a * dt
+    other.a *= coefficients.kept
 
 
-def informed(other: Other, taken: Taken, shift: tuple[float, float, float], ratio: float) -> Other:
-    """Return the second filter after news that moved the first one by `shift`.
+def inform_other(
+    other: Other,
+    p: Covariance,
+    s: float,
+    d: float,
+    left: float,
+    measured: bool,
+    growth: float,
+    manoeuvre: bool,
+    log_ratio: float,
+) -> None:
+    """Take news as the first filter takes it.
 
-    The first filter took the news as a Gaussian measurement of variance S/f - P_00 at a distance of
-    d/f. The second one takes the same.
+    For the first filter it is a Gaussian measurement of variance S/f - P_00 at a distance of d/f.
 
     Parameters
     ----------
-    ratio : of its density to the first one's.
+    p : covariance of the first filter before the news.
+    s, d : S [rad^2] and d [rad] of the news. left : 1 - f.
+    measured : it is a measurement; else it only moves the estimate.
+    growth, manoeuvre : of the log density, and whether a manoeuvre was found.
+    log_ratio : log of its density over the first one's.
     """
-    x, v, a, own = other
-    p, s, d, left, measured, growth, manoeuvre = taken
     f = 1.0 - left
+    own = other.p
     if manoeuvre:
-        own = widened(p, math.log(ratio))
+        own.take(p)
+        widen(own, log_ratio)
     elif growth > 0.0:
-        own = widened(own, growth)
-    p00, _, _, _, _, _ = p
-    own_00, own_01, own_02, _, _, _ = own
-    whole = s + f * (own_00 - p00)
-    rate = (d - f * x) / whole
+        widen(own, growth)
+    own_00, own_01, own_02 = own.p00, own.p01, own.p02
+    whole = s + f * (own_00 - p.p00)
+    rate = (d - f * other.x) / whole
     if measured:
-        own = corrected(own, whole - own_00, left)
-    dx, dv, da = shift
-    return (x + own_00 * rate - dx, v + own_01 * rate - dv, a + own_02 * rate - da, own)
+        correct_covariance(own, whole - own_00, left)
+    ratio = d / s
+    other.x = other.x + own_00 * rate - p.p00 * ratio
+    other.v = other.v + own_01 * rate - p.p01 * ratio
+    other.a = other.a + own_02 * rate - p.p02 * ratio
 
 
 def ratios(ratio: float) -> tuple[float, float, float]:

@@ -3,8 +3,9 @@
 
 """The quantum as the steps of the readings show it: the smallest step, or difference of two.
 
-A finer step than any before is believed at once, and starts a search that decides whether it was a
-stray reading. Until the first step everything is relative to `UNIT`.
+A finer step than any before is believed at once until the steps have confirmed the quantum, from
+then on if such steps are the rule. Steps that are no multiples of it, and scatter less than those
+of a counter, are no counts. Until the first step everything is relative to `UNIT`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import math
 
 from estimator_pkg.observers.angle.edge.sensor import Sensor
-from estimator_pkg.observers.maths.seldom import seldom
+from estimator_pkg.record import record
 
 UNIT = 1.0  # [rad] quantum while none is known
 ROUNDING = 1e-6  # of the reading: smaller steps are a float32's last digit
@@ -20,47 +21,44 @@ LARGEST = 1e3  # [rad or m] but of no more than this: a wheel turns on, and its 
 RESIDUE = 1e-3  # of the quantum: a change by less is rounding residue, and no motion
 FINEST = 1e-10  # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
 JUMP = 1e3  # times the range of all readings before: those before were residue
-SEEN = 2.0  # a smaller step than the given quantum is believed when it came twice
-SHOWN = 8.0  # readings that show the quantum, before it is thought to be larger than before
-RETURNS = 3.0  # the first of them, which a stray reading makes by itself: there, back, and on
-SEARCH = 96.0  # readings among which these are looked for, after a new smallest step
-FINER = 0.75  # the quantum is too large if steps below this part of it are seen
-
-UNLIKE = 5.0  # steps in a row that are no multiples of each other, without a scatter: no counter
+SHOWN = 8.0  # multiples of the quantum in a row that confirm it, if they could show a finer one
+UNLIKE = 5.0  # steps in a row that are no multiples, without a scatter: no counter
 SMOOTH = 0.02  # of the squared smallest step: a counter scatters more, unless its speed is constant
-
-FLOATS = 0.0  # in place of the smallest step: they are no counts, unless the search shows some
+SEARCH = 32.0  # other steps in a row, after which only finer ones are looked at
 
 CLOSE = 0.9  # a step above this part of the quantum is one, but for its last digits,
 DIGITS = 0.01  # which are below this part
 
-AGREES, TOO_LARGE, TOO_SMALL = 0, 1, 2
+AGREES = 0  # the given quantum, with the steps seen
+TOO_LARGE = 1
+TOO_SMALL = 2
 
-# (smallest step of the reading, or of its steps, seen [rad]; candidate for the quantum, of which
-# all steps since it came up are multiples [rad]; how many of them could have shown a finer one,
-# below 0: how many were no multiple of the one before;
-# the smallest of these but the first `RETURNS` [rad]; readings for which the search goes on;
-# steps that were finer than the given quantum; the last step [rad], where it was more than `JUMP`
-# times the range of all readings before, else 0)
-Steps = tuple[float, float, float, float, float, float, float]
 
-FIRST_STEPS: Steps = (math.inf, math.inf, 0.0, math.inf, SEARCH, 0.0, 0.0)
+@record
+class Steps:
+    """The steps of the readings, and what they have shown of the quantum."""
+
+    smallest: float  # smallest step of the reading, or of its steps [rad]
+    # how many multiples of it came in a row, of those that could show a finer step; below 0: how
+    # many others did
+    shown: float
+    finest: float  # smallest step since it is confirmed [rad]
+    finer: float  # by how many more finer ones came than others
+    part: float  # the quantum over the smallest step
+    jump: float  # the last step [rad], where it exceeds `JUMP` times the range before, else 0
+
+
+def begin_steps(steps: Steps) -> None:
+    """Set the steps before anything has moved."""
+    steps.smallest = steps.finest = math.inf
+    steps.shown = steps.finer = steps.jump = 0.0
+    steps.part = 1.0
 
 
 def follow_steps(
-    steps: Steps,
-    step: float,
-    last: float,
-    since: float,
-    size: float,
-    quantum: float,
-    scatter: float,
-) -> Steps:
-    """Return the steps after one of `step` [rad], where the last before was +-`last` [rad].
-
-    A finer step than any before is believed at once, and starts a search: when all steps have been
-    multiples of a candidate, `SHOWN` of them could have shown a finer one, and one repeated it, it
-    is the quantum, and what was finer was a stray reading.
+    steps: Steps, step: float, last: float, since: float, size: float, scatter: float
+) -> None:
+    """Take a `step` [rad], where the last before was +-`last` [rad].
 
     Parameters
     ----------
@@ -68,13 +66,10 @@ def follow_steps(
     since : time between that and the last reading before this one [s]. A step that comes after
         unchanged readings shows the quantum, for a shaft that skipped a count would not rest.
     size : of the two readings [rad]: of their last digits nothing is learnt.
-    quantum : as given [rad]; 0: not known.
-    scatter : mean square of third differences over 20 [rad^2]. Steps that are no multiples of each
-        other, and scatter less than a counter's, are no counts: the quantum is `DIGITS` of them.
+    scatter : mean square of third differences over 20 [rad^2].
     """
-    smallest, candidate, shown, least, left, finer, _ = steps
     moved = found = abs(step)
-    grain = max(ROUNDING * min(size, LARGEST), RESIDUE * min(smallest, moved))
+    grain = max(ROUNDING * min(size, LARGEST), RESIDUE * min(steps.smallest, moved))
     shows = since > 0.0
     if last > 0.0:
         bend = abs(moved - last)
@@ -82,35 +77,43 @@ def follow_steps(
             shows = True
             if bend < found:
                 found = bend
+    steps.jump = 0.0
     if found <= grain:
-        return (smallest, candidate, shown, least, left, finer, 0.0)
-    if found < FINER * quantum and finer < SEEN:
-        finer += 1.0
-    if found < CLOSE * smallest:
-        left = SEARCH
-    if found < smallest:
-        smallest = found if least != FLOATS else DIGITS * found
-    rest = moved % candidate
-    if found < CLOSE * candidate or DIGITS * candidate < rest < (1.0 - DIGITS) * candidate:
-        shown = (shown if shown < 0.0 else 0.0) - (1.0 if shows else 0.5)
-        candidate, left = found, left - 1.0
-        if least != FLOATS:
-            least = math.inf
-            if shown <= -UNLIKE and scatter < SMOOTH * smallest * smallest:
-                smallest, shown, least, left = DIGITS * smallest, 0.0, FLOATS, SEARCH
-    elif shows and shown < SHOWN:
-        shown, left = (1.0 if shown <= -1.0 else 0.0 if shown < 0.0 else shown) + 1.0, left - 1.0
-        if shown > RETURNS and found < least:
-            least = found
-        if shown == SHOWN and CLOSE * least > candidate:  # a stray reading alone showed it
-            candidate, shown, least, left = least, 1.0, math.inf, SEARCH
-        elif shown == SHOWN and least == FLOATS and scatter < SMOOTH * candidate * candidate:
-            shown -= 1.0  # multiples of one step, but too smooth for a counter
-        elif shown == SHOWN:
-            smallest, least, left = candidate, math.inf, 0.0
-            if candidate >= FINER * quantum:
-                finer = 0.0
-    return (smallest, candidate, shown, least, left if left > 0.0 else 0.0, finer, 0.0)
+        return
+    if found < CLOSE * steps.smallest:
+        steps.finest = min(found, steps.finest)
+        steps.finer += 1.0
+        if steps.shown < SHOWN or steps.finer >= SHOWN:
+            steps.smallest, steps.shown = steps.finest, 1.0 if shows else 0.0
+            steps.finest, steps.finer = math.inf, 0.0
+        return
+    rest = math.fmod(moved, steps.smallest)
+    if steps.finer > 0.0:
+        steps.finer -= 1.0
+    if steps.finer == 0.0:
+        steps.finest = math.inf
+    if steps.shown < SHOWN:
+        confirm(steps, found, rest, shows, scatter)
+
+
+def confirm(steps: Steps, found: float, rest: float, shows: bool, scatter: float) -> None:
+    """Take a step that is no finer one, while the quantum is not confirmed.
+
+    Parameters
+    ----------
+    found : the step, or its difference from the last one [rad].
+    rest : of the step, by the smallest one [rad]. shows : it could have shown a finer one.
+    """
+    steps.smallest = smallest = min(steps.smallest, found)
+    smooth = scatter < SMOOTH * smallest * smallest
+    if DIGITS * smallest < rest < (1.0 - DIGITS) * smallest:
+        steps.shown = min(steps.shown, 0.0) - (1.0 if shows else 0.5)
+        if steps.shown <= -UNLIKE and smooth:
+            steps.part = DIGITS
+    elif shows and (steps.part == 1.0 or steps.shown < SHOWN - 1.0 or not smooth):
+        steps.shown = max(steps.shown, 0.0) + 1.0
+        if steps.shown == SHOWN:
+            steps.part = 1.0
 
 
 def shows_quantum(steps: Steps, step: float, last: float, since: float, quantum: float) -> bool:
@@ -123,15 +126,14 @@ def shows_quantum(steps: Steps, step: float, last: float, since: float, quantum:
     if step < CLOSE * quantum:
         return True
     bend = abs(step - last)
-    _, _, _, _, left, _, _ = steps
-    if left > 0.0:
+    if -SEARCH < steps.shown < SHOWN or steps.finer > 0.0:
         return since > 0.0 or bend > ROUNDING * step
     return DIGITS * quantum < bend < CLOSE * quantum
 
 
 def quantum_of(steps: Steps, given: float) -> float:
     """Return the quantum to use [rad]; 0: none is known yet."""
-    smallest, _, _, _, _, _, _ = steps
+    smallest = steps.smallest * steps.part
     if given > 0.0:
         return given if agreement(steps, given) == AGREES else smallest
     return smallest if smallest < math.inf else 0.0
@@ -139,40 +141,35 @@ def quantum_of(steps: Steps, given: float) -> float:
 
 def agreement(steps: Steps, given: float) -> int:
     """Return how the given quantum [rad] fits the steps seen: AGREES, TOO_LARGE or TOO_SMALL."""
-    seen, _, shown, _, _, finer, _ = steps
-    if given <= 0.0:
+    if given <= 0.0 or steps.shown < SHOWN:
         return AGREES
-    confirmed = shown >= SHOWN
-    if seen < given and (finer >= SEEN or (confirmed and seen < CLOSE * given)):
+    if steps.smallest < CLOSE * given:
         return TOO_LARGE
-    if confirmed and CLOSE * seen > given:
-        return TOO_SMALL
-    return AGREES
+    return TOO_SMALL if CLOSE * steps.smallest > given else AGREES
 
 
-@seldom
-def search(
-    steps: Steps, step: float, size: float, given: float, sensor: Sensor, first: bool
-) -> tuple[bool, Steps, float]:
-    """Return whether a step is no residue, and what it shows: steps, and the quantum [rad].
+def is_residue(step: float, size: float, given: float, used: float, first: bool) -> bool:
+    """Return True if a step [rad] is rounding residue, and no motion.
 
     Parameters
     ----------
-    step, size, given : as `step`, `size` and `quantum` of `follow_steps`.
+    size : of the two readings [rad]. given, used : the quantum as given and in use [rad].
     first : this is the first step of all.
     """
-    used, _, scatter, _, _, _, last, since, _, _, _ = sensor
     least = ROUNDING * min(size, LARGEST) if first and given == 0.0 else RESIDUE * used
-    if -least <= step <= least or -FINEST < step < FINEST:
-        return False, steps, used
-    steps = follow_steps(steps, step, last, since, size, given, scatter)
-    return True, steps, quantum_of(steps, given)
+    return -least <= step <= least or -FINEST < step < FINEST
 
 
-def with_jump(steps: Steps, jump: float) -> Steps:
-    """Return the steps where the last one of `jump` [rad] may show that all before was residue."""
-    smallest, candidate, shown, least, left, finer, _ = steps
-    return (smallest, candidate, shown, least, left, finer, jump)
+def search(steps: Steps, step: float, size: float, given: float, sensor: Sensor) -> float:
+    """Take a step; return the quantum to use [rad].
+
+    Parameters
+    ----------
+    step, size : as of `follow_steps`.
+    given : quantum as given [rad]; 0: not known.
+    """
+    follow_steps(steps, step, sensor.size, sensor.since, size, sensor.scatter)
+    return quantum_of(steps, given)
 
 
 def misfit(steps: Steps, given: float) -> str:

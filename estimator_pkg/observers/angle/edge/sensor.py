@@ -15,82 +15,68 @@ import math
 
 from estimator_pkg.observers.angle.edge.constants import BLUR, MEMORY
 from estimator_pkg.observers.angle.edge.covariance import jerk_density
+from estimator_pkg.record import record
 
 OUTLIER = 25.0  # largest weight of a square, in its expected value: 5 sigma
 # third differences after one wrong reading, over the one before each; how near one must be to it
-ALONE, NEAR = (-3.0, -1.0, -1.0 / 3.0), 0.25
+ALONE = (-3.0, -1.0, -1.0 / 3.0)
+NEAR = 0.25
 LASTING = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8, see below
-# (quantum in use [rad]; noise: variance of the edges, without the quantum's own [rad^2]; scatter:
-# mean square of third differences over 20 [rad^2]; residual, step [rad] and dt [s] of the sample
-# before, dt 0: none; size of the last change of the reading [rad], 0: none, and time since it
-# [s]; change of the residual one sample before [rad], inf: none; square of the third differences
-# that last [rad^2], negative where they alternate; mean dt [s])
-Sensor = tuple[float, float, float, float, float, float, float, float, float, float, float]
 
 
-def begin_sensor(quantum: float) -> Sensor:
-    """Return the sensor before anything was seen."""
-    return (
-        quantum,
-        BLUR * BLUR * quantum * quantum,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        math.inf,
-        0.0,
-        0.0,
-    )
+@record
+class Sensor:
+    """The sensor as its readings show it."""
+
+    quantum: float  # in use [rad]
+    noise: float  # variance of the edges, without the quantum's own [rad^2]
+    scatter: float  # mean square of third differences over 20 [rad^2]
+    residual: float  # of linear interpolation, one sample before [rad]
+    step: float  # change of the reading in the sample before [rad]
+    dt: float  # sample time of that [s]; 0: none
+    size: float  # of the last change of the reading [rad]; 0: none
+    since: float  # time since that [s]
+    bend: float  # change of the residual one sample before [rad]; inf: none
+    lasting: float  # square of the third differences that last [rad^2], negative: they alternate
+    pace: float  # mean sample time [s]
 
 
-def first_step(quantum: float, step: float, dt: float) -> Sensor:
-    """Return the sensor as after the first `step` [rad], in a sample of `dt` [s]."""
-    return (
-        quantum,
-        BLUR * BLUR * quantum * quantum,
-        0.0,
-        0.0,
-        step,
-        dt,
-        abs(step),
-        0.0,
-        math.inf,
-        0.0,
-        0.0,
-    )
+def begin_sensor(sensor: Sensor, quantum: float) -> None:
+    """Set the sensor before anything was seen."""
+    sensor.quantum = quantum
+    sensor.noise = BLUR * BLUR * quantum * quantum
+    sensor.scatter = 0.0
+    begin_differences(sensor)
 
 
-def with_noise(sensor: Sensor, noise: float) -> Sensor:
-    """Return the sensor with another noise [rad^2]."""
-    quantum, _, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
-    return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
+def begin_differences(sensor: Sensor) -> None:
+    """Forget the readings so far, but for what they showed of the noise."""
+    sensor.residual = sensor.step = sensor.dt = sensor.size = sensor.since = 0.0
+    sensor.lasting = sensor.pace = 0.0
+    sensor.bend = math.inf
 
 
-def aged(sensor: Sensor, v: float) -> Sensor:
-    """Return a sensor whose readings are up to one sample old, at the speed `v` [rad/s].
+def first_step(sensor: Sensor, quantum: float, step: float, dt: float) -> None:
+    """Set the sensor as after the first `step` [rad], in a sample of `dt` [s]."""
+    begin_sensor(sensor, quantum)
+    sensor.step, sensor.dt, sensor.size = step, dt, abs(step)
+
+
+def age_noise(sensor: Sensor, v: float) -> None:
+    """Take readings to be up to one sample old, at the speed `v` [rad/s].
 
     The age is uniform, so the noise is at least (v dt)^2/12. It repeats like a sawtooth, of which
     third differences see the teeth alone.
     """
-    quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace = sensor
-    age = v * v * pace * pace / 12.0
-    noise = age if noise < age else noise
-    scatter = age if scatter < age else scatter
-    return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
-
-
-def paced(sensor: Sensor, pace: float) -> Sensor:
-    """Return the sensor with another mean sample time [s]."""
-    quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, _ = sensor
-    return (quantum, noise, scatter, residual, step, dt, change, since, bend, lasting, pace)
+    age = v * v * sensor.pace * sensor.pace / 12.0
+    sensor.noise = age if sensor.noise < age else sensor.noise
+    sensor.scatter = age if sensor.scatter < age else sensor.scatter
 
 
 def follow_sensor(
     sensor: Sensor, step: float, counted: float, dt: float, quantum: float, believed: float
-) -> Sensor:
-    """Return the sensor one sample further: the reading moved by `step` [rad] in `dt` [s].
+) -> None:
+    """Take a reading that moved by `step` [rad] in `dt` [s].
 
     Parameters
     ----------
@@ -105,56 +91,45 @@ def follow_sensor(
     however it beats with the sampling (a larger share than 3 would not have that). What the noise
     and the quantum may add by chance is taken off.
     """
-    used, noise, scatter, residual, last, before, change, since, bend, lasting, pace = sensor
     square = quantum * quantum
-    if before > 0.0:
-        third = (step * before - last * dt) / (dt + before) - residual
-        residual += third
-        if bend == math.inf:
-            bend, lasting, pace = 0.0, -square, pace if pace > 0.0 else dt
+    if sensor.dt > 0.0:
+        third = (step * sensor.dt - sensor.step * dt) / (dt + sensor.dt) - sensor.residual
+        sensor.residual += third
+        if sensor.bend == math.inf:
+            sensor.bend, sensor.lasting = 0.0, -square
+            sensor.pace = sensor.pace if sensor.pace > 0.0 else dt
         else:
-            power = 0.2 * third * third
-            most = OUTLIER * (scatter + square)
+            bend, scatter = sensor.bend, sensor.scatter
+            power, most = 0.2 * third * third, OUTLIER * (scatter + square)
             if believed < 3.0:
                 alone = ALONE[int(believed)] * bend
                 if abs(third - alone) < NEAR * abs(alone):  # a glitch is no noise
                     most = scatter + square
-            scatter += ((power if power < most else most) - scatter) / MEMORY
-            power = LASTING * bend * (3.0 * bend + 8.0 * third) - square / 12.0 - noise
-            lasting += ((power if power < most else most) - lasting) / MEMORY
-            pace += (dt - pace) / MEMORY
-            bend = third
-    if noise < scatter - square:  # more than any quantisation makes: it is noise
-        noise = scatter - square
-    elif quantum != used:
-        noise = BLUR * BLUR * square
+            sensor.scatter = scatter + ((power if power < most else most) - scatter) / MEMORY
+            power = LASTING * bend * (3.0 * bend + 8.0 * third) - square / 12.0 - sensor.noise
+            sensor.lasting += ((power if power < most else most) - sensor.lasting) / MEMORY
+            sensor.pace += (dt - sensor.pace) / MEMORY
+            sensor.bend = third
+    if sensor.noise < sensor.scatter - square:  # more than any quantisation makes: it is noise
+        sensor.noise = sensor.scatter - square
+    elif quantum != sensor.quantum:
+        sensor.noise = BLUR * BLUR * square
+    sensor.quantum, sensor.step, sensor.dt = quantum, step, dt
     if step == 0.0:
-        return (
-            quantum,
-            noise,
-            scatter,
-            residual,
-            step,
-            dt,
-            change,
-            since + dt,
-            bend,
-            lasting,
-            pace,
-        )
-    return quantum, noise, scatter, residual, step, dt, abs(counted), 0.0, bend, lasting, pace
+        sensor.since += dt
+    else:
+        sensor.size, sensor.since = abs(counted), 0.0
 
 
 def vibration(sensor: Sensor) -> float:
     """Return the density of white jerk [(rad/s^3)^2 s] that makes the third differences that last.
 
-    Within a sample it adds their square to the variance of the predicted angle: so far off is what
-    is extrapolated with an acceleration. 0: there is nothing but noise.
+    Within a sample it adds their square to the variance of the predicted angle: the error of
+    extrapolating with an acceleration. 0: there is nothing but noise.
     """
-    _, _, _, _, _, _, _, _, _, lasting, pace = sensor
-    if lasting <= 0.0:
+    if sensor.lasting <= 0.0:
         return 0.0
-    return jerk_density(lasting, pace)
+    return jerk_density(sensor.lasting, sensor.pace)
 
 
 def follow_noise(noise: float, excess: float, scatter: float, quantum: float) -> float:

@@ -10,12 +10,13 @@ no reading has shown yet (docs/observers/edge_adaptive_theory.md, "The standard 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from typing import Any
 
 from estimator_pkg.observers.angle.edge.constants import SIGMAS
 from estimator_pkg.observers.angle.edge.sensor import Sensor
-from estimator_pkg.observers.angle.edge.start import RECENT, doubted, unseen
+from estimator_pkg.observers.angle.edge.start import RECENT, unknown_speed, unseen
 from estimator_pkg.observers.circle import wrap
+from estimator_pkg.observers.contract import Deviation
 
 
 def fastest(sensor: Sensor, excess: float) -> float:
@@ -25,54 +26,48 @@ def fastest(sensor: Sensor, excess: float) -> float:
     ----------
     excess : by how much the present cell reaches further than a quantum, and to which side [rad].
     """
-    quantum, noise, _, _, _, _, change, since, _, _, _ = sensor
-    way = (change if change > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(noise)
-    return (way + abs(excess)) / since
+    quantum = sensor.quantum
+    way = (sensor.size if sensor.size > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(
+        sensor.noise
+    )
+    return (way + abs(excess)) / sensor.since
 
 
-def make_stddev(
-    period: float,
-) -> tuple[Callable[..., tuple[float, float]], Callable[..., tuple[float, float]]]:
-    """Return `stddev` and `scaled` of the contract's functions, for this wrap period [rad]."""
-
-    def stddev(state: tuple, coefficients: tuple, design: tuple) -> tuple[float, float]:
-        return scaled(state, coefficients, design, 1.0)
-
-    def scaled(
-        state: tuple, coefficients: tuple, design: tuple, scale: float
-    ) -> tuple[float, float]:
-        (x, v, a, _), p, band, sensor, _, convention, _, _, doubt, _, _ = state
-        p00, _, _, p11, _, _ = p
-        _, _, _, up, down, _, _, squares, _ = band
-        quantum, noise, _, _, _, _, _, unchanged, _, _, _ = sensor
-        reading, low, high, _, _ = convention
-        of_doubt, _, _, age, _, _ = doubt
-        dt, _, _, _, _, _ = coefficients
-        given, _, of_angle, of_speed = design
-        starting = 0.0 < age < RECENT
-        floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
-        if given == 0.0 and low == high:  # nothing moved: no quantum is known
-            return math.inf, math.inf
-        variance = p11 * (squares if squares > 0.5 else 0.5)  # at least half of P_11
-        if p11 <= 0.0:
-            variance, _, _, _, _, _ = doubted(quantum, dt, period, 0.0, 0.0)
-        else:
-            variance = variance * of_speed + of_doubt
-        if up > 0.0 or down > 0.0:  # the cumulative sums doubt it: a motion may begin
-            deviation = reading - x
-            if deviation + deviation >= period or deviation + deviation < -period:
-                deviation = wrap(deviation, period)
-            rate = deviation / dt
-            if starting or abs(rate) > abs(v):  # it may have begun in the last quarter of a sample
-                variance += 16.0 * rate * rate
-        if starting:
-            variance += unseen(a, quantum, noise, dt, age)
-        sigma = math.sqrt(variance)
-        if unchanged > 0.0:
-            most = fastest(sensor, 0.0)
-            if abs(v) > most:  # what the output cuts off, the joint may have lost again
-                sigma += abs(v) - most
-            sigma = most if sigma > most else sigma
-        return math.sqrt(p00 * of_angle + floor if p00 > 0.0 else floor), scale * sigma
-
-    return stddev, scaled
+def deviation(
+    observer: Any, out: Deviation, state: Any, coefficients: Any, design: Any, scale: float
+) -> None:
+    """Set one standard deviation of position and velocity, the latter times `scale`."""
+    motion, p, band, sensor, doubt = state.motion, state.p, state.band, state.sensor, state.doubt
+    convention, quantum, dt, speed = (
+        state.convention,
+        sensor.quantum,
+        coefficients.dt,
+        motion.velocity,
+    )
+    if design.quantum == 0.0 and convention.low == convention.high:  # nothing moved: no quantum
+        out.position = out.velocity = math.inf
+        return
+    starting = 0.0 < doubt.age < RECENT
+    variance = p.p11 * (band.squares if band.squares > 0.5 else 0.5)  # at least half of P_11
+    if p.p11 <= 0.0:
+        variance = unknown_speed(quantum, dt, design.period)
+    else:
+        variance = variance * design.of_speed + doubt.variance
+    if band.up > 0.0 or band.down > 0.0:  # the cumulative sums doubt it: a motion may begin
+        off = convention.last - motion.angle
+        if off + off >= design.period or off + off < -design.period:
+            off = wrap(off, design.period)
+        rate = off / dt
+        if starting or abs(rate) > abs(speed):  # it may have begun in the last quarter of a sample
+            variance += 16.0 * rate * rate
+    if starting:
+        variance += unseen(motion.acceleration, quantum, sensor.noise, dt, doubt.age)
+    sigma = math.sqrt(variance)
+    if sensor.since > 0.0:
+        most = fastest(sensor, 0.0)
+        if abs(speed) > most:  # what the output cuts off, the joint may have lost again
+            sigma += abs(speed) - most
+        sigma = most if sigma > most else sigma
+    floor = quantum * quantum / 12.0  # where in its count the encoder changes is not known
+    out.position = math.sqrt(p.p00 * design.of_angle + floor if p.p00 > 0.0 else floor)
+    out.velocity = scale * sigma

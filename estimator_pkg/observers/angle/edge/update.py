@@ -10,14 +10,9 @@ bandwidth moves".
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from estimator_pkg.observers.angle.edge.bandwidth import (
-    Band,
-    after_manoeuvre,
-    began,
-    follow_band,
-    sums_alone,
-)
+from estimator_pkg.observers.angle.edge.bandwidth import Band, began, expect_manoeuvres, follow_band
 from estimator_pkg.observers.angle.edge.constants import (
     ALARM,
     BLUR,
@@ -28,23 +23,21 @@ from estimator_pkg.observers.angle.edge.constants import (
     STRAY,
 )
 from estimator_pkg.observers.angle.edge.covariance import (
-    Covariance,
-    corrected,
+    add_manoeuvre,
+    correct_covariance,
     jerk_density,
-    manoeuvred,
-    widened,
+    widen,
 )
-from estimator_pkg.observers.angle.edge.interval import HELD, interval, within
-from estimator_pkg.observers.angle.edge.preference import NOWHERE, Taken
-from estimator_pkg.observers.angle.edge.sensor import Sensor, follow_noise, vibration, with_noise
+from estimator_pkg.observers.angle.edge.interval import HELD, INTERVAL, within
+from estimator_pkg.observers.angle.edge.preference import inform_other
+from estimator_pkg.observers.angle.edge.sensor import Sensor, follow_noise, vibration
+from estimator_pkg.observers.angle.edge.start import RESTS, begin_motion, doubt_overdue
+from estimator_pkg.observers.maths.covariance import Covariance
 
-SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
 LEAST_PART = 0.05  # of its variance an innovation has at least, were it to count in sigmas
-UNBELIEVED = (0.0, 0.0, 0.0)
-NOT_TAKEN: Taken = (NOWHERE, 0.0, 0.0, 1.0, False, 0.0, False)
 
 
-def explained(
+def explain(
     p: Covariance,
     band: Band,
     sensor: Sensor,
@@ -53,63 +46,55 @@ def explained(
     dt: float,
     flickers: bool,
     warm: bool,
-) -> tuple[Covariance, Band]:
-    """Return covariance and band with a manoeuvre that explains `d` [rad].
+) -> None:
+    """Explain an innovation of `d` [rad] by a manoeuvre.
 
     Parameters
     ----------
     date : run time of the cumulative sum that raised the alarm [s].
-    flickers, warm : as of `update`.
+    flickers : as of `update`. warm : the noise is known: the first motion is long ago.
     """
-    quantum, noise, scatter, _, _, _, _, _, _, _, pace = sensor
-    noisy = noise > PLAIN * quantum * quantum
-    date = max(began(date, dt, noisy), pace)  # readings that come in bursts do not date it
+    quantum = sensor.quantum
+    noisy = sensor.noise > PLAIN * quantum * quantum
+    date = max(began(date, dt, noisy), sensor.pace)  # readings that come in bursts do not date it
     if flickers:
-        p00, _, _, p11, _, _ = p
-        if -STRAY * quantum < d < STRAY * quantum and p11 > 0.0:
+        if -STRAY * quantum < d < STRAY * quantum and p.p11 > 0.0:
             # flicker that begins again: it moved in all the time that is remembered
-            date = max(date, math.sqrt(p00 / p11))
+            date = max(date, math.sqrt(p.p00 / p.p11))
     elif warm:
-        hidden = 0.5 * quantum  # a cell may hide it
-        if noisy:
-            hidden += SIGMAS * math.sqrt(scatter)
-        most = jerk_density(scatter + quantum * quantum, dt)
-        band = after_manoeuvre(band, abs(d) - hidden, date, noisy, most)
-    return manoeuvred(p, d, date), band
+        hidden = 0.5 * quantum + SIGMAS * math.sqrt(sensor.scatter)
+        most = jerk_density(sensor.scatter + quantum * quantum, dt)
+        # where edges are times the next manoeuvre is news anyway
+        expect_manoeuvres(band, abs(d) - hidden if noisy else 0.0, date, most)
+    add_manoeuvre(p, d, date)
 
 
 def update(
-    news: tuple[int, float, float],
-    deviations: tuple[float, float, float],
-    p: Covariance,
-    band: Band,
-    sensor: Sensor,
+    state: Any,
+    design: Any,
+    kind: int,
+    centre: float,
+    half: float,
+    off: float,
+    size: float,
     flickers: bool,
-    idle: float,
     dt: float,
-    warm: bool,
-) -> tuple[bool, tuple[float, float, float], Covariance, Band, Sensor, Taken]:
-    """Return the measurement update for an informative reading.
+) -> bool:
+    """Take an informative reading; return False if it is not believed.
 
     Parameters
     ----------
-    news : (kind, centre [rad], half width [rad]), what the reading shows; see `interval`.
-    deviations : of the cell's centre from the predicted angle, and of the change of the reading
-        from the predicted motion; size of the cell [rad]. See `interval`.
+    kind, centre, half : what the reading shows: centre less prediction, and half width [rad]; see
+        `interval`.
+    off, size : distance of the cell's centre from the predicted angle, and its size [rad].
     flickers : noise crosses an edge more often than the angle does.
-    idle : time since the last informative reading [s].
-    warm : the noise is known: the first motion is long ago.
-
-    Returns
-    -------
-    Whether it is believed, correction of (x, v, a), covariance, band, sensor; the news as taken.
     """
-    kind, centre, half = news
-    quantum, noise, scatter, _, _, _, _, _, _, lasting, _ = sensor
-    p00, _, _, _, _, _ = p
+    motion, p, band, sensor = state.motion, state.p, state.band, state.sensor
+    warm = state.reading.warm
+    quantum, noise, held = sensor.quantum, sensor.noise, kind == HELD
     # the interval meets the Gaussian: S = P_00 + R, the mean d, f = 1 - left
     r = noise + 16.0 * BLUR * BLUR * half * half
-    s = p00 + r
+    s = p.p00 + r
     d, left = within(centre, half, math.sqrt(s))
     f = 1.0 - left
     score = d * d / s - f
@@ -119,36 +104,41 @@ def update(
         z = ALARM if z > 0.0 else -ALARM
     # slow law and fast law: the density is that of the longest memory, or of a vibration, at least
     least = CALM * (quantum * quantum + 12.0 * noise)
-    if lasting > 0.0 and warm and not flickers:
-        shaken = vibration(sensor)
-        if shaken > least:
-            least = shaken
-    listening, growth, date, product = follow_band(band, z, f * p00 / s, idle, least, SLACK)
+    if sensor.lasting > 0.0 and warm and not flickers:
+        least = max(least, vibration(sensor))
+    density, low, variance, squares = band.density, band.low, band.variance, band.squares
+    growth, date, product = follow_band(band, z, f * p.p00 / s, motion.idle, least, SLACK)
+    motion.idle = 0.0
     if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
         # one sample alone: the sums and their dates alone keep it, for the next to confirm
-        return False, UNBELIEVED, p, sums_alone(band, listening), sensor, NOT_TAKEN
+        band.density, band.low, band.variance, band.squares = density, low, variance, squares
+        return False
     if growth > 0.0:
-        p = widened(p, growth)
+        widen(p, growth)
     if date > 0.0:
-        p, listening = explained(p, listening, sensor, d, date, dt, flickers, warm)
-    p00, p01, p02, _, _, _ = p
-    if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
-        off, ahead, size = deviations
-        kind, centre, half = interval(off, ahead, size, p00, noise, flickers)
+        explain(p, band, sensor, d, date, dt, flickers, warm)
+        # the whole cell is news to a prediction that is so vague now
+        kind, half = INTERVAL, 0.5 * size
         r = noise + 16.0 * BLUR * BLUR * half * half
-        d, left = within(centre, half, math.sqrt(p00 + r))
-    s = p00 + r
+        d, left = within(off, half, math.sqrt(p.p00 + r))
+    s = p.p00 + r
     # the noise follows the score: flicker shows it from either side alike; elsewhere what is
     # correlated is motion
-    _, low, variance, _, _, _, _, _, _ = band
-    if low * low < variance if flickers else kind != HELD and (score < 0.0 or product < 1.0):
-        most = noise if flickers and scatter < noise else scatter
-        likelier = follow_noise(noise, score * noise / s, most, quantum)
-        if likelier != noise:
-            sensor = with_noise(sensor, likelier)
+    white = low * low < variance
+    if white if flickers else kind != HELD and (score < 0.0 or product < 1.0):
+        most = noise if flickers and sensor.scatter < noise else sensor.scatter
+        sensor.noise = follow_noise(noise, score * noise / s, most, quantum)
+    manoeuvre, measured = date > 0.0, kind != HELD  # that no edge came moves the estimate only
+    if manoeuvre and RESTS * abs(motion.velocity) < quantum:
+        begin_motion(state.doubt, dt)
     ratio = d / s  # K d = P_.0 d/S
-    measured = kind != HELD  # that an edge did not come moves the estimate, but is no reading
-    taken = (p, s, d, left, measured, growth, date > 0.0)
+    if held:
+        doubt_overdue(state.doubt, p.p01 * ratio)
+    if design.ratio != 1.0:
+        inform_other(state.other, p, s, d, left, measured, growth, manoeuvre, design.log_ratio)
+    state.reading.off -= p.p00 * ratio
+    motion.velocity += p.p01 * ratio
+    motion.acceleration += p.p02 * ratio
     if measured:
-        p = corrected(p, r, left)
-    return True, (p00 * ratio, p01 * ratio, p02 * ratio), p, listening, sensor, taken
+        correct_covariance(p, r, left)
+    return True

@@ -26,7 +26,7 @@ LEAST_DAMPING = 0.01  # of each pole
 LEAST_DECAY = 1e-6  # of the slowest pole, in the fastest
 
 
-class Design(NamedTuple):
+class Continuous(NamedTuple):
     """A continuous design.
 
     Attributes
@@ -60,7 +60,7 @@ def continuous_design(
     k2: float | None,
     k3: float | None,
     epsilon: float | None,
-) -> Design:
+) -> Continuous:
     """Return the design that these parameters mean; what is None follows.
 
     Parameters
@@ -91,7 +91,7 @@ def continuous_design(
     unit = unit_bandwidth(k)
     if epsilon is None:
         epsilon = unit / (2.0 * math.pi * bandwidth_hz)
-    return Design(
+    return Continuous(
         k, epsilon, tuple(root / epsilon for root in roots), unit / (2.0 * math.pi * epsilon)
     )
 

@@ -3,8 +3,8 @@
 
 """The output injections of Brentari et al. (2018), section IV, and a user's own.
 
-Each is a function ``(error, period, limit) -> injection`` [rad], periodic in the error with slope 1
-at zero (Assumption 1). For a circle of another period the angle is scaled to 2 pi and back.
+Each is periodic in the error with slope 1 at zero (Assumption 1). For a circle of another period
+the angle is scaled to 2 pi and back. A user's own function runs as plain Python.
 """
 
 from __future__ import annotations
@@ -14,47 +14,47 @@ from collections.abc import Callable
 
 from estimator_pkg import registry
 from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.angle.hybrid.state import Design
 from estimator_pkg.observers.circle import wrap
-
-Injection = Callable[[float, float, float], float]
+from estimator_pkg.record import plain
 
 NAMES = ('sin', 'tan', 'saw', 'sat')
+SIN = 0
+TAN = 1
+SAW = 2
+SAT = 3  # further numbers are those of users' own functions
 CHECKS = 2000  # points on each side of zero where a user's injection is looked at
 BEYOND = 50  # and within the margin before +-pi
 
+_own: list[Callable[[float], float]] = []
 
-def sin(error: float, period: float, limit: float) -> float:
-    """Case study 1: sin(e)."""
+
+def inject(error: float, design: Design) -> float:
+    """Return the injection of an error, both [rad]: case studies 1 to 4."""
+    period, limit = design.shared.period, design.saturation
+    if design.injection == SAW:
+        return wrap(error, period)
+    if design.injection == SAT:
+        wrapped = wrap(error, period)
+        if wrapped > limit:
+            return limit
+        return wrapped if wrapped >= -limit else -limit
     scale = 2.0 * math.pi / period
-    return math.sin(error * scale) / scale
+    if design.injection == SIN:
+        return math.sin(error * scale) / scale
+    if design.injection == TAN:
+        return 2.0 * math.tan(0.5 * error * scale) / scale
+    return inject_own(design.injection, error * scale) / scale
 
 
-def tan(error: float, period: float, limit: float) -> float:
-    """Case study 2: 2 tan(e/2)."""
-    scale = 2.0 * math.pi / period
-    return 2.0 * math.tan(0.5 * error * scale) / scale
+@plain
+def inject_own(number: int, error: float) -> float:
+    """Return the injection of a user's function; see `find`."""
+    return float(_own[number - SAT - 1](error))
 
 
-def saw(error: float, period: float, limit: float) -> float:
-    """Case study 3: the wrapped error."""
-    return wrap(error, period)
-
-
-def sat(error: float, period: float, limit: float) -> float:
-    """Case study 4: the wrapped error, saturated at +-limit [rad]."""
-    wrapped = wrap(error, period)
-    if wrapped > limit:
-        return limit
-    if wrapped < -limit:
-        return -limit
-    return wrapped
-
-
-BUILT_IN: dict[str, Injection] = {'sin': sin, 'tan': tan, 'saw': saw, 'sat': sat}
-
-
-def find(name: str, *, margin: float) -> Injection:
-    """Return a built-in injection, or a user's ``package.module:function`` of one angle [rad].
+def find(name: str, *, margin: float) -> int:
+    """Return the number of a built-in injection, or of ``package.module:function`` of one angle.
 
     Parameters
     ----------
@@ -64,16 +64,13 @@ def find(name: str, *, margin: float) -> Injection:
     ------
     UsageError : it cannot be loaded, or it violates Assumption 1 (which item, and where).
     """
-    if name in BUILT_IN:
-        return BUILT_IN[name]
+    if name in NAMES:
+        return NAMES.index(name)
     own = registry.load(name)
     check_assumption_1(own, margin, name)
-
-    def injection(error: float, period: float, limit: float) -> float:
-        scale = 2.0 * math.pi / period
-        return float(own(error * scale)) / scale
-
-    return injection
+    if own not in _own:
+        _own.append(own)
+    return SAT + 1 + _own.index(own)
 
 
 def check_assumption_1(function: Callable[[float], float], margin: float, name: str) -> None:

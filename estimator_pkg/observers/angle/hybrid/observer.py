@@ -7,15 +7,38 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.angle.core import LAG_2, AngleCore, AngleGains, around
-from estimator_pkg.observers.angle.hybrid import correction, injections, paper, robust
-from estimator_pkg.observers.angle.hybrid.design import Design, continuous_design, paper_limit
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import Functions, Observer
+from estimator_pkg.observers.angle.hybrid import injections, paper, robust
+from estimator_pkg.observers.angle.hybrid.design import Continuous, continuous_design, paper_limit
+from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core, Design
+from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
+    LAG_2,
+    LAG_3,
+    SINGLE_ANGLE,
+    AngleGains,
+    State,
+    deviation,
+    estimate,
+    is_reading,
+    lateness,
+    restart,
+    resume,
+    set_shared,
+    start,
+    step,
+)
+from estimator_pkg.observers.angle.starts import linear_pace
+from estimator_pkg.observers.circle import FURTHER, Circle
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.parameters import parameter, structural
 
+TURNS = False  # it tells an outlier by the circle
+DOUBTFUL = 0.125  # of a turn: a larger innovation is doubtful, unless a turn has few counts
 SETTLING = 3.0  # time constants of the slowest pole until a start counts as settled
 
 
@@ -123,7 +146,7 @@ def order_of(gains: Gains) -> int:
     return gains.order
 
 
-def design_of(gains: Gains) -> Design:
+def design_of(gains: Gains) -> Continuous:
     """Return the continuous design these gains mean.
 
     Raises
@@ -135,115 +158,137 @@ def design_of(gains: Gains) -> Design:
     )
 
 
-def build(gains: Gains, circle: Circle) -> Functions:
-    """Return the functions of the hybrid observer at these gains; raises as `core` does."""
-    return around(core(gains, circle), gains, circle)
-
-
-def core(gains: Gains, circle: Circle) -> AngleCore:
-    """Return the observer itself, without what all angle-only observers share around it.
+def design(gains: Gains, circle: Circle) -> Design:
+    """Return what follows from the gains whatever the sample time is.
 
     Raises
     ------
     UsageError : gains that contradict each other, or an injection that needs a circle where the
         joint has none.
     """
-    design = design_of(gains)
-    if circle.period <= 0.0 and (gains.form == 'paper' or gains.injection not in ('saw', 'sat')):
+    continuous, period = design_of(gains), circle.period
+    if period <= 0.0 and (gains.form == 'paper' or gains.injection not in ('saw', 'sat')):
         what = "form 'paper'" if gains.form == 'paper' else f"injection '{gains.injection}'"
         raise UsageError(
             f'{what} needs a circle, and wrap_period is 0: '
             "use form 'robust' with injection 'saw' or 'sat'"
         )
-    scale = circle.period / (2.0 * math.pi)
-    margin = gains.delta_pi * scale
-    injection = injections.find(gains.injection, margin=gains.delta_pi)
-    make = _paper if gains.form == 'paper' else _robust
-    return make(gains, design, injection, margin, circle.period)
+    made = Design()
+    made.order, made.paper = len(continuous.k), gains.form == 'paper'
+    made.injection = injections.find(gains.injection, margin=gains.delta_pi)
+    made.saturation, made.margin = gains.M, gains.delta_pi * (period / (2.0 * math.pi))
+    restarts, lag = not made.paper, LAG_2 if made.order == 2 else LAG_3
+    if made.paper:
+        _set_paper(made, gains, continuous)
+        lag = (
+            LAG_2 * made.l1 / made.l2 * continuous.slowest
+        )  # the lag behind a ramp, times the pace
+    else:
+        _set_robust(made, gains, continuous, period)
+    set_shared(made.shared, gains, circle, SETTLING / continuous.slowest, lag, restarts)
+    return made
 
 
-def _robust(
-    gains: Gains, design: Design, injection: injections.Injection, margin: float, period: float
-) -> AngleCore:
-    reset_from = 0.5 * period - margin if period > 0.0 else math.inf
-    fastest = math.inf if gains.max_speed is None else gains.max_speed
-    doubtful = correction.doubtful(gains.quantum, period)
-    values = robust.sampled_design(design, reset_from, doubtful, gains.M, fastest)
-    linear = gains.injection == 'saw'
-    if len(design.k) == 2:
-
-        def group_delay(dt: float) -> float:
-            alpha, rate, _, _, _, _, _ = robust.prepare_2(values, dt)
-            return alpha / rate - 0.5 * dt
-
-        return AngleCore(
-            design=lambda: values,
-            settle=SETTLING / design.slowest,
-            prepare=robust.prepare_2,
-            init=robust.init_2,
-            correct=correction.make_correct_2(injection, linear, period),
-            estimate=robust.estimate_2,
-            resume=robust.resume_2,
-            noise_gains=robust.noise_gains_2,
-            limits=lambda dt: None,
-            group_delay=group_delay,
-            lag=LAG_2,
-        )
-    return AngleCore(
-        design=lambda: values,
-        settle=SETTLING / design.slowest,
-        prepare=robust.prepare_triple if design.triple else robust.prepare_3,
-        init=robust.init_3,
-        correct=correction.make_correct_3(injection, linear, period),
-        estimate=robust.estimate_3,
-        resume=robust.resume_3,
-        noise_gains=robust.noise_gains_triple if design.triple else robust.noise_gains_3,
-        limits=lambda dt: None,
-        group_delay=lambda dt: 0.0,
-    )  # a ramp of speed is followed without lag at any sample time
+def _set_robust(made: Design, gains: Gains, continuous: Continuous, period: float) -> None:
+    made.reset_from = 0.5 * period - made.margin if period > 0.0 else math.inf
+    made.doubtful = max(DOUBTFUL * period, FURTHER * gains.quantum) if period > 0.0 else math.inf
+    made.fastest = math.inf if gains.max_speed is None else gains.max_speed
+    # real ones first, so that a complex pair comes last; of three real ones any two are a pair
+    *others, one, other = sorted(continuous.poles, key=lambda pole: (abs(pole.imag), pole.real))
+    half_difference = 0.5 * (one - other)
+    made.triple = continuous.triple
+    made.single = others[0].real if others else 0.0
+    made.decay = 0.5 * (one + other).real
+    made.discriminant = (half_difference * half_difference).real
 
 
-def _paper(
-    gains: Gains, design: Design, injection: injections.Injection, margin: float, period: float
-) -> AngleCore:
+def _set_paper(made: Design, gains: Gains, continuous: Continuous) -> None:
     if gains.max_speed is not None:
         raise UsageError("form 'paper' has no speed limit: leave 'max_speed' automatic (0.0)")
-    k1, k2 = design.k
-    l1, l2 = k1 / design.epsilon, k2 / design.epsilon**2  # L = (k1/eps, k2/eps^2), section III
-    values = paper.Design(l1, l2, margin, gains.M, float(period))
-    ratio = paper_limit(design.k)
+    k1, k2 = continuous.k
+    made.l1, made.l2 = k1 / continuous.epsilon, k2 / continuous.epsilon**2
+    made.epsilon, made.bandwidth_hz = continuous.epsilon, continuous.bandwidth_hz
+    made.ratio = paper_limit(continuous.k)
 
-    def limits(dt: float) -> str | None:
-        if dt < ratio * design.epsilon:
-            return None
-        return (
-            f'Algorithm 1 is unstable at {1.0 / dt:.4g} Hz: epsilon = {design.epsilon:.4g} s '
-            f'must exceed {dt / ratio:.4g} s (bandwidth_hz below '
-            f'{design.bandwidth_hz * design.epsilon * ratio / dt:.4g})'
-        )
 
-    return AngleCore(
-        design=lambda: values,
-        settle=SETTLING / design.slowest,
-        prepare=paper.prepare,
-        init=paper.init,
-        correct=paper.make_correct(paper.make_algorithm_1(injection, period)),
-        estimate=paper.estimate,
-        resume=paper.make_resume(period),
-        noise_gains=paper.noise_gains,
-        limits=limits,
-        group_delay=lambda dt: l1 / l2 - 0.5 * dt,
-        restarts=False,
-        lag=LAG_2 * l1 / l2 * design.slowest,  # the lag behind a ramp, times the pace
-        pace=paper.pace,
+def runs_plain(gains: Gains) -> bool:
+    """Return True if the injection is a user's own function, which is no part of the engine."""
+    return gains.injection not in injections.NAMES
+
+
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set what follows from dt [s]."""
+    if design.paper:
+        paper.prepare(coefficients, design, dt)
+    else:
+        robust.prepare(coefficients, design, dt)
+
+
+def begin(core: Core, design: Design, measurement: float) -> None:
+    """Begin at a measurement [rad], at rest."""
+    robust.begin(core, design, measurement)
+    if design.paper:
+        paper.place(core, design, measurement)
+
+
+def resume_core(core: Core, design: Design, measurement: float) -> None:
+    """Go on after a gap: at the measurement [rad], with the speed as it was."""
+    if design.paper:
+        paper.place(core, design, measurement)
+    else:
+        robust.resume(core, design, measurement)
+
+
+def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
+    """Take a measurement [rad]; return the innovation [rad]."""
+    if design.paper:
+        return paper.correct(core, coefficients, design, measurement)
+    return robust.correct(core, coefficients, design, measurement)
+
+
+def noise_gains(
+    core: Core, coefficients: Coefficients, design: Design
+) -> tuple[float, float, float]:
+    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise."""
+    if design.paper:
+        return paper.noise_gains(coefficients, design)
+    return robust.noise_gains(coefficients, design)
+
+
+def pace(observer: Any, core: Core, coefficients: Coefficients, design: Design, dt: float) -> float:
+    """Return how fast the errors of a start decay [1/s]."""
+    if design.paper:
+        return coefficients.pace
+    return linear_pace(observer, core, coefficients, design, dt)
+
+
+def limits(design: Design, dt: float) -> str | None:
+    """Return why Algorithm 1 cannot work at this dt [s]; None: it can."""
+    if not design.paper or dt < design.ratio * design.epsilon:
+        return None
+    ratio, epsilon = design.ratio, design.epsilon
+    return (
+        f'Algorithm 1 is unstable at {1.0 / dt:.4g} Hz: epsilon = {epsilon:.4g} s '
+        f'must exceed {dt / ratio:.4g} s (bandwidth_hz below '
+        f'{design.bandwidth_hz * epsilon * ratio / dt:.4g})'
     )
+
+
+def group_delay(design: Design, dt: float) -> float:
+    """Return the delay of the velocity at low frequency [s]."""
+    if design.paper:
+        return design.l1 / design.l2 - 0.5 * dt
+    if design.order == 3:
+        return 0.0  # a ramp of speed is followed without lag at any sample time
+    coefficients = Coefficients()
+    robust.prepare(coefficients, design, dt)
+    return coefficients.alpha / coefficients.beta - 0.5 * dt
 
 
 OBSERVER = Observer(
     name='hybrid_angle',
     summary='hybrid high-gain observer for wrapped angles',
     gains=Gains,
-    build=build,
     reference='Brentari, Bosetti, Zaccarian: A class of hybrid velocity observers for angular '
     'measurements with jumps, IEEE L-CSS 2(4), 2018; form robust: its sampled form made '
     'safe at any sample time',

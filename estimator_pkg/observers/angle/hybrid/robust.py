@@ -1,177 +1,243 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The robust sampled form of the hybrid observer: state, pole-matched gains, noise.
+"""The robust sampled form of the hybrid observer: pole-matched gains, noise, corrections.
 
 The poles are those of the continuous design at any sample time (pole matching), so no sample time
-is unstable and each sample may have its own. The corrections are in `correction`.
+is unstable and each sample may have its own. Against Algorithm 1 of Brentari et al. (2018):
 
-State (order 2 without the acceleration): (last measurement [rad], error that the last correction
-left [rad], velocity [rad/s], acceleration [rad/s^2], phase). The position is the last measurement
-less the error. The phase is 0 in steady state, the number of samples so far in a start, and less
-the number of samples held while astray.
+* The innovation is continued from the error that the last correction left: it may pass pi, where
+  the wrapped one would fold over and could hold a false speed for ever.
+* The reset (J2) comes before the injection, and the injection never moves the position past the
+  measurement (that tames tan).
+* The start is an expanding memory: least squares over the samples so far, until its gains have come
+  down to the steady ones. The speed is right from the second sample on.
+* A sample that is off by more than an eighth of a turn, at once, is not injected: one kick could
+  carry the speed to another that fits the samples as well (v + n 2 pi/T). The speed is held. If
+  the next samples fit again it was an outlier; if they do not, a new start is made from them. Where
+  a turn has so few counts that the next one is further, `quantum` says so: 1.5 of them then.
+
+The innovation is the error that the last correction left plus the motion that was not predicted.
+Order 2 is order 3 without an acceleration, but for its gains and its start.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-from estimator_pkg.observers.angle.hybrid.design import Design
+from estimator_pkg.observers.angle.hybrid.injections import SAW, inject
+from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core, Design
+from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.maths.tracking import matched, noise_of_three, noise_of_two
 
-
-class SampledDesign(NamedTuple):
-    """The poles of the continuous design, as `prepare` needs them, and the limits.
-
-    The pair of poles is decay +- sqrt(discriminant), see `tracking.matched`.
-    """
-
-    single: float  # the pole next to the pair [1/s]; order 2: 0
-    decay: float  # of the pair [1/s]
-    discriminant: float  # of the pair [1/s^2]
-    reset_from: float  # errors from here on are reset (J2) instead of injected [rad]
-    doubtful: float  # innovations beyond it are [rad], see `correction`
-    saturation: float  # M [rad]
-    fastest: float  # speed limit [rad/s]
+# Doubtful samples do not correct the speed for HOLD [s] and HOLD_SAMPLES samples; then comes a new
+# start.
+HOLD = 0.02
+HOLD_SAMPLES = 3
 
 
-def init_2(measurement: float, design: SampledDesign) -> tuple:
-    """Return the state after the first sample [rad], second order."""
-    return (measurement, 0.0, 0.0, 1.0)
-
-
-def init_3(measurement: float, design: SampledDesign) -> tuple:
-    """Return the state after the first sample [rad], third order."""
-    return (measurement, 0.0, 0.0, 0.0, 1.0)
-
-
-def estimate_2(state: tuple) -> tuple[float, float, float]:
-    """Return position [rad], velocity [rad/s], no acceleration."""
-    last, error, velocity, _ = state
-    return last - error, velocity, math.nan
-
-
-def estimate_3(state: tuple) -> tuple[float, float, float]:
-    """Return position [rad], velocity [rad/s], acceleration [rad/s^2]."""
-    last, error, velocity, acceleration, _ = state
-    return last - error, velocity, acceleration
-
-
-def resume_2(state: tuple, measurement: float) -> tuple:
-    """Return the state after a gap: at the measurement [rad], with the speed as it was."""
-    _, _, velocity, phase = state
-    return (measurement, 0.0, velocity, phase)
-
-
-def resume_3(state: tuple, measurement: float) -> tuple:
-    """Return the same of the third order; the acceleration is forgotten."""
-    _, _, velocity, _, phase = state
-    return (measurement, 0.0, velocity, 0.0, phase)
-
-
-def sampled_design(
-    design: Design, reset_from: float, doubtful: float, saturation: float, fastest: float
-) -> SampledDesign:
-    """Return what `prepare` needs of a continuous design; arguments as its fields."""
-    # real ones first, so that a complex pair comes last; of three real ones any two are a pair
-    *others, one, other = sorted(design.poles, key=lambda pole: (abs(pole.imag), pole.real))
-    single = others[0].real if others else 0.0
-    half_difference = 0.5 * (one - other)
-    return SampledDesign(
-        single,
-        0.5 * (one + other).real,
-        (half_difference * half_difference).real,
-        reset_from,
-        doubtful,
-        saturation,
-        fastest,
-    )
-
-
-def prepare_2(design: SampledDesign, dt: float) -> tuple:
-    """Return the coefficients of the second order.
-
-    (alpha, beta/dt, dt, reset_from, doubtful, saturation, fastest)
-    """
-    alpha, beta = matched(design.decay, design.discriminant, dt)
-    return (
-        alpha,
-        beta / dt,
-        dt,
-        design.reset_from,
-        design.doubtful,
-        design.saturation,
-        design.fastest,
-    )
-
-
-def prepare_3(design: SampledDesign, dt: float) -> tuple:
-    """Return the coefficients of the third order.
-
-    (alpha, beta/dt, gamma/dt^2, dt, reset_from, doubtful, saturation, fastest, z of the single
-    pole)
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set the gains of this dt [s].
 
     With p, v, a the prediction and e the innovation, x = p + alpha e, v += beta/dt e,
-    a += gamma/dt^2 e have the z-polynomial
+    a += gamma/dt^2 e have the z-polynomial of order 3
     z^3 + (alpha + beta + gamma/2 - 3) z^2 + (3 - 2 alpha - beta + gamma/2) z + alpha - 1.
     With the elementary symmetric sums E1, E2, E3 of d_i = 1 - z_i, so that nothing cancels in a
-    slow loop: alpha = E1 - E2 + E3, beta = E2 - 3/2 E3, gamma = E3.
+    slow loop: alpha = E1 - E2 + E3, beta = E2 - 3/2 E3, gamma = E3. The z of a triple real pole is
+    one exponential.
     """
+    coefficients.dt = dt
+    if design.triple:
+        z = math.exp(-design.single * dt)
+        rate = (1.0 - z) / dt
+        slope = (1.0 - z) * rate
+        coefficients.alpha = 1.0 - z * z * z
+        coefficients.beta = 1.5 * slope * (1.0 + z)
+        coefficients.gamma = slope * rate
+        coefficients.z = z
+        return
     of_pair, product = matched(design.decay, design.discriminant, dt)  # d1 + d2 - d1 d2, d1 d2
+    if design.order == 2:
+        coefficients.alpha, coefficients.beta = of_pair, product / dt
+        coefficients.gamma = coefficients.z = 0.0
+        return
     d = -math.expm1(-design.single * dt)
     gamma = d * product
-    return (
-        d + of_pair - d * of_pair,
-        (product + d * of_pair - 0.5 * gamma) / dt,
-        gamma / (dt * dt),
-        dt,
-        design.reset_from,
-        design.doubtful,
-        design.saturation,
-        design.fastest,
-        1.0 - d,
-    )
+    coefficients.alpha = d + of_pair - d * of_pair
+    coefficients.beta = (product + d * of_pair - 0.5 * gamma) / dt
+    coefficients.gamma = gamma / (dt * dt)
+    coefficients.z = 1.0 - d
 
 
-def prepare_triple(design: SampledDesign, dt: float) -> tuple:
-    """Return the same as `prepare_3` for a triple real pole, whose z is one exponential."""
-    single, _, _, reset_from, doubtful, saturation, fastest = design
-    z = math.exp(-single * dt)
-    rate = (1.0 - z) / dt
-    slope = (1.0 - z) * rate
-    return (
-        1.0 - z * z * z,
-        1.5 * slope * (1.0 + z),
-        slope * rate,
-        dt,
-        reset_from,
-        doubtful,
-        saturation,
-        fastest,
-        z,
-    )
+def place(core: Core, measurement: float, error: float, phase: float) -> None:
+    """Set the position to a measurement [rad] less the error [rad] that a correction left."""
+    core.last, core.error, core.phase = measurement, error, phase
+    core.position = measurement - error
 
 
-def noise_gains_2(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise."""
-    alpha, beta_rate, dt, _, _, _, _ = coefficients
-    return noise_of_two(alpha, beta_rate * dt, dt)
+def forget_acceleration(core: Core, design: Design) -> None:
+    """Set the acceleration to 0; order 2 has none."""
+    core.acceleration = 0.0 if design.order == 3 else math.nan
 
 
-def noise_gains_3(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Return the same as `noise_gains_2`, third order, any poles."""
-    alpha, beta_rate, gamma_rate, dt, _, _, _, _, _ = coefficients
-    return noise_of_three(alpha, beta_rate * dt, gamma_rate * dt * dt, dt)
+def begin(core: Core, design: Design, measurement: float) -> None:
+    """Begin at a measurement [rad], without a speed."""
+    place(core, measurement, 0.0, 1.0)
+    core.velocity = 0.0
+    forget_acceleration(core, design)
 
 
-def noise_gains_triple(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
-    """Return the same as `noise_gains_3` for a triple real pole z, where the equation factors.
+def resume(core: Core, design: Design, measurement: float) -> None:
+    """Go on after a gap: at the measurement [rad], with the speed as it was."""
+    place(core, measurement, 0.0, core.phase)
+    forget_acceleration(core, design)
 
-    With d = 1 - z: d (1 + 6 z + 16 z^2 + 24 z^3 + 19 z^4), d^3 (13 + 50 z + 49 z^2)/(2 dt^2) and
+
+def clamped(velocity: float, fastest: float) -> float:
+    """Return `velocity` clamped to +-fastest [rad/s]."""
+    if velocity > fastest:
+        return fastest
+    if velocity < -fastest:
+        return -fastest
+    return velocity
+
+
+def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
+    """Take a measurement [rad]; return the innovation [rad]."""
+    dt, doubtful, fastest = coefficients.dt, design.doubtful, design.fastest
+    gained = core.acceleration * dt if design.order == 3 else 0.0
+    unpredicted = measurement - core.last - (core.velocity + 0.5 * gained) * dt
+    strange = False
+    if not -doubtful <= unpredicted <= doubtful:
+        unpredicted = wrap(unpredicted, design.shared.period)
+        strange = not -doubtful <= unpredicted <= doubtful
+    innovation = core.error + unpredicted
+    if strange or core.phase != 0.0:
+        if core.phase > 0.0:
+            if design.order == 2:
+                return start_2(core, coefficients, design, measurement, innovation)
+            return start_3(core, coefficients, design, measurement, innovation)
+        return hold(core, coefficients, design, measurement, unpredicted, innovation)
+    velocity = core.velocity + gained
+    if not -design.reset_from < innovation < design.reset_from:  # in J2
+        place(core, measurement, 0.0, 0.0)
+        core.velocity = clamped(velocity, fastest)
+        return innovation
+    injected = innovation
+    if design.injection != SAW:
+        injected = inject(innovation, design)
+        if abs(injected) * coefficients.alpha > abs(innovation):
+            injected = innovation / coefficients.alpha
+    velocity += coefficients.beta * injected
+    core.acceleration += coefficients.gamma * injected
+    if not -fastest <= velocity <= fastest:
+        velocity = clamped(velocity, fastest)
+        forget_acceleration(core, design)
+    core.velocity = velocity
+    place(core, measurement, innovation - coefficients.alpha * injected, 0.0)
+    return innovation
+
+
+def start_again(core: Core, design: Design, measurement: float, dt: float) -> None:
+    """Start again with the straight line through the last measurement and this one [rad]."""
+    moved = wrap(measurement - core.last, design.shared.period)
+    core.velocity = clamped(moved / dt, design.fastest)
+    forget_acceleration(core, design)
+    place(core, measurement, 0.0, 2.0)
+
+
+def start_2(
+    core: Core, coefficients: Coefficients, design: Design, measurement: float, innovation: float
+) -> float:
+    """Take a sample of a start, order 2: expanding memory of a straight line."""
+    phase, dt = core.phase, coefficients.dt
+    alpha, beta = coefficients.alpha, coefficients.beta
+    if phase > 1.0 and not -design.doubtful <= innovation <= design.doubtful:
+        start_again(core, design, measurement, dt)
+        return innovation
+    phase += 1.0
+    rate = 6.0 / (phase * (phase + 1.0) * dt)
+    if rate < beta:
+        phase = 0.0
+    else:
+        alpha, beta = (4.0 * phase - 2.0) / (phase * (phase + 1.0)), rate
+    core.velocity = clamped(core.velocity + beta * innovation, design.fastest)
+    if phase == 2.0:  # the speed was not known: no innovation
+        place(core, measurement, 0.0, phase)
+        return 0.0
+    place(core, measurement, innovation - alpha * innovation, phase)
+    return innovation
+
+
+def start_3(
+    core: Core, coefficients: Coefficients, design: Design, measurement: float, innovation: float
+) -> float:
+    """Take a sample of a start, order 3: a straight line through two samples, then a parabola."""
+    phase, dt = core.phase, coefficients.dt
+    alpha, beta, gamma = coefficients.alpha, coefficients.beta, coefficients.gamma
+    if phase < 2.0:  # the speed was not known: no innovation
+        core.velocity = clamped(core.velocity + innovation / dt, design.fastest)
+        core.acceleration = 0.0
+        place(core, measurement, 0.0, 2.0)
+        return 0.0
+    if not -design.doubtful <= innovation <= design.doubtful:
+        start_again(core, design, measurement, dt)
+        return innovation
+    phase += 1.0
+    part = 1.0 / (phase * (phase + 1.0) * (phase + 2.0))
+    slope = 60.0 * part / (dt * dt)
+    if slope < gamma:
+        phase = 0.0
+    else:
+        alpha = (9.0 * phase * (phase - 1.0) + 6.0) * part
+        beta = (36.0 * phase - 18.0) * part / dt
+        gamma = slope
+    velocity = core.velocity + core.acceleration * dt + beta * innovation
+    core.velocity = clamped(velocity, design.fastest)
+    core.acceleration += gamma * innovation
+    place(core, measurement, innovation - alpha * innovation, phase)
+    return innovation
+
+
+def hold(
+    core: Core,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: float,
+    unpredicted: float,
+    innovation: float,
+) -> float:
+    """Take an outlier, or the sample after one: the speed is held; inf: a new start is made."""
+    dt, doubtful = coefficients.dt, design.doubtful
+    innovation = wrap(innovation, design.shared.period)
+    if design.order == 3:
+        core.velocity = clamped(core.velocity + core.acceleration * dt, design.fastest)
+    if -doubtful <= innovation <= doubtful and -doubtful <= unpredicted <= doubtful:
+        place(core, measurement, innovation, 0.0)
+        return innovation
+    phase = core.phase - 1.0
+    if -phase > HOLD_SAMPLES and -phase * dt > HOLD:
+        start_again(core, design, measurement, dt)
+        return math.inf
+    forget_acceleration(core, design)
+    place(core, measurement, innovation, phase)
+    return innovation
+
+
+def noise_gains(coefficients: Coefficients, design: Design) -> tuple[float, float, float]:
+    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise.
+
+    For a triple real pole z the equation factors. With d = 1 - z:
+    d (1 + 6 z + 16 z^2 + 24 z^3 + 19 z^4), d^3 (13 + 50 z + 49 z^2)/(2 dt^2) and
     20 + 10 z + 2 z^2, all over (1 + z)^5.
     """
-    _, _, _, dt, _, _, _, _, z = coefficients
+    dt = coefficients.dt
+    if design.order == 2:
+        return noise_of_two(coefficients.alpha, coefficients.beta * dt, dt)
+    if not design.triple:
+        gamma = coefficients.gamma * dt * dt
+        return noise_of_three(coefficients.alpha, coefficients.beta * dt, gamma, dt)
+    z = coefficients.z
     d = 1.0 - z
     rate = d / dt
     one = 1.0 + z

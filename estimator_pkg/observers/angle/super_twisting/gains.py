@@ -13,14 +13,16 @@ from __future__ import annotations
 import cmath
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 
+from estimator_pkg.observers.angle.shared import SharedDesign
 from estimator_pkg.observers.maths.describing import describing
 from estimator_pkg.observers.maths.steady_noise import steady_covariance, steady_variances
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
 from estimator_pkg.observers.maths.twisting import implicit_step
+from estimator_pkg.record import record
 
 # c_1 .. c_{n+1} for a bound of 1; larger ones converge faster and are noisier.
 COEFFICIENTS = {1: (1.5, 1.1), 2: (2.0, 2.12, 1.1), 3: (3.0, 4.16, 3.06, 1.1)}
@@ -31,52 +33,56 @@ TABLE_FROM = -3.0  # log10 of the smallest speed of the error dynamics in it
 TABLE_STEP = 0.1
 
 
-# Roots p_i of p^m + c_1 p^(m-1) + ..., in units of (L/|e|)^(1/(n+1)): the real one (order 2), real
-# and imaginary part of the pair, and of the second pair (order 3).
-Roots = tuple[float, float, float, float, float]
+MATCHING = 0  # forms: how the differentiator is sampled
+IMPLICIT = 1
+TAYLOR = 2
+EXPLICIT = 3
+FORMS = ('matching', 'implicit', 'taylor', 'explicit')
 
 
-class Design(NamedTuple):
+@record
+class Roots:
+    """Roots of p^m + c_1 p^(m-1) + ..., in units of (L/|e|)^(1/(n+1))."""
+
+    single: float  # the real one (order 2)
+    real: float  # of a pair
+    imaginary: float
+    real_2: float  # of the second pair (order 3)
+    imaginary_2: float
+
+
+@record
+class Design:
     """What the gains imply whatever the sample time is."""
 
-    order: float  # n
+    shared: SharedDesign
+    form: int
+    order: int  # n
     scale: float  # L^(1/(n+1))
     c1: float  # of the differentiator; those beyond n + 1 are 0
     c2: float
     c3: float
     c4: float
     roots: Roots
-    period: float  # wrap period [rad]; 0: none
-    table: tuple[tuple[float, ...], ...]  # logarithms of noise gains, shape (TABLE, 3), if needed
+    table: Annotated[list[list[float]], TABLE, 3]  # logarithms of noise gains, if needed
+    longest_dt: float  # [s] beyond which the form chatters over more than an eighth of a turn
 
 
-def matched_1(s: float, roots: Roots) -> tuple[float, float, float, float]:
-    """Return the gains (of position, velocity dt, acceleration dt^2, jerk dt^3) of order 1.
+def matched(order: int, s: float, roots: Roots) -> tuple[float, float, float, float]:
+    """Return the gains of position, velocity dt, acceleration dt^2 and jerk dt^3.
 
-    s : dt times the speed (L/|e|)^(1/2) of the error dynamics.
+    Parameters
+    ----------
+    s : dt times the speed (L/|e|)^(1/(n+1)) of the error dynamics.
     """
-    _, real, imaginary, _, _ = roots
-    total, product = pair(s, real, imaginary)
-    return total - product, product, 0.0, 0.0
-
-
-def matched_2(s: float, roots: Roots) -> tuple[float, float, float, float]:
-    """Return the same of order 2, with `pair` written out: the default deserves the speed."""
-    single, real, imaginary, _, _ = roots
-    short = -math.expm1(real * s)
-    half = math.sin(0.5 * imaginary * s)
-    turned = 4.0 * (1.0 - short) * half * half
-    total, product = 2.0 * short + turned, short * short + turned
-    d = -math.expm1(single * s)
-    e2, e3 = product + total * d, product * d
-    return total + d - e2 + e3, e2 - 1.5 * e3, e3, 0.0
-
-
-def matched_3(s: float, roots: Roots) -> tuple[float, float, float, float]:
-    """Return the same of order 3."""
-    _, real, imaginary, real_2, imaginary_2 = roots
-    total, product = pair(s, real, imaginary)
-    total_2, product_2 = pair(s, real_2, imaginary_2)
+    total, product = pair(s, roots.real, roots.imaginary)
+    if order == 1:
+        return total - product, product, 0.0, 0.0
+    if order == 2:
+        d = -math.expm1(roots.single * s)
+        e2, e3 = product + total * d, product * d
+        return total + d - e2 + e3, e2 - 1.5 * e3, e3, 0.0
+    total_2, product_2 = pair(s, roots.real_2, roots.imaginary_2)
     e2, e3 = product + product_2 + total * total_2, total * product_2 + total_2 * product
     e4 = product * product_2
     return (total + total_2 - e2 + e3 - e4, e2 - 1.5 * e3 + 11.0 / 6.0 * e4, e3 - 2.0 * e4, e4)
@@ -93,61 +99,52 @@ def pair(s: float, real: float, imaginary: float) -> tuple[float, float]:
     return 2.0 * short + turned, short * short + turned
 
 
-MATCHED = {1: matched_1, 2: matched_2, 3: matched_3}
+def noise_gains_at(power: float, dt: float, design: Design) -> tuple[float, float, float]:
+    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise.
 
-
-def equivalent(power: float, coefficients: tuple) -> float:
-    """Return dt times the speed of the error dynamics at this mean square innovation [rad^2]."""
-    _, design, _, _, _, _, _, pace = coefficients
+    Parameters
+    ----------
+    power : mean square innovation [rad^2].
+    """
     if power < SMALLEST:
         power = SMALLEST
-    return pace / power ** (0.5 / (design.order + 1.0))
-
-
-def noise_gains_1(power: float, coefficients: tuple) -> tuple[float, float, float]:
-    """Return variances of position, velocity [1/s^2] and innovation per unit variance of noise."""
-    dt, _, roots, _, _, _, _, _ = coefficients
-    k0, k1, _, _ = matched_1(equivalent(power, coefficients), roots)
-    return noise_of_two(k0, k1, dt)
-
-
-def noise_gains_2(power: float, coefficients: tuple) -> tuple[float, float, float]:
-    """Return the same of order 2."""
-    dt, _, roots, _, _, _, _, _ = coefficients
-    k0, k1, k2, _ = matched_2(equivalent(power, coefficients), roots)
+    # dt times the speed of the error dynamics
+    s = dt * design.scale / math.pow(power, 0.5 / (design.order + 1.0))
+    if design.form == IMPLICIT or design.order == 3:
+        return tabled(s, dt, design)
+    k0, k1, k2, k3 = matched(design.order, s, design.roots)
+    if design.order == 1:
+        return noise_of_two(k0, k1, dt)
     return noise_of_three(k0, k1, k2, dt)
 
 
-def noise_gains_tabled(power: float, coefficients: tuple) -> tuple[float, float, float]:
-    """Return the same where there is no short closed form, from a table."""
-    _, design, _, _, _, rate_2, _, _ = coefficients
-    at = (math.log10(equivalent(power, coefficients)) - TABLE_FROM) / TABLE_STEP
+def tabled(s: float, dt: float, design: Design) -> tuple[float, float, float]:
+    """Return the noise gains where there is no short closed form, from the table."""
+    at = (math.log10(s) - TABLE_FROM) / TABLE_STEP
     if at < 0.0:
         at = 0.0
     elif at > TABLE - 1.001:
         at = TABLE - 1.001
     i = int(at)
-    part = at - i
-    position, velocity, innovation = design.table[i]
-    next_position, next_velocity, next_innovation = design.table[i + 1]
+    part, rate, row, after = at - i, 1.0 / dt, design.table[i], design.table[i + 1]
     return (
-        math.exp(position + part * (next_position - position)),
-        math.exp(velocity + part * (next_velocity - velocity)) * rate_2,
-        math.exp(innovation + part * (next_innovation - innovation)),
+        math.exp(row[0] + part * (after[0] - row[0])),
+        math.exp(row[1] + part * (after[1] - row[1])) * (rate * rate),
+        math.exp(row[2] + part * (after[2] - row[2])),
     )
 
 
-NOISE_GAINS = {1: noise_gains_1, 2: noise_gains_2, 3: noise_gains_tabled}
-
-
-def roots(order: int) -> Roots:
+def roots_of(order: int) -> Roots:
     """Return the roots of p^m + c_1 p^(m-1) + ..., with the c_i of this order."""
     found = np.roots((1.0, *COEFFICIENTS[order]))
     pairs = [complex(root) for root in sorted(found, key=cmath.phase) if root.imag > 1e-9]
     reals = [float(root.real) for root in found if abs(root.imag) <= 1e-9]
-    real = reals[0] if reals else 0.0
-    second = pairs[1] if len(pairs) > 1 else 0j
-    return real, pairs[0].real, pairs[0].imag, second.real, second.imag
+    made = Roots()
+    made.single = reals[0] if reals else 0.0
+    made.real, made.imaginary = pairs[0].real, pairs[0].imag
+    if len(pairs) > 1:
+        made.real_2, made.imaginary_2 = pairs[1].real, pairs[1].imag
+    return made
 
 
 def noise_table(roots: Roots) -> tuple[tuple[float, ...], ...]:
@@ -162,7 +159,7 @@ def noise_table(roots: Roots) -> tuple[tuple[float, ...], ...]:
         tuple(
             math.log(gain)
             for gain in steady_variances(
-                chain, np.array(matched_3(10.0 ** (TABLE_FROM + TABLE_STEP * point), roots))
+                chain, np.array(matched(3, 10.0 ** (TABLE_FROM + TABLE_STEP * point), roots))
             )
         )
         for point in range(TABLE)

@@ -18,30 +18,53 @@ Barbot, Djemai, Manamanni (2007), use order 1: equations (5) and (14).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.angle.core import OUTSIDE, AngleCore, AngleGains, around
+from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
+    DRIVEN,
+    EDGES,
+    LAG_3,
+    OUTSIDE,
+    SINGLE_ANGLE,
+    AngleGains,
+    State,
+    deviation,
+    estimate,
+    is_reading,
+    lateness,
+    restart,
+    resume,
+    set_shared,
+    start,
+    step,
+)
 from estimator_pkg.observers.angle.super_twisting.gains import (
     COEFFICIENTS,
-    MATCHED,
-    NOISE_GAINS,
+    EXPLICIT,
+    FORMS,
+    IMPLICIT,
+    MATCHING,
     SMALLEST,
+    TAYLOR,
     Design,
     implicit_table,
-    noise_gains_tabled,
+    matched,
+    noise_gains_at,
     noise_table,
-    roots,
+    roots_of,
 )
 from estimator_pkg.observers.circle import Circle, wrap
-from estimator_pkg.observers.contract import Functions, Observer
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.observers.maths.twisting import implicit_step
 from estimator_pkg.parameters import parameter, structural
+from estimator_pkg.record import record
 
-EXPLICIT = ('taylor', 'explicit')
+TURNS = False  # its position is wrapped
 PACE = 0.55  # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
-REFRESH = 8.0  # samples after which the noise gains are computed again
+REFRESH = 8  # samples after which the noise gains are computed again
 NEWEST = 0.15  # weight of the mean square of the newest REFRESH samples: 50 samples in all
 CALM = 16.0  # times less than the mean square: a transient is over, ...
 HALVED = 0.5  # ... and is forgotten by this factor every REFRESH samples
@@ -68,84 +91,105 @@ class Gains(AngleGains):
     )
     form: str = structural(
         'matching',
-        choices=('matching', 'implicit', 'taylor', 'explicit'),
+        choices=FORMS,
         description='sampling: matching (eigenvalues matched to dt), implicit (order 1 only), '
         'taylor (explicit with Taylor terms), explicit (Euler; chatters by dt times '
         'the gain, kept to show why not)',
     )
 
 
-def taylor(chain: tuple, dt: float) -> tuple[float, float, float, float]:
-    """Return position and its derivatives dt later, the highest one constant."""
-    x, v, a, j = chain
-    return (
-        x + dt * (v + dt * (0.5 * a + dt * (j / 6.0))),
-        v + dt * (a + 0.5 * dt * j),
-        a + dt * j,
-        j,
-    )
+@record
+class Coefficients:
+    """What follows from the sample time; the gains depend on the innovation, too."""
+
+    dt: float  # [s]
+    rate: float  # 1/dt
+    rate_2: float  # 1/dt^2
+    rate_3: float  # 1/dt^3
 
 
-def euler(chain: tuple, dt: float) -> tuple[float, float, float, float]:
-    """Return the same by forward Euler: every derivative moves with the next one only."""
-    x, v, a, j = chain
-    return (x + dt * v, v + dt * a, a + dt * j, j)
+@record
+class Chain:
+    """Position and its derivatives."""
+
+    x: float  # [rad]
+    v: float  # [rad/s]
+    a: float  # [rad/s^2]
+    j: float  # [rad/s^3]
 
 
-def taylor_back(k: tuple, dt: float) -> tuple[float, float, float, float]:
-    """Return the correction before the step of a predictor's correction `k` after it: A^-1 k."""
-    return taylor(k, -dt)
+@record
+class Core:
+    """The differentiator, and what noise makes of its gains."""
+
+    position: float  # as in the chain [rad]
+    velocity: float  # [rad/s]
+    acceleration: float  # [rad/s^2]; order 1: nan
+    chain: Chain
+    ticks: int  # samples since the noise gains were computed; 0: only one sample has come
+    total: float  # sum of the squared innovations of these samples [rad^2]
+    power: float  # mean square innovation [rad^2]
+    of_position: float  # the noise gains
+    of_velocity: float
+    of_innovation: float
 
 
-def euler_back(k: tuple, dt: float) -> tuple[float, float, float, float]:
-    """Return the same for `euler`."""
-    k0, k1, k2, j = k
-    a = k2 - dt * j
-    v = k1 - dt * a
-    return (k0 - dt * v, v, a, j)
-
-
-def power_terms(innovation: float, design: Design, dt: float) -> tuple[float, float, float, float]:
-    """Return dt times the right-hand sides of the differentiator (explicit forms)."""
-    size = abs(innovation)
-    if size < SMALLEST:
-        return (0.0, 0.0, 0.0, 0.0)
-    signed = dt * size if innovation > 0.0 else -dt * size
-    pace = design.scale / size ** (1.0 / (design.order + 1.0))  # (L/|e|)^(1/(n+1)) [1/s]
-    fast = pace * signed
-    second = design.c2 * pace * fast
-    third = design.c3 * pace * pace * fast
-    return (design.c1 * fast, second, third, design.c4 * pace * pace * pace * fast)
-
-
-def prepare(design: Design, dt: float) -> tuple:
-    """Return (dt, design, roots, period, 1/dt, 1/dt^2, 1/dt^3, pace).
-
-    `pace` is dt times the speed of the error dynamics at an innovation of 1 rad.
-
-    The gains depend on the innovation, so no more can be made beforehand.
-    """
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set what follows from dt [s]."""
     rate = 1.0 / dt
-    return (
-        dt,
-        design,
-        design.roots,
-        design.period,
-        rate,
-        rate * rate,
-        rate * rate * rate,
-        dt * design.scale,
-    )
+    coefficients.dt, coefficients.rate = dt, rate
+    coefficients.rate_2, coefficients.rate_3 = rate * rate, rate * rate * rate
 
 
-def init(measurement: float, design: Design) -> tuple:
-    """Return the state after the first sample [rad].
+def begin(core: Core, design: Design, measurement: float) -> None:
+    """Begin at a measurement [rad], without a speed."""
+    core.chain.v = core.power = core.total = 0.0
+    core.ticks = 0
+    core.of_position = core.of_velocity = core.of_innovation = 1.0
+    resume_core(core, design, measurement)
 
-    (position, velocity, acceleration, jerk, sum of the squared innovations since the noise gains
-    were computed, samples since then (0: only one sample has come), noise gains, mean square
-    innovation)
-    """
-    return (measurement, 0.0, 0.0, 0.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0)
+
+def resume_core(core: Core, design: Design, measurement: float) -> None:
+    """Go on after a gap: the speed is kept, higher derivatives are not."""
+    core.chain.x, core.chain.a, core.chain.j = measurement, 0.0, 0.0
+    show_chain(core, design)
+
+
+def show_chain(core: Core, design: Design) -> None:
+    """Set what is published of the chain; order 1 gives no acceleration."""
+    core.position, core.velocity = core.chain.x, core.chain.v
+    core.acceleration = core.chain.a if design.order > 1 else math.nan
+
+
+def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
+    """Take a measurement [rad]; return the innovation [rad]."""
+    chain, dt, period = core.chain, coefficients.dt, design.shared.period
+    if core.ticks == 0:  # the second sample gives the speed: right below half a turn per sample
+        chain.v = wrap(measurement - chain.x, period) / dt
+        chain.x, chain.a, chain.j = measurement, 0.0, 0.0
+        restart_noise(core, 0.0, dt, design)
+        show_chain(core, design)
+        return 0.0
+    if design.form == MATCHING:
+        innovation = match(chain, coefficients, design, measurement)
+    elif design.form == IMPLICIT:
+        innovation = step_implicit(chain, dt, design, measurement)
+    else:
+        innovation = step_explicit(chain, dt, design, measurement)
+    if not -period <= chain.x + chain.x < period:
+        chain.x = wrap(chain.x, period)
+    show_chain(core, design)
+    core.total += innovation * innovation
+    core.ticks += 1
+    if core.ticks > REFRESH:
+        restart_noise(core, averaged(core.power, core.total), dt, design)
+    return innovation
+
+
+def restart_noise(core: Core, power: float, dt: float, design: Design) -> None:
+    """Compute the noise gains at this mean square innovation [rad^2], and average anew."""
+    core.power, core.total, core.ticks = power, 0.0, 1
+    core.of_position, core.of_velocity, core.of_innovation = noise_gains_at(power, dt, design)
 
 
 def averaged(power: float, total: float) -> float:
@@ -159,241 +203,168 @@ def averaged(power: float, total: float) -> float:
     return power + NEWEST * (mean - power)
 
 
-def correction(form: str, order: int) -> Callable[..., tuple]:
-    """Return `correct` of the core for this form."""
-    of_power = noise_gains_tabled if form == 'implicit' else NOISE_GAINS[order]
+def match(chain: Chain, coefficients: Coefficients, design: Design, measurement: float) -> float:
+    """Take a measurement with eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error; see `gains`.
 
-    def begin(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        """Return the state after the second sample, which gives the speed.
-
-        It is right below half a turn per sample.
-        """
-        first, _, _, _, _, _, _, _ = state
-        dt, _, _, period, _, _, _, _ = coefficients
-        speed = wrap(measurement - first, period) / dt
-        noise = of_power(0.0, coefficients)
-        return (measurement, speed, 0.0, 0.0, 0.0, 1.0, noise, 0.0), 0.0
-
-    def moved(
-        predicted: tuple, k: tuple, innovation: float, averages: tuple, coefficients: tuple
-    ) -> tuple:
-        """Return the predicted chain plus the correction `k`; the position is on the circle."""
-        x, v, a, j = predicted
-        k0, k1, k2, k3 = k
-        total, tick, noise, power = averages
-        _, _, _, period, _, _, _, _ = coefficients
-        total += innovation * innovation
-        tick += 1.0
-        if tick > REFRESH:
-            power = averaged(power, total)
-            total, tick, noise = 0.0, 1.0, of_power(power, coefficients)
-        x = wrap(x + k0, period)
-        return (x, v + k1, a + k2, j + k3, total, tick, noise, power), innovation
-
-    if form == 'matching':
-        return _matching(order, begin)
-    if form == 'implicit':
-        return _implicit(begin, moved)
-    ahead, back = (taylor, taylor_back) if form == 'taylor' else (euler, euler_back)
-    return _explicit(ahead, back, begin, moved)
+    Returns
+    -------
+    The innovation [rad].
+    """
+    advance(chain, coefficients.dt)
+    period, innovation = design.shared.period, measurement - chain.x
+    if not -period <= innovation + innovation < period:
+        innovation = wrap(innovation, period)
+    size = abs(innovation)
+    if size > SMALLEST:
+        s = coefficients.dt * design.scale / math.pow(size, 1.0 / (design.order + 1.0))
+        k0, k1, k2, k3 = matched(design.order, s, design.roots)
+        chain.x += k0 * innovation
+        chain.v += k1 * innovation * coefficients.rate
+        chain.a += k2 * innovation * coefficients.rate_2
+        chain.j += k3 * innovation * coefficients.rate_3
+    return innovation
 
 
-def _matching(order: int, begin: Callable[..., tuple]) -> Callable[..., tuple]:
-    """Return `correct` with eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error; see `gains`."""
-    matched, exponent, of_power = MATCHED[order], 1.0 / (order + 1.0), NOISE_GAINS[order]
-
-    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        x, v, a, j, total, tick, noise, power = state
-        if tick == 0.0:
-            return begin(state, coefficients, measurement)
-        dt, _, roots, period, rate, rate_2, rate_3, pace = coefficients
-        x += dt * (v + dt * (0.5 * a + dt * j / 6.0))
-        v += dt * (a + 0.5 * dt * j)
-        a += dt * j
-        innovation = measurement - x
-        if not -period <= innovation + innovation < period:
-            innovation = wrap(innovation, period)
-        size = abs(innovation)
-        if size > SMALLEST:
-            k0, k1, k2, k3 = matched(pace / size**exponent, roots)
-            x += k0 * innovation
-            v += k1 * innovation * rate
-            a += k2 * innovation * rate_2
-            j += k3 * innovation * rate_3
-        if not -period <= x + x < period:
-            x = wrap(x, period)
-        total += innovation * innovation
-        if tick >= REFRESH:
-            power = averaged(power, total)
-            return (x, v, a, j, 0.0, 1.0, of_power(power, coefficients), power), innovation
-        return (x, v, a, j, total, tick + 1.0, noise, power), innovation
-
-    return correct
+def advance(chain: Chain, dt: float) -> None:
+    """Move the chain on by dt [s], the highest derivative constant."""
+    v, a, j = chain.v, chain.a, chain.j
+    chain.x += dt * (v + dt * (0.5 * a + dt * j / 6.0))
+    chain.v += dt * (a + 0.5 * dt * j)
+    chain.a += dt * j
 
 
-def _explicit(
-    ahead: Callable[..., tuple],
-    back: Callable[..., tuple],
-    begin: Callable[..., tuple],
-    moved: Callable[..., tuple],
-) -> Callable[..., tuple]:
-    """Return the explicit `correct`: Taylor terms, or forward Euler as printed in textbooks."""
+def step_explicit(chain: Chain, dt: float, design: Design, measurement: float) -> float:
+    """Take a measurement with Taylor terms, or by forward Euler as printed in textbooks.
 
-    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        x, v, a, j, total, tick, noise, power = state
-        if tick == 0.0:
-            return begin(state, coefficients, measurement)
-        dt, design, _, period, _, _, _, _ = coefficients
-        predicted = ahead((x, v, a, j), dt)
-        x, _, _, _ = predicted
-        innovation = wrap(measurement - x, period)
-        k = back(power_terms(innovation, design, dt), dt)
-        return moved(predicted, k, innovation, (total, tick, noise, power), coefficients)
+    The corrections come after the step of the published predictor forms; before it they are
+    A^-1 of them.
 
-    return correct
+    Returns
+    -------
+    The innovation [rad].
+    """
+    v, a, j = chain.v, chain.a, chain.j
+    if design.form == TAYLOR:
+        chain.x += dt * (v + dt * (0.5 * a + dt * (j / 6.0)))
+        chain.v += dt * (a + 0.5 * dt * j)
+    else:
+        chain.x += dt * v
+        chain.v += dt * a
+    chain.a += dt * j
+    innovation = wrap(measurement - chain.x, design.shared.period)
+    size = abs(innovation)
+    if size < SMALLEST:
+        return innovation
+    signed = dt * size if innovation > 0.0 else -dt * size
+    pace = design.scale / math.pow(size, 1.0 / (design.order + 1.0))  # (L/|e|)^(1/(n+1)) [1/s]
+    fast = pace * signed
+    k0, k1 = design.c1 * fast, design.c2 * pace * fast
+    k2, k3 = design.c3 * pace * pace * fast, design.c4 * pace * pace * pace * fast
+    if design.form == TAYLOR:
+        back = -dt
+        k0 += back * (k1 + back * (0.5 * k2 + back * (k3 / 6.0)))
+        k1 += back * (k2 + 0.5 * back * k3)
+        k2 += back * k3
+    else:
+        k2 -= dt * k3
+        k1 -= dt * k2
+        k0 -= dt * k1
+    chain.x += k0
+    chain.v += k1
+    chain.a += k2
+    chain.j += k3
+    return innovation
 
 
-def _implicit(begin: Callable[..., tuple], moved: Callable[..., tuple]) -> Callable[..., tuple]:
-    """Return `correct` of the implicit Euler form of order 1, in closed form.
+def step_implicit(chain: Chain, dt: float, design: Design, measurement: float) -> float:
+    """Take a measurement by the implicit Euler form of order 1, in closed form.
 
     In sliding it is the backward difference; outside it the change of the velocity is clipped to
     dt alpha.
+
+    Returns
+    -------
+    The innovation [rad].
     """
-
-    def correct(state: tuple, coefficients: tuple, measurement: float) -> tuple:
-        x, v, _, _, total, tick, noise, power = state
-        if tick == 0.0:
-            return begin(state, coefficients, measurement)
-        dt, design, _, period, _, _, _, _ = coefficients
-        x += dt * v
-        innovation = wrap(measurement - x, period)
-        root = design.scale  # sqrt(L)
-        left, slope = implicit_step(innovation, dt, design.c1 * root, design.c2 * root * root)
-        return moved(
-            (x, v, 0.0, 0.0),
-            (innovation - left, dt * slope, 0.0, 0.0),
-            innovation,
-            (total, tick, noise, power),
-            coefficients,
-        )
-
-    return correct
+    chain.x += dt * chain.v
+    innovation = wrap(measurement - chain.x, design.shared.period)
+    root = design.scale  # sqrt(L)
+    left, slope = implicit_step(innovation, dt, design.c1 * root, design.c2 * root * root)
+    chain.x += innovation - left
+    chain.v += dt * slope
+    return innovation
 
 
-def estimate_velocity(state: tuple) -> tuple[float, float, float]:
-    """Return position [rad] and velocity [rad/s]; order 1 gives no acceleration."""
-    x, v, _, _, _, _, _, _ = state
-    return x, v, math.nan
-
-
-def estimate_acceleration(state: tuple) -> tuple[float, float, float]:
-    """Return position [rad], velocity [rad/s] and acceleration [rad/s^2]."""
-    x, v, a, _, _, _, _, _ = state
-    return x, v, a
-
-
-def resume(state: tuple, measurement: float) -> tuple:
-    """Return the state after a gap: the speed is kept, higher derivatives are not."""
-    _, v, _, _, total, tick, noise, power = state
-    return (measurement, v, 0.0, 0.0, total, tick, noise, power)
-
-
-def noise_gains(state: tuple, coefficients: tuple) -> tuple[float, float, float]:
+def noise_gains(
+    core: Core, coefficients: Coefficients, design: Design
+) -> tuple[float, float, float]:
     """Return the noise gains as they were computed, REFRESH samples ago at most."""
-    _, _, _, _, _, _, noise, _ = state
-    return noise
+    return core.of_position, core.of_velocity, core.of_innovation
 
 
-def make_pace(order: int) -> Callable[[tuple, tuple, float], float]:
-    """Return `AngleCore.pace`: the error dynamics are the slower, the larger the innovation is."""
-    exponent = 0.5 / (order + 1.0)
-
-    def pace(state: tuple, coefficients: tuple, dt: float) -> float:
-        _, _, _, _, total, _, _, power = state
-        _, design, _, _, _, _, _, _ = coefficients
-        power = total if total > power else power  # that of a transient, from its begin
-        if power < SMALLEST:
-            power = SMALLEST
-        # one neper per sample: dead beat is no faster
-        return min(PACE * design.scale / power**exponent, 1.0 / dt)
-
-    return pace
+def pace(observer: Any, core: Core, coefficients: Coefficients, design: Design, dt: float) -> float:
+    """Return how fast errors decay [1/s]: the slower, the larger the innovation is."""
+    power = core.total if core.total > core.power else core.power  # of a transient, from its begin
+    if power < SMALLEST:
+        power = SMALLEST
+    # one neper per sample: dead beat is no faster
+    return min(PACE * design.scale / math.pow(power, 0.5 / (design.order + 1.0)), 1.0 / dt)
 
 
-def build(gains: Gains, circle: Circle) -> Functions:
-    """Return the functions at these gains.
+def design(gains: Gains, circle: Circle) -> Design:
+    """Return what follows from the gains whatever the sample time is.
 
     Raises
     ------
     UsageError : the implicit form with another order than 1 (naive ones bias or chatter).
     """
-    order = gains.order
+    order, made = gains.order, Design()
     if gains.form == 'implicit' and order != 1:
         raise UsageError(
             "form 'implicit' exists for order 1 only (of higher order it would bias "
             "or chatter): use 'matching'"
         )
-    correct = correction(gains.form, order)
-
-    def design() -> Design:
-        c1, c2, c3, c4 = COEFFICIENTS[order] + (0.0,) * (3 - order)
-        poles = roots(order)
-        table: tuple[tuple[float, ...], ...] = ((0.0,),)
-        if gains.form == 'implicit':
-            table = implicit_table()
-        elif order == 3:
-            table = noise_table(poles)
-        return Design(
-            float(order),
-            gains.bound ** (1.0 / (order + 1)),
-            c1,
-            c2,
-            c3,
-            c4,
-            poles,
-            float(circle.period),
-            table,
-        )
-
-    widest = OUTSIDE * circle.period if circle.period > 0.0 and gains.form in EXPLICIT else math.inf
-    longest = (widest / gains.bound) ** (1.0 / (order + 1))
-
-    def limits(dt: float) -> str | None:
-        if dt <= longest:
-            return None
-        return (
-            f"form '{gains.form}' chatters over more than an eighth of a turn at a sample time "
-            f"of {dt:.3g} s: it needs less than {longest:.3g} s, or a lower bound; 'matching' "
-            'does not chatter'
-        )
-
+    made.form, made.order, made.scale = (
+        FORMS.index(gains.form),
+        order,
+        gains.bound ** (1.0 / (order + 1)),
+    )
+    made.c1, made.c2, made.c3, made.c4 = COEFFICIENTS[order] + (0.0,) * (3 - order)
+    made.roots = roots_of(order)
+    if made.form == IMPLICIT or order == 3:
+        made.table = [
+            list(row) for row in (implicit_table() if order == 1 else noise_table(made.roots))
+        ]
+    explicit = made.form == TAYLOR or made.form == EXPLICIT
+    widest = OUTSIDE * circle.period if circle.period > 0.0 and explicit else math.inf
+    made.longest_dt = (widest / gains.bound) ** (1.0 / (order + 1))
     # Convergence from an error that one sample can hide: about the time that the bound needs to
     # make a speed of its own scale.
     settle = 3.0 * (0.01 / gains.bound) ** (1.0 / (order + 1))
-    return around(
-        AngleCore(
-            design=design,
-            settle=settle,
-            prepare=prepare,
-            init=init,
-            correct=correct,
-            estimate=estimate_velocity if order == 1 else estimate_acceleration,
-            resume=resume,
-            noise_gains=noise_gains,
-            limits=limits,
-            group_delay=lambda dt: 0.0,
-            pace=make_pace(order),
-        ),
-        gains,
-        circle,
+    set_shared(made.shared, gains, circle, settle, LAG_3)
+    return made
+
+
+def limits(design: Design, dt: float) -> str | None:
+    """Return why the form cannot work at this dt [s]; None: it can."""
+    if dt <= design.longest_dt:
+        return None
+    return (
+        f"form '{FORMS[design.form]}' chatters over more than an eighth of a turn at a sample time "
+        f'of {dt:.3g} s: it needs less than {design.longest_dt:.3g} s, or a lower bound; '
+        "'matching' does not chatter"
     )
+
+
+def group_delay(design: Design, dt: float) -> float:
+    """Return 0 [s]."""
+    return 0.0
 
 
 OBSERVER = Observer(
     name='super_twisting',
     summary='super-twisting differentiators of order 1 to 3',
     gains=Gains,
-    build=build,
     reference='Barbot, Djemai, Manamanni (2007); Levant (2003); matching discretisation',
     gives_acceleration=lambda gains: gains.order > 1,
 )

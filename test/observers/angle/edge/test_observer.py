@@ -143,7 +143,7 @@ def test_the_noise_is_learnt_from_flicker(noise):
     one = joint()
     flicker = noise * QUANTUM * np.random.default_rng(3).normal(size=len(way))
     one.run(stamps(len(way), 1e-4), read(way + flicker))
-    assert math.sqrt(one._track[6][3][1]) == pytest.approx(noise * QUANTUM, rel=0.35)
+    assert math.sqrt(one.state.sensor.noise) == pytest.approx(noise * QUANTUM, rel=0.35)
 
 
 @pytest.mark.parametrize('size', [0.5, 0.02])

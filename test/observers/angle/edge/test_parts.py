@@ -11,15 +11,20 @@ import pytest
 from estimator_pkg.observers.angle.edge import bandwidth as edge_bandwidth
 from estimator_pkg.observers.angle.edge import constants as edge_constants
 from estimator_pkg.observers.angle.edge import covariance as edge_covariance
+from estimator_pkg.observers.angle.edge import observer as edge_observer
 from estimator_pkg.observers.angle.edge import quantum as edge_quantum
 from estimator_pkg.observers.angle.edge import sensor as edge_sensor
 from estimator_pkg.observers.angle.edge import sigma as edge_sigma
 from estimator_pkg.observers.angle.edge import start as edge_start
+from estimator_pkg.observers.angle.edge.bandwidth import Band, Sway
 from estimator_pkg.observers.angle.edge.interval import HELD, INTERVAL, NOTHING, interval, within
+from estimator_pkg.observers.angle.edge.motion import Motion
+from estimator_pkg.observers.angle.edge.sensor import Sensor
+from estimator_pkg.observers.angle.edge.start import Doubt
+from estimator_pkg.observers.maths.covariance import Covariance
 
 Q = 1.0
 SLACK = 0.3
-COVARIANCE = (1e-4, 1e-3, 5e-3, 0.04, 0.3, 5.0)
 
 
 @pytest.mark.parametrize(
@@ -82,14 +87,42 @@ def test_a_cell_is_news_where_less_is_known_and_where_the_speed_was_wrong():
     assert kind == INTERVAL and half == 0.0 and centre == pytest.approx(0.1)
 
 
+def made(record, *values, **fields):
+    """A record with these values, in their order or by name."""
+    new = record()
+    for name, value in (*zip(record.fields, values), *fields.items()):
+        setattr(new, name, value)
+    return new
+
+
+def values(record):
+    """The values of a record of numbers."""
+    return tuple(getattr(record, name) for name in type(record).fields)
+
+
+def covariance():
+    return made(Covariance, 1e-4, 1e-3, 5e-3, 0.04, 0.3, 5.0)
+
+
+def begun_band(density):
+    band = Band()
+    edge_bandwidth.begin_band(band, density)
+    return band
+
+
+def begun_sensor(quantum):
+    sensor = Sensor()
+    edge_sensor.begin_sensor(sensor, quantum)
+    return sensor
+
+
 def follow(innovations, gain=0.1, slack=SLACK):
-    band = edge_bandwidth.begin_band(1.0)
-    dates = []
+    band, dates = begun_band(1.0), []
     for z in innovations:
-        band, _, date, _ = edge_bandwidth.follow_band(band, z, gain, 1e-3, 1e-30, slack)
+        _, date, _ = edge_bandwidth.follow_band(band, z, gain, 1e-3, 1e-30, slack)
         if date > 0.0:
             dates.append(date)
-    return math.log(band[0]), dates
+    return math.log(band.density), dates
 
 
 def test_density_rises_where_innovations_go_on_and_falls_where_they_are_white():
@@ -114,15 +147,16 @@ def test_an_alarm_takes_more_than_one_sample_and_is_dated():
 
 
 def full(p):
-    return np.array([[p[0], p[1], p[2]], [p[1], p[3], p[4]], [p[2], p[4], p[5]]])
+    return np.array([[p.p00, p.p01, p.p02], [p.p01, p.p11, p.p12], [p.p02, p.p12, p.p22]])
 
 
 def test_opening_keeps_the_covariance_positive_and_explains_the_deviation():
-    wide = edge_covariance.widened(COVARIANCE, 2.0)
+    wide, opened = covariance(), covariance()
+    edge_covariance.widen(wide, 2.0)
     assert np.all(np.linalg.eigvalsh(full(wide)) > 0.0)
-    assert wide[3] / COVARIANCE[3] == pytest.approx(math.exp(1.0))
-    opened = edge_covariance.manoeuvred(COVARIANCE, 0.01, 5e-3)
-    added = full(opened) - full(COVARIANCE)
+    assert wide.p11 / covariance().p11 == pytest.approx(math.exp(1.0))
+    edge_covariance.add_manoeuvre(opened, 0.01, 5e-3)
+    added = full(opened) - full(covariance())
     assert added[0, 0] == pytest.approx(1e-4)
     assert np.all(np.linalg.eigvalsh(added) > -1e-9)
     # half of it white jerk since then, half white acceleration: P_ij of the integrated chains
@@ -136,18 +170,14 @@ def test_opening_keeps_the_covariance_positive_and_explains_the_deviation():
 
 
 def sensed(angles, dts=None, quantum=0.01):
-    sensor = edge_sensor.begin_sensor(quantum)
-    steps = edge_quantum.FIRST_STEPS
+    sensor, steps = begun_sensor(quantum), edge_quantum.Steps()
+    edge_quantum.begin_steps(steps)
     for i in range(1, len(angles)):
         step = angles[i] - angles[i - 1]
         if step != 0.0:
-            steps = edge_quantum.follow_steps(
-                steps, step, sensor[6], sensor[7], abs(angles[i]), quantum, sensor[2]
-            )
-        dt = 1e-3 if dts is None else dts[i]
-        sensor = edge_sensor.follow_sensor(
-            sensor, step, step, dt, edge_quantum.quantum_of(steps, quantum), math.inf
-        )
+            edge_quantum.search(steps, step, abs(angles[i]), quantum, sensor)
+        dt, found = 1e-3 if dts is None else dts[i], edge_quantum.quantum_of(steps, quantum)
+        edge_sensor.follow_sensor(sensor, step, step, dt, found, math.inf)
     return sensor, steps
 
 
@@ -159,7 +189,7 @@ def test_scatter_is_the_noise_whatever_the_motion_and_the_sample_times():
     scatters = [
         sensed(
             (5.0 * t * t + noise * random.normal(size=4000))[k : k + 200], dts[k : k + 200], 1e-3
-        )[0][2]
+        )[0].scatter
         for k in range(0, 3800, 200)
     ]
     assert math.sqrt(np.mean(scatters)) == pytest.approx(noise, rel=0.1)
@@ -169,7 +199,7 @@ def test_quantisation_is_never_taken_for_noise():
     for speed in np.linspace(0.01, 40.0, 57):
         angles = np.floor(speed * np.arange(500) * 1e-3 / 0.01) * 0.01
         sensor, _ = sensed(angles)
-        assert math.sqrt(sensor[1]) < 0.0004
+        assert math.sqrt(sensor.noise) < 0.0004
 
 
 def test_noise_follows_its_score_within_blur_and_scatter():
@@ -218,18 +248,18 @@ def test_a_vibration_is_measured_by_its_third_differences(period):
 
 
 def test_the_size_of_the_innovations_is_remembered():
-    band = edge_bandwidth.begin_band(1.0)
+    band = begun_band(1.0)
     for z in 2.0 * np.random.default_rng(3).choice([-1.0, 1.0], size=300):
-        band = edge_bandwidth.follow_band(band, z, 0.1, 1e-3, 1e-30, SLACK)[0]
-    assert band[7] == pytest.approx(4.0, rel=0.01)
+        edge_bandwidth.follow_band(band, z, 0.1, 1e-3, 1e-30, SLACK)
+    assert band.squares == pytest.approx(4.0, rel=0.01)
 
 
 def sways(deviations):
     """The mean of `follow_sway` after each of the deviations."""
-    sway, means = edge_bandwidth.STEADY, []
+    sway, means = Sway(), []
     for ahead in deviations:
-        sway = edge_bandwidth.follow_sway(sway, ahead, math.inf, True)
-        means.append(sway[0])
+        edge_bandwidth.follow_sway(sway, ahead, math.inf, True)
+        means.append(sway.mean)
     return np.array(means)
 
 
@@ -255,15 +285,18 @@ def test_noise_does_not_sway_and_a_speed_that_goes_at_random_does():
         speed[k] = kept * speed[k - 1] + steps[k]
     assert np.mean(sways(speed)) == pytest.approx(0.09 * kept / (1.0 + kept), rel=0.1)
     assert sways([1.0, 1.0, 1.0, 1e6])[-1] < sways([1.0, 1.0, 1.0])[-1]  # lasting is no sway
-    assert edge_bandwidth.follow_sway((0.0, -1e9, 1.0), 1.0, 4.0, True)[0] == -4.0 / 32.0
-    assert edge_bandwidth.follow_sway((0.0, 1e9, 1.0), 1.0, 4.0, True)[0] == 4.0 / 32.0
+    for last, mean in ((-1e9, -4.0 / 32.0), (1e9, 4.0 / 32.0)):
+        sway = made(Sway, last=last, before=1.0)
+        edge_bandwidth.follow_sway(sway, 1.0, 4.0, True)
+        assert sway.mean == mean
 
 
 def test_a_sway_is_white_acceleration():
     dt, sway = 2e-3, 3e-6
     rate = 2.0 * sway / dt**3  # (rad/s)^2 per s
-    p = edge_covariance.swayed((1e-6, 0.0, 0.1, 1.0, 0.2, 5.0), sway, dt)
-    assert p == pytest.approx(
+    p = made(Covariance, 1e-6, 0.0, 0.1, 1.0, 0.2, 5.0)
+    edge_covariance.add_sway(p, sway, dt)
+    assert values(p) == pytest.approx(
         (1e-6 + rate * dt**3 / 3.0, rate * dt**2 / 2.0, 0.1, 1.0 + rate * dt, 0.2, 5.0)
     )
 
@@ -286,21 +319,22 @@ def test_an_alarm_in_noise_dates_further_back():
 
 
 def test_a_measurement_corrects_the_covariance():
-    r, left = 2e-6, 0.3
-    before = full(COVARIANCE)
+    r, left, p = 2e-6, 0.3, covariance()
+    before = full(p)
     s = before[0, 0] + r
     expected = before - (1.0 - left) / s * np.outer(before[0], before[0])
-    assert full(edge_covariance.corrected(COVARIANCE, r, left)) == pytest.approx(expected)
+    edge_covariance.correct_covariance(p, r, left)
+    assert full(p) == pytest.approx(expected)
 
 
 def test_a_measurement_far_finer_than_the_prediction_leaves_a_covariance():
     """Known to 1e-10 of a deviation of 1e5: what rounding leaves must be one still."""
-    p = (1e10, 1e13, 1e16, 1e16, 1e19, 1e22)
     for r in (1e-10, 1e-14, 1e-20):
-        q = edge_covariance.corrected(p, r, 0.0)
-        assert 0.0 < q[0] <= r * (1.0 + 1e-12)
-        assert q[3] * q[0] >= q[1] * q[1] * (1.0 - 1e-12)
-        assert q[5] * q[0] >= q[2] * q[2] * (1.0 - 1e-12)
+        p = made(Covariance, 1e10, 1e13, 1e16, 1e16, 1e19, 1e22)
+        edge_covariance.correct_covariance(p, r, 0.0)
+        assert 0.0 < p.p00 <= r * (1.0 + 1e-12)
+        assert p.p11 * p.p00 >= p.p01 * p.p01 * (1.0 - 1e-12)
+        assert p.p22 * p.p00 >= p.p02 * p.p02 * (1.0 - 1e-12)
 
 
 def test_clean_floats_are_no_counts():
@@ -315,56 +349,69 @@ def test_clean_floats_are_no_counts():
 
 
 def test_the_density_expects_manoeuvres_like_the_last():
-    begun, manoeuvre = edge_bandwidth.begin_band(1e-6), 20.0 * 0.01 / 0.2**5
-    band = (*begun[:-1], 8.0)  # 8 s since the one before
-    after = edge_bandwidth.after_manoeuvre(band, 0.1, 0.2, False, 1e3)
-    assert after == (pytest.approx(0.01 * manoeuvre), *band[1:-1], 0.0)
-    assert edge_bandwidth.after_manoeuvre(after, 1e-3, 0.2, False, 1e3) == after  # it does not fall
-    hidden = edge_bandwidth.after_manoeuvre(band, -0.1, 0.2, True, 1e3)
-    assert hidden == (*band[:-1], 0.0)  # a cell may hide it
+    manoeuvre = 20.0 * 0.01 / 0.2**5
+
+    def after(beyond, date, noisy, most=1e3, quiet=8.0, density=1e-6):
+        """(density, the rest) of a band whose last manoeuvre was `quiet` [s] ago."""
+        band = begun_band(density)
+        band.quiet = quiet
+        edge_bandwidth.expect_manoeuvres(band, beyond, date, noisy, most)
+        assert values(band)[1:] == values(begun_band(density))[1:]
+        return band.density
+
+    assert after(0.1, 0.2, False) == pytest.approx(0.01 * manoeuvre)
+    assert after(1e-3, 0.2, False, density=1.0) == 1.0  # it does not fall
+    assert after(-0.1, 0.2, True) == 1e-6  # a cell may hide it
     # in noise it is spread over the time since the one before: 0.2 s in 8 s, 0.2 s in 0.1 s
-    rare = edge_bandwidth.after_manoeuvre(band, 0.1, 0.2, True, 1e3)
-    often = edge_bandwidth.after_manoeuvre((*begun[:-1], 0.1), 0.1, 0.2, True, 1e3)
-    assert (rare[0], often[0]) == pytest.approx((0.2 / 8.0 * manoeuvre, manoeuvre))
-    assert edge_bandwidth.after_manoeuvre(band, 6.28, 0.02, True, 5.0)[0] == 5.0
+    assert after(0.1, 0.2, True) == pytest.approx(0.2 / 8.0 * manoeuvre)
+    assert after(0.1, 0.2, True, quiet=0.1) == pytest.approx(manoeuvre)
+    assert after(6.28, 0.02, True, most=5.0) == 5.0
 
 
 def test_the_doubt_of_a_new_speed_is_what_the_way_since_the_last_edge_leaves_open():
     speed, dt, noise, square = 3.0, 0.01, 0.002, 1e-4
+
+    def settled(*doubt, square=square):
+        doubt = made(Doubt, *doubt)
+        edge_start.settle(doubt, speed, 0.1, 0.04, dt, square, noise)
+        return values(doubt)
+
+    def later(dt, *doubt):
+        doubt = made(Doubt, *doubt)
+        edge_start.pass_time(doubt, dt)
+        return pytest.approx(values(doubt))
+
     before = (9.0, edge_start.UNSURE, 1.0, 2.0, 0.0, 0.0)
     # the second edge after a rest of 0.04 s: off by the mean speed since then, and a sample's way
-    after, left, *times, _, _ = edge_start.settled(before, speed, 0.1, 0.04, dt, square, noise)
+    after, left, *times, _, _ = settled(*before)
     way = (0.1 / 0.05) ** 2 * dt * dt
     own = (0.1 / 0.05 - speed) ** 2 + (min(way, square) + 12.0 * noise) / 0.05**2
     assert after == pytest.approx(own) and (left, times) == (edge_start.UNSURE - 1.0, [1.0, 2.0])
     # a cell, where it is less than a sample's way
-    fine = edge_start.settled(before, speed, 0.1, 0.04, dt, 1e-9, noise)[0]
+    fine = settled(*before, square=1e-9)[0]
     assert after - fine == pytest.approx((way if way < square else square) / 0.05**2, rel=1e-3)
-    coarse = edge_start.settled(before, speed, 0.1, 0.04, dt, 1.0, noise)[0]
+    coarse = settled(*before, square=1.0)[0]
     assert coarse - fine == pytest.approx(way / 0.05**2, rel=1e-3)
-    doubt = (9.0, edge_start.SETTLES - 0.5, 1.0, 2.0, 0.0, 0.0)
-    mean = edge_start.settled(doubt, speed, 0.1, 0.04, dt, square, noise)[0]
+    mean = settled(9.0, edge_start.SETTLES - 0.5, 1.0, 2.0, 0.0, 0.0)[0]
     assert mean == pytest.approx(0.5 * (own + 9.0))  # from the second on, with the one before
     recent = edge_start.RECENT
     for since, age in ((recent, recent), (0.9 * recent, recent), (recent, 0.9 * recent)):
         left = 0.0 if since == age else edge_start.LAST
-        doubt = (9.0, 1.0, since, age, 2.0, 0.1)
-        last = edge_start.settled(doubt, speed, 0.1, 0.04, dt, square, noise)
-        assert last == (0.0, left, since, age, 2.0, 0.1)
+        assert settled(9.0, 1.0, since, age, 2.0, 0.1) == (0.0, left, since, age, 2.0, 0.1)
         almost = (4.0, edge_start.LAST, since - 0.01, age - 0.01, 2.0, 0.1)
-        assert edge_start.later(almost, 0.01) == pytest.approx((4.0, left, since, age, 2.0, 0.1))
-    doubt = edge_start.later((4.0, 2.0, 0.2, 0.1, 0.0, 0.0), 0.2)
-    assert doubt == pytest.approx((4.0, 2.0, 0.4, 0.3, 0.0, 0.0))
+        assert later(0.01, *almost) == (4.0, left, since, age, 2.0, 0.1)
+    assert later(0.2, 4.0, 2.0, 0.2, 0.1, 0.0, 0.0) == (4.0, 2.0, 0.4, 0.3, 0.0, 0.0)
 
 
 def test_readings_in_noise_add_up_to_a_start_and_one_alone_may_show_it():
     dt, quantum, noise = 1e-3, 2.0, 4.0
 
     def after(doubt, *offs):  # distances from the cell in standard deviations of the noise
+        doubt = made(Doubt, *doubt)
         for off in offs:
             off = math.copysign(0.5 * quantum + 2.0 * abs(off), off)
-            doubt = edge_start.doubted_in_noise(doubt, off, 0.0, quantum, noise, dt, 0.0)
-        return doubt
+            edge_start.doubt_in_noise(doubt, off, 0.0, quantum, noise, dt, 0.0)
+        return values(doubt)
 
     rest = (0.0, 0.0, 9.0, 9.0, 0.0, 0.0)
     assert after(rest, 1.4, 1.4, 1.4) == pytest.approx((0.0, 0.0, 9.0, 9.0, 1.2, 3.0 * dt))
@@ -381,35 +428,54 @@ def test_readings_in_noise_add_up_to_a_start_and_one_alone_may_show_it():
 
 
 def test_a_shaft_that_stood_is_a_straight_line_from_its_cell_to_the_edge():
-    p, _ = edge_start.stood(Q)
+    p, finer, band = Covariance(), Covariance(), Band()
+    edge_start.stand(p, band, Q)
+    edge_start.stand(finer, band, 0.1 * Q)
     blur, floor, long = edge_constants.BLUR, Q * Q / 12.0, edge_constants.LONGEST
-    assert p == pytest.approx((blur * blur, 0.0, 0.0, floor / long**2, 0.0, floor / long**4))
-    finer, _ = edge_start.stood(0.1 * Q)
-    assert finer == pytest.approx([0.01 * each for each in p])
+    expected = (blur * blur, 0.0, 0.0, floor / long**2, 0.0, floor / long**4)
+    assert values(p) == pytest.approx(expected)
+    assert values(finer) == pytest.approx([0.01 * each for each in values(p)])
+
+
+def begun_state(design, reading=7.0):
+    state = edge_observer.State()
+    edge_observer.start(edge_observer, state, design, reading)
+    return state
 
 
 @pytest.mark.parametrize('jump', [0.6, -0.6, 3e-8])
 def test_a_jump_that_lasts_is_the_quantum_whatever_was_read_before(jump):
-    motion, p, _, sensor, steps, _ = edge_start.after_jump(jump, 7.0, 1e-3, 0.0, 0.0)
-    assert edge_quantum.quantum_of(steps, 0.0) == sensor[0] == abs(jump)
-    assert motion[0] == 7.0 - 0.5 * jump  # at the edge
-    assert p == edge_start.stood(abs(jump))[0]
+    design, p = edge_observer.Design(), Covariance()
+    state = begun_state(design)
+    state.steps.jump = jump
+    edge_observer.believe_jump(state, design, 7.0, 1e-3)
+    assert edge_quantum.quantum_of(state.steps, 0.0) == state.sensor.quantum == abs(jump)
+    assert state.motion.angle == 7.0 - 0.5 * jump  # at the edge
+    edge_start.stand(p, Band(), abs(jump))
+    assert values(state.p) == values(p)
 
 
 @pytest.mark.parametrize('part, starts', [(0.68, False), (0.72, True)])
 def test_a_shaft_of_which_less_than_a_cell_is_known_may_start(part, starts):
-    p = (part * Q * Q / 12.0, 0.0, 0.0, 1.0, 0.0, 1.0)
-    doubt, sensor = edge_start.START, edge_sensor.begin_sensor(Q)
-    assert edge_start.stirred(doubt, sensor, p, 1.0, 1e-3, False, 0.0)[1] is starts
-    assert edge_start.stirred(doubt, sensor, p, 1.0, 1e-3, True, 0.0)[1]  # the first of all
-    noisy = edge_sensor.with_noise(sensor, 1.01 * edge_constants.PLAIN * Q * Q)
-    assert not edge_start.stirred(doubt, noisy, p, 1.0, 1e-3, True, 0.0)[1]
+    def stirs(first=False, **sensor):
+        design = made(edge_observer.Design, quantum=Q)
+        state = begun_state(design)
+        state.p.p00, state.p.p11, state.p.p22 = part * Q * Q / 12.0, 1.0, 1.0
+        state.reading.rested, state.reading.first = 1.0, first
+        for name, value in sensor.items():
+            setattr(state.sensor, name, value)
+        edge_observer.stir(state, design, 1e-3)
+        return state.doubt.to_settle == edge_start.UNSURE
+
+    assert stirs() is starts
+    assert stirs(first=True)  # the first of all
+    assert not stirs(first=True, noise=1.01 * edge_constants.PLAIN * Q * Q)
 
 
 def test_an_unchanged_reading_allows_the_larger_of_quantum_and_last_change_since_then():
     noise = 1e-4
     for change, way in ((0.3, 1.0), (2.5, 2.5)):
-        sensor = (Q, noise, 0.0, 0.0, 0.0, 1e-3, change, 0.2, math.inf, 0.0, 1e-3)
+        sensor = made(Sensor, quantum=Q, noise=noise, size=change, since=0.2)
         allowed = way + 2.0 * edge_constants.SIGMAS * math.sqrt(noise)
         assert edge_sigma.fastest(sensor, 0.0) == pytest.approx(allowed / 0.2)
         assert edge_sigma.fastest(sensor, -0.5) == pytest.approx((allowed + 0.5) / 0.2)
@@ -417,10 +483,11 @@ def test_an_unchanged_reading_allows_the_larger_of_quantum_and_last_change_since
 
 def test_a_start_is_the_line_through_two_readings():
     dt, noise, floor = 2e-3, 0.05, Q * Q / 12.0 + 0.05
-    motion, p, _ = edge_start.started(7.0, 3.0, dt, Q, noise, 0.0)
-    assert motion == (7.0, 3.0 / dt, 0.0, 0.0)
-    assert p[:3] == pytest.approx((floor, floor / dt, 0.0))
-    assert p[3] == pytest.approx((2.0 * floor + 0.25 * edge_start.swerve(Q, 0.0)) / dt**2)
+    motion, p = Motion(), Covariance()
+    edge_start.begin_line(motion, p, Band(), 7.0, 3.0, dt, Q, noise, 0.0)
+    assert values(motion) == (7.0, 3.0 / dt, 0.0, 0.0)
+    assert (p.p00, p.p01, p.p02) == pytest.approx((floor, floor / dt, 0.0))
+    assert p.p11 == pytest.approx((2.0 * floor + 0.25 * edge_start.swerve(Q, 0.0)) / dt**2)
 
 
 def test_what_a_start_hides_is_a_parabola_in_a_quantum_and_two_samples_of_acceleration():

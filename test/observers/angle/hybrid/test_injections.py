@@ -14,7 +14,7 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import injections
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
-from estimator_pkg.observers.circle import Circle
+from estimator_pkg.observers.angle.hybrid.state import Design
 
 TURN = 2.0 * math.pi
 MARGIN = math.radians(5.0)
@@ -77,33 +77,46 @@ def own(tmp_path, monkeypatch):
     sys.modules.pop('own_injections', None)
 
 
+def function(name):
+    """(error, period, limit) -> injection."""
+    design = Design()
+    design.injection = injections.find(name, margin=MARGIN)
+
+    def injection(error, period, limit):
+        design.shared.period, design.saturation = period, limit
+        return injections.inject(error, design)
+
+    return injection
+
+
 def test_values_are_the_papers():
-    assert injections.sin(1.0, TURN, 1.0) == pytest.approx(math.sin(1.0))
-    assert injections.tan(1.0, TURN, 1.0) == pytest.approx(2.0 * math.tan(0.5))
-    assert injections.saw(4.0, TURN, 1.0) == pytest.approx(4.0 - TURN)
-    assert injections.sat(0.4, TURN, 1.0) == pytest.approx(0.4)
-    assert injections.sat(2.0, TURN, 1.0) == 1.0
-    assert injections.sat(-2.0, TURN, 0.03) == -0.03
+    sin, tan, saw, sat = map(function, ('sin', 'tan', 'saw', 'sat'))
+    assert sin(1.0, TURN, 1.0) == pytest.approx(math.sin(1.0))
+    assert tan(1.0, TURN, 1.0) == pytest.approx(2.0 * math.tan(0.5))
+    assert saw(4.0, TURN, 1.0) == pytest.approx(4.0 - TURN)
+    assert sat(0.4, TURN, 1.0) == pytest.approx(0.4)
+    assert sat(2.0, TURN, 1.0) == 1.0
+    assert sat(-2.0, TURN, 0.03) == -0.03
 
 
 @pytest.mark.parametrize('name', injections.NAMES)
 def test_built_in_ones_keep_assumption_1(name):
-    function = injections.find(name, margin=MARGIN)
-    injections.check_assumption_1(lambda error: function(error, TURN, 1.0), MARGIN, name)
+    found = function(name)
+    injections.check_assumption_1(lambda error: found(error, TURN, 1.0), MARGIN, name)
 
 
 @pytest.mark.parametrize('name', ['sin', 'tan', 'saw'])
 def test_another_period_scales_error_and_injection(name):
-    function = injections.find(name, margin=MARGIN)
+    found = function(name)
     for error in (-0.4, 0.1, 0.3):
-        assert function(error, 1.0, 1.0) == pytest.approx(function(error * TURN, TURN, 1.0) / TURN)
+        assert found(error, 1.0, 1.0) == pytest.approx(found(error * TURN, TURN, 1.0) / TURN)
 
 
 def test_another_period_scales_one_of_the_user(own):
-    function = injections.find(own('steeper'), margin=MARGIN)
+    found = function(own('steeper'))
     for error in (-0.4, 0.1, 0.3):
-        assert function(error, 1.0, 1.0) == pytest.approx(function(error * TURN, TURN, 1.0) / TURN)
-        assert function(error * TURN, TURN, 1.0) != error * TURN
+        assert found(error, 1.0, 1.0) == pytest.approx(found(error * TURN, TURN, 1.0) / TURN)
+        assert found(error * TURN, TURN, 1.0) != error * TURN
 
 
 @pytest.mark.parametrize(
@@ -118,17 +131,6 @@ def test_a_good_one_serves(own, name):
     stamps = 10**18 + np.arange(2000) * 10**6
     out = joint.run(stamps, (angle + math.pi) % TURN - math.pi, fast=False)
     assert abs(out.velocity[-1] - 40.0) < 1e-3
-
-
-@pytest.mark.slow  # test_joint.py holds the same of any loop that Numba refuses
-def test_one_that_cannot_be_compiled_runs_all_the_same(own):
-    gains = OBSERVER.gains(injection=own('in_plain_python_only'), bandwidth_hz=5.0)
-    stamps, angle = 10**18 + np.arange(300) * 10**6, 0.01 * np.arange(300)
-    plain, fast = (
-        Joint(OBSERVER, gains, JointSettings()).run(stamps, angle, fast=fast)
-        for fast in (False, True)
-    )
-    np.testing.assert_array_equal(plain.velocity, fast.velocity)
 
 
 @pytest.mark.parametrize(
@@ -149,5 +151,5 @@ def test_one_that_cannot_be_compiled_runs_all_the_same(own):
 )
 def test_a_bad_one_is_refused_with_the_reason(own, name, reason):
     with pytest.raises(UsageError, match=reason) as refused:
-        OBSERVER.build(OBSERVER.gains(injection=own(name)), Circle())
+        Joint(OBSERVER, OBSERVER.gains(injection=own(name)), JointSettings())
     assert '\n' not in str(refused.value)

@@ -7,11 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from angle_runs import MARGIN, PHI, TURN, coefficients_of, core_of, make, stamps, wrapped
+from angle_runs import MARGIN, PHI, TURN, Inner, make, stamps, wrapped
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import injections
-from estimator_pkg.observers.angle.hybrid import paper as hybrid_paper
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER, design_of
 
 # --- the parameters ---------------------------------------------------------------------------
@@ -57,12 +56,12 @@ def test_the_velocity_is_3_db_down_at_the_bandwidth(gains):
 @pytest.mark.parametrize('dt', [1e-4, 0.01, 0.3])
 def test_the_robust_form_has_the_poles_of_the_continuous_design(gains, poles, dt):
     epsilon = 0.05
-    got = coefficients_of(dt, epsilon=epsilon, **gains)
+    got = Inner(dt, epsilon=epsilon, **gains).coefficients
     if gains.get('order') == 2:
-        alpha, beta = got[0], got[1] * dt
+        alpha, beta = got.alpha, got.beta * dt
         polynomial = (1.0, alpha + beta - 2.0, 1.0 - alpha)
     else:
-        alpha, beta, gamma = got[0], got[1] * dt, got[2] * dt * dt
+        alpha, beta, gamma = got.alpha, got.beta * dt, got.gamma * dt * dt
         polynomial = (
             1.0,
             alpha + beta + 0.5 * gamma - 3.0,
@@ -120,14 +119,18 @@ def algorithm_1(position, velocity, y, dt, l1, l2, phi):
 @pytest.mark.long
 @pytest.mark.parametrize('name', injections.NAMES)
 def test_algorithm_1_is_the_papers(name):
-    ours = hybrid_paper.make_algorithm_1(injections.find(name, margin=MARGIN))
+    ours = Inner(0.01, form='paper', injection=name, epsilon=0.1)
     random = np.random.default_rng(2)
     resets, wraps, pairs = 0, 0, []
     for _ in range(20_000):
         position, y = random.uniform(-math.pi - MARGIN, math.pi + MARGIN, 2)
         velocity, l1 = random.uniform(-200.0, 200.0), random.uniform(1.0, 60.0)
+        ours.design.l1, ours.design.l2 = l1, 500.0
+        ours.core.position, ours.core.velocity = position, velocity
+        y = wrapped(y).item()
         expected = algorithm_1(position, velocity, y, 0.01, l1, 500.0, PHI[name])
-        got = ours(position, velocity, y, 0.01, l1, 500.0, MARGIN, 1.0)
+        ours.correct(y)
+        got = ours.core.position, ours.core.velocity
         resets += expected[0] == y
         wraps += abs(position + 0.01 * velocity - expected[0]) > 4.0
         pairs.append((*got[:2], *expected))
@@ -147,17 +150,16 @@ def test_the_joint_runs_algorithm_1_on_every_sample():
 
 
 def tan_ends_on_an_alias(start):
-    step = hybrid_paper.make_algorithm_1(injections.tan)
-    position, velocity = 0.0, 0.0
+    inner = Inner(0.01, form='paper', injection='tan', epsilon=0.1)
     for _ in range(600):
-        position, velocity, _ = step(position, velocity, start, 0.01, 60.0, 500.0, MARGIN, 1.0)
-    return abs(velocity) > 1.0
+        inner.correct(start)
+    return abs(inner.core.velocity) > 1.0
 
 
 @pytest.mark.long
 def test_tan_sampled_ends_on_an_alias_from_8_of_360_angles():
     starts = wrapped(np.radians(np.arange(360) + 0.5))
-    assert sum(map(tan_ends_on_an_alias, starts)) == 8
+    assert sum(map(tan_ends_on_an_alias, starts.tolist())) == 8
 
 
 def test_the_stability_limit_is_the_specs():
@@ -179,13 +181,13 @@ def test_the_stability_limit_is_where_a_pole_leaves_the_unit_circle(k1, k2):
 
 
 def test_the_limit_is_told_in_numbers():
-    told = make(form='paper', epsilon=0.02).functions.limits(0.01)
+    told = make(form='paper', epsilon=0.02).limit(0.01)
     assert 'unstable at 100 Hz' in told
     assert '0.0337' in told  # epsilon > 3.371 T
-    assert make(form='paper', epsilon=0.034).functions.limits(0.01) is None
+    assert make(form='paper', epsilon=0.034).limit(0.01) is None
     bandwidth = float(told.rpartition(' ')[2].rstrip(')'))
-    assert make(form='paper', bandwidth_hz=0.999 * bandwidth).functions.limits(0.01) is None
-    assert make(form='paper', bandwidth_hz=1.001 * bandwidth).functions.limits(0.01) is not None
+    assert make(form='paper', bandwidth_hz=0.999 * bandwidth).limit(0.01) is None
+    assert make(form='paper', bandwidth_hz=1.001 * bandwidth).limit(0.01) is not None
 
 
 def test_ramp_lag_is_the_specs_and_none_in_third_order():
@@ -193,7 +195,7 @@ def test_ramp_lag_is_the_specs_and_none_in_third_order():
     y = wrapped(0.5 * 75.0 * t**2)
     lag = 75.0 * t[-1] - make(form='paper', epsilon=0.1).run(stamps(t), y, fast=False).velocity[-1]
     assert lag == pytest.approx(8.625, abs=1e-3)
-    assert make(form='paper', epsilon=0.1).functions.group_delay(0.01) == pytest.approx(0.115)
+    assert make(form='paper', epsilon=0.1).group_delay(0.01) == pytest.approx(0.115)
     out = make(bandwidth_hz=1.5).run(stamps(t), y, fast=False)
     assert out.velocity[-1] == pytest.approx(75.0 * t[-1], abs=1e-6)
     assert out.acceleration[-1] == pytest.approx(75.0, abs=1e-5)
@@ -204,22 +206,20 @@ def test_group_delay_of_the_robust_second_order_is_its_ramp_lag(dt):
     joint = make(order=2, bandwidth_hz=2.0)
     t = dt * np.arange(round(4.0 / dt))
     out = joint.run(stamps(t), 0.5 * 0.1 * t**2, fast=False)
-    assert 0.1 * t[-1] - out.velocity[-1] == pytest.approx(
-        0.1 * joint.functions.group_delay(dt), rel=1e-3
-    )
+    assert 0.1 * t[-1] - out.velocity[-1] == pytest.approx(0.1 * joint.group_delay(dt), rel=1e-3)
 
 
 # --- noise ------------------------------------------------------------------------------------
 
 
-def response_power(step, state, coefficients):
+def response_power(inner):
     """Powers of position, velocity and innovation after a unit impulse in the measurement."""
-    total = np.zeros(3)
-    scale = 1e-6  # small: no jump, no wrap
+    total, scale = np.zeros(3), 1e-6  # small: no jump, no wrap
     for k in range(20_000):
-        state, innovation = step(state, coefficients, scale if k == 0 else 0.0)
-        position, velocity = (state[0] - state[1], state[2]) if len(state) > 2 else state
-        now = np.square((position / scale, velocity / scale, innovation / scale))
+        innovation = inner.correct(scale if k == 0 else 0.0)
+        now = np.square(
+            (inner.core.position / scale, inner.core.velocity / scale, innovation / scale)
+        )
         total += now
         if k > 50 and np.all(now < 1e-14 * total):
             break
@@ -240,18 +240,9 @@ def response_power(step, state, coefficients):
 )
 def test_noise_gains_are_the_power_of_the_impulse_response(gains, dt):
     epsilon = 0.05 if gains.get('form') != 'paper' else 5.0 * dt
-    functions = make(epsilon=epsilon, noise=1.0, low_speed_bound=False, **gains).functions
-    design = functions.design()
-    coefficients = functions.prepare(design, dt)
-    core = core_of(epsilon=epsilon, **gains)
-    steady = {2: (0.0, 0.0), 4: (0.0, 0.0, 0.0, 0.0), 5: (0.0, 0.0, 0.0, 0.0, 0.0)}
-    state = steady[len(core.init(0.0, design[0]))]
-    expected = response_power(core.correct, state, coefficients[0])
-    assert core.noise_gains(state, coefficients[0]) == pytest.approx(expected, rel=1e-9)
-    whole = (state, *functions.init(0.0, design)[1:])
-    assert functions.stddev(whole, coefficients, design) == pytest.approx(
-        np.sqrt(expected[:2]), rel=1e-9
-    )
+    inner = Inner(dt, epsilon=epsilon, **gains)
+    inner.core.phase = 0.0  # steady
+    assert inner.noise_gains() == pytest.approx(response_power(inner), rel=1e-9)
 
 
 def test_velocity_noise_of_algorithm_1_is_the_specs():

@@ -8,10 +8,9 @@ import math
 
 import numpy as np
 import pytest
-from angle_runs import MARGIN, PHI, TURN, coefficients_of, core_of, make, stamps, wrapped
+from angle_runs import MARGIN, PHI, TURN, Inner, make, stamps, wrapped
 from observer_cases import beside
 
-from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
 from estimator_pkg.observers.contract import COASTING, TRACKING
@@ -23,8 +22,7 @@ from estimator_pkg.parameters import build
 def test_second_order_follows_the_spec_line_by_line():
     """Spec 1.4 with tan: continued innovation, reset first, never past the measurement."""
     epsilon, dt = 0.05, 0.01
-    correct = core_of(order=2, injection='tan', epsilon=epsilon).correct
-    coefficients = coefficients_of(dt, order=2, injection='tan', epsilon=epsilon)
+    inner = Inner(dt, order=2, injection='tan', epsilon=epsilon)
     z1, z2 = math.exp(-dt / epsilon), math.exp(-5.0 * dt / epsilon)
     a, b = 1.0 - z1 * z2, (1.0 - z1) * (1.0 - z2)
     random = np.random.default_rng(4)
@@ -44,11 +42,9 @@ def test_second_order_follows_the_spec_line_by_line():
                 f = math.copysign(abs(continued) / a, f)
                 capped += 1
             expected = (y - (continued - a * f), velocity + b / dt * f)
-        (new_last, left, speed, _), innovation = correct(
-            (last, error, velocity, 0.0), coefficients, y
-        )
-        assert innovation == pytest.approx(continued)
-        assert (new_last - left, speed) == pytest.approx(expected)
+        inner.put(last=last, error=error, velocity=velocity, phase=0.0)
+        assert inner.correct(y) == pytest.approx(continued)
+        assert (inner.core.position, inner.core.velocity) == pytest.approx(expected)
     assert resets > 50 and capped > 50
 
 
@@ -73,14 +69,14 @@ def test_third_order_is_set_on_the_reading_before_it_is_half_a_turn_off(name):
 def test_third_order_never_puts_the_position_past_the_measurement():
     """tan grows without bound towards half a turn; what it injects is held back."""
     dt = 0.01
-    correct = core_of(injection='tan', epsilon=0.05).correct
-    coefficients = coefficients_of(dt, injection='tan', epsilon=0.05)
+    inner = Inner(dt, injection='tan', epsilon=0.05)
     random = np.random.default_rng(6)
     capped = 0
     for _ in range(3000):
         error, push = random.uniform(-2.9, 2.9), random.uniform(-0.1, 0.1)
-        state = (1.0, error, 10.0, 0.0, 0.0)
-        (_, left, velocity, _, _), innovation = correct(state, coefficients, 1.0 + 10.0 * dt + push)
+        inner.put(last=1.0, error=error, velocity=10.0, acceleration=0.0, phase=0.0)
+        innovation = inner.correct(1.0 + 10.0 * dt + push)
+        left, velocity = inner.core.error, inner.core.velocity
         assert innovation == pytest.approx(error + push)
         assert left * innovation >= -1e-12 and abs(left) <= abs(innovation)
         assert (velocity - 10.0) * innovation >= 0.0
@@ -104,43 +100,43 @@ def test_a_start_is_least_squares_over_all_readings(order):
     reading that is off by more than an eighth of a turn, from the one before it on.
     """
     dt = 1e-3
-    core = core_of(order=order, epsilon=0.05)
-    coefficients = coefficients_of(dt, order=order, epsilon=0.05)
+    inner = Inner(dt, order=order, epsilon=0.05)
     readings = 0.1 + 3.0 * dt * np.arange(20)
     readings += 1e-3 * np.random.default_rng(1).standard_normal(20)
     readings[8:] += 1.0
-    state, first = core.init(readings[0], core.design()), 0
+    inner.put(last=readings[0])
+    first = 0
     for k, reading in enumerate(readings[1:].tolist(), 1):
-        state, innovation = core.correct(state, coefficients, reading)
+        innovation = inner.correct(reading)
         if k == 8:
             assert innovation == pytest.approx(1.0, abs=0.02)
         if k in (8, 9):  # that of 1000 rad/s, and back
             first = k - 1
         position, velocity = fitted(dt, readings[first : k + 1], order)
-        assert state[0] - state[1] == pytest.approx(position, abs=1e-12)
-        assert state[2] == pytest.approx(velocity, abs=1e-8)
-    assert state[-1] == 20 - first  # it still starts
+        assert inner.core.position == pytest.approx(position, abs=1e-12)
+        assert inner.core.velocity == pytest.approx(velocity, abs=1e-8)
+    assert inner.core.phase == 20 - first  # it still starts
 
 
 @pytest.mark.parametrize('dt, held', [(1e-3, 20), (0.02, 3)])
 @pytest.mark.parametrize('order', [2, 3])
 def test_after_readings_that_stay_astray_it_starts_from_the_newest_two(order, dt, held):
     """For 20 ms and three samples it holds the speed, in case they are outliers."""
-    core = core_of(order=order, epsilon=0.2)
-    coefficients = coefficients_of(dt, order=order, epsilon=0.2)
+    inner = Inner(dt, order=order, epsilon=0.2)
     position, speed, random = 0.4, 2.0, np.random.default_rng(2)
-    state = (position, 0.0, speed, *[0.0] * order)[: order + 2]
+    inner.put(last=position, velocity=speed, phase=0.0)
     readings = [position]
     for k in range(1, held + 6):
         readings.append(position + (speed + 1.5 * (k > 1)) * dt * k + 1.2)
         readings[-1] += 1e-3 * random.standard_normal()
-        state, innovation = core.correct(state, coefficients, readings[-1])
+        innovation = inner.correct(readings[-1])
         assert math.isinf(innovation) == (k == held + 1)
         if k <= held:
-            assert state[2] == speed
+            assert inner.core.velocity == speed
         else:
             expected = fitted(dt, readings[held:], order)
-            assert (state[0] - state[1], state[2]) == pytest.approx(expected, abs=1e-8)
+            now = inner.core.position, inner.core.velocity
+            assert now == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.long
@@ -278,7 +274,7 @@ def test_streams_of_the_spec(name):
 
 @pytest.mark.parametrize('period', [TURN / 7.0, 1.0, 360.0])
 def test_other_periods(period):
-    limit = make(period=period).functions.design().core.reset_from
+    limit = make(period=period).design.reset_from
     assert limit == pytest.approx((math.pi - MARGIN) * period / TURN)
     t = 1e-3 * np.arange(2000)
     speed = 20.0 * period / TURN
@@ -315,10 +311,8 @@ def test_gains_change_live_without_losing_the_state():
     slow = make(bandwidth_hz=5.0)
     slow.run(stamps(t), y, fast=False)
     assert joint.stddev()[0] >= 0.0
-    assert (
-        joint.functions.prepare(joint.functions.design(), 1e-3)[0][:3]
-        == slow.functions.prepare(slow.functions.design(), 1e-3)[0][:3]
-    )
+    now, then = joint.channel.track.coefficients, slow.channel.track.coefficients
+    assert (now.alpha, now.beta, now.gamma) == (then.alpha, then.beta, then.gamma)
 
 
 # --- the low-speed bound ----------------------------------------------------------------------
@@ -423,21 +417,16 @@ def hostile_stream(count=1500, seed=13):
     return ns, wrapped(y)
 
 
-def flat(value):
-    return [x for item in value for x in flat(item)] if isinstance(value, tuple) else [value]
-
-
 @pytest.mark.long
-@pytest.mark.skipif(not available(), reason='needs the extra "fast"')
 @pytest.mark.parametrize('name', COMPILED)
-def test_plain_equals_compiled_per_step(name):
+def test_plain_equals_the_engine_per_sample(name):
     seen = set()
-    joint = make(quantum=QUANTUM, **STRUCTURES[name])
-    for (track, here), (twin, there) in beside(joint, *hostile_stream()):
+    for (channel, here), (twin, there) in beside(
+        'hybrid_angle', {'quantum': QUANTUM, **STRUCTURES[name]}, *hostile_stream()
+    ):
         seen.add((int(here.verdict[0]), int(here.status[0])))
-        assert here.verdict == there.verdict and here.status == there.status
-        for mine, other in zip(here[:5], there[:5]):
-            assert mine[0] == pytest.approx(other[0], rel=1e-12, abs=1e-12, nan_ok=True)
-        assert flat(track) == pytest.approx(flat(twin), rel=1e-12, abs=1e-12)
+        assert channel == twin
+        for mine, other in zip(here, there):
+            np.testing.assert_array_equal(mine, other)
     assert {verdict for verdict, _ in seen} >= {0, 1, 2, 3, 6, 7, 8, 9}
     assert {status for _, status in seen} == {0, 1, 2}

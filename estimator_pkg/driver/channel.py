@@ -1,0 +1,440 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One joint's samples through guard and observer: the core of the driver.
+
+The observer's module is an argument. The functions run as plain Python, and the engine has them as
+C for each observer that is ours. `begin` prepares a channel, `take` takes one sample, `show` and
+`show_deviation` set the estimate; `message` and `batch` do it for many.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.observers.contract import INITIALISING, Deviation, Estimate
+from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.record import record
+from estimator_pkg.sensor.calibration import BROKEN, Calibration, begin_calibration, calibrate
+from estimator_pkg.sensor.clock import (
+    EVIDENCE,
+    QUEUED,
+    RATE_WEIGHT,
+    Clock,
+    follow_outage,
+    has_waited,
+    judge,
+)
+from estimator_pkg.sensor.guard import (
+    AFTER_GAP,
+    AFTER_OUTAGE,
+    AFTER_STRAY_STAMP,
+    DUPLICATE,
+    FIRST,
+    LATE,
+    MISCONFIGURED,
+    NON_FINITE,
+    REPEATED,
+    SLOW_STREAM,
+    USED,
+    ZERO_STAMP,
+    Limits,
+)
+from estimator_pkg.sensor.map import (
+    Place,
+    SensorMap,
+    correct_reading,
+    follow_verdict,
+    put_back,
+    widen,
+)
+from estimator_pkg.sensor.repeats import Repeats, is_repeated
+from estimator_pkg.sensor.turns import Turns, follow_turns, is_news
+
+
+@record
+class Track:
+    """What is known of one joint: of its clock, its readings, its motion."""
+
+    clock: Clock
+    reading: float  # the newest reading, of a single angle [rad or m]
+    earlier: float  # the reading before it
+    repeats: Repeats
+    calibration: Calibration
+    coefficients: observer.Coefficients  # type: ignore[name-defined]  # noqa: F821  (bound by `Track.of`)
+    state: observer.State  # type: ignore[name-defined]  # noqa: F821
+    # that before the last gap, in case its stamp is a stray one
+    kept: observer.State  # type: ignore[name-defined]  # noqa: F821
+
+
+@record
+class Frame:
+    """What the gains imply with a circle, or without."""
+
+    design: observer.Design  # type: ignore[name-defined]  # noqa: F821  (bound by `Channel.of`)
+    longest_dt: float  # see `Limits`
+    period: float
+
+
+@record
+class Channel:
+    """One joint: what its gains imply, what is known of it, what came, and the newest estimate."""
+
+    design: observer.Design  # type: ignore[name-defined]  # noqa: F821  (bound by `Channel.of`)
+    limits: Limits
+    track: Track
+    turns: Turns
+    wrapped: Frame  # with the joint's circle
+    counted: Frame  # without, where the sensor counts turns
+    map: SensorMap
+    verdict: int  # on the newest sample
+    counts: Annotated[list[int], 12]  # of the samples, by verdict
+    stamp_ns: int  # of the newest sample that was used
+    measurement: float  # [rad or m]
+    known_input: float
+    estimate: Estimate
+    deviation: Deviation
+
+
+def use_frame(channel: Any, frame: Any) -> None:
+    """Go on with a circle, or without; the next sample computes the coefficients anew."""
+    channel.design.take(frame.design)
+    channel.limits.longest_dt, channel.limits.period = frame.longest_dt, frame.period
+    channel.track.clock.dt_ns = 0
+
+
+def begin(observer: Any, channel: Channel) -> None:
+    """Set everything before the first sample, with a circle if the joint has one."""
+    use_frame(channel, channel.wrapped)
+    begin_track(observer, channel.track, channel.design)
+
+
+def begin_track(observer: Any, track: Any, design: Any) -> None:
+    """Set everything before the first sample but the observer's state."""
+    blank = Clock()
+    track.clock.take(blank)
+    track.clock.queue = EVIDENCE
+    track.reading = track.earlier = 0.0
+    no_pattern = Repeats()
+    track.repeats.take(no_pattern)
+    begin_calibration(track.calibration)
+    observer.prepare(track.coefficients, design, 1e-3)
+
+
+def take(
+    observer: Any, channel: Channel, stamp_ns: int, measurement: float, known_input: float
+) -> int:
+    """Take one sample and count it; return the verdict."""
+    if observer.TURNS:
+        if is_news(channel.turns, measurement):
+            if follow_turns(channel.turns, stamp_ns, measurement):
+                if channel.turns.counts:
+                    use_frame(channel, channel.counted)
+                else:
+                    use_frame(channel, channel.wrapped)
+    if channel.map.active:
+        verdict = take_mapped(observer, channel, stamp_ns, measurement)
+    else:
+        verdict = advance(
+            observer,
+            channel.track,
+            channel.design,
+            channel.limits,
+            stamp_ns,
+            measurement,
+            known_input,
+        )
+    channel.verdict = verdict
+    channel.counts[verdict] += 1
+    if verdict < DUPLICATE:
+        channel.stamp_ns = stamp_ns
+        channel.measurement = measurement
+        channel.known_input = known_input
+    return verdict
+
+
+def take_mapped(observer: Any, channel: Channel, stamp_ns: int, measurement: float) -> int:
+    """Take a sample with the sensor's errors taken out; return the verdict."""
+    place = channel.map.place
+    before = Place()
+    before.take(place)
+    corrected, known = correct_reading(channel.map, measurement)
+    verdict = advance(
+        observer, channel.track, channel.design, channel.limits, stamp_ns, corrected, known
+    )
+    follow_verdict(place, before, verdict, measurement)
+    return verdict
+
+
+def advance(
+    observer: Any,
+    track: Any,
+    design: Any,
+    limits: Limits,
+    stamp_ns: int,
+    measurement: Any,
+    known_input: Any,
+) -> int:
+    """Take one sample; return the verdict. A dropped one does not change the estimate."""
+    clock = track.clock
+    if not observer.is_reading(measurement):
+        return NON_FINITE
+    if stamp_ns <= 0:
+        return ZERO_STAMP
+    verdict = judge(clock, limits, stamp_ns)
+    if observer.SINGLE_ANGLE:
+        if verdict == USED and (measurement == track.reading or track.repeats.most > 0):
+            verdict = sieve(observer, track, design, limits, stamp_ns, measurement)
+    if verdict >= DUPLICATE:
+        if verdict == LATE:
+            clock.late += 1
+        return verdict
+    if verdict == USED or verdict == AFTER_STRAY_STAMP:
+        before_ns = clock.dt_ns
+        verdict, passed = follow_time(
+            observer, track, design, limits, stamp_ns, measurement, verdict
+        )
+        if clock.dt_ns != before_ns:
+            observer.prepare(track.coefficients, design, clock.dt_ns * 1e-9)
+        if verdict == USED and passed <= limits.longest_dt and clock.mean_dt <= limits.longest_dt:
+            observer.step(
+                observer, track.state, track.coefficients, design, measurement, known_input
+            )
+            clock.last_ns = stamp_ns
+            clock.late = 0
+            if observer.SINGLE_ANGLE:
+                if stamp_ns >= track.calibration.due_ns:
+                    calibrate(
+                        observer,
+                        track,
+                        design,
+                        limits,
+                        stamp_ns,
+                        measurement,
+                        known_input,
+                        before_ns,
+                    )
+                track.earlier = track.reading
+                track.reading = measurement
+            return USED
+        if clock.mean_dt > limits.longest_dt:
+            verdict = MISCONFIGURED
+        elif verdict == USED:  # unstable if it were constant: handled like a gap
+            verdict = AFTER_GAP
+    elif verdict == AFTER_GAP or verdict == AFTER_OUTAGE:
+        follow_outage(clock, stamp_ns)
+        track.kept.take(track.state)
+    else:
+        clock.before_ns = 0
+    start(observer, track, design, stamp_ns, measurement, verdict)
+    return verdict
+
+
+def sieve(
+    observer: Any, track: Any, design: Any, limits: Limits, stamp_ns: int, measurement: float
+) -> int:
+    """Return REPEATED for a reading that is an earlier one, published again; else USED."""
+    clock, repeats = track.clock, track.repeats
+    recognised = repeats.most > 0
+    if not is_repeated(
+        repeats,
+        stamp_ns,
+        stamp_ns - clock.last_ns,
+        measurement,
+        track.reading,
+        track.earlier,
+        clock.mean_dt,
+        limits.period,
+    ):
+        return USED
+    clock.late = 0
+    if not recognised:  # the state learnt from such a sensor is wrong
+        observer.restart(observer, track.state, track.coefficients, design, measurement)
+        track.calibration.due_ns = BROKEN
+    return REPEATED
+
+
+def follow_time(
+    observer: Any,
+    track: Any,
+    design: Any,
+    limits: Limits,
+    stamp_ns: int,
+    measurement: Any,
+    verdict: int,
+) -> tuple[int, float]:
+    """Follow the sample time; return (verdict, time since the last sample [s]).
+
+    The verdict becomes AFTER_OUTAGE where the mean sample time came from a gap. A sample that
+    waited in a queue is taken as one after the mean time.
+    """
+    clock = track.clock
+    before_dt_ns, last_ns, before_ns = clock.dt_ns, clock.last_ns, clock.before_ns
+    clock.dt_ns = stamp_ns - last_ns
+    clock.before_ns = 0  # the previous stamp if the next one may reveal this one as a stray
+    if verdict == AFTER_STRAY_STAMP:
+        clock.dt_ns = stamp_ns - before_ns
+        track.state.take(track.kept)
+    passed = clock.dt_ns * 1e-9
+    if verdict == AFTER_STRAY_STAMP:
+        if (last_ns - before_ns) * 1e-9 <= clock.mean_dt:
+            clock.mean_dt = 0.0  # it came from that stamp only
+    elif clock.mean_dt == 0.0:
+        clock.mean_dt = passed
+        if stamp_ns - last_ns > limits.gap_ns:
+            clock.before_ns = last_ns
+            track.kept.take(track.state)
+    elif SLOW_STREAM * passed >= clock.mean_dt:
+        clock.mean_dt += RATE_WEIGHT * (passed - clock.mean_dt)
+    elif before_ns != 0 and before_dt_ns == last_ns - before_ns:
+        clock.mean_dt = passed  # the mean came from a gap
+        verdict = AFTER_OUTAGE
+    else:
+        waits = False
+        if observer.SINGLE_ANGLE:
+            if passed < QUEUED * clock.mean_dt:
+                waits = has_waited(observer, track, design, measurement, passed, limits.period)
+        if waits:  # it is taken as a sample after the mean time
+            clock.dt_ns = round(1e9 * clock.mean_dt)
+            clock.mean_dt += RATE_WEIGHT * (passed - clock.mean_dt)
+            passed = clock.mean_dt
+        elif before_ns != 0 and SLOW_STREAM * 1e-9 * before_dt_ns < clock.mean_dt:
+            clock.mean_dt = passed  # the mean came from two gaps
+        else:
+            clock.mean_dt += RATE_WEIGHT * (passed - clock.mean_dt)
+    return verdict, passed
+
+
+def start(
+    observer: Any, track: Any, design: Any, stamp_ns: int, measurement: Any, verdict: int
+) -> None:
+    """Take a sample that no prediction reaches."""
+    clock = track.clock
+    if verdict == FIRST:
+        observer.start(observer, track.state, design, measurement)
+    elif verdict == AFTER_GAP or verdict == AFTER_STRAY_STAMP:
+        observer.resume(observer, track.state, track.coefficients, design, measurement)
+    else:
+        observer.restart(observer, track.state, track.coefficients, design, measurement)
+    clock.running = True
+    clock.last_ns = stamp_ns
+    clock.late = 0
+    if observer.SINGLE_ANGLE:
+        track.reading = track.earlier = measurement
+        track.calibration.due_ns = BROKEN
+
+
+def show(observer: Any, channel: Channel) -> None:
+    """Set the estimate at the last used sample."""
+    out, track = channel.estimate, channel.track
+    out.position = out.velocity = out.acceleration = math.nan
+    if not track.clock.running:
+        out.status = INITIALISING
+    elif track.clock.mean_dt > channel.limits.longest_dt:
+        out.status = STATUS_MISCONFIGURED
+    else:
+        measurement, known_input = channel.measurement, channel.known_input
+        if channel.map.active:
+            measurement += channel.map.place.correction
+            known_input = channel.map.place.further
+        observer.estimate(
+            observer, out, track.state, track.coefficients, channel.design, measurement, known_input
+        )
+        if channel.map.active:
+            put_back(channel.map, out)
+
+
+def show_deviation(observer: Any, channel: Channel) -> None:
+    """Set one standard deviation of position and velocity, the latter calibrated."""
+    track = channel.track
+    scale = track.calibration.scale
+    observer.deviation(
+        observer, channel.deviation, track.state, track.coefficients, channel.design, scale
+    )
+    if channel.map.active and channel.map.doubt != 0.0 and channel.map.place.slope != 0.0:
+        corrected = channel.map.place.reading + channel.map.place.correction
+        bare = Estimate()
+        observer.estimate(
+            observer, bare, track.state, track.coefficients, channel.design, corrected, 0.0
+        )
+        widen(channel.map, channel.deviation, bare.velocity)
+
+
+def message(
+    observer: Any,
+    channels: list[Channel],
+    count: int,
+    stamp_ns: int,
+    readings: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Take one message of `count` joints.
+
+    Parameters
+    ----------
+    readings : shape (count,) [rad or m].
+    out : shape (4 count,): for each joint (position, velocity, acceleration, status); status -1:
+        the sample was not used.
+    """
+    for k in range(count):
+        channel = channels[k]
+        row = 4 * k
+        if take(observer, channel, stamp_ns, readings[k], 0.0) < DUPLICATE:
+            show(observer, channel)
+            estimate = channel.estimate
+            out[row] = estimate.position
+            out[row + 1] = estimate.velocity
+            out[row + 2] = estimate.acceleration
+            out[row + 3] = float(estimate.status)
+        else:
+            out[row + 3] = -1.0
+
+
+def deviations(
+    observer: Any, channels: list[Channel], count: int, out: NDArray[np.float64]
+) -> None:
+    """Set one standard deviation of position and velocity of each joint, shape (2 count,)."""
+    for k in range(count):
+        channel = channels[k]
+        show_deviation(observer, channel)
+        out[2 * k] = channel.deviation.position
+        out[2 * k + 1] = channel.deviation.velocity
+
+
+def batch(
+    observer: Any,
+    channel: Channel,
+    count: int,
+    stamps: NDArray[np.int64],
+    measurements: NDArray[np.float64],
+    known_input: NDArray[np.float64],
+    position: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    acceleration: NDArray[np.float64],
+    position_stddev: NDArray[np.float64],
+    velocity_stddev: NDArray[np.float64],
+    status: NDArray[np.int8],
+    verdicts: NDArray[np.int8],
+) -> None:
+    """Take many samples; the arrays have the shape (count,)."""
+    estimate, sigma = channel.estimate, channel.deviation
+    for k in range(count):
+        verdict = take(observer, channel, stamps[k], measurements[k], known_input[k])
+        verdicts[k] = verdict
+        if verdict < DUPLICATE:
+            show(observer, channel)
+            show_deviation(observer, channel)
+            position[k] = estimate.position
+            velocity[k] = estimate.velocity
+            acceleration[k] = estimate.acceleration
+            status[k] = estimate.status
+            position_stddev[k] = sigma.position
+            velocity_stddev[k] = sigma.velocity
+        else:
+            position[k] = velocity[k] = acceleration[k] = math.nan
+            position_stddev[k] = velocity_stddev[k] = math.nan
+            status[k] = INITIALISING

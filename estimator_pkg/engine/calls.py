@@ -1,0 +1,73 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Calls of the engine: the functions of an observer, and the memory that they update."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.engine.entries import FUNCTIONS, MODELS, OF_A_MECHANISM
+from estimator_pkg.engine.load import load
+
+PREFIXES = {  # of a module: of its functions, and their names
+    module: (name, (*functions, 'walk') if observers is OF_A_MECHANISM else functions)
+    for observers, functions in FUNCTIONS.values()
+    for name, module in observers.items()
+} | {module: (name, ('course',)) for name, module in MODELS.items()}
+
+
+class Memory:
+    """One record where compiled code updates it.
+
+    Attributes
+    ----------
+    array : shape (1,), of the record's dtype. pointer : address of the record.
+    """
+
+    def __init__(self, record: Any, begin: Any = None) -> None:
+        self.array: NDArray[Any] = np.zeros(1, record.dtype)
+        if begin is not None:
+            begin.write(self.array[0])
+        self.pointer = self.array.ctypes.data
+
+
+class Functions:
+    """The compiled functions of one observer or model."""
+
+    take: Any
+    show: Any
+    show_deviation: Any
+    message: Any
+    deviations: Any
+    batch: Any
+    trace: Any
+    walk: Any
+    course: Any
+
+    def __init__(self, library: Any, name: str, functions: tuple[str, ...]) -> None:
+        for function in functions:
+            setattr(self, function, getattr(library, f'{name}_{function}'))
+
+    def run(self, pointer: int, count: int, *columns: NDArray[Any]) -> None:
+        """Take many samples; see `channel.batch`."""
+        self.batch(pointer, count, *(column.ctypes.data for column in columns))
+
+
+def pointers(memories: Sequence[Memory]) -> Any:
+    """Return the array of pointers to these records that `message` takes."""
+    return (ctypes.c_void_p * len(memories))(*(memory.pointer for memory in memories))
+
+
+@cache
+def functions_of(module: Any) -> Functions | None:
+    """Return the engine's functions of an observer or a model; None: it runs as plain Python."""
+    found = PREFIXES.get(getattr(module, '__name__', ''))
+    library, _ = load()
+    return None if library is None or found is None else Functions(library, *found)

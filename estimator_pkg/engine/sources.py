@@ -1,0 +1,208 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Modules as the translator reads them: syntax trees, comments and what a name refers to."""
+
+import ast
+import copy
+import hashlib
+import io
+import math
+import tokenize
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+TRANSLATOR = 'entries expressions kinds prelude sources statements translate'
+BUILTINS = {f.__name__: f for f in (abs, bool, float, int, len, max, min, range, round, sum, tuple)}
+
+
+class RefusedError(Exception):
+    """Something is not in the subset; the text is one line: ``file:line: reason``."""
+
+
+class Imported(NamedTuple):
+    """A name that an import statement binds; ``attribute`` is None for a module."""
+
+    module: str
+    attribute: str | None
+
+
+class Outside(NamedTuple):
+    """A name from a module that is not among the sources: ``math.sqrt``, ``numpy.float64``."""
+
+    name: str
+
+
+class Found(NamedTuple):
+    """A function, a class or the expression of a constant, and the module that defines it."""
+
+    module: 'Module'
+    name: str
+    node: Any
+
+
+class Module:
+    """One source file."""
+
+    def __init__(self, name: str, path: Path, shown: str) -> None:
+        self.name, self.shown, self.package = name, shown, path.name == '__init__.py'
+        text = path.read_text('utf-8')
+        try:
+            tree = ast.parse(text)
+        except SyntaxError as error:
+            raise RefusedError(f'{shown}:{error.lineno}: {error.msg}') from None
+        self.names: dict[str, Any] = {}
+        self._define(tree.body)
+        self.comments: dict[int, tuple[str, bool]] = {}  # of a line: text, and is it alone there
+        for kind, token, (row, column), _, line in tokenize.generate_tokens(
+            io.StringIO(text).readline
+        ):
+            comment = token.lstrip('#').strip().replace('??', '?').rstrip('\\')
+            if kind == tokenize.COMMENT and not comment.startswith(('noqa', 'type:', 'fmt:')):
+                self.comments[row] = comment, not line[:column].strip()
+
+    @property
+    def stem(self) -> str:
+        """Short name for C: that of the folder where the file is only called observer."""
+        parts = self.name.split('.')
+        return parts[-2] if parts[-1] == 'observer' and len(parts) > 1 else parts[-1]
+
+    def refuse(self, node: Any, reason: str) -> NoReturn:
+        """Raise `RefusedError` at a node."""
+        raise RefusedError(f'{self.shown}:{node.lineno}: {reason}')
+
+    def _define(self, body: list[ast.stmt]) -> None:
+        for node in body:
+            if isinstance(node, ast.Import):
+                for alias in node.names:
+                    name = alias.name if alias.asname else alias.name.split('.')[0]
+                    self.names[alias.asname or name] = Imported(name, None)
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                for alias in node.names:
+                    self.names[alias.asname or alias.name] = Imported(node.module, alias.name)
+            elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                self.names[node.name] = node
+            elif isinstance(node, ast.If):  # TYPE_CHECKING
+                self._define(node.body)
+            elif isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value:
+                for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                    self._define_constants(target, node.value)
+
+    def _define_constants(self, target: ast.expr, value: ast.expr) -> None:
+        """Keep the expression of a constant; of ``A, B = 1, 2`` an item of it."""
+        if isinstance(target, ast.Name):  # one that is assigned twice has no value
+            again = ast.copy_location(ast.Constant(None), value)
+            self.names[target.id] = again if target.id in self.names else value
+        elif isinstance(target, ast.Tuple):
+            for i, item in enumerate(target.elts):
+                one = ast.Subscript(value, ast.Constant(i), ast.Load())
+                self._define_constants(
+                    item, ast.fix_missing_locations(ast.copy_location(one, value))
+                )
+
+
+class Sources:
+    """The modules below a root folder, each read once."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.modules: dict[str, Module | None] = {}
+        self._constants: dict[ast.AST, Any] = {}
+
+    def module(self, name: str) -> Module | None:
+        """Return a module by its dotted name, None for one that is not below the root.
+
+        ``'one name=other'`` is module ``one``, in which ``name`` is module ``other``.
+        """
+        if ' ' in name:
+            return self._bound(*name.split(' '))
+        if name not in self.modules:
+            base = self.root.joinpath(*name.split('.'))
+            paths = (base.with_name(base.name + '.py'), base / '__init__.py')
+            path = next((path for path in paths if path.is_file()), None)
+            shown = path.relative_to(self.root).as_posix() if path else ''
+            self.modules[name] = Module(name, path, shown) if path else None
+        return self.modules[name]
+
+    def _bound(self, name: str, binding: str) -> Module | None:
+        key, module = f'{name} {binding}', self.module(name)
+        if module and key not in self.modules:
+            made, (attribute, _, other) = copy.copy(module), binding.partition('=')
+            made.names = {**module.names, attribute: Imported(other, None)}
+            made.name = f'{name}_{other.rpartition(".")[2]}'
+            self.modules[key] = made
+        return self.modules.get(key)
+
+    def read(self) -> list[str]:
+        """Return the paths of all sources that were read, relative to the root."""
+        return sorted({module.shown for module in self.modules.values() if module})
+
+    def find(self, module: Module, name: str) -> Found | Module | Outside | None:
+        """Return what a name of a module refers to, through any number of imports."""
+        item = module.names.get(name)
+        if item is None:
+            return self.module(f'{module.name}.{name}') if module.package else None
+        if not isinstance(item, Imported):
+            return Found(module, name, item)
+        inner = self.module(item.module)
+        if inner is None:
+            return Outside('.'.join(filter(None, item)))
+        return inner if item.attribute is None else self.find(inner, item.attribute)
+
+    def dotted(self, module: Module, node: ast.AST, known: Mapping[str, Any]) -> Any:
+        """Return what a dotted name refers to, first among ``known`` ones; None for a value."""
+        if isinstance(node, ast.Name):
+            return known[node.id] if node.id in known else self.find(module, node.id)
+        owner = self.dotted(module, node.value, known) if isinstance(node, ast.Attribute) else None
+        if isinstance(owner, Outside):
+            return Outside(f'{owner.name}.{node.attr}')  # type: ignore[attr-defined]
+        if not isinstance(owner, Module):
+            return None
+        found = self.find(owner, node.attr)  # type: ignore[attr-defined]
+        return found or module.refuse(node, f'{owner.shown} has no {node.attr!r}')  # type: ignore
+
+    def constant(self, found: Found) -> Any:
+        """Return the value of a module's constant: a number, or a tuple of numbers."""
+        module, name, node = found
+        if node not in self._constants:
+            tree = ast.fix_missing_locations(ast.Expression(node))
+            try:
+                value = eval(compile(tree, module.shown, 'eval'), _Names(self, module))
+            except Exception as error:
+                module.refuse(node, f'constant {name!r} has no value: {error}')
+            items = value if isinstance(value, tuple) else (value,)
+            if not items or any(type(item) not in (bool, int, float) for item in items):
+                module.refuse(node, f'{name!r} is no number, no tuple of numbers, or set twice')
+            self._constants[node] = value
+        return self._constants[node]
+
+
+class _Names(dict[str, Any]):
+    """The constants of a module as names of an expression, or as attributes of the module."""
+
+    def __init__(self, sources: Sources, module: Module) -> None:
+        super().__init__(__builtins__=BUILTINS)
+        self._sources, self._module = sources, module
+
+    def __missing__(self, name: str) -> Any:
+        found = self._sources.find(self._module, name)
+        if isinstance(found, Module):
+            return _Names(self._sources, found)
+        if isinstance(found, Outside) and found.name.split('.')[0] == 'math':
+            return getattr(math, found.name[5:]) if found.name != 'math' else math
+        if isinstance(found, Found) and isinstance(found.node, ast.expr):
+            return self._sources.constant(found)
+        raise KeyError(name)
+
+    def __getattr__(self, name: str) -> Any:
+        return self[name]
+
+
+def digest(root: Path, sources: list[str]) -> str:
+    """Return a hash of the translator and of the sources, whose paths are relative to the root."""
+    made = hashlib.sha256()
+    own = [Path(__file__).with_name(f'{name}.py') for name in TRANSLATOR.split()]
+    for path in (*own, *(root / name for name in sources)):
+        made.update(path.name.encode() + b'\0' + path.read_bytes().replace(b'\r\n', b'\n') + b'\0')
+    return made.hexdigest()
