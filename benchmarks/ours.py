@@ -23,6 +23,7 @@ from estimator_pkg import observers, registry
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
 from estimator_pkg.driver.switched import SwitchedJoint
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.observers.contract import COASTING, TRACKING
@@ -151,18 +152,11 @@ def _mechanical(name: str, gain: str) -> Run:
         if column.torque is None or not column.joint:
             return _nothing(column)
         numbers = tuple(f'{key}={each:.9g}' for key, each in column.joint.items())
-        joint = Joint(
-            observer,
-            build(observer.gains, {gain: value, 'model_parameters': numbers}),
-            JointSettings(),
-        )
-        velocity = _nothing(column)
-        for i, (stamp, angle, torque) in enumerate(_rows(column)):
-            if joint.update(stamp, (angle,), (torque,)):
-                _, speeds, _, status = joint.estimate()
-                if status in PUBLISHED:
-                    velocity[i] = speeds[0]  # type: ignore[index]  # a tuple: one per position
-        return velocity
+        gains = build(observer.gains, {gain: value, 'model_parameters': numbers})
+        joint = Mechanism(name, observer, gains, MechanismSettings(), '')
+        known = column.samples.stamps, column.samples.angle[:, None], column.torque[:, None]
+        _, velocity, status, verdict = joint.run(*known)
+        return _published(velocity[:, 0], status, verdict)
 
     return run
 

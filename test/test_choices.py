@@ -46,8 +46,8 @@ def declaring():
     found = {}
     for package in (estimator_pkg, sim_pkg):
         for info in pkgutil.walk_packages(package.__path__, f'{package.__name__}.'):
-            if info.name.endswith(('.launching', '__main__')):
-                continue  # needs launch, which is not on PyPI
+            if info.name.endswith(('.launching', '__main__', '._engine')):
+                continue  # needs launch, which is not on PyPI; is no module
             try:
                 module = importlib.import_module(info.name)
             except ModuleNotFoundError as error:

@@ -18,10 +18,14 @@ CONTRACT = Path(__file__).parent / 'observers' / 'test_contract.py'
 MODEL = '''
     """A slide on a spring."""
 
+    import sys
     from dataclasses import dataclass
 
-    from estimator_pkg.models.mechanics import Mechanics, Model, everywhere
+    from estimator_pkg.models.mechanics import Mechanics, Model
+    from estimator_pkg.models.mechanics import everywhere as admits, no_damping as damping
     from estimator_pkg.parameters import parameter
+
+    JOINTS, INPUTS = 1, 1
 
 
     @dataclass(frozen=True)
@@ -30,14 +34,26 @@ MODEL = '''
                                      description='of the spring')
 
 
+    def inertia(out, values, q):
+        out[0][0] = 2.0
+
+
+    def factors(calm, psi, values, q):
+        calm[0][0], psi[0][0] = 0.5, 1.0
+
+
+    def force(out, values, q, v, u):
+        out[0] = u[0] - values[0] * q[0]
+
+
+    def coriolis(out, values, q, v):
+        out[0] = 0.0
+
+
     def build(parameters):
         return Mechanics(
             name='slide', joints=('slide',), periods=(0.0,), values=(parameters.stiffness,),
-            actuated=(0,), inertia=lambda values, q: ((2.0,),),
-            factors=lambda values, q: (((0.5,),), ((1.0,),)),
-            force=lambda values, q, v, u: (u[0] - values[0] * q[0],),
-            coriolis=lambda values, q, v: (0.0,), damping=None, admits=everywhere, centre=(0.0,),
-            reach=(1.0,))
+            actuated=(0,), model=sys.modules[__name__], centre=(0.0,), reach=(1.0,))
 
 
     MODEL = Model(name='slide', summary='a slide on a spring', parameters=Parameters, build=build)

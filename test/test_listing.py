@@ -29,6 +29,8 @@ def declaring_classes():
     found = {}
     for package in (estimator_pkg, sim_pkg):
         for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):
+            if module.name.endswith('._engine'):
+                continue  # the engine is no module
             try:
                 names = vars(importlib.import_module(module.name))
             except ImportError:

@@ -189,7 +189,7 @@ def imported():
             for node in ast.walk(ast.parse(path.read_text())):
                 if isinstance(node, ast.Import):
                     names = [each.name for each in node.names]
-                elif isinstance(node, ast.ImportFrom):
+                elif isinstance(node, ast.ImportFrom) and not node.level:
                     names = [node.module]
                 elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'Lazy':
                     names = [each.value for each in node.args if isinstance(each, ast.Constant)]

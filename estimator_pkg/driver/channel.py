@@ -395,14 +395,14 @@ def message(
 
 
 def deviations(
-    observer: Any, channels: list[Channel], count: int, out: NDArray[np.float64]
+    observer: Any, channels: list[Channel], count: int, sigmas: NDArray[np.float64]
 ) -> None:
     """Set one standard deviation of position and velocity of each joint, shape (2 count,)."""
     for k in range(count):
         channel = channels[k]
         show_deviation(observer, channel)
-        out[2 * k] = channel.deviation.position
-        out[2 * k + 1] = channel.deviation.velocity
+        sigmas[2 * k] = channel.deviation.position
+        sigmas[2 * k + 1] = channel.deviation.velocity
 
 
 def batch(

@@ -56,7 +56,7 @@ class Functions:
             setattr(self, function, getattr(library, f'{name}_{function}'))
 
     def run(self, pointer: int, count: int, *columns: NDArray[Any]) -> None:
-        """Take many samples; see `channel.batch`."""
+        """Take many samples, shape (count,) each column; see `channel.batch`."""
         self.batch(pointer, count, *(column.ctypes.data for column in columns))
 
 

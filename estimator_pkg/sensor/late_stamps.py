@@ -24,7 +24,7 @@ SURE = 144.0  # ... unless the square is SURE times what the right sample time l
 
 
 @record
-class Stamps:
+class Timing:
     """How evenly the samples come."""
 
     mean_dt: float  # mean sample time [s]
@@ -36,7 +36,7 @@ class Stamps:
     other: observer.Core  # type: ignore[name-defined]  # noqa: F821
 
 
-def follow_pace(stamps: Stamps, dt: float) -> None:
+def follow_pace(stamps: Timing, dt: float) -> None:
     """Follow the sample time, with a sample whose stamp is believed, `dt` [s] after the last."""
     stamps.taken_dt = stamps.late = 0.0
     if stamps.mean_dt == 0.0:
@@ -46,7 +46,7 @@ def follow_pace(stamps: Stamps, dt: float) -> None:
         stamps.mean_dt += ((dt if dt < longest else longest) - stamps.mean_dt) / PACES
 
 
-def is_uneven(stamps: Stamps, dt: float) -> bool:
+def is_uneven(stamps: Timing, dt: float) -> bool:
     """Return True if the stamp of this sample, or that of the one before, is at an odd time."""
     return stamps.taken_dt != 0.0 or abs(dt - stamps.mean_dt) > UNEVEN * stamps.mean_dt
 

@@ -19,6 +19,7 @@ from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.guard import DUPLICATE, MISCONFIGURED
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.observers.circle import LARGEST
 from estimator_pkg.observers.contract import VALID
 from estimator_pkg.streams.history import History
 
@@ -217,9 +218,9 @@ def _written(
     known = (out.verdict < DUPLICATE) | (out.verdict == MISCONFIGURED)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     near = np.where(last < 0, before, out.position[last])
-    with np.errstate(invalid='ignore'):  # of readings that are no angle
-        turns = np.floor((near - positions) / period + 0.5)
-        return np.where(np.isfinite(turns), positions + period * turns, positions)
+    angles = (np.abs(near) < LARGEST) & (np.abs(positions) < LARGEST)  # False for nan, too
+    off = np.subtract(near, positions, where=angles, out=np.zeros(len(angles)))
+    return positions + period * np.floor(off / period + 0.5)
 
 
 def patterns(

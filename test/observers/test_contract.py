@@ -9,7 +9,7 @@ from inspect import signature
 
 import numpy as np
 import pytest
-from observer_cases import UNTUNED, beside, found, label, make, stamps, stream, variants, wrapped
+from observer_cases import UNTUNED, beside, label, make, stamps, stream, variants, wrapped
 
 from estimator_pkg import observers
 from estimator_pkg.errors import UsageError
@@ -46,9 +46,7 @@ def test_a_status_is_the_number_that_recorded_bags_carry():
     assert len(STATUS_NAMES) == 6 and STATUS_NAMES[LOST] == 'lost'
 
 
-MODULES = {
-    observer.name: observer.module for observer in found().values() if observer.build is None
-}
+MODULES = {name: observers.find(name).module for name in NAMES}
 each_module = pytest.mark.parametrize('module', MODULES.values(), ids=MODULES)
 OPTIONAL = {'runs_plain', 'why'}
 
@@ -119,7 +117,7 @@ def check_kinds(record):
 
 def check_kind(kind, value, name):
     if isinstance(kind, Vector):
-        assert type(value) is list and len(value) == kind.count, name
+        assert type(value) is list and len(value) == kind.size, name
         for item in value:
             check_kind(kind.kind, item, name)
     elif kind in (float, int, bool):

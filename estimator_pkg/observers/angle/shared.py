@@ -36,7 +36,7 @@ from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, D
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention, begin, follow, present
-from estimator_pkg.sensor.late_stamps import Stamps, follow_pace, is_uneven, retake
+from estimator_pkg.sensor.late_stamps import Timing, follow_pace, is_uneven, retake
 
 SINGLE_ANGLE = True
 EDGES = False
@@ -138,7 +138,7 @@ class State:
     reading: Reading
     lock: Lock
     start: Start
-    stamps: Stamps
+    stamps: Timing
 
 
 def variance_floor(quantum: float) -> float:

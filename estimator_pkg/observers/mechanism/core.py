@@ -466,7 +466,7 @@ def made_plan(
 
     Parameters
     ----------
-    matrices : fields of `Design` that the observer sets.
+    matrices : fields of `Design` that the observer sets, shape (n, n) each.
     slowest : slowest pole at the operating point [1/s], positive.
     longest, lag : as in `Design`. linear, describe, noise : as in `Plan`.
     """

@@ -380,7 +380,7 @@ def believe_jump(state: State, design: Design, last: float, dt: float) -> None:
     """
     steps, motion, jump = state.steps, state.motion, state.steps.jump
     begin_steps(steps)
-    follow_steps(steps, jump, 0.0, dt, 0.0, math.inf)
+    follow_steps(steps, jump, 0.0, dt, 0.0, design.quantum, math.inf)
     quantum = quantum_of(steps, design.quantum)
     motion.angle = last - 0.5 * jump  # at the edge
     motion.velocity = motion.acceleration = motion.idle = 0.0

@@ -3,9 +3,8 @@
 
 """The quantum as the steps of the readings show it: the smallest step, or difference of two.
 
-A finer step than any before is believed at once until the steps have confirmed the quantum, from
-then on if such steps are the rule. Steps that are no multiples of it, and scatter less than those
-of a counter, are no counts. Until the first step everything is relative to `UNIT`.
+A finer step than any before is believed at once, and starts a search that decides whether it was a
+stray reading. Until the first step everything is relative to `UNIT`.
 """
 
 from __future__ import annotations
@@ -21,10 +20,16 @@ LARGEST = 1e3  # [rad or m] but of no more than this: a wheel turns on, and its 
 RESIDUE = 1e-3  # of the quantum: a change by less is rounding residue, and no motion
 FINEST = 1e-10  # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
 JUMP = 1e3  # times the range of all readings before: those before were residue
-SHOWN = 8.0  # multiples of the quantum in a row that confirm it, if they could show a finer one
-UNLIKE = 5.0  # steps in a row that are no multiples, without a scatter: no counter
+SEEN = 2.0  # a smaller step than the given quantum is believed when it came twice
+SHOWN = 8.0  # readings that show the quantum, before it is thought to be larger than before
+RETURNS = 3.0  # the first of them, which a stray reading makes by itself: there, back, and on
+SEARCH = 96.0  # readings among which these are looked for, after a new smallest step
+FINER = 0.75  # the quantum is too large if steps below this part of it are seen
+
+UNLIKE = 5.0  # steps in a row that are no multiples of each other, without a scatter: no counter
 SMOOTH = 0.02  # of the squared smallest step: a counter scatters more, unless its speed is constant
-SEARCH = 32.0  # other steps in a row, after which only finer ones are looked at
+
+FLOATS = 0.0  # in place of the smallest step: they are no counts, unless the search shows some
 
 CLOSE = 0.9  # a step above this part of the quantum is one, but for its last digits,
 DIGITS = 0.01  # which are below this part
@@ -39,26 +44,30 @@ class Steps:
     """The steps of the readings, and what they have shown of the quantum."""
 
     smallest: float  # smallest step of the reading, or of its steps [rad]
-    # how many multiples of it came in a row, of those that could show a finer step; below 0: how
-    # many others did
+    candidate: float  # for the quantum, of which all steps since it came up are multiples [rad]
+    # how many of them could have shown a finer one; below 0: how many were no multiples
     shown: float
-    finest: float  # smallest step since it is confirmed [rad]
-    finer: float  # by how many more finer ones came than others
-    part: float  # the quantum over the smallest step
+    least: float  # the smallest of these but the first `RETURNS` [rad]
+    left: float  # readings for which the search goes on
+    finer: float  # steps that were finer than the given quantum
     jump: float  # the last step [rad], where it exceeds `JUMP` times the range before, else 0
 
 
 def begin_steps(steps: Steps) -> None:
     """Set the steps before anything has moved."""
-    steps.smallest = steps.finest = math.inf
+    steps.smallest = steps.candidate = steps.least = math.inf
     steps.shown = steps.finer = steps.jump = 0.0
-    steps.part = 1.0
+    steps.left = SEARCH
 
 
 def follow_steps(
-    steps: Steps, step: float, last: float, since: float, size: float, scatter: float
+    steps: Steps, step: float, last: float, since: float, size: float, given: float, scatter: float
 ) -> None:
     """Take a `step` [rad], where the last before was +-`last` [rad].
+
+    A finer step than any before is believed at once, and starts a search: when all steps have been
+    multiples of a candidate, `SHOWN` of them could have shown a finer one, and one repeated it, it
+    is the quantum, and what was finer was a stray reading.
 
     Parameters
     ----------
@@ -66,6 +75,7 @@ def follow_steps(
     since : time between that and the last reading before this one [s]. A step that comes after
         unchanged readings shows the quantum, for a shaft that skipped a count would not rest.
     size : of the two readings [rad]: of their last digits nothing is learnt.
+    given : quantum as given [rad]; 0: not known.
     scatter : mean square of third differences over 20 [rad^2].
     """
     moved = found = abs(step)
@@ -80,40 +90,54 @@ def follow_steps(
     steps.jump = 0.0
     if found <= grain:
         return
-    if found < CLOSE * steps.smallest:
-        steps.finest = min(found, steps.finest)
+    if found < FINER * given and steps.finer < SEEN:
         steps.finer += 1.0
-        if steps.shown < SHOWN or steps.finer >= SHOWN:
-            steps.smallest, steps.shown = steps.finest, 1.0 if shows else 0.0
-            steps.finest, steps.finer = math.inf, 0.0
-        return
-    rest = math.fmod(moved, steps.smallest)
-    if steps.finer > 0.0:
-        steps.finer -= 1.0
-    if steps.finer == 0.0:
-        steps.finest = math.inf
-    if steps.shown < SHOWN:
-        confirm(steps, found, rest, shows, scatter)
+    if found < CLOSE * steps.smallest:
+        steps.left = SEARCH
+    if found < steps.smallest:
+        steps.smallest = found if steps.least != FLOATS else DIGITS * found
+    candidate = steps.candidate
+    rest = math.fmod(moved, candidate)
+    if found < CLOSE * candidate or DIGITS * candidate < rest < (1.0 - DIGITS) * candidate:
+        refute(steps, found, 1.0 if shows else 0.5, scatter)
+    elif shows and steps.shown < SHOWN:
+        confirm(steps, found, given, scatter)
+    steps.left = max(steps.left, 0.0)
 
 
-def confirm(steps: Steps, found: float, rest: float, shows: bool, scatter: float) -> None:
-    """Take a step that is no finer one, while the quantum is not confirmed.
+def refute(steps: Steps, found: float, weight: float, scatter: float) -> None:
+    """Take a step that is no multiple of the candidate: `found` [rad] is the next one.
 
-    Parameters
-    ----------
-    found : the step, or its difference from the last one [rad].
-    rest : of the step, by the smallest one [rad]. shows : it could have shown a finer one.
+    Steps that are no multiples of each other, and scatter less than a counter's, are no counts:
+    the quantum is `DIGITS` of them.
     """
-    steps.smallest = smallest = min(steps.smallest, found)
-    smooth = scatter < SMOOTH * smallest * smallest
-    if DIGITS * smallest < rest < (1.0 - DIGITS) * smallest:
-        steps.shown = min(steps.shown, 0.0) - (1.0 if shows else 0.5)
-        if steps.shown <= -UNLIKE and smooth:
-            steps.part = DIGITS
-    elif shows and (steps.part == 1.0 or steps.shown < SHOWN - 1.0 or not smooth):
-        steps.shown = max(steps.shown, 0.0) + 1.0
-        if steps.shown == SHOWN:
-            steps.part = 1.0
+    steps.shown = min(steps.shown, 0.0) - weight
+    steps.candidate = found
+    steps.left -= 1.0
+    if steps.least != FLOATS:
+        steps.least = math.inf
+        if steps.shown <= -UNLIKE and scatter < SMOOTH * steps.smallest * steps.smallest:
+            steps.smallest *= DIGITS
+            steps.shown, steps.least, steps.left = 0.0, FLOATS, SEARCH
+
+
+def confirm(steps: Steps, found: float, given: float, scatter: float) -> None:
+    """Take a multiple of the candidate that could have shown a finer one."""
+    steps.shown = (1.0 if steps.shown <= -1.0 else max(steps.shown, 0.0)) + 1.0
+    steps.left -= 1.0
+    if steps.shown > RETURNS and found < steps.least:
+        steps.least = found
+    if steps.shown < SHOWN:
+        return
+    if CLOSE * steps.least > steps.candidate:  # a stray reading alone showed it
+        steps.candidate, steps.shown = steps.least, 1.0
+        steps.least, steps.left = math.inf, SEARCH
+    elif steps.least == FLOATS and scatter < SMOOTH * steps.candidate * steps.candidate:
+        steps.shown -= 1.0  # multiples of one step, but too smooth for a counter
+    else:
+        steps.smallest, steps.least, steps.left = steps.candidate, math.inf, 0.0
+        if steps.candidate >= FINER * given:
+            steps.finer = 0.0
 
 
 def shows_quantum(steps: Steps, step: float, last: float, since: float, quantum: float) -> bool:
@@ -126,14 +150,14 @@ def shows_quantum(steps: Steps, step: float, last: float, since: float, quantum:
     if step < CLOSE * quantum:
         return True
     bend = abs(step - last)
-    if -SEARCH < steps.shown < SHOWN or steps.finer > 0.0:
+    if steps.left > 0.0:
         return since > 0.0 or bend > ROUNDING * step
     return DIGITS * quantum < bend < CLOSE * quantum
 
 
 def quantum_of(steps: Steps, given: float) -> float:
     """Return the quantum to use [rad]; 0: none is known yet."""
-    smallest = steps.smallest * steps.part
+    smallest = steps.smallest
     if given > 0.0:
         return given if agreement(steps, given) == AGREES else smallest
     return smallest if smallest < math.inf else 0.0
@@ -141,11 +165,12 @@ def quantum_of(steps: Steps, given: float) -> float:
 
 def agreement(steps: Steps, given: float) -> int:
     """Return how the given quantum [rad] fits the steps seen: AGREES, TOO_LARGE or TOO_SMALL."""
-    if given <= 0.0 or steps.shown < SHOWN:
+    if given <= 0.0:
         return AGREES
-    if steps.smallest < CLOSE * given:
+    seen, confirmed = steps.smallest, steps.shown >= SHOWN
+    if seen < given and (steps.finer >= SEEN or (confirmed and seen < CLOSE * given)):
         return TOO_LARGE
-    return TOO_SMALL if CLOSE * steps.smallest > given else AGREES
+    return TOO_SMALL if confirmed and CLOSE * seen > given else AGREES
 
 
 def is_residue(step: float, size: float, given: float, used: float, first: bool) -> bool:
@@ -168,7 +193,7 @@ def search(steps: Steps, step: float, size: float, given: float, sensor: Sensor)
     step, size : as of `follow_steps`.
     given : quantum as given [rad]; 0: not known.
     """
-    follow_steps(steps, step, sensor.size, sensor.since, size, sensor.scatter)
+    follow_steps(steps, step, sensor.size, sensor.since, size, given, sensor.scatter)
     return quantum_of(steps, given)
 
 

@@ -351,21 +351,20 @@ def test_clean_floats_are_no_counts():
 def test_the_density_expects_manoeuvres_like_the_last():
     manoeuvre = 20.0 * 0.01 / 0.2**5
 
-    def after(beyond, date, noisy, most=1e3, quiet=8.0, density=1e-6):
-        """(density, the rest) of a band whose last manoeuvre was `quiet` [s] ago."""
+    def after(beyond, date, most=1e3, quiet=8.0, density=1e-6):
+        """The density of a band whose last manoeuvre was `quiet` [s] ago."""
         band = begun_band(density)
         band.quiet = quiet
-        edge_bandwidth.expect_manoeuvres(band, beyond, date, noisy, most)
+        edge_bandwidth.expect_manoeuvres(band, beyond, date, most)
         assert values(band)[1:] == values(begun_band(density))[1:]
         return band.density
 
-    assert after(0.1, 0.2, False) == pytest.approx(0.01 * manoeuvre)
-    assert after(1e-3, 0.2, False, density=1.0) == 1.0  # it does not fall
-    assert after(-0.1, 0.2, True) == 1e-6  # a cell may hide it
-    # in noise it is spread over the time since the one before: 0.2 s in 8 s, 0.2 s in 0.1 s
-    assert after(0.1, 0.2, True) == pytest.approx(0.2 / 8.0 * manoeuvre)
-    assert after(0.1, 0.2, True, quiet=0.1) == pytest.approx(manoeuvre)
-    assert after(6.28, 0.02, True, most=5.0) == 5.0
+    # it is spread over the time since the one before: 0.2 s in 8 s, 0.2 s in 0.1 s
+    assert after(0.1, 0.2) == pytest.approx(0.2 / 8.0 * manoeuvre)
+    assert after(0.1, 0.2, quiet=0.1) == pytest.approx(manoeuvre)
+    assert after(1e-3, 0.2, density=1.0) == 1.0  # it does not fall
+    assert after(-0.1, 0.2) == 1e-6  # a cell may hide it
+    assert after(6.28, 0.02, most=5.0) == 5.0
 
 
 def test_the_doubt_of_a_new_speed_is_what_the_way_since_the_last_edge_leaves_open():
