@@ -73,7 +73,7 @@ CHOSEN = {  # values other than the defaults, one of the old name, for a start o
         'per_joint.left.known': [''],
         'joints.left.effort_is': 'measured',
     },
-    'pmsm_observer': {**MOTOR, 'compile': False, 'initial_flux': 0, 'k_eta': -1, 'emf_min': 0.2},
+    'pmsm_observer': {**MOTOR, 'initial_flux': 0, 'k_eta': -1, 'emf_min': 0.2},
     'switched_observer': {'model': 'gripper', 'noise': 0.001, 'effort_is': ''},
 }
 

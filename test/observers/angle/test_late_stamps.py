@@ -14,7 +14,7 @@ from observer_cases import angle_observers, make, plain, stamps
 from estimator_pkg.driver import channel
 from estimator_pkg.record import record
 from estimator_pkg.sensor import clock
-from estimator_pkg.sensor.late_stamps import Stamps, retake
+from estimator_pkg.sensor.late_stamps import Timing, retake
 
 QUANTUM, RATE, WAY, FREQUENCY = 3.8e-4, 667.0, 4.0, 2.0 * math.pi * 0.8
 EVERY, DELAYS = 500, (1e-3, 2e-3, 4e-3)  # samples; s
@@ -152,7 +152,7 @@ def test_a_reading_after_a_whole_number_of_paces_is_rather_lost_samples_than_lat
         return left
 
     observer.correct = correct
-    pace, core, stamped, now = 1e-3, Value(), Stamps.of(observer)(), Value()
+    pace, core, stamped, now = 1e-3, Value(), Timing.of(observer)(), Value()
     stamped.mean_dt, now.dt = pace, paces * pace
     core.dt = math.inf  # as stamped
     found, dt = retake(observer, core, stamped, 1.0, now, None, 0.0, 100.0)
