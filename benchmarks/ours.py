@@ -189,11 +189,10 @@ def _switched(column: Column, value: float) -> Array:
         build(observer.gains, {'bandwidth_hz': value, 'quantum': column.quantum}),
         JointSettings(),
     )
-    functions: Any = joint.functions
     velocity = _nothing(column)
     for i, (stamp, angle, torque) in enumerate(_rows(column)):
         if joint.update(stamp, (angle,), (torque,)) and joint.estimate()[3] in PUBLISHED:
-            velocity[i] = functions.outputs(joint.state, (angle,))[0][1]
+            velocity[i] = joint.estimate()[1]
     return velocity
 
 

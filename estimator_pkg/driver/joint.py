@@ -23,7 +23,6 @@ from estimator_pkg.driver.channel import Frame, use_frame
 from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.configuration import LEARN, NONE, JointSettings
 from estimator_pkg.driver.counts import Counted
-from estimator_pkg.driver.old_joint import Joint as OldJoint
 from estimator_pkg.driver.sensor_blocks import Learner
 from estimator_pkg.driver.sensor_marks import Errors
 from estimator_pkg.engine.calls import Memory, functions_of
@@ -36,6 +35,7 @@ from estimator_pkg.sensor.repeats import note_on_repeats
 from estimator_pkg.sensor.turns import begin_turns
 
 TYPICAL_DT = 1e-3  # [s]
+LOST_TURNS = 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
 PART = 65_536  # samples after which a batch looks for what was learnt
 
 
@@ -75,12 +75,6 @@ class Joint(Counted):
 
     longest_dt: float
     plain: Any = channel  # the module of the record and of its functions
-
-    def __new__(cls, observer: Observer, *rest: Any, **more: Any) -> Any:
-        """Return a joint of the old form for an observer of it."""
-        if observer.build is not None:
-            return OldJoint(observer, *rest, **more)
-        return object.__new__(cls)
 
     def __init__(
         self, observer: Observer, gains: Any, settings: JointSettings, twin: Any = None
@@ -206,7 +200,12 @@ class Joint(Counted):
                 coefficients, channel.design, channel.track.clock.mean_dt or TYPICAL_DT
             )
             self.module.step(
-                self.module, state, coefficients, channel.design, channel.measurement, 0.0
+                self.module,
+                state,
+                coefficients,
+                channel.design,
+                channel.measurement,
+                channel.known_input,
             )
             self.plain.show(self.module, channel)
         return True
@@ -426,7 +425,7 @@ class Joint(Counted):
         if not note and clock.running:
             note = self.module.why(channel.track.state, channel.design)
         if not note and self.settings.unwrap and self.new_starts() > self._new_starts:
-            note = 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
+            note = LOST_TURNS
         note = note or note_on_queue(clock.queue)
         return note or ('' if self.learner is None else self.learner.shaft.text())
 

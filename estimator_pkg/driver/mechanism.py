@@ -67,10 +67,6 @@ class Mechanism(Joint):
     compiled: Any
     learner = None
 
-    def __new__(cls, *given: Any) -> Any:
-        """Return a mechanism."""
-        return object.__new__(cls)
-
     def __init__(
         self, name: str, observer: Observer, gains: Any, settings: MechanismSettings, source: str
     ) -> None:
