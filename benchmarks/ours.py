@@ -21,12 +21,12 @@ from benchmarks.columns import Column
 from benchmarks.recorded import RAW
 from estimator_pkg import observers, registry
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.switched import SwitchedJoint
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.parameters import build, declared
+from estimator_pkg.sensor.guard import DUPLICATE
 
 Array = NDArray[np.float64]
 Run = Callable[[Column, Any], Array]

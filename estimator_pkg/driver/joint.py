@@ -76,9 +76,7 @@ class Joint(Counted):
     longest_dt: float
     plain: Any = channel  # the module of the record and of its functions
 
-    def __init__(
-        self, observer: Observer, gains: Any, settings: JointSettings, twin: Any = None
-    ) -> None:
+    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         self.observer, self.settings, self.gains = observer, settings, gains
         self.module = observer.module_of(gains)
         plain = getattr(self.module, 'runs_plain', None)
@@ -171,7 +169,7 @@ class Joint(Counted):
                 set_map(channel.map, learner)
         self._left = learner.left
 
-    def set_gains(self, gains: Any, twin: Any = None) -> None:
+    def set_gains(self, gains: Any) -> None:
         """Use other gains from the next sample on; the state is kept.
 
         The caller must ensure that no structural parameter changes.
@@ -184,8 +182,8 @@ class Joint(Counted):
                 channel.map.active = False
             self._begin_to_learn()
 
-    def goes_on_with(self, design: Any) -> bool:
-        """Take a trial step of the state with another design; return True.
+    def try_step(self, design: Any) -> None:
+        """Take a step with another design and a copy of the state.
 
         Raises
         ------
@@ -205,10 +203,9 @@ class Joint(Counted):
                 coefficients,
                 channel.design,
                 channel.measurement,
-                channel.known_input,
+                getattr(channel, 'known_input', 0.0),  # a drive has none
             )
             self.plain.show(self.module, channel)
-        return True
 
     def set_settings(self, settings: JointSettings) -> None:
         """Use other guard settings from the next sample on; the state is kept."""

@@ -83,7 +83,7 @@ class SwitchedJoint(Joint):
         self._channel.verdict = DUPLICATE  # the stamp stays: events are compared with it
         self.plain.begin(self.module, self._channel)
 
-    def set_gains(self, gains: Any, twin: Any = None) -> None:
+    def set_gains(self, gains: Any) -> None:
         """Use other gains from the next sample on; the state is kept."""
         self.gains = gains
         self._use_gains()

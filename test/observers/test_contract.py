@@ -46,9 +46,7 @@ def test_a_status_is_the_number_that_recorded_bags_carry():
     assert len(STATUS_NAMES) == 6 and STATUS_NAMES[LOST] == 'lost'
 
 
-MODULES = {
-    observer.name: observer.module for observer in found().values() if observer.build is None
-}
+MODULES = {observer.name: observer.module for observer in found().values()}
 each_module = pytest.mark.parametrize('module', MODULES.values(), ids=MODULES)
 OPTIONAL = {'runs_plain', 'why'}
 
