@@ -3,7 +3,7 @@
 
 """Which samples of a joint show its sensor's errors: in blocks, and only while it turns round.
 
-See `sensor_map` for the equations. It costs about 0.3 us a sample then. Where nothing is proven in
+See `sensor.map` for the equations. It costs about 0.3 us a sample then. Where nothing is proven in
 `TRIED` turns the learner sleeps for many. What it does depends on the samples alone, so live equals
 replay. Angles are in rad, times in s, stamps in ns; arrays of samples have shape (n,).
 """

@@ -3,7 +3,7 @@
 
 """The marks of a turn: when a shaft passed them, and what that shows of its sensor's errors.
 
-See `sensor_map` for the equations. Angles are in rad, times in s; arrays of samples have shape
+See `sensor.map` for the equations. Angles are in rad, times in s; arrays of samples have shape
 (n,).
 """
 

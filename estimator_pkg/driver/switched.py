@@ -59,6 +59,7 @@ class SwitchedJoint(Joint):
 
     plain = switched_channel
     learner = None
+    longest_dt = math.inf
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         super().__init__(observer, gains, settings)
@@ -75,7 +76,7 @@ class SwitchedJoint(Joint):
         channel, settings = self._channel, self.settings
         design = self.module.design(self.gains, Circle(settings.wrap_period, settings.unwrap))
         channel.design.take(design)
-        channel.limits.take(limits(settings, math.inf))
+        channel.limits.take(limits(settings, self.longest_dt))
         channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
 
     def _begin(self) -> None:
