@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, Samples, Signal
 from estimator_pkg import registry
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.entries import Entry, at_defaults
@@ -26,6 +25,7 @@ from estimator_pkg.evaluation.text import fixed, number, table
 from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.parameters import declared
 from estimator_pkg.progress import progress
+from estimator_pkg.sensor.guard import DUPLICATE
 
 Array = NDArray[np.float64]
 

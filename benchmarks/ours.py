@@ -21,13 +21,13 @@ from benchmarks.columns import Column
 from benchmarks.recorded import RAW
 from estimator_pkg import observers, registry
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
 from estimator_pkg.driver.switched import SwitchedJoint
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.parameters import build, declared
+from estimator_pkg.sensor.guard import DUPLICATE
 
 Array = NDArray[np.float64]
 Run = Callable[[Column, Any], Array]
@@ -183,11 +183,10 @@ def _switched(column: Column, value: float) -> Array:
         build(observer.gains, {'bandwidth_hz': value, 'quantum': column.quantum}),
         JointSettings(),
     )
-    functions: Any = joint.functions
     velocity = _nothing(column)
     for i, (stamp, angle, torque) in enumerate(_rows(column)):
         if joint.update(stamp, (angle,), (torque,)) and joint.estimate()[3] in PUBLISHED:
-            velocity[i] = functions.outputs(joint.state, (angle,))[0][1]
+            velocity[i] = joint.estimate()[1]
     return velocity
 
 

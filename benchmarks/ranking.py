@@ -26,7 +26,6 @@ from benchmarks import recorded
 from benchmarks.motions import FAILURES, MOTIONS, Sampled, sampled
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.entries import Entry, angle_observers
@@ -38,6 +37,7 @@ from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.observers.contract import VALID
 from estimator_pkg.progress import progress
+from estimator_pkg.sensor.guard import DUPLICATE
 
 Array = NDArray[np.float64]
 

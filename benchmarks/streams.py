@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.signals import SKIPPED, START_NS, Samples, constant, encoder, sine, trapezoid
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.text import fixed, markdown, number, table
 from estimator_pkg.progress import progress
+from estimator_pkg.sensor.guard import DUPLICATE
 
 Array = NDArray[Any]
 

@@ -21,11 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimator_pkg import observers
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.guard import DUPLICATE, MISCONFIGURED, VERDICTS
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, VERDICTS
 
 __all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
 
@@ -219,10 +219,9 @@ class VelocityEstimator:
                 raise UsageError(f"parameter '{name}' is structural: make a new VelocityEstimator")
         joint, other = self._joint, self._make(configuration)
         why = other.limit(joint.mean_dt) if joint.mean_dt > 0.0 else None
-        if not why and not joint.goes_on_with(other.design):
-            why = 'the state cannot be kept with these gains: make a new VelocityEstimator'
         if why:
             raise UsageError(why)
+        joint.try_step(other.design)
         self._configuration = configuration
         joint.set_settings(other.settings)
         joint.set_gains(other.gains)

@@ -13,13 +13,13 @@ import pytest
 from docs.tools.rooms import PACKAGE
 from estimator_pkg import observers, registry, streams
 from estimator_pkg.bags.series import of_positions
-from estimator_pkg.driver.guard import WHY_DROPPED
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.truth import from_smoother
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.report.contradictions import contradictions
 from estimator_pkg.evaluation.report.findings import Measurement, sentences
+from estimator_pkg.sensor.guard import WHY_DROPPED
 from estimator_pkg.streams.contract import HEADER, stamp_remedy
 
 EVERY = registry.names(registry.OBSERVERS)
@@ -40,7 +40,7 @@ KINDS = {  # of the observers whose users see the texts of these files
     'driver/efforts.py': ('angle_and_input', 'mechanical', 'switched'),
     'driver/identified.py': ('angle_and_input',),
     'driver/mechanism.py': ('mechanical',),
-    'driver/queues.py': ('angle',),  # only for measurements that are one angle
+    'sensor/clock.py': ('angle',),  # only for measurements that are one angle
 }
 HAVING = {  # texts that are shown only to observers that have the parameter, and where this is held
     ('evaluation/report/findings.py', 'bandwidth_hz'): 'test_findings_fit_the_observer',
@@ -98,7 +98,9 @@ def texts(path):
             yield node.value
 
 
-@pytest.mark.parametrize('room', ['evaluation', 'streams', 'nodes', 'driver', 'bags', 'ros'])
+@pytest.mark.parametrize(
+    'room', ['evaluation', 'streams', 'nodes', 'driver', 'sensor', 'bags', 'ros']
+)
 def test_every_text_names_parameters_of_the_observers_that_it_reaches(room):
     for path in sorted((PACKAGE / room).rglob('*.py')):
         place = path.relative_to(PACKAGE).as_posix()

@@ -14,10 +14,10 @@ from observer_cases import angle_observers, found
 
 from estimator_pkg import observers, params_file, streams, yaml_text
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.guard import GuardSettings
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.models.motor import MotorData
 from estimator_pkg.parameters import build, declared, parameter, parse_assignments
+from estimator_pkg.sensor.guard import GuardSettings
 
 
 @dataclass(frozen=True)

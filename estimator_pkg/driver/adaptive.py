@@ -32,7 +32,7 @@ class AdaptiveJoint(Joint):
 
     Parameters
     ----------
-    observer, gains, settings, twin : as in `Joint`.
+    observer, gains, settings : as in `Joint`.
 
     Attributes
     ----------
@@ -40,16 +40,14 @@ class AdaptiveJoint(Joint):
     origin : origin of its start parameters, if they come from a file.
     """
 
-    def __init__(
-        self, observer: Observer, gains: Any, settings: JointSettings, twin: Joint | None = None
-    ) -> None:
-        super().__init__(observer, gains, settings, twin)
+    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
+        super().__init__(observer, gains, settings)
         self.evidence = Evidence(structure(gains).slowest, gains.memory)
         self.origin: Origin | None = None
 
-    def set_gains(self, gains: Any, twin: Joint | None = None) -> None:
+    def set_gains(self, gains: Any) -> None:
         """See `Joint`."""
-        super().set_gains(gains, twin)
+        super().set_gains(gains)
         self.evidence.memory = gains.memory
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
@@ -191,9 +189,7 @@ class AdaptiveBank(Bank):
         self.without_input = 0  # messages with positions but without efforts
 
     def _make(self, name: str) -> Joint:
-        made = AdaptiveJoint(
-            self.configuration.observer, *self.configuration.for_joint(name), self._twin
-        )
+        made = AdaptiveJoint(self.configuration.observer, *self.configuration.for_joint(name))
         if isinstance(self.configuration, AdaptiveConfiguration):
             made.origin = self.configuration.origin(name)
         return made

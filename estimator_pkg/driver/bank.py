@@ -173,14 +173,12 @@ class Bank(Received):
         self.configuration = configuration
         self.only = frozenset(only)
         self.joints: dict[str, Any] = {}
-        self._twin: Any = None  # joints with equal gains share its functions
         self._line: Line | None = None  # of the newest message
         self._unnamed = 0  # joints that the configuration does not name
 
     def rehearse(self) -> None:
-        """Create a joint without a name, whose functions the first joints share."""
-        self._twin = self._make('')
-        self._twin.rehearse()
+        """Take samples with a joint without a name, and note names from then on."""
+        self._make('').rehearse()
         self._noting = True
 
     def named(self, name: str) -> bool:
@@ -218,11 +216,10 @@ class Bank(Received):
             joint = self.joints[name] = self._make(name)
             if not named:
                 self._unnamed += 1
-                self._twin = joint
         return joint
 
     def _make(self, name: str) -> Any:
-        return Joint(self.configuration.observer, *self.configuration.for_joint(name), self._twin)
+        return Joint(self.configuration.observer, *self.configuration.for_joint(name))
 
     def selected(
         self, names: Sequence[str], positions: Sequence[float], efforts: Sequence[float]

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.compiled import available, cannot_compile, compiled, is_compiled, is_kept
-from estimator_pkg.driver.guard import DUPLICATE
-from estimator_pkg.driver.track import TrackFunctions
 from estimator_pkg.observers.contract import INITIALISING
+from estimator_pkg.sensor.guard import DUPLICATE
 
 COMPILE_FROM = 400_000  # number of samples from which compiling (a few seconds) pays
 KEPT_FROM = 100_000  # the same for loading Numba and what an earlier process has compiled
@@ -77,7 +76,7 @@ class Samples(NamedTuple):
         )
 
 
-def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
+def make_batch(track: Any) -> Callable[..., tuple]:
     """Return a loop over samples; compile it with `compiled` or call it as it is."""
     advance, read, deviation = track.advance, track.read, track.deviation
 

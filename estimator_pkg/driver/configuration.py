@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg.driver.guard import GuardSettings
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.observers import instead
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import Parameter, build, declared, structural
+from estimator_pkg.sensor.guard import GuardSettings
 
 # What to do to have another observer's gain, with {0} for its name.
 NAME_IT = "write 'observer: {0}' in the parameter file, or use --observer {0}"

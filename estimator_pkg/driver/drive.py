@@ -36,7 +36,7 @@ class DriveEstimates(NamedTuple):
         was dropped.
     status : shape (n,), see `observers.contract`.
     reasons : shape (n,), bits of `observers.pmsm.watch.REASONS`.
-    verdict : shape (n,), see `guard`.
+    verdict : shape (n,), see `sensor.guard`.
     """
 
     rows: NDArray[np.float64]

@@ -23,7 +23,6 @@ from estimator_pkg.driver.channel import Frame, use_frame
 from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.configuration import LEARN, NONE, JointSettings
 from estimator_pkg.driver.counts import Counted
-from estimator_pkg.driver.old_joint import Joint as OldJoint
 from estimator_pkg.driver.sensor_blocks import Learner
 from estimator_pkg.driver.sensor_marks import Errors
 from estimator_pkg.engine.calls import Memory, functions_of
@@ -36,6 +35,7 @@ from estimator_pkg.sensor.repeats import note_on_repeats
 from estimator_pkg.sensor.turns import begin_turns
 
 TYPICAL_DT = 1e-3  # [s]
+LOST_TURNS = 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
 PART = 65_536  # samples after which a batch looks for what was learnt
 
 
@@ -76,15 +76,7 @@ class Joint(Counted):
     longest_dt: float
     plain: Any = channel  # the module of the record and of its functions
 
-    def __new__(cls, observer: Observer, *rest: Any, **more: Any) -> Any:
-        """Return a joint of the old form for an observer of it."""
-        if observer.build is not None:
-            return OldJoint(observer, *rest, **more)
-        return object.__new__(cls)
-
-    def __init__(
-        self, observer: Observer, gains: Any, settings: JointSettings, twin: Any = None
-    ) -> None:
+    def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         self.observer, self.settings, self.gains = observer, settings, gains
         self.module = observer.module_of(gains)
         plain = getattr(self.module, 'runs_plain', None)
@@ -177,7 +169,7 @@ class Joint(Counted):
                 set_map(channel.map, learner)
         self._left = learner.left
 
-    def set_gains(self, gains: Any, twin: Any = None) -> None:
+    def set_gains(self, gains: Any) -> None:
         """Use other gains from the next sample on; the state is kept.
 
         The caller must ensure that no structural parameter changes.
@@ -190,8 +182,8 @@ class Joint(Counted):
                 channel.map.active = False
             self._begin_to_learn()
 
-    def goes_on_with(self, design: Any) -> bool:
-        """Take a trial step of the state with another design; return True.
+    def try_step(self, design: Any) -> None:
+        """Take a step with another design and a copy of the state.
 
         Raises
         ------
@@ -206,10 +198,14 @@ class Joint(Counted):
                 coefficients, channel.design, channel.track.clock.mean_dt or TYPICAL_DT
             )
             self.module.step(
-                self.module, state, coefficients, channel.design, channel.measurement, 0.0
+                self.module,
+                state,
+                coefficients,
+                channel.design,
+                channel.measurement,
+                getattr(channel, 'known_input', 0.0),  # a drive has none
             )
             self.plain.show(self.module, channel)
-        return True
 
     def set_settings(self, settings: JointSettings) -> None:
         """Use other guard settings from the next sample on; the state is kept."""
@@ -426,7 +422,7 @@ class Joint(Counted):
         if not note and clock.running:
             note = self.module.why(channel.track.state, channel.design)
         if not note and self.settings.unwrap and self.new_starts() > self._new_starts:
-            note = 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
+            note = LOST_TURNS
         note = note or note_on_queue(clock.queue)
         return note or ('' if self.learner is None else self.learner.shaft.text())
 

@@ -67,10 +67,6 @@ class Mechanism(Joint):
     compiled: Any
     learner = None
 
-    def __new__(cls, *given: Any) -> Any:
-        """Return a mechanism."""
-        return object.__new__(cls)
-
     def __init__(
         self, name: str, observer: Observer, gains: Any, settings: MechanismSettings, source: str
     ) -> None:
@@ -120,14 +116,14 @@ class Mechanism(Joint):
             channel.stamp_ns, channel.verdict = 0, DUPLICATE
             self.plain.begin(self.module, channel)
 
-    def set_gains(self, gains: Any, twin: Any = None) -> None:
+    def set_gains(self, gains: Any) -> None:
         """Use other gains from the next sample on; the state is kept."""
         self.gains = gains
         self._plan(gains)
         self._use_gains()
 
-    def goes_on_with(self, design: Any) -> bool:
-        """Take a trial step of the state with another plan; return True."""
+    def try_step(self, design: Any) -> None:
+        """Take a step with another plan and a copy of the state."""
         plan: Plan = design
         state, now = plan.state(), self.channel.track
         state.take(now.state)
@@ -135,7 +131,6 @@ class Mechanism(Joint):
         plan.module.prepare(coefficients, plan.design, now.clock.mean_dt or TYPICAL_DT)
         at, known_input = self._channel.measurement, self._channel.known_input
         plan.module.step(plan.module, state, coefficients, plan.design, at, known_input)
-        return True
 
     def rehearse(self) -> None:
         """Take samples with another mechanism and discard them, so that everything is imported."""

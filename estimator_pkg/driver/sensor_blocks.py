@@ -3,7 +3,7 @@
 
 """Which samples of a joint show its sensor's errors: in blocks, and only while it turns round.
 
-See `sensor_map` for the equations. It costs about 0.3 us a sample then. Where nothing is proven in
+See `sensor.map` for the equations. It costs about 0.3 us a sample then. Where nothing is proven in
 `TRIED` turns the learner sleeps for many. What it does depends on the samples alone, so live equals
 replay. Angles are in rad, times in s, stamps in ns; arrays of samples have shape (n,).
 """
@@ -16,9 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.guard import DUPLICATE, USED
 from estimator_pkg.driver.sensor_marks import NOTHING, Shaft
 from estimator_pkg.driver.sensor_table import COARSE, Array
+from estimator_pkg.sensor.guard import DUPLICATE, USED
 
 LOOK = 128  # samples between two looks at a joint that does not turn
 BLOCK, EDGES = 128, 256  # samples of a block; of a coarse sensor

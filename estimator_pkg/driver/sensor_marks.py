@@ -3,7 +3,7 @@
 
 """The marks of a turn: when a shaft passed them, and what that shows of its sensor's errors.
 
-See `sensor_map` for the equations. Angles are in rad, times in s; arrays of samples have shape
+See `sensor.map` for the equations. Angles are in rad, times in s; arrays of samples have shape
 (n,).
 """
 
@@ -15,7 +15,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
 from estimator_pkg.driver.sensor_ripple import SPAN, found, slower
 from estimator_pkg.driver.sensor_table import (
     BACKWARD,
@@ -32,6 +31,7 @@ from estimator_pkg.driver.sensor_table import (
     Table,
     grid,
 )
+from estimator_pkg.sensor.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
 
 Errors = Callable[[Array, Array], Array]
 

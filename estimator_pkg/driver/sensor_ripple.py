@@ -3,7 +3,7 @@
 
 """A ripple of the speed of a slow shaft, in the times at which it passed the edges of its sensor.
 
-See `sensor_map` for the equations.
+See `sensor.map` for the equations.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 
 """Errors of the marks of a turn as they are learnt, and the proof that they help.
 
-See `sensor_map` for the equations. Angles are in rad, speeds in marks/s.
+See `sensor.map` for the equations. Angles are in rad, speeds in marks/s.
 """
 
 from __future__ import annotations

@@ -20,14 +20,15 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Any
 
+from estimator_pkg.driver import switched_channel
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.efforts import FIELD, REMEMBERED, Acting
-from estimator_pkg.driver.guard import AFTER_CLOCK_JUMP, NEW_STARTS
-from estimator_pkg.driver.old_joint import Joint
-from estimator_pkg.driver.track import replaced
-from estimator_pkg.observers.circle import nearest_turn
-from estimator_pkg.observers.contract import Observer
+from estimator_pkg.driver.joint import LOST_TURNS, Joint
+from estimator_pkg.models.switched import SwitchedModel
+from estimator_pkg.observers.circle import Circle, nearest_turn
+from estimator_pkg.observers.contract import INITIALISING, Observer
+from estimator_pkg.sensor.guard import AFTER_CLOCK_JUMP, DUPLICATE, NEW_STARTS, limits
 
 # Results of an event
 WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY, JUMPED, TOO_MANY = (
@@ -56,10 +57,13 @@ class SwitchedJoint(Joint):
     refused : the newest event that is not used, and why, as text; '': none.
     """
 
+    plain = switched_channel
+    learner = None
+    longest_dt = math.inf
+
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         super().__init__(observer, gains, settings)
-        functions: Any = self.functions
-        self.model = functions.model
+        self.model: SwitchedModel = self.module.model
         self.event_counts: Counter[str] = Counter()
         self.refused = ''
         self._waiting: list[tuple[int, tuple]] = []  # by stamp
@@ -67,6 +71,31 @@ class SwitchedJoint(Joint):
         self._newest: deque[tuple[int, tuple, str]] = deque(maxlen=REMEMBERED)
         self._last_event_ns = -math.inf  # stamp of the newest that took effect
         self._jump_ns = (0, 0)  # last stamp of the clock before, first one of this one
+
+    def _use_gains(self) -> None:
+        channel, settings = self._channel, self.settings
+        design = self.module.design(self.gains, Circle(settings.wrap_period, settings.unwrap))
+        channel.design.take(design)
+        channel.limits.take(limits(settings, self.longest_dt))
+        channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
+
+    def _begin(self) -> None:
+        self._use_gains()  # the settings may be others
+        self._channel.verdict = DUPLICATE  # the stamp stays: events are compared with it
+        self.plain.begin(self.module, self._channel)
+
+    def set_gains(self, gains: Any) -> None:
+        """Use other gains from the next sample on; the state is kept."""
+        self.gains = gains
+        self._use_gains()
+
+    def rehearse(self) -> None:
+        """Take samples with another system and discard them, so that everything is imported."""
+        other, channel = SwitchedJoint(self.observer, self.gains, self.settings), self._channel
+        for k in range(1, 4):
+            other.update(k * 1_000_000, channel.measurement, channel.known_input)
+        other.estimate()
+        other.stddev()
 
     def event(self, stamp_ns: int, mode: str, v: tuple[float, ...] = ()) -> str:
         """Take one event; return its result.
@@ -108,22 +137,23 @@ class SwitchedJoint(Joint):
             return OUT_OF_ORDER
         return WAITING if len(self._waiting) < REMEMBERED else TOO_MANY
 
-    def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
+    def update(self, stamp_ns: int, measurement: Any, known_input: Any = ()) -> bool:
         """Take one sample, and first the events that are due by it; see `Joint`."""
         last_ns, ran = self.stamp_ns, self.running
         before = self._taken((last_ns + stamp_ns) // 2)
         if ran:
             self._jump(before)
-        used = super().update(stamp_ns, measurement, known_input)
+        verdict = self.plain.take(self.module, self._channel, stamp_ns, measurement, known_input)
+        used = verdict < DUPLICATE
         if not self.running:
             self._waiting[:0] = before
-        elif not ran or (used and self.verdict in NEW_STARTS):
+        elif not ran or (used and verdict in NEW_STARTS):
             self._jump(before)
         if used:
             newest = tuple(self._newest)
             self._newest.clear()
             back = (last_ns - stamp_ns) * 1e-9 > self.settings.reorder_window
-            if self.verdict == AFTER_CLOCK_JUMP or (back and not ran):
+            if verdict == AFTER_CLOCK_JUMP or (back and not ran):
                 # those that the first sample after a reset takes anyway are not taken twice
                 self._judge_again([e for e in newest if ran or e[2] in REFUSED], last_ns)
             self._jump(self._taken(stamp_ns))
@@ -160,7 +190,8 @@ class SwitchedJoint(Joint):
         """Return the meaning of the status as text, or a note if Z has not converged."""
         if self.used and not self.discrete()[2]:
             return 'Z has not converged: it is predicted'
-        return super().why()
+        lost = self.settings.unwrap and self.new_starts() > self._new_starts
+        return LOST_TURNS if lost else ''
 
     def _taken(self, until_ns: int) -> list[tuple[int, tuple]]:
         """Return the waiting events up to a stamp, which wait no more."""
@@ -171,20 +202,41 @@ class SwitchedJoint(Joint):
         return taken
 
     def _jump(self, events: Sequence[tuple[int, tuple]]) -> None:
-        jump = self.functions.jump
-        if jump is not None:
-            for _, event in events:
-                self._track = replaced(self._track, state=jump(self.state, event))
+        channel = self._channel
+        for _, (mode, v) in events:
+            self.module.jump(self.module, channel.track.state, channel.design, mode, v)
 
-    def outputs(self) -> Sequence[tuple[float, float, float]]:
-        """(position, velocity, acceleration or nan) of each output; empty before any sample."""
-        functions: Any = self.functions
-        return functions.outputs(self.state, self._measurement) if self.running else ()
+    def estimate(self) -> tuple[float, float, float, int]:
+        """See `Joint`: of the first output."""
+        outputs, status = self.estimates()
+        return *(outputs[0] if outputs else (math.nan,) * 3), status
+
+    def estimates(self) -> tuple[list[tuple[float, float, float]], int]:
+        """Return ((position, velocity, acceleration or nan) of each output, status).
+
+        No output before any sample.
+        """
+        if not self.running:
+            return [], INITIALISING
+        self.plain.show(self.module, self._channel)
+        out = self._channel.estimate
+        return list(zip(out.position, out.velocity, out.acceleration)), out.status
+
+    def stddev(self) -> tuple[float, float]:
+        """See `Joint`: of the first output."""
+        return self.deviations()[0]
+
+    def deviations(self) -> list[tuple[float, float]]:
+        """Return one standard deviation of (position, velocity) of each output."""
+        self.plain.show_deviation(self.module, self._channel)
+        out = self._channel.deviation
+        return list(zip(out.position, out.velocity))
 
     def discrete(self) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
         """Return (Z, its standard deviations, converged)."""
-        functions: Any = self.functions
-        return functions.discrete(self.state)
+        found: tuple[tuple[float, ...], tuple[float, ...], bool]
+        found = self.module.discrete(self._channel.track.state, self._channel.design)
+        return found
 
 
 class SwitchedBank(Received):
@@ -217,7 +269,7 @@ class SwitchedBank(Received):
         self.names = names
         self.joints: dict[str, Joint] = {names[0]: joint}
         self.only: frozenset[str] = frozenset()
-        self._inputs = len(joint.functions.no_input)
+        self._inputs = len(joint.model.probe(0.0))
         settings: Any = joint.settings
         settings.check_inputs(self._inputs, 'switched')
         self._source = source
@@ -277,7 +329,7 @@ class SwitchedBank(Received):
         used = system.update(stamp_ns, measurement, known_input)
         shown = [place for place, name in enumerate(names) if name in self.names]
         output = [self.names.index(names[place]) for place in shown]
-        outputs, status = system.outputs(), system.estimate()[3]
+        outputs, status = system.estimates()
 
         def written(k: int) -> float:
             position, settings = positions[shown[k]], system.settings
@@ -286,7 +338,7 @@ class SwitchedBank(Received):
             return nearest_turn(position, outputs[output[k]][0], settings.wrap_period)
 
         def stddevs(these: Sequence[int]) -> list[tuple[float, float]]:
-            deviations = system.functions.deviations(system.state)
+            deviations = system.deviations()
             return [deviations[output[k]] for k in these]
 
         return Taken(

@@ -13,7 +13,6 @@ from typing import Any
 
 from rclpy.node import Node
 
-from estimator_pkg.driver.guard import DUPLICATE, ZERO_STAMP
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.nodes import faults
 from estimator_pkg.nodes.endpoints import Endpoints
@@ -23,6 +22,7 @@ from estimator_pkg.nodes.joint_watch import JointWatch
 from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
 from estimator_pkg.observers.contract import MISCONFIGURED, STATUS_NAMES
 from estimator_pkg.params_file import OVERRIDES
+from estimator_pkg.sensor.guard import DUPLICATE, ZERO_STAMP
 from estimator_pkg.streams.contract import PUBLISHER, Stream, stamp_remedy
 
 INPUT_PATIENCE = 2.5  # time after the start in which publishers appear [s]

@@ -12,15 +12,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from estimator_pkg.driver.guard import (
-    DROPPED,
-    DUPLICATE,
-    LATE,
-    NON_FINITE,
-    REPEATED,
-    VERDICTS,
-    ZERO_STAMP,
-)
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages.diagnostics import text
 from estimator_pkg.observers.contract import (
@@ -31,6 +22,15 @@ from estimator_pkg.observers.contract import (
     NOT_OBSERVABLE,
     STATUS_NAMES,
     TRACKING,
+)
+from estimator_pkg.sensor.guard import (
+    DROPPED,
+    DUPLICATE,
+    LATE,
+    NON_FINITE,
+    REPEATED,
+    VERDICTS,
+    ZERO_STAMP,
 )
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR

@@ -11,10 +11,10 @@ from difflib import get_close_matches
 
 from estimator_pkg import registry
 from estimator_pkg.errors import UserError
-from estimator_pkg.observers.contract import Functions, Observer
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import declared
 
-__all__ = ['DEFAULT', 'Functions', 'Observer', 'find', 'instead', 'names', 'of_kind']
+__all__ = ['DEFAULT', 'Observer', 'find', 'instead', 'names', 'of_kind']
 
 DEFAULT = 'edge_adaptive'  # observer of a single angle where none is named
 FORMER = 'hybrid_angle'  # default before: whoever sets gains without an observer means its gains

@@ -1,14 +1,10 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The contract of an observer: a declaration of gains and a record of pure functions.
+"""The contract of an observer: a declaration of gains, and a module with records and functions.
 
-An observer's equations are written once, as functions in the subset of Python that Numba
-compiles: floats, ints, tuples, `math`, no exceptions, no containers that grow. The live node calls
-them as ordinary Python; replay, tuning and benchmarks may compile the same functions.
-
-State, coefficients and design are tuples, which may be nested. Each field keeps its type: write
-0.0, not 0, for a float.
+An observer's equations are written once, as functions of the subset of Python that the engine
+translates (docs/engine.md). They update records in place, and run as plain Python or as C.
 """
 
 from __future__ import annotations
@@ -19,7 +15,6 @@ from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
 
-from estimator_pkg.observers.circle import is_angle
 from estimator_pkg.record import record
 
 # The status of an estimate. Plain ints: compiled code returns them.
@@ -51,9 +46,8 @@ class Deviation:
     velocity: float  # [rad/s or m/s]
 
 
-# What a module of an observer must have; docs/observers/contract.md. `observer` is the module
-# itself, for what it shares with others (`angle.shared`). Records, and functions of the subset of
-# Python that becomes C (see `estimator_pkg.engine`):
+# What a module of an observer must have. `observer` is the module itself, for what it shares with
+# others (`angle.shared`). Records, and functions of the subset of Python that becomes C:
 RECORDS = ('Design', 'Coefficients', 'State')
 FUNCTIONS = {
     'prepare': '(coefficients, design, dt): set what follows from dt [s] and the design',
@@ -79,6 +73,8 @@ METHODS = {
     'used (may be left out)',
     'why': '(state, design) -> the reason for the status, as text for users, or an empty text',
 }
+# An observer of a mechanism has `plan`, (gains, circle) -> `mechanism.core.Plan`, in place of these:
+PLANNED = ('design', 'deviation', 'lateness')
 CONSTANTS = {
     'SINGLE_ANGLE': 'a sample is one angle alone, so that the driver can compare it with others',
     'EDGES': 'it takes a changed count as the time at which an edge was crossed',
@@ -104,93 +100,6 @@ def no_reason(state: Any, design: Any) -> str:
 
 
 @dataclass(frozen=True)
-class Functions:
-    """The pure functions of an observer of fixed structure.
-
-    Attributes
-    ----------
-    design : () -> design. Returns the tuple of everything that follows from the gains and does not
-        depend on dt (poles, variances). Called again when a gain changes; ordinary Python.
-    prepare : (design, dt) -> coefficients. Returns everything that follows from dt [s] and design.
-    init : (measurement, design) -> state. Returns the state after the first sample.
-    step : (state, coefficients, design, measurement, input) -> state. Advances by one sample. The
-        input of an observer of single angles is 0, or see `driver.sensor_map`.
-    output : (state, coefficients, design, measurement, input) ->
-        (position, velocity, acceleration or nan, status).
-    stddev : (state, coefficients, design) -> (position, velocity): one standard deviation of each.
-    resume : (state, coefficients, design, measurement) -> state. Continues after a gap: position
-        from the measurement, speed kept where that is safe.
-    restart : (state, coefficients, design, measurement) -> state. Starts again after an outage or
-        a jump of the clock. It forgets the motion, but keeps what does not depend on it (the
-        turns counted, the identified parameters). None: `init` is called.
-    scaled : (state, coefficients, design, scale) -> as `stddev`, where that of the velocity is
-        scaled before it is limited to a speed that the readings allow. None: it has no such limit.
-    late : (state) -> by how much the last stamp is taken to be wrong [s]; 0: it is believed.
-    edges : it takes a changed count as the time at which an edge was crossed.
-    limits : (dt) -> None, or text that names why these gains cannot work at this dt [s], with the
-        limit.
-    group_delay : (dt) -> delay of the velocity at low frequency [s].
-    finite : (measurement) -> bool. False: the guard drops and counts the sample.
-    blank : a measurement of the right type, for a state before the first sample.
-    no_input : an input of the right type, used where the observer gets no input.
-    driven : a known input acts between two samples, so no sample may be dropped or taken later.
-    turns : it goes on without a circle where the sensor counts turns, see `driver.turns`: its state
-        fits both, and it needs no circle to tell an outlier.
-    jump : (state, event) -> state, for observers of switched systems.
-    why : (state, design) -> the reason for the status, as text for users, or ''. Ordinary Python.
-    """
-
-    design: Callable[[], tuple]
-    prepare: Callable[[Any, float], tuple]
-    init: Callable[[Any, Any], tuple]
-    step: Callable[[tuple, tuple, tuple, Any, Any], tuple]
-    output: Callable[[tuple, tuple, tuple, Any, Any], tuple[float, float, float, int]]
-    stddev: Callable[[tuple, tuple, tuple], tuple[float, float]]
-    resume: Callable[[tuple, tuple, tuple, Any], tuple]
-    limits: Callable[[float], str | None]
-    group_delay: Callable[[float], float]
-    finite: Callable[[Any], bool] = is_angle
-    blank: Any = 0.0
-    no_input: Any = 0.0
-    jump: Callable[[tuple, tuple], tuple] | None = None
-    why: Callable[[tuple, tuple], str] | None = None
-    restart: Callable[[tuple, tuple, tuple, Any], tuple] | None = None
-    scaled: Callable[[tuple, tuple, tuple, float], tuple[float, float]] | None = None
-    late: Callable[[tuple], float] = never_late
-    edges: bool = False
-    driven: bool = False
-    turns: bool = False
-
-    @property
-    def of_angles(self) -> bool:
-        """True if a sample is one angle alone, so that the driver can compare it with others."""
-        return isinstance(self.blank, float) and not self.driven
-
-    @property
-    def new_start(self) -> Callable[[tuple, tuple, tuple, Any], tuple]:
-        """Return `restart`, or `init` with the same arguments if there is no `restart`."""
-        init = self.init
-
-        def afresh(state: tuple, coefficients: tuple, design: tuple, measurement: Any) -> tuple:
-            return init(measurement, design)
-
-        return self.restart or afresh
-
-    @property
-    def scaled_stddev(self) -> Callable[[tuple, tuple, tuple, float], tuple[float, float]]:
-        """Return `scaled`, or `stddev` times the scale if there is no `scaled`."""
-        stddev = self.stddev
-
-        def times(
-            state: tuple, coefficients: tuple, design: tuple, scale: float
-        ) -> tuple[float, float]:
-            position, velocity = stddev(state, coefficients, design)
-            return position, scale * velocity
-
-        return self.scaled or times
-
-
-@dataclass(frozen=True)
 class Observer:
     """An observer: the object named by an entry point of ``velocity_estimator.observers``.
 
@@ -199,10 +108,9 @@ class Observer:
     name : the name that users write.
     summary : one line for ``velocity_estimator list``.
     gains : the frozen dataclass that declares the parameters (see `estimator_pkg.parameters`).
-    build : (gains, circle) -> Functions. It fixes the structure (order, form, injection).
     reference : the paper and its equations.
     kind : 'angle' observers take one angle per sample; `joint_observer` can run them.
-    gives_acceleration : (gains) -> bool. True if `output` returns an acceleration.
+    gives_acceleration : (gains) -> bool. True if `estimate` sets the acceleration.
     """
 
     name: str
@@ -210,7 +118,6 @@ class Observer:
     gains: type
     reference: str
     kind: str = 'angle'
-    build: Any = None
     gives_acceleration: Callable[[Any], bool] = field(default=lambda gains: False)
 
     @property
@@ -219,5 +126,5 @@ class Observer:
         return sys.modules[self.gains.__module__]
 
     def module_of(self, gains: Any) -> Any:
-        """Return the module, or what stands for it with these gains."""
+        """Return the module, or a copy of it with what these gains name, such as a model."""
         return self.module

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from estimator_pkg import params_file
 from estimator_pkg.driver.configuration import NAME_IT, Configuration, JointSettings
-from estimator_pkg.driver.guard import why_dropped
 from estimator_pkg.driver.joint import Joint, Tried
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import joint_state
@@ -33,6 +32,7 @@ from estimator_pkg.observers import find, instead
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import Parameter, build, declared, parameter, structural
+from estimator_pkg.sensor.guard import why_dropped
 from estimator_pkg.streams.history import History
 
 TYPICAL_DT = 1e-3  # [s]
@@ -355,13 +355,13 @@ class Stream(ABC):
         """
         try:
             self.try_gains(configuration)
-            built, functions = None, None
+            built, tried = None, None
             for name, joint in self.bank.joints.items():
                 wanted = configuration.for_joint(name)
                 if wanted != built:  # most joints have what the one before has
-                    built, functions = wanted, self._build(configuration, name)
+                    built, tried = wanted, self._build(configuration, name)
                 if wanted[0] != joint.gains:
-                    self._check_change(name, joint, functions)
+                    self._check_change(name, joint, tried)
         except (ArithmeticError, ValueError) as error:
             raise UsageError(f'{NO_NUMBERS} ({error})') from error
 
@@ -371,21 +371,16 @@ class Stream(ABC):
             self._build(configuration, name)
 
     def _build(self, configuration: Any, joint: str) -> Any:
-        """Return the observer's functions for this joint ('': one without override)."""
+        """Return what the gains of this joint imply ('': of one without override)."""
         gains, settings = configuration.for_joint(joint)
         circle = Circle(settings.wrap_period, settings.unwrap)
-        if self.observer.build is None:
-            return Tried(self.observer.module_of(gains), gains, circle)
-        functions = self.observer.build(gains, circle)
-        functions.prepare(functions.design(), TYPICAL_DT)  # raises if it cannot be computed
-        return functions
+        return Tried(self.observer.module_of(gains), gains, circle)
 
-    def _check_change(self, name: str, joint: Joint, functions: Any) -> None:
-        why = functions.limits(joint.mean_dt) if joint.mean_dt > 0.0 else None
-        if not why and not joint.goes_on_with(functions):
-            why = 'the state cannot be kept with this value: set it before the node starts'
+    def _check_change(self, name: str, joint: Joint, tried: Any) -> None:
+        why = tried.limits(joint.mean_dt) if joint.mean_dt > 0.0 else None
         if why:
             raise UsageError(f'{self._called(name)}: {why}')
+        joint.try_step(tried)
 
     def _called(self, name: str) -> str:
         """Return the text for a joint; '' is common to all joints."""
@@ -394,14 +389,12 @@ class Stream(ABC):
     def apply(self, configuration: Any) -> None:
         """Use these gains and settings from the next sample on; every joint keeps its state."""
         self.bank.configuration = configuration
-        twin: Joint | None = None
         for name, joint in self.bank.joints.items():
             gains, settings = configuration.for_joint(name)
             if settings != joint.settings:
                 joint.set_settings(settings)
             if gains != joint.gains:
-                joint.set_gains(gains, twin)
-                twin = joint
+                joint.set_gains(gains)
                 self._gains_changed(name)
 
     def _gains_changed(self, name: str) -> None:

@@ -116,6 +116,7 @@ class DrivenStream(Stream):
         'missing (with input: effort_command, efforts have their own topic)'
     )
     settings: EffortSettings
+    _efforts_each = 1  # that an observer takes at once
 
     def __init__(
         self,
@@ -160,12 +161,9 @@ class DrivenStream(Stream):
         """Take a message of the port of events."""
 
     def _build(self, configuration: Any, joint: str) -> Any:
-        functions = super()._build(configuration, joint)
-        known_input = getattr(functions, 'no_input', 0.0)
-        configuration.for_joint(joint)[1].check_inputs(
-            len(known_input) if isinstance(known_input, tuple) else 1, self._called(joint)
-        )
-        return functions
+        made = super()._build(configuration, joint)
+        configuration.for_joint(joint)[1].check_inputs(self._efforts_each, self._called(joint))
+        return made
 
     def about(self, name: str) -> Mapping[str, Any]:
         """See `Stream`."""

@@ -10,15 +10,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.guard import (
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.observers.contract import STATUS_NAMES
+from estimator_pkg.sensor.guard import (
     AFTER_CLOCK_JUMP,
     AFTER_GAP,
     AFTER_OUTAGE,
     AFTER_STRAY_STAMP,
     DUPLICATE,
 )
-from estimator_pkg.driver.joint import Joint
-from estimator_pkg.observers.contract import STATUS_NAMES
 
 GAP = 'gap'  # time without samples, listed with the statuses
 CHUNK = 4096  # number of single samples that are counted together

@@ -13,11 +13,11 @@ from collections import deque
 from collections.abc import Sequence
 
 from estimator_pkg.driver.bank import TakenOfJoints
-from estimator_pkg.driver.guard import DUPLICATE, USED
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.observers.angle.smoother import UNKNOWN, Smoother
+from estimator_pkg.sensor.guard import DUPLICATE, USED
 from estimator_pkg.streams.contract import Answer, Output, Stream
 
 SMOOTHED = Output('smoothed', joint_state.TYPE, on_demand=True, extra=True)

@@ -69,7 +69,7 @@ class SwitchedStream(DrivenStream):
     def __init__(self, settings: SwitchedSettings, configuration: Configuration) -> None:
         gains, of_joint = configuration.for_joint('')
         system = SwitchedJoint(OBSERVER, gains, of_joint)
-        self._model = system.model
+        self._model, self._efforts_each = system.model, len(system.model.probe(0.0))
         bank = SwitchedBank(system, settings.names(self._model.joints), settings.input)
         accelerates = any(k > 1 for k in self._model.indices)
         super().__init__(

@@ -124,9 +124,10 @@ def test_new_gains_act_from_the_next_sample_on():
 def test_a_joint_goes_on_with_new_gains_before_it_knows_its_rate():
     joint = make('kalman')
     new = make('kalman', {'bandwidth_hz': 7.0}).design
-    assert joint.goes_on_with(new)
+    joint.try_step(new)
     joint.update(START, 0.3)
-    assert joint.mean_dt == 0.0 and joint.goes_on_with(new)
+    joint.try_step(new)
+    assert joint.mean_dt == 0.0 and joint.estimate()[0] == pytest.approx(0.3)
 
 
 def test_new_settings_act_from_the_next_sample_on():

@@ -11,7 +11,6 @@ import pytest
 from observer_cases import make
 
 from benchmarks.signals import Signal, constant, encoder, sine, trapezoid
-from estimator_pkg.driver.guard import DUPLICATE
 from estimator_pkg.driver.stamp_repair import (
     COLLECTING,
     FEW,
@@ -20,6 +19,7 @@ from estimator_pkg.driver.stamp_repair import (
     REPAIRED,
     StampRepair,
 )
+from estimator_pkg.sensor.guard import DUPLICATE
 from estimator_pkg.streams.clocks import Clocks
 
 TURN = 2.0 * math.pi

@@ -3,8 +3,8 @@
 
 """Events of a hybrid system: which are used, which are refused, and that each is counted once."""
 
-import dataclasses
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -32,13 +32,13 @@ def system(**settings):
         OBSERVER, build(Gains, {'model': 'gripper'}), build(DrivenSettings, settings)
     )
     made.happened = []  # the sample after which an event took effect
-    jump = made.functions.jump
+    module = made.module
 
-    def noted(state, event):
-        made.happened.append(((made.last_ns - START_NS) // MS, event[0]))
-        return jump(state, event)
+    def noted(observer, state, design, mode, v):
+        made.happened.append(((made.last_ns - START_NS) // MS, mode))
+        module.jump(observer, state, design, mode, v)
 
-    made.functions = dataclasses.replace(made.functions, jump=noted)
+    made.module = SimpleNamespace(**{**vars(module), 'jump': noted})
     return made
 
 

@@ -46,11 +46,12 @@ VERDICTS = HERE / 'survivors.yaml'
 SOURCES = (
     'driver/*.py',
     'messages/*.py',
+    'sensor/*.py',
     'observers/*.py',
     'observers/angle/**/*.py',
     *(
         f'observers/maths/{name}.py'
-        for name in ('covariance', 'scatter', 'steady_noise', 'tracking', 'twisting')
+        for name in ('covariance', 'steady_noise', 'tracking', 'twisting')
     ),
 )
 # Without DDS; what takes long in plain Python is left out test by test

@@ -177,13 +177,10 @@ def test_gains_unstable_at_the_measured_rate(processes, observe, probe):
     assert live.feed(turning(live, ['p'], [1.0], 400))[-1].names == ('p',)
     refused = live.set(bandwidth_hz=2000.0)
     hybrid = observers.find('hybrid_angle')
-
-    def limit(bandwidth_hz, dt):
-        gains = hybrid.gains(form='paper', bandwidth_hz=bandwidth_hz)
-        return hybrid.module.limits(hybrid.module.design(gains, Circle()), dt)
-
+    module = hybrid.module
+    fast = module.design(hybrid.gains(form='paper', bandwidth_hz=2000.0), Circle())
     assert not refused.successful
-    assert refused.reason == f"joint 'p': {limit(2000.0, 1e-3)}"
+    assert refused.reason == f"joint 'p': {module.limits(fast, 1e-3)}"
     assert live.get('bandwidth_hz') == 5.0
     # the rate falls: the joint says so, and the node lives on
     falling = turning(live, ['p'], [0.1], 200, begin=BEGIN + 10**12, dt=150 * MS)
@@ -194,7 +191,8 @@ def test_gains_unstable_at_the_measured_rate(processes, observe, probe):
             break
     assert live.status('p') == 'misconfigured'
     assert live.answers[-1].stamp_ns < BEGIN + 10**12 + 150 * 150 * MS  # no more are answered
-    assert dds.value(live.statuses['p'], 'why')[:20] == limit(5.0, 0.15)[:20]
+    slow = module.design(hybrid.gains(form='paper', bandwidth_hz=5.0), Circle())
+    assert dds.value(live.statuses['p'], 'why')[:20] == module.limits(slow, 0.15)[:20]
     assert processes['paper'].alive
     processes['paper'].prints("joint 'p' is misconfigured")
     assert int(live.next_report()['/paper/paper']['dropped.misconfigured']) > 0

@@ -43,7 +43,7 @@ FLOODS = {  # node: what floods it, its rate [Hz] and joints, and the node's par
         *(f'per_joint.m{k}.joints:=[joint_{k}]' for k in range(MECHANISMS)),
     ),
     'switched_observer': ('joints', LOUD, 60, 'joints:=[joint_0]'),
-    'pmsm_observer': ('batches', 2000.0, 0),
+    'pmsm_observer': ('batches', 2000.0, 0, 'compile:=false'),
     'pmsm_observer of vectors': ('vectors', LOUD, 0, 'input:=current_voltage'),
     'cart_pendulum_sim': ('estimates', LOUD, 60),
 }
@@ -238,7 +238,7 @@ def test_what_was_sent_before_the_first_message_is_lost(first, sent_ms, lost):
 # ---------------------------------------------------------------- names without end
 
 
-def test_joints_with_gains_and_settings_of_their_own_are_apart():
+def test_joints_of_the_same_gains_have_states_of_their_own():
     configuration = Configuration(
         observers.find('hybrid_angle'), {}, {'b': {'bandwidth_hz': 7.0}, 'c': {'wrap_period': 0.0}}
     )

@@ -10,7 +10,7 @@ import dataclasses
 import math
 import re
 import time
-import types
+from types import ModuleType
 
 import dds
 import motors
@@ -401,17 +401,18 @@ class FragileObserver(Observer):
         def prepare(coefficients, design, dt):
             raise OverflowError('math range error')
 
-        fragile = types.ModuleType('fragile')
-        vars(fragile).update(vars(self.module), __name__='fragile')
-        if gains.bandwidth_hz == 123.0:
-            fragile.prepare = prepare
-        return fragile
+        if gains.bandwidth_hz != 123.0:
+            return self.module
+        made = ModuleType('fragile')
+        vars(made).update({**vars(self.module), 'prepare': prepare, '__name__': 'fragile'})
+        return made
 
 
 @dataclasses.dataclass(frozen=True)
 class FragileSettings(AngleSettings):
     def find_observer(self):
-        return FragileObserver(**vars(super().find_observer()))
+        found = super().find_observer()
+        return FragileObserver(**vars(found))
 
 
 class Fragile(AngleStream):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from observer_cases import make, stamps
 
 from estimator_pkg.observers.circle import wrap
-from estimator_pkg.observers.convention import begin, follow, present
+from estimator_pkg.sensor.convention import Convention, begin, follow, present
 
 TURN = 2.0 * math.pi
 OBSERVERS = ('finite_difference', 'pll', 'kalman', 'hybrid_angle')
@@ -133,41 +133,47 @@ def test_prismatic_joints_never_wrap(name, motion, step):
         assert np.sign(out.velocity[at + 1]) == np.sign(step)
 
 
+def begun(measurement):
+    convention = Convention()
+    begin(convention, measurement)
+    return convention
+
+
 def test_end_points_that_atan2_gives_do_not_look_multi_turn():
     """atan2 gives +pi and -pi both, in float32 even a little more."""
     for edge in (math.pi, float(np.float32(math.pi))):
-        convention = begin(-3.0)
+        convention = begun(-3.0)
         for measured in (-edge, edge, 3.0, edge, -edge, -3.0):
-            convention = follow(convention, measured, TURN)
-        assert -math.pi <= present(convention, -math.pi - 0.01, TURN, 0.0) < math.pi
-    convention = begin(0.0)
+            follow(convention, measured, TURN)
+        assert -math.pi <= present(convention, -math.pi - 0.01, TURN, False) < math.pi
+    convention = begun(0.0)
     for measured in (0.1, 0.0, float(np.float32(TURN)), 6.2, 0.0):
-        convention = follow(convention, measured, TURN)
-    assert present(convention, -0.01, TURN, 0.0) == pytest.approx(TURN - 0.01)
-    convention = begin(6.0)  # and sums of counts and offsets a little less than 0
+        follow(convention, measured, TURN)
+    assert present(convention, -0.01, TURN, False) == pytest.approx(TURN - 0.01)
+    convention = begun(6.0)  # and sums of counts and offsets a little less than 0
     for measured in (6.2, -1e-16, 0.1, 3.0, 4.0):
-        convention = follow(convention, measured, TURN)
-    assert present(convention, -0.01, TURN, 0.0) == pytest.approx(TURN - 0.01)
+        follow(convention, measured, TURN)
+    assert present(convention, -0.01, TURN, False) == pytest.approx(TURN - 0.01)
 
 
 @pytest.mark.parametrize('least, most', [(-0.1, 6.2), (0.3, 6.6), (-3.3, 1.0)])
 def test_readings_a_little_beyond_every_interval_of_one_turn_are_multi_turn(least, most):
-    convention = begin(0.5)
+    convention = begun(0.5)
     for measured in np.concatenate([np.linspace(0.5, most, 20), np.linspace(most, least, 20)]):
-        convention = follow(convention, float(measured), TURN)
-    assert present(convention, least - 0.2, TURN, 0.0) == pytest.approx(least - 0.2, abs=1e-12)
-    convention = follow(convention, most, TURN)
-    assert present(convention, most + 0.2, TURN, 0.0) == pytest.approx(most + 0.2, abs=1e-12)
+        follow(convention, float(measured), TURN)
+    assert present(convention, least - 0.2, TURN, False) == pytest.approx(least - 0.2, abs=1e-12)
+    follow(convention, most, TURN)
+    assert present(convention, most + 0.2, TURN, False) == pytest.approx(most + 0.2, abs=1e-12)
 
 
 def test_edge_that_was_not_passed_yet_is_not_shown_passed():
     """Nothing tells yet whether 0 or -pi is where the reading wraps: both must stay right."""
-    convention = begin(0.05)
-    convention = follow(convention, 0.01, TURN)
-    shown = present(convention, -0.02, TURN, 0.0)
+    convention = begun(0.05)
+    follow(convention, 0.01, TURN)
+    shown = present(convention, -0.02, TURN, False)
     assert 0.0 <= shown < 0.01
-    convention = begin(3.1)
-    assert 3.1 < present(convention, 3.2, TURN, 0.0) < math.pi
+    convention = begun(3.1)
+    assert 3.1 < present(convention, 3.2, TURN, False) < math.pi
 
 
 @pytest.mark.parametrize('period', [1.0, math.pi, 360.0])

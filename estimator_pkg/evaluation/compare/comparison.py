@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import Series
-from estimator_pkg.driver.guard import why_dropped
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.compare.matching import match
@@ -30,6 +29,7 @@ from estimator_pkg.evaluation.reference.motion import Motion
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.progress import progress
+from estimator_pkg.sensor.guard import why_dropped
 from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import stamp_remedy
 from estimator_pkg.streams.drive import ELECTRICAL

@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 
-from estimator_pkg.driver.guard import REPEATED
 from estimator_pkg.evaluation.doctor.readings import (
     BESIDE,
     FAIL,
@@ -22,6 +21,7 @@ from estimator_pkg.evaluation.doctor.readings import (
     short,
     times,
 )
+from estimator_pkg.sensor.guard import REPEATED
 
 TURN = 2.0 * math.pi
 COARSE = 1000.0  # fewer counts per turn are coarse

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.series import Series, of_positions
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.guard import VERDICTS
 from estimator_pkg.evaluation.compare.delay import Delay
 from estimator_pkg.evaluation.compare.matching import pieces
 from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import interval
+from estimator_pkg.sensor.guard import VERDICTS
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -7,15 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator_pkg.driver.guard import (
-    AFTER_CLOCK_JUMP,
-    AFTER_GAP,
-    AFTER_OUTAGE,
-    AFTER_STRAY_STAMP,
-    DUPLICATE,
-    LATE,
-    ZERO_STAMP,
-)
 from estimator_pkg.evaluation.compare.delay import GAP
 from estimator_pkg.evaluation.compare.matching import strays
 from estimator_pkg.evaluation.doctor.readings import (
@@ -29,6 +20,15 @@ from estimator_pkg.evaluation.doctor.readings import (
     times,
 )
 from estimator_pkg.evaluation.doctor.stamp_error import spacing_error, stamp_error
+from estimator_pkg.sensor.guard import (
+    AFTER_CLOCK_JUMP,
+    AFTER_GAP,
+    AFTER_OUTAGE,
+    AFTER_STRAY_STAMP,
+    DUPLICATE,
+    LATE,
+    ZERO_STAMP,
+)
 from estimator_pkg.streams.contract import HEADER, PUBLISHER, stamp_remedy
 
 WINDOWS, IN_WINDOW = 20, 100  # windows of the rate; samples of one at least

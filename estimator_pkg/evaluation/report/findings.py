@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from estimator_pkg import registry, streams
 from estimator_pkg.bags.series import Series
-from estimator_pkg.driver.guard import WHY_DROPPED
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.delay import GAP
 from estimator_pkg.evaluation.compare.interpolation import cubic
@@ -27,6 +26,7 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import interval, number
 from estimator_pkg.parameters import declared
+from estimator_pkg.sensor.guard import WHY_DROPPED
 
 Array = NDArray[np.float64]
 

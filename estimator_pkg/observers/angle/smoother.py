@@ -30,7 +30,7 @@ from itertools import pairwise
 
 from estimator_pkg.observers.angle.adjoint import NOTHING, News, Result, State, backward, widened
 from estimator_pkg.observers.circle import wrap
-from estimator_pkg.observers.convention import begin, follow, present
+from estimator_pkg.sensor.convention import Convention, begin, follow, present
 
 ENOUGH = 4  # moves from which the density is guessed
 FEWEST = 3  # readings since a start that show a velocity
@@ -100,8 +100,7 @@ class Smoother:
         self._corrections: list[float] = []  # of theirs
         self._shown: deque[float] = deque()  # readings in the published convention
         self._results: deque[tuple[float, Result]] = deque()  # with their readings
-        self._convention = begin(0.0)
-        self._any = False
+        self._convention, self._any = Convention(), False
 
     def add(
         self, stamp_ns: int, reading: float, shown: float, fresh: bool, correction: float = 0.0
@@ -133,13 +132,14 @@ class Smoother:
         shown = self._shown.popleft()
         period = self._period
         if not self._any:
-            self._convention, self._any = begin(shown), True
+            begin(self._convention, shown)
+            self._any = True
         if period > 0.0 and not self._unwrap:
-            self._convention = follow(self._convention, shown, period)
+            follow(self._convention, shown, period)
         if math.isnan(v):
             return UNKNOWN
         if period > 0.0 and not self._unwrap:
-            return present(self._convention, x, period, 0.0), v, of_x, of_v
+            return present(self._convention, x, period, False), v, of_x, of_v
         return shown + wrap(x - reading, period), v, of_x, of_v
 
     # One window

@@ -10,104 +10,103 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg.observers.switched.regression import carry, certain, sigmas, vague
-from estimator_pkg.observers.switched.stages import gates_open
-from estimator_pkg.observers.switched.state import State
-from estimator_pkg.observers.switched.system import System
-from estimator_pkg.observers.switched.velocity import moved_chain, moved_observers
+from estimator_pkg.models.switched import SwitchedModel
+from estimator_pkg.observers.switched.regression import carry, certain, forget, sigmas
+from estimator_pkg.observers.switched.stages import chains, gates_open
+from estimator_pkg.observers.switched.state import Design, Interval, State
+from estimator_pkg.observers.switched.system import ending
+from estimator_pkg.observers.switched.velocity import move_observers, moved_chain
 
 
-def discrete(system: System, state: State) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
+def discrete(state: State, design: Design) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
     """Return (Z, its standard deviations, converged); Z is the prediction until it converges."""
-    if not system.is_regression:
-        known = state.fitted or system.gains.discrete == 'copy'
-        return state.predicted, (math.nan,) * system.model.size, known
-    if not settled(system, state) or state.forgetting > 0.0:
-        return state.predicted, (math.inf,) * system.model.size, False
-    return state.z, sigmas(state), certain(state)
+    if not design.regression:
+        known = state.fitted or not design.inversion
+        return tuple(state.predicted), (math.nan,) * len(state.z), known
+    if not settled(state, design) or state.forgetting > 0.0:
+        return tuple(state.predicted), (math.inf,) * len(state.z), False
+    return tuple(state.z), sigmas(state), certain(state)
 
 
-def settled(system: System, state: State) -> bool:
+def settled(state: State, design: Design) -> bool:
     """Return True if more than the settling time has passed since the event, (26)."""
-    return state.age > system.gains.settle
+    return state.age > design.settle
 
 
-def jump(system: System, state: State, event: tuple) -> State:
-    """Return the state after a switching instant; `event` is (mode, v).
+def jump(observer: Any, state: State, design: Design, mode: str, v: tuple[float, ...]) -> None:
+    """Take a switching instant; `mode` and `v` are as the model defines them.
 
     Z(k) is reconstructed if possible and predicted across the event: N + 1 steps from Z(k - N),
     which the stacked rows determine.
     """
-    mode, v = event
-    model = system.model
-    zeta, theta = system.chains(state)
+    model = observer.model
     known = model.transition(mode)
-    shown = discrete(system, state)[0]
+    shown = discrete(state, design)[0]
     if known is None:
-        return carry(system, state)._replace(
-            history=(), predicted=shown, p=vague(system), age=0.0, y_at=state.y, fitted=False
-        )
-    a, beta = np.array(known), np.array(model.offset(mode, v, state.y_at))
-    row = (
-        np.array(model.lam(zeta, state.u)),
-        np.array(theta) - np.array(model.gamma(zeta, state.u)),
-        a,
-        beta,
-        settled(system, state) and gates_open(system, state),
-    )
-    history = (*state.history, row)[-(system.gains.steps + 1) :]
-    old, fitted = np.array(shown), False
-    if system.gains.discrete == 'inversion':
-        old, fitted = inverted(system, history, old)
-    new = tuple((a @ old + beta).tolist())
-    after = carry(system, state)._replace(
-        history=history,
-        predicted=new,
-        z=tuple((a @ np.array(state.z) + beta).tolist()),
-        age=0.0,
-        y_at=state.y,
-        fitted=fitted,
-        p=tuple(map(tuple, (a @ np.array(state.p) @ a.T).tolist())),
-    )
-    if system.gains.reset == 'none':
-        return after
-    return moved(system, after, tuple(old.tolist()), new)
+        carry(state, design)
+        state.history, state.predicted, state.fitted = [], list(shown), False
+        forget(state, design)
+    else:
+        state.history.append(interval(model, state, design, known, mode, v))
+        del state.history[: -(design.steps + 1)]
+        a, beta = np.array(state.history[-1].a), np.array(state.history[-1].beta)
+        old, state.fitted = np.array(shown), False
+        if design.inversion:
+            old, state.fitted = inverted(state, design, old)
+        carry(state, design)
+        state.predicted = (a @ old + beta).tolist()
+        state.z[:] = (a @ np.array(state.z) + beta).tolist()
+        state.p = (a @ np.array(state.p) @ a.T).tolist()
+        if design.resets:
+            move(model, state, design, tuple(old.tolist()), tuple(state.predicted))
+    state.age = 0.0
+    state.y_at[:] = state.y
 
 
-def inverted(system: System, history: tuple, fallback: Any) -> tuple[Any, bool]:
+def interval(
+    model: SwitchedModel, state: State, design: Design, known: Any, mode: str, v: tuple[float, ...]
+) -> Interval:
+    """Return what the interval that ends has shown; `known` is A_d."""
+    made, u = Interval(), tuple(state.u)
+    zeta, theta = chains(state)
+    made.a = [list(map(float, row)) for row in known]
+    made.beta = list(map(float, model.offset(mode, v, tuple(state.y_at))))
+    made.lam = [list(map(float, row)) for row in model.lam(zeta, u)]
+    made.y = [end - float(g) for end, g in zip(theta, model.gamma(zeta, u))]
+    made.settled = settled(state, design) and gates_open(state, design)
+    return made
+
+
+def inverted(state: State, design: Design, fallback: Any) -> tuple[Any, bool]:
     """Return (Z(k), success) by (28), where k is the interval that ends, from the last N + 1."""
-    m, gains = system.model.size, system.gains
-    if len(history) <= gains.steps or not all(row[4] for row in history):
+    m, history = len(state.z), state.history
+    if len(history) <= design.steps or not all(each.settled for each in history):
         return fallback, False
     matrix, rest = np.eye(m), np.zeros(m)
     blocks, right, at = [], [], (matrix, rest)
-    for lam, y, a, beta, _ in history:
+    for each in history:
+        lam, a = np.array(each.lam), np.array(each.a)
         blocks.append(lam @ matrix)
-        right.append(y - lam @ rest)
+        right.append(np.array(each.y) - lam @ rest)
         at = (matrix, rest)
-        matrix, rest = a @ matrix, a @ rest + beta
+        matrix, rest = a @ matrix, a @ rest + np.array(each.beta)
     stacked = np.vstack(blocks)
     u, values, vt = np.linalg.svd(stacked, full_matrices=False)
-    if len(values) < m or values[-1] <= gains.singular_value:
+    if len(values) < m or values[-1] <= design.singular_value:
         return fallback, False
     first = vt.T @ ((u.T @ np.concatenate(right)) / values)
     return at[0] @ first + at[1], True
 
 
-def moved(system: System, state: State, old: tuple, new: tuple) -> State:
-    """Return the state after the reset (13): x is continuous, so zeta and both chains jump."""
-    model = system.model
-    zeta, theta = system.chains(state)
-    after = moved_chain(system, zeta, old, new)
-    ending = tuple(theta)
-    if system.gains.reset == 'all':
-        ending = system.ending(after, state.u, new)
-    zh, zt = [], []
-    for i in system.outputs:
-        first, k = model.firsts[i], model.indices[i]
-        change = [after[first + j] - zeta[first + j] for j in range(k)]
-        zh.append((state.zh[i][0], *(state.zh[i][j] + change[j] for j in range(1, k))))
-        zt.append((*(after[first + j] for j in range(1, k)), ending[i]))
-    return state._replace(
-        zh=tuple(zh), zt=tuple(zt), used=new, observed=moved_observers(system, state, old, new)
-    )
+def move(
+    model: SwitchedModel, state: State, design: Design, old: tuple[float, ...], new: tuple
+) -> None:
+    """Take the reset (13): x is continuous, so zeta and both chains jump as Z jumps."""
+    zeta, theta = chains(state)
+    after = moved_chain(model, zeta, old, new)
+    ends = ending(model, after, tuple(state.u), new) if design.resets_ends else theta
+    for i, (first, k) in enumerate(zip(model.firsts, model.indices)):
+        for j in range(1, k):
+            state.zh[i][j] += after[first + j] - zeta[first + j]
+        state.zt[i][:] = *after[first + 1 : first + k], ends[i]
+    move_observers(model, state, old, new)

@@ -12,10 +12,10 @@ chain without knowing Z. From them the discrete state Z follows in one of three 
 
 `jump` is called at each event. Each stage is discretised implicitly, in closed form, or by forward
 Euler (`form: explicit`), which chatters. The functions run in Python with numpy, because users
-write the model.
+write the model; they find it as `observer.model`.
 
-Files: `gains` the parameters, `system` everything that follows from them, `stages` the continuous
-part, `velocity` the published velocity, `events` and `regression` the discrete part.
+Files: `state` the records, `system` the model, `stages` the continuous part, `velocity` the
+published velocity, `events` and `regression` the discrete part.
 
 Barbot, Djemai, Manamanni: State observer and observability conditions for a class of hybrid
 continuous-discrete dynamic system (2007); corrections in docs/papers/hybrid_discrete.md.
@@ -24,245 +24,404 @@ continuous-discrete dynamic system (2007); corrections in docs/papers/hybrid_dis
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
+from estimator_pkg.errors import UsageError
+from estimator_pkg.models.switched import OWN
 from estimator_pkg.observers.adaptive.filter import rows, series
+from estimator_pkg.observers.angle.shared import variance_floor
 from estimator_pkg.observers.circle import Circle, is_angle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
-from estimator_pkg.observers.convention import begin, follow, present
-from estimator_pkg.observers.maths.scatter import begin_scatter, follow_scatter, resume_scatter
-from estimator_pkg.observers.switched.events import discrete, jump
-from estimator_pkg.observers.switched.gains import Gains
+from estimator_pkg.observers.contract import never_late as lateness  # noqa: F401
+from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
+from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
+from estimator_pkg.observers.maths.least_squares import kept
+from estimator_pkg.observers.switched.events import discrete, jump  # noqa: F401
 from estimator_pkg.observers.switched.regression import (
     FORGOTTEN,
-    empty_columns,
+    VAGUE,
+    begin_signals,
+    forget,
     learn,
     resting,
-    vague,
 )
 from estimator_pkg.observers.switched.stages import climb, gates_open
-from estimator_pkg.observers.switched.state import State, SwitchedFunctions, is_sound
-from estimator_pkg.observers.switched.system import make_system
-from estimator_pkg.observers.switched.velocity import motions, observe, poles, standard_deviations
+from estimator_pkg.observers.switched.state import (
+    Coefficients,
+    Design,
+    Deviation,
+    Estimate,
+    Filter,
+    Stage,
+    State,
+    is_sound,
+)
+from estimator_pkg.observers.switched.system import bound, signals
+from estimator_pkg.observers.switched.velocity import (
+    correction,
+    motions,
+    observe,
+    pole,
+    standard_deviations,
+)
+from estimator_pkg.parameters import parameter, structural
+from estimator_pkg.sensor.convention import Convention, begin, follow, present
+from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter, resume_scatter
 
+SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
+LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
 LOCKED = 0.3  # longest settling time of the stages after a start [s]
 OUTSIDE = 0.125  # a reading beyond this part of a turn is no motion: the encoder was stuck or reset
 FADED = 20.0  # time constants of the extended observers until the start has no influence
 
+Reading = Sequence[float]  # one number per output [rad or m]
 
-def build(gains: Gains, circle: Circle) -> SwitchedFunctions:
-    """Return the functions of the observer of this model; `circle` applies to every output.
 
-    Raises
-    ------
-    UsageError : the model is invalid, or its rank condition is never met with these `steps`.
-    """
-    system = make_system(gains, circle)
-    model, period, outputs = system.model, system.period, system.outputs
-    indices, m = model.indices, model.size
-    floor = gains.quantum * gains.quantum / 12.0
-    extended = tuple(poles(k, gains.bandwidth_hz) for k in indices)
-    faded = FADED / min(each.pole for each in extended)
+@dataclass(frozen=True)
+class Gains:
+    """Parameters of `switched`."""
 
-    def design() -> tuple:
-        return ()
-
-    def prepare(design: tuple, dt: float) -> tuple:
-        filters = []
-        for column in system.columns:
-            f, g0, g1 = series(column, gains.filter_rate, dt)
-            filters.append((list(zip(*rows(f, column))), g0, g1))
-        return dt, tuple(filters), tuple(each.at(dt) for each in extended)
-
-    def init(measurement: tuple, design: tuple) -> State:
-        y = tuple(map(float, measurement))
-        zero = tuple((0.0,) * k for k in indices)
-        nothing, u = (0.0,) * m, (0.0,) * system.inputs
-        first = system.signals(
-            y, u, tuple(x for i in outputs for x in (y[i], *(0.0,) * (indices[i] - 1)))
-        )
-        return State(
-            zh=tuple((y[i], *(0.0,) * (indices[i] - 1)) for i in outputs),
-            zt=zero,
-            errors=zero,
-            y=y,
-            u=u,
-            z=nothing,
-            predicted=nothing,
-            y_at=y,
-            history=(),
-            dt=0.0,
-            observed=tuple((y[i], *(0.0,) * indices[i]) for i in outputs),
-            used=nothing,
-            powers=(0.0,) * len(indices),
-            noises=((1.0, 1.0, 1.0),) * len(indices),
-            age=0.0,
-            total=0.0,
-            forgetting=FORGOTTEN / gains.filter_rate,
-            fitted=False,
-            filters=tuple(
-                (
-                    resting(system, i, y[i]),
-                    (0.0,) * indices[i],
-                    empty_columns(system, i),
-                    (0.0,) * indices[i],
-                )
-                for i in outputs
-            ),
-            last_columns=first,
-            origin=first,
-            p=vague(system),
-            power=0.0,
-            conventions=tuple(map(begin, y)),
-            scatters=tuple(map(begin_scatter, y)),
-        )
-
-    def step(
-        state: Any, coefficients: tuple, design: tuple, measurement: tuple, known_input: tuple
-    ) -> State:
-        h, filters_of, corrections = coefficients
-        read = tuple(map(float, measurement))
-        jumps = tuple(wrap(read[i] - state.conventions[i][0], period) for i in outputs)
-        if period > 0.0 and state.total > faded:
-            speeds = (each[1] if len(each) > 2 else 0.0 for each in state.observed)
-            if any(abs(a - v * h) > OUTSIDE * period for a, v in zip(jumps, speeds)):
-                # the readings before may have been wrong, and the Z that was learnt from them
-                return restart(state, coefficients, design, measurement)
-        climbed = [climb(system, i, state, jumps[i], h) for i in outputs]
-        y = tuple(state.y[i] + jumps[i] for i in outputs)
-        u = tuple(map(float, known_input))
-        if system.is_filtered:
-            z, _, converged = discrete(system, state)
-            state = observe(system, state, y, u, z if converged else state.used, corrections)
-        state = state._replace(
-            zh=tuple(c[0] for c in climbed),
-            zt=tuple(c[1] for c in climbed),
-            errors=tuple(c[2] for c in climbed),
-            u=u,
-            dt=h,
-            age=state.age + h,
-            total=state.total + h,
-            forgetting=max(0.0, state.forgetting - h),
-            conventions=tuple(follow(state.conventions[i], read[i], period) for i in outputs),
-            scatters=tuple(follow_scatter(state.scatters[i], read[i], h, period) for i in outputs),
-        )
-        if system.is_regression:
-            state = learn(system, state, y, jumps, filters_of, h)
-        else:
-            state = state._replace(y=y)
-        if not is_sound(state):
-            return init(measurement, design)  # the state has diverged: start again
-        return state
-
-    def states(state: Any) -> tuple[float, ...]:
-        return model.state(system.chains(state)[0], discrete(system, state)[0])
-
-    def published_outputs(state: Any, measurement: tuple) -> list[tuple[float, float, float]]:
-        z, _, converged = discrete(system, state)
-        return [
-            (present(convention, position, period, float(circle.unwrap)), velocity, second)
-            for convention, (position, velocity, second) in zip(
-                state.conventions, motions(system, state, z, converged)
-            )
-        ]
-
-    def status(state: Any) -> int:
-        if system.is_filtered:
-            locked = state.total > faded
-        else:
-            locked = state.total > min(gains.settle, LOCKED) and gates_open(system, state)
-        if not locked:
-            return INITIALISING
-        return TRACKING if state.age > 0.0 else COASTING
-
-    def output(
-        state: Any, coefficients: tuple, design: tuple, measurement: tuple, known_input: tuple
-    ) -> tuple:
-        position, velocity, acceleration = published_outputs(state, measurement)[0]
-        return position, velocity, acceleration, status(state)
-
-    def deviations(state: Any) -> list[tuple[float, float]]:
-        found = []
-        for i in outputs:
-            if gains.noise is not None:
-                sigma = math.sqrt(gains.noise * gains.noise + floor)
-            else:
-                sigma = math.sqrt(max(state.scatters[i][0], floor))
-            found.append(standard_deviations(system, state, i, sigma))
-        return found
-
-    def stddev(state: Any, coefficients: tuple, design: tuple) -> tuple[float, float]:
-        return deviations(state)[0]
-
-    def resume(state: Any, coefficients: tuple, design: tuple, measurement: tuple) -> State:
-        """Continue after a gap: positions from the measurement; keep speeds and Z."""
-        fresh = init(measurement, design)
-        y = tuple(
-            state.y[i] + wrap(float(measurement[i]) - state.conventions[i][0], period)
-            for i in outputs
-        )
-        shown = discrete(system, state)[0]
-        return fresh._replace(
-            zh=tuple((y[i], *state.zh[i][1:]) for i in outputs),
-            zt=state.zt,
-            y=y,
-            u=state.u,
-            observed=tuple((y[i], *state.observed[i][1:]) for i in outputs),
-            used=state.used,
-            noises=state.noises,
-            dt=state.dt,
-            z=shown,
-            predicted=shown,
-            y_at=y,
-            p=state.p,
-            filters=tuple((resting(system, i, y[i]), *fresh.filters[i][1:]) for i in outputs),
-            conventions=tuple(
-                follow(state.conventions[i], float(measurement[i]), period) for i in outputs
-            ),
-            scatters=tuple(
-                resume_scatter(state.scatters[i], float(measurement[i])) for i in outputs
-            ),
-        )
-
-    def restart(state: Any, coefficients: tuple, design: tuple, measurement: tuple) -> State:
-        return init(measurement, design)._replace(
-            conventions=tuple(
-                follow(state.conventions[i], float(measurement[i]), period) for i in outputs
-            )
-        )
-
-    def finite(measurement: tuple) -> bool:
-        return len(measurement) == len(indices) and all(is_angle(x) for x in measurement)
-
-    return SwitchedFunctions(
-        design,
-        prepare,
-        init,
-        step,
-        output,
-        stddev,
-        resume,
-        lambda dt: None,
-        lambda dt: 0.0,
-        finite,
-        (0.0,) * len(indices),
-        (0.0,) * system.inputs,
-        lambda state, event: jump(system, state, event),
-        states=states,
-        outputs=published_outputs,
-        discrete=lambda state: discrete(system, state),
-        chains=system.chains,
-        deviations=deviations,
-        model=system.model,
-        restart=restart,
+    model: str = structural(
+        'gripper',
+        choices=(*OWN, 'package.module:name'),
+        description='the system: a built-in model, or your own SwitchedModel',
+    )
+    discrete: str = structural(
+        'regression',
+        choices=('regression', 'inversion', 'copy'),
+        description='how Z is estimated: regression for noisy encoders; inversion as in the paper, '
+        'for exact outputs only; copy: predicted with A_d and beta_d only',
+        equation='(28), (29)',
+    )
+    velocity: str = structural(
+        'filtered',
+        choices=('filtered', 'cascade'),
+        description='source of the published velocity. filtered: an extended observer that uses '
+        'the model with the estimated Z, for noisy encoders; cascade: the super-twisting stages, '
+        'as in the paper',
+        equation='(22)',
+    )
+    bandwidth_hz: float = parameter(
+        48.0,
+        unit='Hz',
+        range=(0.001, 1e6),
+        search=(1.0, 500.0),
+        description='-3 dB frequency from true to estimated velocity for motion that the model '
+        'does not predict; velocity filtered only',
+    )
+    form: str = structural(
+        'implicit',
+        choices=('implicit', 'explicit'),
+        description='discretisation of super-twisting; explicit chatters, it is there for '
+        'comparison',
+    )
+    gate: float = parameter(
+        1e-3,
+        unit='unit of the output',
+        range=(1e-12, 1e6),
+        description='a stage runs while the errors of all stages before it are below this',
+        equation='epsilon in (23)',
+    )
+    steps: int = structural(
+        1,
+        range=(1, 20),
+        description='number of past intervals that the inversion uses',
+        equation='N in (28)',
+    )
+    singular_value: float = parameter(
+        0.05,
+        range=(0.0, 1e9),
+        description='the inversion is used if the smallest singular value of its matrix is above '
+        'this',
+    )
+    settle: float = parameter(
+        0.3,
+        unit='s',
+        range=(0.0, 1e6),
+        description='settling time after an event, during which Z is predicted and not converged; '
+        'between two events closer than this Z stays predicted',
+        equation='tau_c in (26)',
+    )
+    reset: str = structural(
+        'all',
+        choices=('all', 'states', 'none'),
+        description='what (13) resets at an event. states: the states of both chains; all: the '
+        'last derivative of each chain too; none: nothing',
+    )
+    filter_rate: float = structural(
+        25.0,
+        unit='1/s',
+        range=(1e-3, 1e5),
+        description='pole of the regression filter; set it as high as the noise allows',
+    )
+    memory: float = parameter(
+        0.0,
+        unit='s',
+        range=(0.0, 1e9),
+        description='time constant with which the regression forgets within an interval; 0: it '
+        'forgets nothing',
+    )
+    bound_scale: float = parameter(
+        1.0,
+        range=(1e-6, 1e6),
+        description="factor on the model's bounds L of the outputs' derivatives",
+    )
+    quantum: float = parameter(
+        0.0,
+        unit='rad',
+        range=(0.0, 10.0),
+        description='smallest step of the measurement; 0: not known',
+    )
+    noise: float | None = parameter(
+        None,
+        unit='rad',
+        range=(1e-12, 10.0),
+        description='standard deviation of the measurement noise; automatic: estimated',
     )
 
 
-OBSERVER = Observer(
+def design(gains: Gains, circle: Circle) -> Design:
+    """Return what follows from gains and model; `circle` applies to every output.
+
+    Raises
+    ------
+    UsageError : the model is invalid, its rank condition is never met with these `steps`, or the
+        memory is too short.
+    """
+    model, made = OBSERVER.module_of(gains).model, Design()
+    if 0.0 < gains.memory < 1.0 / gains.filter_rate:
+        raise UsageError(
+            f"parameter 'memory' = {gains.memory:g} s is shorter than the filter's time constant: "
+            f'set 0, or at least {1.0 / gains.filter_rate:.3g} s'
+        )
+    made.orders = [
+        list(own) for own in model.orders or [(0,) * (model.size + 1)] * len(model.indices)
+    ]
+    if any(order > 1 or order >= k for own, k in zip(made.orders, model.indices) for order in own):
+        raise UsageError(
+            f"model '{gains.model}': 'orders' = {model.orders} has an entry that is too large: "
+            'each must be 0, or 1 where the chain is longer than 1'
+        )
+    made.implicit, made.filtered = gains.form == 'implicit', gains.velocity == 'filtered'
+    made.regression = gains.discrete == 'regression'
+    made.inversion = gains.discrete == 'inversion'
+    made.resets, made.resets_ends = gains.reset != 'none', gains.reset == 'all'
+    scale, rate = gains.bound_scale, gains.filter_rate
+    made.stages = [[stage(scale, bound) for bound in own] for own in model.bounds]
+    made.bounds = [scale * own[0] for own in model.bounds]
+    made.columns = [
+        [-math.comb(k, i + 1) * rate ** (i + 1) for i in range(k)] for k in model.indices
+    ]
+    made.poles = [pole(k, gains.bandwidth_hz) for k in model.indices]
+    made.faded = FADED / min(made.poles)
+    made.gate, made.steps, made.singular_value = gains.gate, gains.steps, gains.singular_value
+    made.settle, made.locked = gains.settle, min(gains.settle, LOCKED)
+    made.filter_rate, made.forget, made.memory = rate, FORGOTTEN / rate, gains.memory
+    made.vague = [VAGUE] * model.size
+    made.period, made.unwrap = float(circle.period), bool(circle.unwrap)
+    made.floor = variance_floor(gains.quantum)
+    made.noise = gains.noise * gains.noise + made.floor if gains.noise is not None else 0.0
+    return made
+
+
+def stage(scale: float, bound: float) -> Stage:
+    """Return a stage for a derivative within `scale` times `bound`."""
+    made = Stage()
+    made.gain, made.alpha = LAMBDA * math.sqrt(scale * bound), ALPHA * scale * bound
+    return made
+
+
+def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
+    """Set what follows from dt [s]."""
+    coefficients.dt, coefficients.keep = dt, kept(dt, design.memory)
+    coefficients.filters = []
+    for column in design.columns:
+        made = Filter()
+        f, made.g0, made.g1 = series(column, design.filter_rate, dt)
+        made.columns = [list(each) for each in zip(*rows(f, column))]
+        coefficients.filters.append(made)
+    coefficients.corrections = [
+        correction(len(column), each, dt) for column, each in zip(design.columns, design.poles)
+    ]
+
+
+def is_reading(measurement: Reading) -> bool:
+    """Return False if an output is no angle."""
+    return all(map(is_angle, measurement))
+
+
+def start(observer: Any, state: State, design: Design, measurement: Reading) -> None:
+    """Set every field, after the first sample."""
+    begin_motion(observer, state, design, measurement)
+    state.conventions = [Convention() for _ in measurement]
+    for convention, reading in zip(state.conventions, measurement):
+        begin(convention, float(reading))
+
+
+def begin_motion(observer: Any, state: State, design: Design, measurement: Reading) -> None:
+    """Set everything that depends on motion and Z, both unknown."""
+    model, y = observer.model, tuple(map(float, measurement))
+    indices, m, u = model.indices, model.size, (0.0,) * len(model.probe(0.0))
+    state.zh = [[x, *(0.0,) * (k - 1)] for x, k in zip(y, indices)]
+    state.zt = [[0.0] * k for k in indices]
+    state.errors = [[0.0] * k for k in indices]
+    state.y, state.y_at, state.u = list(y), list(y), list(u)
+    state.z, state.predicted, state.used = [0.0] * m, [0.0] * m, [0.0] * m
+    state.observed = [[x, *(0.0,) * k] for x, k in zip(y, indices)]
+    state.powers = [0.0] * len(indices)
+    state.noises = [[1.0, 1.0, 1.0] for _ in indices]
+    state.dt = state.age = state.total = state.power = 0.0
+    state.forgetting = design.forget
+    state.history, state.fitted = [], False
+    state.signals = [begin_signals(design, i, x) for i, x in enumerate(y)]
+    zeta = tuple(x for zh in state.zh for x in zh)
+    state.last_columns = state.origin = signals(model, y, u, zeta)
+    forget(state, design)
+    state.scatters = [Scatter() for _ in y]
+    for scatter, reading in zip(state.scatters, y):
+        begin_scatter(scatter, reading)
+
+
+def step(
+    observer: Any,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: Reading,
+    known_input: Sequence[float],
+) -> None:
+    """Take one sample: the stages, the extended observers, then least squares."""
+    model, h, period = observer.model, coefficients.dt, design.period
+    read, u = tuple(map(float, measurement)), tuple(map(float, known_input))
+    jumps = [wrap(x - known.last, period) for x, known in zip(read, state.conventions)]
+    if period > 0.0 and state.total > design.faded and is_torn(state, jumps, h, period):
+        # the readings before may have been wrong, and the Z that was learnt from them
+        restart(observer, state, coefficients, design, measurement)
+        return
+    for i, change in enumerate(jumps):
+        climb(state, design, i, change, h)
+    y = tuple(before + change for before, change in zip(state.y, jumps))
+    if design.filtered:
+        z, _, converged = discrete(state, design)
+        observe(model, state, coefficients, y, u, z if converged else tuple(state.used))
+    state.u[:] = u
+    state.dt = h
+    state.age += h
+    state.total += h
+    state.forgetting = max(0.0, state.forgetting - h)
+    for reading, convention, scatter in zip(read, state.conventions, state.scatters):
+        follow(convention, reading, period)
+        follow_scatter(scatter, reading, h, period)
+    if design.regression:
+        learn(model, state, coefficients, design, y, jumps, u)
+    else:
+        state.y[:] = y
+    if not is_sound(state):
+        start(observer, state, design, measurement)  # the state has diverged: start again
+
+
+def is_torn(state: State, jumps: list[float], h: float, period: float) -> bool:
+    """Return True if an output changed by more than its speed explains."""
+    speeds = (each[1] if len(each) > 2 else 0.0 for each in state.observed)
+    return any(abs(a - v * h) > OUTSIDE * period for a, v in zip(jumps, speeds))
+
+
+def estimate(
+    observer: Any,
+    out: Estimate,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: Reading,
+    known_input: Sequence[float],
+) -> None:
+    """Set the estimate of all outputs at the last measurement."""
+    z, _, converged = discrete(state, design)
+    found = motions(observer.model, state, design, z, converged)
+    out.position = [
+        present(convention, position, design.period, design.unwrap)
+        for convention, (position, _, _) in zip(state.conventions, found)
+    ]
+    out.velocity = [velocity for _, velocity, _ in found]
+    out.acceleration = [acceleration for _, _, acceleration in found]
+    if design.filtered:
+        locked = state.total > design.faded
+    else:
+        locked = state.total > design.locked and gates_open(state, design)
+    out.status = INITIALISING if not locked else TRACKING if state.age > 0.0 else COASTING
+
+
+def deviation(
+    observer: Any,
+    out: Deviation,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    scale: float,
+) -> None:
+    """Set the standard deviations of all outputs."""
+    found = []
+    for i, scatter in enumerate(state.scatters):
+        sigma = math.sqrt(design.noise or max(scatter.variance, design.floor))
+        found.append(standard_deviations(state, design, i, sigma))
+    out.position = [position for position, _ in found]
+    out.velocity = [scale * velocity for _, velocity in found]
+
+
+def resume(
+    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Reading
+) -> None:
+    """Continue after a gap: positions from the measurement; keep speeds and Z."""
+    old, shown = State(), discrete(state, design)[0]
+    old.take(state)
+    begin_motion(observer, state, design, measurement)
+    for i, reading in enumerate(map(float, measurement)):
+        y = old.y[i] + wrap(reading - state.conventions[i].last, design.period)
+        state.y[i] = state.y_at[i] = state.zh[i][0] = state.observed[i][0] = y
+        state.zh[i][1:], state.observed[i][1:] = old.zh[i][1:], old.observed[i][1:]
+        state.signals[i].y = resting(design, i, y)
+        follow(state.conventions[i], reading, design.period)
+        state.scatters[i].take(old.scatters[i])
+        resume_scatter(state.scatters[i], reading)
+    state.zt, state.u, state.used, state.noises = old.zt, old.u, old.used, old.noises
+    state.dt, state.p = old.dt, old.p
+    state.z, state.predicted = list(shown), list(shown)
+
+
+def restart(
+    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Reading
+) -> None:
+    """Start again; the turns that were counted stay."""
+    begin_motion(observer, state, design, measurement)
+    for convention, reading in zip(state.conventions, measurement):
+        follow(convention, float(reading), design.period)
+
+
+def group_delay(design: Design, dt: float) -> float:
+    """Return the delay of the velocity at low frequency [s]: none."""
+    return 0.0
+
+
+class SwitchedObserver(Observer):
+    """An `Observer` whose functions need a model."""
+
+    def module_of(self, gains: Any) -> Any:
+        """Return the module with the model of these gains in it, as `model`.
+
+        Raises
+        ------
+        UsageError : the model is invalid.
+        """
+        steps = None if gains.discrete == 'copy' else gains.steps
+        return bound(self.module, gains.model, steps)
+
+
+OBSERVER = SwitchedObserver(
     name='switched',
     summary='hybrid observer of systems that switch at known events',
     gains=Gains,
-    build=build,
     reference='Barbot, Djemai, Manamanni (2007): State observer and observability conditions for a '
     'class of hybrid continuous-discrete dynamic system',
     kind='switched',

@@ -6,36 +6,41 @@
 from __future__ import annotations
 
 from estimator_pkg.observers.maths.twisting import implicit_step, injections
-from estimator_pkg.observers.switched.state import State
-from estimator_pkg.observers.switched.system import System
+from estimator_pkg.observers.switched.state import Design, State
 
 
-def climb(system: System, i: int, state: State, jump: float, h: float) -> tuple:
-    """Return (zh, zt, errors) of output i after a sample; the output changed by `jump` in h [s].
+def climb(state: State, design: Design, i: int, jump: float, h: float) -> None:
+    """Take a sample of output i, which changed by `jump` in h [s].
 
     A stage runs while the errors of all stages before it are within the gate, (23).
     """
-    zh, zt, errors = list(state.zh[i]), list(state.zt[i]), list(state.errors[i])
-    signal = state.y[i] + jump
-    for j, (gain, alpha) in enumerate(system.stages[i]):
-        if system.is_implicit:
+    zh, zt, before = state.zh[i], state.zt[i], state.y[i]
+    signal = before + jump
+    for j, stage in enumerate(design.stages[i]):
+        if design.implicit:
             ahead = zh[j] + h * zt[j]
-            left, push = implicit_step(signal - ahead, h, gain, alpha)
+            left, push = implicit_step(signal - ahead, h, stage.gain, stage.alpha)
             zt[j] += h * push
             zh[j] = signal - left
         else:
-            before = state.y[i] if j == 0 else state.zt[i][j - 1]
-            left = before - zh[j]
-            first, second = injections(left, gain, alpha)
+            left, before = before - zh[j], zt[j]
+            first, second = injections(left, stage.gain, stage.alpha)
             zh[j] += h * (zt[j] + first)
             zt[j] += h * second
-        errors[j] = left
-        if abs(left) >= system.gains.gate:
+        state.errors[i][j] = left
+        if abs(left) >= design.gate:
             break
         signal = zt[j]
-    return tuple(zh), tuple(zt), tuple(errors)
 
 
-def gates_open(system: System, state: State) -> bool:
+def chains(state: State) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return (zeta, last derivative of each chain) of the stages."""
+    zeta: list[float] = []
+    for y, zt in zip(state.y, state.zt):
+        zeta += [y, *zt[:-1]]
+    return tuple(zeta), tuple(zt[-1] for zt in state.zt)
+
+
+def gates_open(state: State, design: Design) -> bool:
     """Return True if every stage runs."""
-    return all(abs(e) < system.gains.gate for errors in state.errors for e in errors[:-1])
+    return all(abs(e) < design.gate for errors in state.errors for e in errors[:-1])

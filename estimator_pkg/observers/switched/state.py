@@ -1,52 +1,159 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The state of the observer `switched`, and its functions beyond the common contract."""
+"""The records of the observer `switched`.
+
+Lists are as long as the user's model makes them, so the observer runs as plain Python. Lists with
+an entry per output come first: `zh[i][j]` is stage j of output i.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
-
-from estimator_pkg.models.switched import SwitchedModel
-from estimator_pkg.observers.contract import Functions
+from estimator_pkg.record import record
+from estimator_pkg.sensor.convention import Convention
+from estimator_pkg.sensor.scatter import Scatter
 
 LARGEST = 1e15  # largest derivative or parameter, in its own unit
 
 
-class State(NamedTuple):
-    """The state; tuples have one entry per output.
+@record
+class Stage:
+    """The gains of a stage of super-twisting."""
 
-    zh, zt: the estimates and the auxiliary states; zt are the derivatives, from the first to the
-    one that ends the chain; errors: the last error of each stage.
+    gain: float  # lambda
+    alpha: float
+
+
+@record
+class Design:
+    """Everything that follows from gains and model."""
+
+    implicit: bool  # the stages are discretised implicitly
+    filtered: bool  # the extended observers give the published velocity
+    regression: bool  # least squares estimates Z
+    inversion: bool  # the last intervals give Z
+    resets: bool  # (13) resets the states of the chains at an event
+    resets_ends: bool  # and their last derivatives
+    stages: list[list[Stage]]
+    columns: list[list[float]]  # first columns of the regression filters
+    orders: list[list[int]]  # those of the model; zeros if it has none
+    poles: list[float]  # of the extended observers, magnitude [1/s]
+    bounds: list[float]  # of the second derivative of each output
+    gate: float  # epsilon in (23)
+    steps: int  # N in (28)
+    singular_value: float  # smallest one with which the inversion is used
+    settle: float  # tau_c in (26) [s]
+    locked: float  # settling time of the stages after a start [s]
+    faded: float  # time until a start has no influence on the extended observers [s]
+    filter_rate: float  # [1/s]
+    forget: float  # time until the filters have forgotten their start [s]
+    memory: float  # of least squares [s]; 0: it forgets nothing
+    vague: list[float]  # diagonal of P for an unknown Z
+    period: float  # wrap period of every output [rad]; 0: none
+    unwrap: bool
+    noise: float  # variance of the measurement noise; 0: estimated
+    floor: float  # its smallest value, from the encoder's quantum
+
+
+@record
+class Filter:
+    """A regression filter at a sample time: columns of F, responses to a constant and a ramp."""
+
+    columns: list[list[float]]
+    g0: list[float]
+    g1: list[float]
+
+
+@record
+class Correction:
+    """An extended observer at a sample time."""
+
+    gains: list[float]
+    factors: list[float]  # dt^i / i!
+    noise: list[float]  # variances of position, velocity and innovation at unit noise
+
+
+@record
+class Coefficients:
+    """Everything that follows from the sample time."""
+
+    dt: float  # [s]
+    filters: list[Filter]
+    corrections: list[Correction]
+    keep: float  # part of the information that least squares keeps over a sample
+
+
+@record
+class Interval:
+    """What an interval has shown: Y = Lambda Z, and Z+ = A_d Z + beta_d at its end."""
+
+    lam: list[list[float]]
+    y: list[float]
+    a: list[list[float]]
+    beta: list[float]
+    settled: bool  # the stages had settled
+
+
+@record
+class Signals:
+    """The filtered signals of an output."""
+
+    y: list[float]
+    gamma: list[float]
+    columns: list[list[float]]  # of Lambda
+    carried: list[float]  # the old content of `columns` times the old Z
+
+
+@record
+class State:
+    """Chains, Z, and what least squares has learnt.
+
+    zt are the derivatives, from the first to the one that ends the chain.
     """
 
-    zh: tuple[tuple[float, ...], ...]
-    zt: tuple[tuple[float, ...], ...]
-    errors: tuple[tuple[float, ...], ...]
-    y: tuple[float, ...]  # newest outputs, unwrapped
-    u: tuple[float, ...]  # newest input
-    z: tuple[float, ...]  # Z from least squares
-    predicted: tuple[float, ...]  # Z predicted at the last event
-    y_at: tuple[float, ...]  # outputs at the last event
-    history: tuple  # (Lambda, Y, A_d, beta_d) of the last intervals
-    dt: float  # the last interval [s]
-    observed: tuple[tuple[float, ...], ...]  # extended observers: the chain, then the disturbance w
-    used: tuple[float, ...]  # the Z that they used last
-    powers: tuple[float, ...]  # noise variance that their innovations correspond to
-    noises: tuple  # variances of position, velocity and innovation at unit noise
+    zh: list[list[float]]  # the estimates of the stages
+    zt: list[list[float]]  # their auxiliary states
+    errors: list[list[float]]  # their last errors
+    y: list[float]  # newest outputs, unwrapped
+    u: list[float]  # newest input
+    z: list[float]  # Z from least squares
+    predicted: list[float]  # Z predicted at the last event
+    y_at: list[float]  # outputs at the last event
+    history: list[Interval]  # the last intervals
+    dt: float  # the last interval between samples [s]
+    observed: list[list[float]]  # extended observers: the chain, then the disturbance w
+    used: list[float]  # the Z that they used last
+    powers: list[float]  # noise variance that their innovations correspond to
+    noises: list[list[float]]  # variances as in `Correction`
     age: float  # since the last event, or gap [s]
     total: float  # since the start [s]
     forgetting: float  # time until the filters have forgotten an unknown Z or start [s]
     fitted: bool  # the last inversion could be used
-    filters: tuple  # (of y, of Gamma, of the columns of Lambda, of their old content) by output
-    last_columns: tuple  # Gamma and Lambda's columns at the newest sample
-    origin: tuple  # columns at the last event: derivatives are relative to them
-    p: tuple  # of least squares
+    signals: list[Signals]
+    last_columns: list[list[float]]  # Gamma and Lambda's columns at the newest sample
+    origin: list[list[float]]  # columns at the last event: derivatives are relative to them
+    p: list[list[float]]  # of least squares
     power: float  # mean square of its residual
-    conventions: tuple
-    scatters: tuple
+    conventions: list[Convention]
+    scatters: list[Scatter]
+
+
+@record
+class Estimate:
+    """The newest estimate of all outputs."""
+
+    position: list[float]  # [rad or m], in the convention of the measurement
+    velocity: list[float]  # [rad/s or m/s]
+    acceleration: list[float]  # [rad/s^2 or m/s^2]; nan: the chain ends before
+    status: int
+
+
+@record
+class Deviation:
+    """One standard deviation of each output."""
+
+    position: list[float]
+    velocity: list[float]
 
 
 def is_sound(state: State) -> bool:
@@ -57,31 +164,3 @@ def is_sound(state: State) -> bool:
         for chain in chains
         for x in chain
     )
-
-
-@dataclass(frozen=True)
-class SwitchedFunctions(Functions):
-    """The contract's functions for tuples of outputs, and those of the states and of Z.
-
-    states : (state) -> x, in the coordinates of the model.
-    outputs : (state, measurement) -> (position, velocity, acceleration or nan) of each output.
-    discrete : (state) -> (Z, its standard deviations, converged).
-    chains : (state) -> (zeta, last derivative of each chain).
-    jump : (state, (mode, v)) -> state after a switching instant.
-    deviations : (state) -> one standard deviation of (position, velocity) of each output.
-    model : of the system.
-    """
-
-    init: Callable[[Any, tuple], Any]
-
-    states: Callable[[Any], tuple[float, ...]] = tuple
-    outputs: Callable[[Any, tuple], list[tuple[float, float, float]]] = lambda state, reading: []
-    discrete: Callable[[Any], tuple[tuple[float, ...], tuple[float, ...], bool]] = lambda state: (
-        (),
-        (),
-        False,
-    )
-    chains: Callable[[Any], tuple[tuple[float, ...], tuple[float, ...]]] = lambda state: ((), ())
-    jump: Callable[[Any, tuple], Any] = lambda state, event: state
-    deviations: Callable[[Any], list[tuple[float, float]]] = lambda state: []
-    model: SwitchedModel | None = None

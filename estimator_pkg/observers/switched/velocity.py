@@ -18,78 +18,59 @@ changes by the opposite amount, so that the acceleration does not jump.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.models.switched import SwitchedModel
 from estimator_pkg.observers.maths.steady_noise import steady_variances
 from estimator_pkg.observers.maths.vectors import dot
-from estimator_pkg.observers.switched.state import State
-from estimator_pkg.observers.switched.system import System
+from estimator_pkg.observers.switched.stages import chains
+from estimator_pkg.observers.switched.state import Coefficients, Correction, Design, State
+from estimator_pkg.observers.switched.system import ending
 
 SMALLEST, LARGEST, POINTS = 1e-4, 20.0, 65  # grid of pole times dt for the table of variances
+PLACES = np.linspace(math.log(SMALLEST), math.log(LARGEST), POINTS, dtype=np.float64)
 FORGET = 0.02  # weight of the newest sample in the innovation's mean square
 
-Correction = tuple[tuple[float, ...], tuple[float, ...], tuple[float, float, float]]
 
+def pole(length: int, bandwidth_hz: float) -> float:
+    """Return the n equal poles [1/s] of a chain of this length and its disturbance.
 
-@dataclass(frozen=True)
-class Poles:
-    """An observer of n integrators with n equal poles, for any dt.
-
-    Attributes
-    ----------
-    pole : magnitude of the poles [1/s].
-    weights : shape (n, n): row j belongs to (1 - exp(-pole dt))^(j + 1) in the gains at dt = 1.
-    noise : log of (position, velocity, innovation) variances at dt = 1 and unit noise, (POINTS, 3).
+    `bandwidth_hz` is the -3 dB frequency from true to estimated velocity.
     """
-
-    pole: float
-    weights: tuple[tuple[float, ...], ...]
-    noise: NDArray[np.float64]
-
-    def at(self, dt: float) -> Correction:
-        """Return gains, Taylor's factors dt^i/i!, and the variances at unit noise; dt in s.
-
-        The variances are those of position, velocity and innovation.
-        """
-        decayed = 1.0 - math.exp(-self.pole * dt)
-        n = len(self.weights)
-        gains = tuple(
-            sum(decayed ** (j + 1) * self.weights[j][i] for j in range(n)) / dt**i for i in range(n)
-        )
-        place = np.log(self.pole * dt)
-        position, velocity, innovation = (
-            math.exp(np.interp(place, _places(), self.noise[:, c])) for c in range(3)
-        )
-        return (
-            gains,
-            tuple(dt**i / math.factorial(i) for i in range(n)),
-            (position, velocity / (dt * dt), innovation),
-        )
+    return 2.0 * math.pi * bandwidth_hz / _unit_bandwidth(length + 1)
 
 
-def poles(length: int, bandwidth_hz: float) -> Poles:
-    """Return the observer of a chain of this length and its disturbance.
+def correction(length: int, pole: float, dt: float) -> Correction:
+    """Return the observer of a chain of this length and its disturbance at dt [s].
 
-    `bandwidth_hz` is the -3 dB frequency from true to estimated velocity. The gains at dt = 1 are
-    those of Ackermann's formula. A - 1 is nilpotent, so they are polynomials in 1 - exp(-pole dt)
-    and keep their digits at high sample rates.
+    The gains at dt = 1 are those of Ackermann's formula. A - 1 is nilpotent, so they are
+    polynomials in 1 - exp(-pole dt) and keep their digits at high sample rates.
     """
-    n = length + 1
+    n, made = length + 1, Correction()
     weights, noise = _unit(n)
-    return Poles(2.0 * math.pi * bandwidth_hz / _unit_bandwidth(n), weights, noise)
-
-
-def _places() -> NDArray[np.float64]:
-    return np.linspace(math.log(SMALLEST), math.log(LARGEST), POINTS, dtype=np.float64)
+    decayed = 1.0 - math.exp(-pole * dt)
+    made.gains = [
+        sum(decayed ** (j + 1) * weights[j][i] for j in range(n)) / dt**i for i in range(n)
+    ]
+    made.factors = [dt**i / math.factorial(i) for i in range(n)]
+    place = np.log(pole * dt)
+    position, velocity, innovation = (
+        math.exp(np.interp(place, PLACES, noise[:, c])) for c in range(3)
+    )
+    made.noise = [position, velocity / (dt * dt), innovation]
+    return made
 
 
 @lru_cache
 def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
-    """Return (weights, noise) of `Poles` at dt = 1."""
+    """Return what n integrators with n equal poles need at dt = 1.
+
+    weights : shape (n, n): row j belongs to (1 - exp(-pole dt))^(j + 1) in the gains.
+    noise : log of the (position, velocity, innovation) variances at unit noise, (POINTS, 3).
+    """
     a = np.array(
         [[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(n)] for i in range(n)]
     )
@@ -100,7 +81,7 @@ def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
         for j in range(1, n + 1)
     ]
     noise = []
-    for place in np.exp(_places()):
+    for place in np.exp(PLACES):
         gain = sum((1.0 - math.exp(-place)) ** (j + 1) * weights[j] for j in range(n))
         noise.append(steady_variances(a, np.asarray(gain)))
     return tuple(tuple(row.tolist()) for row in weights), np.log(noise)
@@ -124,115 +105,113 @@ def _unit_bandwidth(n: int) -> float:
 
 
 def observe(
-    system: System, state: State, y: tuple, u: tuple, z: tuple, corrections: tuple[Correction, ...]
-) -> State:
-    """Return the state after one more sample in the extended observers.
+    model: SwitchedModel,
+    state: State,
+    coefficients: Coefficients,
+    y: tuple[float, ...],
+    u: tuple[float, ...],
+    z: tuple[float, ...],
+) -> None:
+    """Take one more sample in the extended observers.
 
     `y` and `u` are those of the new sample. `z` should have converged: otherwise its noise enters
     the velocity.
     """
-    zeta = _chains(state)
-    rows = zip(system.model.gamma(zeta, u), system.model.lam(zeta, u))
-    observed, powers = [], []
-    for i, (gamma, row) in enumerate(rows):
-        gains, factors, noise = corrections[i]
-        lam = tuple(map(float, row))
-        rest = _unexplained(system, state, i, lam, z)
-        x = (*state.observed[i][:-1], float(gamma) + dot(lam, z) + rest)
-        n = len(x)
+    zeta = observed_chains(state)
+    rows = zip(model.gamma(zeta, u), model.lam(zeta, u), coefficients.corrections)
+    for i, (gamma, row, made) in enumerate(rows):
+        lam, x = tuple(map(float, row)), state.observed[i]
+        rest = unexplained(state, i, lam, z)
+        x[-1] = float(gamma) + dot(lam, z) + rest
+        n, factors = len(x), made.factors
         ahead = [sum(factors[j - first] * x[j] for j in range(first, n)) for first in range(n)]
         ahead[-1] = rest
         error = y[i] - ahead[0]
-        observed.append(tuple(a + k * error for a, k in zip(ahead, gains)))
-        power = state.powers[i]
-        powers.append(power + FORGET * (error * error / noise[2] - power))
-    return state._replace(
-        observed=tuple(observed),
-        powers=tuple(powers),
-        used=z,
-        noises=tuple(each[2] for each in corrections),
-    )
+        x[:] = [a + k * error for a, k in zip(ahead, made.gains)]
+        state.powers[i] += FORGET * (error * error / made.noise[2] - state.powers[i])
+        state.noises[i][:] = made.noise
+    state.used[:] = z
 
 
-def _chains(state: State) -> tuple[float, ...]:
+def observed_chains(state: State) -> tuple[float, ...]:
     """Return zeta of the extended observers."""
     return tuple(x for each in state.observed for x in each[:-1])
 
 
-def _unexplained(system: System, state: State, i: int, lam: tuple, z: tuple) -> float:
+def unexplained(state: State, i: int, lam: tuple[float, ...], z: tuple[float, ...]) -> float:
     """Return the disturbance w of output i after the Z in use changes to z."""
     change = tuple(old - new for old, new in zip(state.used, z))
-    return float(state.observed[i][-1] + dot(lam, change))
+    return state.observed[i][-1] + dot(lam, change)
 
 
-def moved_observers(
-    system: System, state: State, old: tuple, new: tuple
-) -> tuple[tuple[float, ...], ...]:
-    """Return the extended observers after Z has jumped from `old`, its latest value, to `new`."""
-    model, zeta = system.model, _chains(state)
-    after, rows = moved_chain(system, zeta, old, new), model.lam(zeta, state.u)
-    return tuple(
-        (*after[first : first + k], _unexplained(system, state, i, tuple(map(float, row)), old))
-        for i, (first, k, row) in enumerate(zip(model.firsts, model.indices, rows))
-    )
+def move_observers(
+    model: SwitchedModel, state: State, old: tuple[float, ...], new: tuple[float, ...]
+) -> None:
+    """Set the extended observers after Z has jumped from `old`, its latest value, to `new`."""
+    zeta = observed_chains(state)
+    after, rows = moved_chain(model, zeta, old, new), model.lam(zeta, tuple(state.u))
+    for i, (first, k, row) in enumerate(zip(model.firsts, model.indices, rows)):
+        w = unexplained(state, i, tuple(map(float, row)), old)
+        state.observed[i][:] = *after[first : first + k], w
+    state.used[:] = new
 
 
-def moved_chain(system: System, zeta: tuple, old: tuple, new: tuple) -> tuple[float, ...]:
+def moved_chain(
+    model: SwitchedModel, zeta: tuple[float, ...], old: tuple[float, ...], new: tuple[float, ...]
+) -> tuple[float, ...]:
     """Return zeta after Z has jumped from `old` to `new`, by (13): x is continuous."""
-    model = system.model
-    return model.zeta(model.state(zeta, old), new)
+    return tuple(map(float, model.zeta(model.state(zeta, old), new)))
 
 
 def motions(
-    system: System, state: State, z: tuple, converged: bool
+    model: SwitchedModel, state: State, design: Design, z: tuple[float, ...], converged: bool
 ) -> list[tuple[float, float, float]]:
     """Return (position, velocity, acceleration or nan) of each output at the newest sample.
 
     Once Z has converged, the acceleration is that of the model without w, which is less noisy.
     """
-    if not system.is_filtered:
-        return _of_cascade(system, state, z, converged)
-    endings = system.ending(_chains(state), state.u, state.used)
+    if not design.filtered:
+        return of_cascade(model, state, design, z, converged)
+    endings = ending(model, observed_chains(state), tuple(state.u), tuple(state.used))
     found = []
-    for k, x, ending in zip(system.model.indices, state.observed, endings):
-        whole = ending + x[-1]
+    for k, x, end in zip(model.indices, state.observed, endings):
+        whole = end + x[-1]
         if k == 1:
             found.append((x[0], whole, math.nan))
         else:
-            found.append((x[0], x[1], x[2] if k > 2 else ending if converged else whole))
+            found.append((x[0], x[1], x[2] if k > 2 else end if converged else whole))
     return found
 
 
-def _of_cascade(
-    system: System, state: State, z: tuple, converged: bool
+def of_cascade(
+    model: SwitchedModel, state: State, design: Design, z: tuple[float, ...], converged: bool
 ) -> list[tuple[float, float, float]]:
     """Return the motions from the auxiliary states.
 
     In sliding mode an implicit stage gives the mean derivative over the last interval. Half an
     interval of acceleration moves it to the newest sample.
     """
-    endings = system.ending(system.chains(state)[0], state.u, z)
+    endings = ending(model, chains(state)[0], tuple(state.u), z)
     found = []
-    for i, k in enumerate(system.model.indices):
+    for i, k in enumerate(model.indices):
         own = state.zt[i]
         if k == 1:
             found.append((state.zh[i][0], own[0], math.nan))
             continue
         acceleration = endings[i] if k == 2 and converged else own[1]
-        carried = 0.5 * state.dt * acceleration if system.is_implicit else 0.0
+        carried = 0.5 * state.dt * acceleration if design.implicit else 0.0
         found.append((state.zh[i][0], own[0] + carried, acceleration))
     return found
 
 
-def standard_deviations(system: System, state: State, i: int, sigma: float) -> tuple[float, float]:
+def standard_deviations(state: State, design: Design, i: int, sigma: float) -> tuple[float, float]:
     """Return standard deviations of position and velocity of output i, for noise sigma [rad or m].
 
     The mean squared innovation of the extended observer replaces the noise variance if it is
     larger. The cascade bounds the acceleration by L, so its velocity error is sqrt(L sigma).
     """
-    if system.is_filtered:
+    if design.filtered:
         position, velocity, _ = state.noises[i]
         seen = max(sigma * sigma, state.powers[i])
         return math.sqrt(position * seen), math.sqrt(velocity * seen)
-    bound = system.gains.bound_scale * system.model.bounds[i][0]
-    return sigma, math.sqrt(bound * sigma)
+    return sigma, math.sqrt(design.bounds[i] * sigma)

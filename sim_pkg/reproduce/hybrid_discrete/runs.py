@@ -15,12 +15,59 @@ import numpy as np
 from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import SwitchedModel, load, trajectory
 from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.switched.gains import Gains
-from estimator_pkg.observers.switched.observer import build
+from estimator_pkg.observers.switched.observer import OBSERVER, Gains
+from estimator_pkg.observers.switched.stages import chains
+from estimator_pkg.observers.switched.state import Coefficients, Estimate, State
 from sim_pkg.reproduce.adaptive.plant import Array, lcg
 
 EVENTS = 40  # periods of 0.5 s
 GRIPS_AT = 2.0  # [s]
+
+
+class Observed:
+    """The observer with these gains at one sample time, without the driver.
+
+    Parameters
+    ----------
+    dt : sample time [s]. measurement : the first sample.
+    """
+
+    def __init__(
+        self, gains: Gains, circle: Circle, dt: float, measurement: tuple[float, ...]
+    ) -> None:
+        self.module: Any = OBSERVER.module_of(gains)
+        self.design = self.module.design(gains, circle)
+        self.state, self.coefficients = State(), Coefficients()
+        self.module.prepare(self.coefficients, self.design, dt)
+        self.module.start(self.module, self.state, self.design, measurement)
+
+    def step(self, measurement: tuple[float, ...], known_input: tuple[float, ...] = ()) -> None:
+        """Take one sample."""
+        self.module.step(
+            self.module, self.state, self.coefficients, self.design, measurement, known_input
+        )
+
+    def jump(self, mode: str = '') -> None:
+        """Take an event."""
+        self.module.jump(self.module, self.state, self.design, mode, ())
+
+    def discrete(self) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
+        """Return (Z, its standard deviations, converged)."""
+        found: tuple[tuple[float, ...], tuple[float, ...], bool]
+        found = self.module.discrete(self.state, self.design)
+        return found
+
+    def states(self) -> tuple[float, ...]:
+        """Return x, in the coordinates of the model."""
+        found: tuple[float, ...]
+        found = self.module.model.state(chains(self.state)[0], self.discrete()[0])
+        return found
+
+    def estimate(self) -> Estimate:
+        """Return the estimate of all outputs."""
+        out = Estimate()
+        self.module.estimate(self.module, out, self.state, self.coefficients, self.design, (), ())
+        return out
 
 
 class Run(NamedTuple):
@@ -90,21 +137,18 @@ def example(
     start, events : as in `plant`.
     """
     model, times, states, z = plant(dt, start, events)
-    functions = build(
-        Gains(model='example', settle=0.0, **{'discrete': 'inversion', **changes}), Circle(0.0)
-    )
     measured = states[:, [0, 2]]
     if noise:
         measured = measured + noise / math.sqrt(3.0) * lcg(777, measured.size).reshape(-1, 2)
     rows = [tuple(row) for row in measured.tolist()]
-    coefficients = functions.prepare((), dt)
-    state = functions.init(rows[0], ())
+    gains = Gains(model='example', settle=0.0, **{'discrete': 'inversion', **changes})
+    observed = Observed(gains, Circle(0.0), dt, rows[0])
     per_period = round(model.period / dt)
-    errors, state_errors, zeta_hats, z_hat = [], [], [], [state.predicted]
-    zetas = []
+    errors, state_errors, zeta_hats, zetas = [], [], [], []
+    z_hat = [tuple(observed.state.predicted)]
     for i in range(1, len(rows)):
-        state = functions.step(state, coefficients, (), rows[i], ())
-        zeta, ending = functions.chains(state)
+        observed.step(rows[i])
+        zeta, ending = chains(observed.state)
         true = model.zeta(states[i], z[i - 1])
         end = np.array(model.gamma(true, ())) + np.array(model.lam(true, ())) @ z[i - 1]
         errors.append(
@@ -112,10 +156,10 @@ def example(
         )
         zetas.append(true)
         zeta_hats.append(zeta)
-        state_errors.append(np.array(functions.states(state)) - states[i])
+        state_errors.append(np.array(observed.states()) - states[i])
         if i % per_period == 0:
-            state = functions.jump(state, ('', ()))
-            z_hat.append(state.predicted)
+            observed.jump()
+            z_hat.append(tuple(observed.state.predicted))
     return Run(
         times[1:],
         np.abs(errors),
@@ -175,19 +219,17 @@ def grip(counts: int, mode: str = 'close', virtual: float = 0.0, **changes: Any)
         quantum = 2.0 * math.pi / counts
         angles = np.round(angles / quantum) * quantum
         changes['quantum'] = quantum
-    functions = build(Gains(**changes), Circle())
-    coefficients = functions.prepare((), 1e-3)
-    state = functions.init((float(angles[0]),), ())
+    observed = Observed(Gains(**changes), Circle(), 1e-3, (float(angles[0]),))
     found: list[tuple[float, ...]] = [(0.0,) * 3]
     converged, errors = [False], [0.0]
     for i, angle in enumerate(angles[1:].tolist(), start=1):
-        state = functions.step(state, coefficients, (), (angle,), torques[i - 1])
-        z, _, is_converged = functions.discrete(state)
+        observed.step((angle,), torques[i - 1])
+        z, _, is_converged = observed.discrete()
         found.append(z)
         converged.append(is_converged)
-        errors.append(functions.outputs(state, (angle,))[0][1] - states[i, 1])
+        errors.append(observed.estimate().velocity[0] - states[i, 1])
         if i == round(GRIPS_AT * 1e3):
-            state = functions.jump(state, (mode, ()))
+            observed.jump(mode)
         elif virtual and i % round(virtual * 1e3) == 0:
-            state = functions.jump(state, ('same', ()))
+            observed.jump('same')
     return Grip(np.array(found), np.array(converged), np.array(errors))

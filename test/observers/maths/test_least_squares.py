@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.joint import Joint
+from estimator_pkg.driver.switched import SwitchedJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.maths.least_squares import LEAST_KEPT, kept, update
@@ -69,7 +69,7 @@ def test_a_sample_time_far_beyond_the_memory_leaves_a_rest():
 
 def test_switched_refuses_a_memory_shorter_than_that_of_its_filter():
     with pytest.raises(UsageError, match=r"'memory' = 1e-05 s .* at least 0.04"):
-        Joint(OBSERVER, build(Gains, {'memory': 1e-5}), JointSettings())
+        SwitchedJoint(OBSERVER, build(Gains, {'memory': 1e-5}), JointSettings())
 
 
 @pytest.mark.long
@@ -79,16 +79,14 @@ def test_switched_refuses_a_memory_shorter_than_that_of_its_filter():
 )
 def test_switched_starts_again_when_its_numbers_ran_away(gains):
     """Whatever made an estimate nan, no later sample could mend it."""
-    joint = Joint(OBSERVER, build(Gains, gains), JointSettings())
-    outputs = len(joint.functions.blank)
+    joint = SwitchedJoint(OBSERVER, build(Gains, gains), JointSettings())
+    outputs = len(joint.model.indices)
+    known_input = joint.model.probe(0.0)
     for i in range(1500):
-        joint.update(10**9 + i * 10**6, (0.1,) * outputs, joint.functions.no_input)
+        joint.update(10**9 + i * 10**6, (0.1,) * outputs, [0.0] * len(known_input))
         if i == 50:
-            broken = joint._track[6]._replace(
-                observed=tuple((math.nan,) * len(x) for x in joint._track[6].observed),
-                zt=tuple((1e300,) * len(x) for x in joint._track[6].zt),
-            )
-            joint._track = (*joint._track[:6], broken, *joint._track[7:])
+            for observed, zt in zip(joint.state.observed, joint.state.zt):
+                observed[:], zt[:] = [math.nan] * len(observed), [1e300] * len(zt)
     position, velocity, _, status = joint.estimate()
     assert position == pytest.approx(0.1, abs=0.01) and abs(velocity) < 5.0
     assert status == TRACKING or 'form' in gains

@@ -20,8 +20,10 @@ from estimator_pkg.models.switched import check, load, trajectory
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import INITIALISING, TRACKING
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
-from estimator_pkg.observers.switched.velocity import poles
+from estimator_pkg.observers.switched.state import Deviation
+from estimator_pkg.observers.switched.velocity import correction, pole
 from estimator_pkg.parameters import build
+from sim_pkg.reproduce.hybrid_discrete.runs import Observed
 
 QUANTUM = 2.0 * math.pi / 65536
 RESTING = dataclasses.replace(gripper.MODEL, probe=lambda t: (0.0,), start=((0.0, 0.0), (2.0,) * 3))
@@ -67,7 +69,7 @@ def gripped(count=4000, events=((2000, 'close'),), loads=((2000, gripper.CLOSED)
 
 
 def made(**gains):
-    return Joint(OBSERVER, build(Gains, gains), JointSettings())
+    return SwitchedJoint(OBSERVER, build(Gains, gains), JointSettings())
 
 
 def run(joint, angles, torques, events=(), offset=0.0):
@@ -77,15 +79,10 @@ def run(joint, angles, torques, events=(), offset=0.0):
     for i, angle in enumerate(angles.tolist()):
         reading = math.remainder(round((angle + offset) / QUANTUM) * QUANTUM, 2.0 * math.pi)
         joint.update(10**18 + i * 10**6, (reading,), torques[i - 1] if i else (0.0,))
-        state = joint._track[6]
-        z, _, converged = joint.functions.discrete(state)
+        z, _, converged = joint.discrete()
         rows.append((z, converged, joint.estimate()[1]))
         if i in events:
-            joint._track = (
-                *joint._track[:6],
-                joint.functions.jump(state, (events[i], ())),
-                *joint._track[7:],
-            )
+            assert joint.event(joint.stamp_ns, events[i]) == 'applied'
     return rows
 
 
@@ -169,7 +166,7 @@ def test_a_gap_keeps_what_was_learnt():
     run(joint, angles[:2001], torques)
     for i in range(2400, 3000):
         joint.update(10**18 + i * 10**6, (float(angles[i]),), torques[i - 1])
-    assert joint.functions.discrete(joint._track[6])[0] == pytest.approx(gripper.OPEN, rel=0.02)
+    assert joint.discrete()[0] == pytest.approx(gripper.OPEN, rel=0.02)
     assert joint.estimate()[1] == pytest.approx(velocities[2999], abs=0.2)
 
 
@@ -178,23 +175,20 @@ def test_a_gap_keeps_what_was_learnt():
 def test_two_outputs_and_the_second_joint(velocity):
     model = load('example')
     times, states, z = trajectory(model, 6)
-    functions = OBSERVER.build(
-        Gains(model='example', discrete='inversion', settle=0.0, velocity=velocity), Circle(0.0)
-    )
-    coefficients = functions.prepare((), 1e-3)
-    state = functions.init((1.0, 0.5), ())
+    gains = Gains(model='example', discrete='inversion', settle=0.0, velocity=velocity)
+    observed = Observed(gains, Circle(0.0), 1e-3, (1.0, 0.5))
     for i in range(1, len(times)):
         measured = (float(states[i, 0]), float(states[i, 2]))
-        state = functions.step(state, coefficients, (), measured, ())
+        observed.step(measured)
         if i % 500 == 0:
-            state = functions.jump(state, ('', ()))
-    (first, speed, _), (second, other, _) = functions.outputs(state, measured)
-    assert (first, second) == pytest.approx(measured, abs=1e-5)
+            observed.jump()
+    out = observed.estimate()
+    assert out.position == pytest.approx(measured, abs=1e-5)
     zeta = model.zeta(states[-1], z[-1])
-    assert (speed, other) == pytest.approx((zeta[1], zeta[3]), abs=0.005)
-    assert functions.states(state) == pytest.approx(states[-1], abs=0.03)
-    assert functions.discrete(state)[0] == pytest.approx(z[-1], abs=0.02)
-    assert functions.discrete(state)[2]
+    assert out.velocity == pytest.approx((zeta[1], zeta[3]), abs=0.005)
+    assert observed.states() == pytest.approx(states[-1], abs=0.03)
+    shown, _, converged = observed.discrete()
+    assert shown == pytest.approx(z[-1], abs=0.02) and converged
 
 
 @pytest.mark.long
@@ -216,7 +210,7 @@ def test_wrong_models_are_refused_before_running(name, words):
             load(name)
         return
     with pytest.raises(UsageError) as caught:
-        OBSERVER.build(build(Gains, {'model': name}), Circle())
+        OBSERVER.module_of(build(Gains, {'model': name}))
     assert words in str(caught.value) and '\n' not in str(caught.value)
 
 
@@ -246,24 +240,20 @@ def test_the_misprint_of_the_paper_is_found():
 
 
 def example_run(steps, z=(0.5, 0.5, 0.2), until=12):
-    """(Z as shown after each event, converged, true Z) of the paper's example at 1 ms."""
+    """(Z as shown after each event, converged, true Z) of the paper's example at 1 ms, observer."""
     model = dataclasses.replace(load('example'), start=((1.0, 0.5, 0.5, 0.0), z))
     times, states, true = trajectory(model, until)
-    functions = OBSERVER.build(
-        Gains(model='example', discrete='inversion', settle=0.0, steps=steps), Circle(0.0)
-    )
-    coefficients = functions.prepare((), 1e-3)
-    state = functions.init((float(states[0, 0]), float(states[0, 2])), ())
+    gains = Gains(model='example', discrete='inversion', settle=0.0, steps=steps)
+    measured = [(float(x[0]), float(x[2])) for x in states]
+    observed = Observed(gains, Circle(0.0), 1e-3, measured[0])
     rows = []
     for i in range(1, len(times)):
-        state = functions.step(
-            state, coefficients, (), (float(states[i, 0]), float(states[i, 2])), ()
-        )
+        observed.step(measured[i])
         if i % 500 == 0:
-            state = functions.jump(state, ('', ()))
-            shown, _, converged = functions.discrete(state)
+            observed.jump()
+            shown, _, converged = observed.discrete()
             rows.append((shown, converged, true[i]))
-    return rows, state
+    return rows, observed
 
 
 @pytest.mark.long
@@ -272,9 +262,9 @@ def test_the_fifo_of_n_intervals_and_the_prediction_of_n_plus_1_steps(steps):
     """Z(k+1) is right at event k+1, from the outputs of the intervals k-N .. k: not an event
     earlier, as the prediction of N steps in print would be late by one.
     """
-    rows, state = example_run(steps)
+    rows, observed = example_run(steps)
     assert [converged for _, converged, _ in rows[:steps]] == [False] * steps
-    assert len(state.history) == steps + 1
+    assert len(observed.state.history) == steps + 1
     for shown, converged, true in rows[steps:]:
         assert converged and shown == pytest.approx(true, abs=0.05)
 
@@ -288,21 +278,17 @@ def test_the_acceleration_is_right_at_once_after_a_known_event():
     times, states, z = trajectory(model, 10)
     worst = {}
     for reset in ('all', 'states'):
-        functions = OBSERVER.build(
-            Gains(model='example', settle=0.2, velocity='cascade', reset=reset), Circle(0.0)
-        )
-        coefficients = functions.prepare((), 1e-3)
-        state = functions.init((float(states[0, 0]), float(states[0, 2])), ())
+        gains = Gains(model='example', settle=0.2, velocity='cascade', reset=reset)
+        observed = Observed(gains, Circle(0.0), 1e-3, (float(states[0, 0]), float(states[0, 2])))
         off = []
         for i in range(1, len(times)):
-            measured = (float(states[i, 0]), float(states[i, 2]))
-            state = functions.step(state, coefficients, (), measured, ())
+            observed.step((float(states[i, 0]), float(states[i, 2])))
             if i % 500 == 0:
-                state = functions.jump(state, ('', ()))
+                observed.jump()
             if i > 3000 and 3 <= i % 500 < 10:
                 at = model.zeta(states[i], z[i])
                 true = model.gamma(at, ())[0] + np.dot(model.lam(at, ())[0], z[i])
-                off.append(abs(functions.outputs(state, measured)[0][2] - true))
+                off.append(abs(observed.estimate().acceleration[0] - true))
         worst[reset] = max(off)
     assert worst['all'] < 2.0 < 5.0 < worst['states']
 
@@ -310,33 +296,28 @@ def test_the_acceleration_is_right_at_once_after_a_known_event():
 def test_the_inversion_is_not_used_below_its_singular_value():
     model = load('example')
     times, states, true = trajectory(model, 4)
-    functions = OBSERVER.build(
-        Gains(model='example', discrete='inversion', settle=0.0, singular_value=20.0), Circle(0.0)
-    )
-    coefficients = functions.prepare((), 1e-3)
-    state = functions.init((1.0, 0.5), ())
+    gains = Gains(model='example', discrete='inversion', settle=0.0, singular_value=20.0)
+    observed = Observed(gains, Circle(0.0), 1e-3, (1.0, 0.5))
     shown, beta = (0.0, 0.0, 0.0), (1.0, 0.5)
     for i in range(1, len(times)):
-        state = functions.step(
-            state, coefficients, (), (float(states[i, 0]), float(states[i, 2])), ()
-        )
+        observed.step((float(states[i, 0]), float(states[i, 2])))
         if i % 500 == 0:
             shown = np.array(model.transition('')) @ shown + model.offset('', (), beta)
             beta = tuple(states[i, [0, 2]])
-            state = functions.jump(state, ('', ()))
+            observed.jump()
             # A_d Z + beta_d alone, and said to be so
-            assert not functions.discrete(state)[2]
-            assert functions.discrete(state)[0] == pytest.approx(shown, abs=1e-9)
+            assert not observed.discrete()[2]
+            assert observed.discrete()[0] == pytest.approx(shown, abs=1e-9)
 
 
 def test_every_output_has_a_standard_deviation_of_its_own():
-    _, state = example_run(1, until=2)
-    functions = OBSERVER.build(Gains(model='example', noise=1e-4, velocity='cascade'), Circle(0.0))
-    (first, speed), (second, other) = functions.deviations(state)
-    assert first == second == pytest.approx(1e-4)
-    assert speed == pytest.approx(math.sqrt(120.0 * 1e-4))
-    assert other == pytest.approx(math.sqrt(60.0 * 1e-4))
-    assert functions.stddev(state, (), ()) == (first, speed)
+    gains, out = Gains(model='example', noise=1e-4, velocity='cascade'), Deviation()
+    observed = Observed(gains, Circle(0.0), 1e-3, (1.0, 0.5))
+    observed.step((1.0, 0.5))
+    module = observed.module
+    module.deviation(module, out, observed.state, observed.coefficients, observed.design, 2.0)
+    assert out.position == pytest.approx([1e-4, 1e-4])
+    assert out.velocity == pytest.approx([2.0 * math.sqrt(120e-4), 2.0 * math.sqrt(60e-4)])
 
 
 @pytest.mark.long
@@ -403,42 +384,39 @@ def test_a_start_at_speed_locks_on_a_coarse_encoder():
 @pytest.mark.long
 def test_a_bandwidth_is_the_one_from_true_to_estimated_velocity():
     """A sine at the bandwidth, which the model knows nothing of, comes at -3 dB."""
-    functions = OBSERVER.build(Gains(bandwidth_hz=5.0), Circle(0.0))
-    coefficients = functions.prepare((), 1e-4)
-    state, speeds = functions.init((0.0,), ()), []
+    observed, speeds = Observed(Gains(bandwidth_hz=5.0), Circle(0.0), 1e-4, (0.0,)), []
     for i in range(1, 10000):
         angle = 1e-5 * math.sin(2.0 * math.pi * 5.0 * i * 1e-4)
-        state = functions.step(state, coefficients, (), (angle,), (0.0,))
-        speeds.append(state.observed[0][1] / (1e-5 * 2.0 * math.pi * 5.0))
+        observed.step((angle,), (0.0,))
+        speeds.append(observed.state.observed[0][1] / (1e-5 * 2.0 * math.pi * 5.0))
     assert max(speeds[6000:]) == pytest.approx(math.sqrt(0.5), rel=0.01)
 
 
 @pytest.mark.long
 def test_the_noise_of_the_velocity_is_as_computed():
     random = np.random.default_rng(3)
-    functions = OBSERVER.build(Gains(), Circle(0.0))
-    coefficients = functions.prepare((), 1e-3)
-    state, found = functions.init((0.0,), ()), []
+    observed, found = Observed(Gains(), Circle(0.0), 1e-3, (0.0,)), []
     for noise in (1e-6 * random.standard_normal(8000)).tolist():
-        state = functions.step(state, coefficients, (), (noise,), (0.0,))
-        found.append(state.observed[0])
-    position, velocity, _ = state.noises[0]
+        observed.step((noise,), (0.0,))
+        found.append(list(observed.state.observed[0]))
+    position, velocity, _ = observed.state.noises[0]
     stddev = np.std(np.array(found)[500:], axis=0) / 1e-6
     assert stddev[:2] == pytest.approx([math.sqrt(position), math.sqrt(velocity)], rel=0.1)
-    assert math.sqrt(state.powers[0]) == pytest.approx(1e-6, rel=0.4)
+    assert math.sqrt(observed.state.powers[0]) == pytest.approx(1e-6, rel=0.4)
 
 
 @pytest.mark.parametrize('length', [1, 2, 3, 5])
 def test_all_poles_are_in_one_place(length):
-    made_of = poles(length, 20.0)
+    of_all = pole(length, 20.0)
     for dt in (1e-4, 1e-2):
-        gains, factors, _ = made_of.at(dt)
+        made_at = correction(length, of_all, dt)
+        gains, factors = made_at.gains, made_at.factors
         n = length + 1
         a = np.array([[factors[j - i] if j >= i else 0.0 for j in range(n)] for i in range(n)])
         kept = np.eye(n)
         kept[:, 0] -= gains
         scale = np.diag([dt**i for i in range(n)])
-        wanted = np.poly([math.exp(-made_of.pole * dt)] * n)
+        wanted = np.poly([math.exp(-of_all * dt)] * n)
         assert np.poly(scale @ kept @ a @ np.linalg.inv(scale)) == pytest.approx(wanted, abs=1e-9)
 
 
@@ -453,7 +431,7 @@ def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
     estimates = found.estimates
     assert [each[0] for each in estimates] == pytest.approx(states[-1, [2, 0]], abs=1e-3)
     assert all(math.isfinite(each[2]) for each in estimates)
-    first, second = system.functions.deviations(system._track[6])
+    first, second = system.deviations()
     assert found.stddevs([0, 1]) == [second, first]
     assert [round(speed, 3) for _, speed in (first, second)] == [0.010, 0.010]
 

@@ -96,12 +96,12 @@ def test_events_late_past_and_out_of_order():
     for i in range(1000):
         joint.update(10**18 + i * ms, (0.3,), (0.0,))
     now = 10**18 + 999 * ms
-    before = joint._track
+    before = repr(joint.state)
     assert joint.event(now - 200 * ms, 'close') == 'past'
-    assert joint._track == before
+    assert repr(joint.state) == before
     assert joint.event(now - 20 * ms, 'close') == 'late'
-    assert joint.functions.discrete(joint._track[6])[2] is False
-    assert joint._track[6].age == 0.0
+    assert joint.discrete()[2] is False
+    assert joint.state.age == 0.0
     assert joint.event(now - 30 * ms, 'open') == 'out_of_order'
     assert joint.event(now - 20 * ms, 'open') == 'out_of_order'
     assert joint.event(now, 'open') == 'applied'
@@ -109,7 +109,7 @@ def test_events_late_past_and_out_of_order():
     ages = []
     for i in range(1000, 1006):
         joint.update(10**18 + i * ms, (0.3,), (0.0,))
-        ages.append(round(1e3 * joint._track[6].age))
+        ages.append(round(1e3 * joint.state.age))
     assert ages == [1, 2, 3, 1, 2, 3]
     assert dict(joint.event_counts) == {
         'no_sample_yet': 1,

@@ -10,8 +10,8 @@ import pytest
 from edge_encoder import DT, QUANTUM, joint, read, rms, run
 from observer_cases import make, stamps, wrapped
 
-from estimator_pkg.driver.guard import REPEATED
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
+from estimator_pkg.sensor.guard import REPEATED
 from sim_pkg.joints import profiles
 
 
