@@ -25,7 +25,7 @@ from copy import deepcopy
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 Declared = TypeVar('Declared')
-SCALARS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?'}
+SCALARS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', complex: 'c16'}
 
 
 class Vector(NamedTuple):
@@ -110,7 +110,7 @@ def _kind(hint: Any) -> Any:
     if isinstance(inner, str) and inner.startswith('observer.'):  # Python 3.10 leaves it as text
         inner = _Observer(inner[9:])
     if not (inner in SCALARS or isinstance(inner, (_Observer, _RecordClass))):
-        raise TypeError(f'{inner} is no float, int, bool, record or Annotated[list[...], N]')
+        raise TypeError(f'{inner} is no number, record or Annotated[list[...], N]')
     for count in reversed(counts):
         inner = Vector(count, inner)
     return inner

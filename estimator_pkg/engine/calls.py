@@ -22,7 +22,7 @@ PREFIXES = {  # of a module: of its functions, and their names
     for name, module in observers.items()
 } | {module: (name, ('course',)) for name, module in MODELS.items()}
 
-ELEMENTS = {'f': np.float64, 'i': np.int64}  # of arrays, by the kind of their dtype
+ELEMENTS = {'f': np.float64, 'i': np.int64, 'c': np.complex128}  # of arrays
 
 
 class Memory:

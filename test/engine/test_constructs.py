@@ -157,6 +157,15 @@ CASES = {  # name: (types of the arguments, body of the function with arguments 
         'for i in range(n + 2):\n    i_end -= 2 * i\nx, b = 1, 2\nx, b = b, x\n'
         'return i_end + b_next + x',
     ),
+    'complex': (
+        'float float float',
+        'z = complex(a, b)\ny = -z * 2.0 + z.conjugate() * z - 1j\ny += c\ny -= z\n'
+        'y *= complex(c, b)\n'
+        'x = y if a > b else 3 * z + 0.5j * c\nx, y = y, x\n'
+        'return abs(x) + 3.0 * y.real - 5.0 * x.imag',
+    ),
+    'complex_compared': ('float float', 'return complex(a, b) == b + 0j or complex(a, b) == 1'),
+    'complex_zero': ('float', 'z = 0j\nif a > 0.0:\n    z = complex(a, 1.0)\nreturn (z * 2).real'),
     'constants': ('float', 'return a * math.pi - math.tau + math.e'),
     'math_infinity': ('float', 'return a < math.inf and a > -math.inf'),
     'math_nan': ('float', 'return a + math.nan'),
