@@ -37,6 +37,11 @@ SMOOTHER = 'estimator_pkg.evaluation.reference.smoother'
 LOOPS = {  # functions of a module whose arguments are numbers, arrays and records
     f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
     f'{SMOOTHER}.steps': ('backward', 'forward', 'likelihood'),
+    'sim_pkg.pmsm.drive': ('run_sensored',),
+    'sim_pkg.reproduce.adaptive.plant': ('integrate', 'march'),
+    'sim_pkg.reproduce.hybrid_angle.continuous': ('simulate',),
+    'sim_pkg.reproduce.pmsm.reference': ('runge_kutta',),
+    'sim_pkg.reproduce.pmsm.schemes': ('sampled',),
 }
 
 

@@ -242,7 +242,7 @@ class Function(Expressions):
             if any(isinstance(item, ast.Subscript) for item in ast.walk(target)):
                 self.refuse(target, 'an element is not unpacked into: assign it from a name')
             text, declared = self.target(target, kind)
-            if declared:
+            if declared and f'&{text}' not in arguments:  # `_` may be there twice
                 self.emit(f'{declared}{text};')
             arguments.append(f'&{text}')
         self.emit(f'{function.token}({", ".join(arguments)});')
