@@ -1,35 +1,23 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Process many samples of one joint at once, for replay, tuning and benchmarks."""
+"""Many samples of one joint and their estimates, as arrays."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import available, cannot_compile, compiled, is_compiled, is_kept
-from estimator_pkg.driver.guard import DUPLICATE
-from estimator_pkg.driver.track import TrackFunctions
-from estimator_pkg.observers.contract import INITIALISING
-
-COMPILE_FROM = 400_000  # number of samples from which compiling (a few seconds) pays
-KEPT_FROM = 100_000  # the same for loading Numba and what an earlier process has compiled
-READY_FROM = 100  # the same for a loop that this process has compiled or loaded
-# estimate and standard deviations of a sample that was dropped
-NO_ESTIMATE = math.nan, math.nan, math.nan, INITIALISING
-NO_STDDEV = math.nan, math.nan
+from estimator_pkg.sensor.guard import DUPLICATE
 
 
 class Estimates(NamedTuple):
     """Arrays of shape (n,), one row per received sample; nan where the sample was dropped.
 
     position [rad or m], velocity, acceleration (SI), one standard deviation of position and of
-    velocity, status (see `observers.contract`) and the guard's verdict (see `guard`).
+    velocity, status (see `observers.contract`) and the guard's verdict (see `sensor.guard`).
     """
 
     position: NDArray[np.float64]
@@ -77,8 +65,20 @@ class Samples(NamedTuple):
         )
 
 
-def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
-    """Return a loop over samples; compile it with `compiled` or call it as it is."""
+# For `driver.old_joint` alone, and to be deleted with it: from here to the end of the file --------
+
+import math  # noqa: E402
+from collections.abc import Callable  # noqa: E402
+from typing import Any  # noqa: E402
+
+from estimator_pkg.observers.contract import INITIALISING  # noqa: E402
+
+NO_ESTIMATE = math.nan, math.nan, math.nan, INITIALISING
+NO_STDDEV = math.nan, math.nan
+
+
+def make_batch(track: Any) -> Callable[..., tuple]:
+    """Return a loop over samples."""
     advance, read, deviation = track.advance, track.read, track.deviation
 
     def batch(
@@ -113,11 +113,8 @@ def make_batch(track: TrackFunctions) -> Callable[..., tuple]:
 
 
 def pays(batch: Callable[..., tuple], count: int) -> bool:
-    """Return True if `count` samples take less time in compiled code."""
-    if is_compiled(batch):
-        return count >= READY_FROM
-    long = count >= COMPILE_FROM and available()
-    return long or (count >= KEPT_FROM and is_kept(batch))
+    """Return False: nothing is compiled at run time."""
+    return False
 
 
 def run(
@@ -129,22 +126,7 @@ def run(
     *,
     fast: bool,
 ) -> tuple:
-    """Fill the estimates of these samples; return the track after them.
-
-    Parameters
-    ----------
-    fast : compile. Functions that Numba does not support (a user's own) run as plain Python.
-    """
+    """Fill the estimates of these samples; return the track after them."""
     stamps, measurements, known_input, out = samples
-    if fast:
-        try:
-            # of one type each: a view or a constant array would be compiled for again
-            kinds = zip((stamps, measurements, known_input), (np.int64, np.float64, np.float64))
-            plain = [np.require(array, kind, ['C', 'A', 'W']) for array, kind in kinds]
-            return compiled(batch)(track, design, limits, *plain, *out)
-        except Exception as error:
-            if not cannot_compile(error):
-                raise
-    # lists contain Python floats, which are several times faster than numpy's
     rows = stamps.tolist(), measurements.tolist(), known_input.tolist()
     return batch(track, design, limits, *rows, *out)
