@@ -332,10 +332,6 @@ class Joint(Counted):
                 set_map(channel.map, learner)
         return at + len(part.stamps)
 
-    def pays(self, count: int) -> bool:
-        """Return False: nothing is compiled at run time."""
-        return False
-
     def correction(self) -> float:
         """Return what `sensor_map` adds to the newest reading [rad]: no ripple."""
         place = self.channel.map.place if self._value('map', 'active') else None

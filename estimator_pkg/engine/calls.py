@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.engine.entries import FUNCTIONS, MODELS, OF_A_MECHANISM, loop_name
 from estimator_pkg.engine.load import load
+from estimator_pkg.record import values
 
 PREFIXES = {  # of a module: of its functions, and their names
     module: (name, (*functions, 'walk') if observers is OF_A_MECHANISM else functions)
@@ -36,7 +37,7 @@ class Memory:
     def __init__(self, record: Any, begin: Any = None) -> None:
         self.array: NDArray[Any] = np.zeros(1, record.dtype)
         if begin is not None:
-            begin.write(self.array[0])
+            self.array[0] = values(record, begin)
         self.pointer = self.array.ctypes.data
 
 
@@ -105,7 +106,7 @@ def run(function: Any, *arguments: Any) -> Any:
         if isinstance(passed, Memory):
             value.take(type(value).read(passed.array[0]))
         elif isinstance(value, np.ndarray) and passed is not value and value.flags.writeable:
-            value.flat = passed
+            value[...] = np.reshape(passed, value.shape)
     return result
 
 

@@ -291,13 +291,14 @@ class Drive:
 
     def _run_plainly(self, drive: Any, noise: Array, columns: Any, record: Record) -> None:
         """As `run_sensored`, with the feedback."""
-        state, plant, _, parts = drive
-        columns = [column.tolist() for column in columns]
+        state, plant, control, parts = drive
+        reference, *others = (column.tolist() for column in columns)
         rows = [array.reshape(-1) for array in record]
         for k, errors in enumerate(noise.tolist()):
             read = measured(state, parts, *errors)
-            known = state.acted, state.theta, state.speed, plant.poles, columns[0][k]
-            advance(*drive, k, read, *self._feedback(read, *known), *columns, *rows)
+            known = state.acted, state.theta, state.speed, plant.poles, reference[k]
+            fed: Any = self._feedback(read, *known)
+            advance(state, plant, control, parts, k, read, *fed, reference, *others, *rows)
 
     def chunks(self, size: int) -> Iterator[Record]:
         """Yield chunks of `size` samples, without end."""
