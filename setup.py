@@ -24,7 +24,7 @@ EXTRAS = {
         'ros-jazzy-common-interfaces>=5.3,<6',
         'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9',
     ],
-    'fast': ['numba>=0.61,<1'],
+    'fast': [],  # accepted for one release
     'report': ['matplotlib>=3.8,<4', 'bokeh>=3.7,<4'],
     'tune': ['optuna>=4,<5'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],

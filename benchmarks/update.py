@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.signals import RATE, Signal, sine
-from estimator_pkg.driver import compiled
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.compare.timing import (
     Side,
     best_and_median,
@@ -29,7 +29,6 @@ from estimator_pkg.evaluation.compare.timing import (
 )
 from estimator_pkg.evaluation.entries import at_defaults
 from estimator_pkg.observers.circle import wrap
-from estimator_pkg.optional import needs
 from estimator_pkg.progress import progress
 
 SIGNAL = Signal('update', 'the sine, sampled with +-40 % jitter', sine(5.0, 2.0), jitter=0.4)
@@ -161,8 +160,8 @@ def _filterpy(chunk: Callable[[int], tuple[list[int], list[float]]]) -> dict[str
 
 def batches(samples: int = BATCH, rounds: int = 7) -> list[dict[str, Any]]:
     """Return rows: compiled batches on one core [million samples/s], and `scipy.signal.lfilter`."""
-    if not compiled.available():
-        return [not_run('compiled batch', needs('numba'))]
+    if not available():
+        return [not_run('compiled batch', 'no engine was built')]
     signal = SIGNAL.samples(duration=samples / RATE)
 
     def observer_side(joint: Joint) -> Side:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import operator
+import warnings
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -171,19 +172,22 @@ class VelocityEstimator:
         ----------
         stamps_ns : shape (n,), integer times [ns], in the order in which the samples came.
         angles : shape (n,), measured positions [rad or m].
-        fast : compile with Numba, if it is installed; None: where it saves time.
+        fast : without effect; the next release does not take it.
 
         Raises
         ------
         UsageError : arrays of other shapes or types.
         """
+        if fast is not None:
+            message = "'fast' has no effect any more: remove it"
+            warnings.warn(message, FutureWarning, stacklevel=2)
         stamps = _array(stamps_ns, np.int64, 'iu', 'stamps_ns must be integers [ns]')
         positions = _array(angles, np.float64, 'iuf', 'angles must be numbers [rad or m]')
         if stamps.ndim != 1 or stamps.shape != positions.shape:
             raise UsageError(
                 f'run needs two arrays of one shape (n,), not {stamps.shape} and {positions.shape}'
             )
-        found = self._joint.run(stamps, positions, fast=fast)
+        found = self._joint.run(stamps, positions)
         verdict = found.verdict
         answered = (verdict < DUPLICATE) | (verdict == MISCONFIGURED)
         status = np.where(verdict == MISCONFIGURED, STATUS_MISCONFIGURED, found.status)

@@ -129,7 +129,6 @@ KNOWN = (
     'numpy',
     'PyYAML',
     *BAGS,
-    'numba',
     'matplotlib',
     'bokeh',
     'optuna',

@@ -25,7 +25,7 @@ from copy import deepcopy
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 Declared = TypeVar('Declared')
-SCALARS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?'}
+SCALARS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', complex: 'c16'}
 
 
 class Vector(NamedTuple):
@@ -89,7 +89,7 @@ class _Record:
     def write(self, element: Any) -> None:
         """Write all values to an element of an array of `dtype`."""
         kind: Any = type(self)
-        for name, value in zip(kind.fields, _values(kind, self)):
+        for name, value in zip(kind.fields, values(kind, self)):
             element[name] = value
 
     def __repr__(self) -> str:
@@ -110,7 +110,7 @@ def _kind(hint: Any) -> Any:
     if isinstance(inner, str) and inner.startswith('observer.'):  # Python 3.10 leaves it as text
         inner = _Observer(inner[9:])
     if not (inner in SCALARS or isinstance(inner, (_Observer, _RecordClass))):
-        raise TypeError(f'{inner} is no float, int, bool, record or Annotated[list[...], N]')
+        raise TypeError(f'{inner} is no number, record or Annotated[list[...], N]')
     for count in reversed(counts):
         inner = Vector(count, inner)
     return inner
@@ -132,12 +132,12 @@ def _numpy_type(kind: Any) -> Any:
     return kind.dtype if isinstance(kind, _RecordClass) else SCALARS[kind]
 
 
-def _values(kind: Any, value: Any) -> Any:
+def values(kind: Any, value: Any) -> Any:
     """Return a value as numpy assigns it: records as tuples, vectors as lists."""
     if isinstance(kind, Vector):
-        return [_values(kind.kind, item) for item in value]
+        return [values(kind.kind, item) for item in value]
     if isinstance(kind, _RecordClass):
-        return tuple(_values(inner, getattr(value, name)) for name, inner in kind.fields.items())
+        return tuple(values(inner, getattr(value, name)) for name, inner in kind.fields.items())
     return value
 
 

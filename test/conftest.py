@@ -74,7 +74,7 @@ WITHOUT_KEY = {
         'latex2mathml',
         'mcap',
     ),
-    *('mkdocs', 'motulator', 'numba', 'optuna', 'pynumdiff', 'rosbags', 'selenium'),
+    *('mkdocs', 'motulator', 'optuna', 'pynumdiff', 'rosbags', 'selenium'),
 }
 LACKING = []  # (error, why) of the tests that were skipped
 LACKS = re.compile(r"No module named '(\w+)|the library '(\w+)' is not installed")
@@ -176,35 +176,11 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Spare the garbage collector the 5000 tests, and Numba a fifth of its time.
-
-    The compiler allocates by the million and leaves few cycles behind.
-    """
+    """Spare the garbage collector the 5000 tests."""
     gc.collect()
     gc.freeze()
     gc.enable()
     gc.set_threshold(100_000, 20, 50)
-
-
-def pytest_sessionstart(session):
-    """Compile each function in one worker: the others wait, and load what it has kept on disk."""
-    if 'PYTEST_XDIST_WORKER' not in os.environ or importlib.util.find_spec('numba') is None:
-        return
-    from estimator_pkg.driver import compiled
-
-    keep = compiled._keep_on_disk
-
-    def keep_and_wait(twin, copy, function):
-        keep(twin, copy, function)
-        compile_it, name = twin.compile, compiled.fingerprint(function)
-
-        def one_at_a_time(signature):
-            with alone('compiles', name):
-                return compile_it(signature)
-
-        twin.compile = one_at_a_time
-
-    compiled._keep_on_disk = keep_and_wait
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Starts `python -m MODULE` for tests by a fork of a process that has imported ROS and Numba.
+"""Starts `python -m MODULE` for tests by a fork of a process that has imported ROS.
 
 The imports take most of a short-lived node's time. A fork has the imported modules, but no
 context of ROS and no participant of DDS. It is a child of the nursery, which reports its exit code.
@@ -177,11 +177,9 @@ def prepare() -> None:
     """Import what nodes do, as far as it is installed."""
     from estimator_pkg.ros import runtime  # noqa: F401, I001  prepares what NumPy reads
 
-    import estimator_pkg.driver.compiled
     import estimator_pkg.observers
     import estimator_pkg.streams.angle
 
-    estimator_pkg.driver.compiled.available()  # imports Numba
     estimator_pkg.observers.find(estimator_pkg.streams.angle.AngleStream.SETTINGS().observer)
     with suppress(ImportError):
         from diagnostic_msgs.msg import DiagnosticArray

@@ -253,7 +253,7 @@ def test_numpy_numbers_and_lists_serve_as_well():
     assert numpy.run([10**8, 10**8], [0.5, 0.5]).dropped.tolist() == ['', 'duplicate']
 
 
-def test_it_needs_no_ros_and_no_numba_and_the_package_alone_no_numpy():
+def test_it_needs_no_ros_and_the_package_alone_no_numpy():
     code = (
         'import sys, estimator_pkg\n'
         'assert "numpy" not in sys.modules\n'
@@ -262,7 +262,7 @@ def test_it_needs_no_ros_and_no_numba_and_the_package_alone_no_numpy():
         'estimator.update(1, 0.0)\n'
         'estimator.run([2, 3], [0.0, 0.0])\n'
         'found = {name.partition(".")[0] for name in sys.modules}\n'
-        'print(*found & {"numba", "rclpy", "sensor_msgs", "rosbags", "mcap", "scipy"})\n'
+        'print(*found & {"rclpy", "sensor_msgs", "rosbags", "mcap", "scipy"})\n'
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ''
@@ -289,3 +289,11 @@ def test_the_pages_example_prints_what_the_page_says(capsys):
     for (_, code), (_, printed) in zip(blocks[::2], blocks[1::2]):
         exec(compile(code, str(PAGE), 'exec'), names)
         assert capsys.readouterr().out == printed
+
+
+@pytest.mark.parametrize('fast', [False, True])
+def test_fast_has_no_effect_and_says_so(fast):
+    stamps, angles = [10**9, 2 * 10**9], [0.0, 0.1]
+    with pytest.warns(FutureWarning, match=r"^'fast' has no effect any more: remove it$"):
+        found = VelocityEstimator('pll').run(stamps, angles, fast=fast)
+    assert found.velocity.tolist() == VelocityEstimator('pll').run(stamps, angles).velocity.tolist()

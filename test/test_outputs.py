@@ -130,7 +130,7 @@ def figures(values):
 
 def of_angle(observer, gains, stream):
     estimator = VelocityEstimator(observer, **gains)
-    out = estimator.run(*STREAMS[stream], fast=False)
+    out = estimator.run(*STREAMS[stream])
     names = ('position', 'velocity', 'acceleration', 'position_stddev', 'velocity_stddev')
     yield from ((name, figures(getattr(out, name))) for name in names)
     for name, number in (Counter(out.status.tolist()) + Counter(estimator.dropped)).items():
@@ -231,7 +231,7 @@ def of_sensor_map(kind):
     stamps = START_NS + np.round(1e9 * time).astype(np.int64)
     for observer in ('kalman', 'edge_adaptive'):
         joint = Entry(observer, observer).joint()
-        out = joint.run(stamps, readings, fast=False)
+        out = joint.run(stamps, readings)
         yield observer, figures(out.velocity)
         yield f'{observer}, position', figures(out.position)
         numbers = re.findall(r'\d+(?:\.\d+)?', joint.learner.shaft.text())

@@ -113,7 +113,7 @@ def measure(case: Case, folder: Path) -> list[Result]:
             times = []
             for _ in range(ROUNDS):
                 start = time.process_time()
-                estimates = record.run(observer, {}, fast=False)
+                estimates = record.run(observer, {})
                 times.append(time.process_time() - start)
             joint = next(name for name in estimates if name in true.series)
             estimate, known = estimates[joint], true.series[joint]

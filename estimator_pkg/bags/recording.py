@@ -58,14 +58,8 @@ class Recording(ABC):
     setup: Setup
 
     @abstractmethod
-    def run(
-        self, observer: str, values: Mapping[str, Any], fast: bool | None = None
-    ) -> dict[str, Estimate]:
+    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, Estimate]:
         """Return the estimates that this observer publishes with these parameters, by joint.
-
-        Parameters
-        ----------
-        fast : compile or not, if the family can; None: if it pays.
 
         Raises
         ------
@@ -163,16 +157,14 @@ class PositionRecording(Recording):
     setup: Setup
     series: dict[str, Series]
 
-    def run(
-        self, observer: str, values: Mapping[str, Any], fast: bool | None = None
-    ) -> dict[str, Estimate]:
+    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, Estimate]:
         """See `Recording`."""
         stream: Any = streams.named(self.setup.kind).of(
             self.setup.having({**values, 'observer': observer}).values
         )
         found = {}
         for name, series in self.series.items():
-            ran = stream.run(name, series.stamps_ns, series.position, fast)
+            ran = stream.run(name, series.stamps_ns, series.position)
             if ran is None:
                 continue
             joint, out = ran
@@ -226,9 +218,7 @@ class MessageRecording(Recording):
     names: tuple[str, ...] = ()
     fine: bool = field(default=False, kw_only=True)
 
-    def run(
-        self, observer: str, values: Mapping[str, Any], fast: bool | None = None
-    ) -> dict[str, Estimate]:
+    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, Estimate]:
         """See `Recording`."""
         stream = self.setup.having({**values, 'observer': observer}).start()
         of_samples = [self.fine and each.type == drive_samples.TYPE for each in stream.outputs]

@@ -75,7 +75,6 @@ class Setup:
         stream.topics = [topic.name if topic else '' for topic in self.ports]
         stream.history = {}
         measurement = self.ports[0]
-        stream.expected = measurement.count if measurement else 0
         if self.path and measurement is not None:
             store = store_for(measurement.type, measurement.definition)
             stream.read_field(Field(fields_of(store), measurement.type, self.path))

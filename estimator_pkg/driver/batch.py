@@ -1,34 +1,23 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Process many samples of one joint at once, for replay, tuning and benchmarks."""
+"""Many samples of one joint and their estimates, as arrays."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import available, cannot_compile, compiled, is_compiled, is_kept
-from estimator_pkg.observers.contract import INITIALISING
 from estimator_pkg.sensor.guard import DUPLICATE
-
-COMPILE_FROM = 400_000  # number of samples from which compiling (a few seconds) pays
-KEPT_FROM = 100_000  # the same for loading Numba and what an earlier process has compiled
-READY_FROM = 100  # the same for a loop that this process has compiled or loaded
-# estimate and standard deviations of a sample that was dropped
-NO_ESTIMATE = math.nan, math.nan, math.nan, INITIALISING
-NO_STDDEV = math.nan, math.nan
 
 
 class Estimates(NamedTuple):
     """Arrays of shape (n,), one row per received sample; nan where the sample was dropped.
 
     position [rad or m], velocity, acceleration (SI), one standard deviation of position and of
-    velocity, status (see `observers.contract`) and the guard's verdict (see `guard`).
+    velocity, status (see `observers.contract`) and the guard's verdict (see `sensor.guard`).
     """
 
     position: NDArray[np.float64]
@@ -74,76 +63,3 @@ class Samples(NamedTuple):
             known_input[rows],
             Estimates._make(column[rows] for column in out),
         )
-
-
-def make_batch(track: Any) -> Callable[..., tuple]:
-    """Return a loop over samples; compile it with `compiled` or call it as it is."""
-    advance, read, deviation = track.advance, track.read, track.deviation
-
-    def batch(
-        state: tuple,
-        design: tuple,
-        limits: tuple,
-        stamps: NDArray[np.int64],
-        measurements: NDArray[np.float64],
-        known_input: NDArray[np.float64],
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        acceleration: NDArray[np.float64],
-        position_stddev: NDArray[np.float64],
-        velocity_stddev: NDArray[np.float64],
-        status: NDArray[np.int8],
-        verdict: NDArray[np.int8],
-    ) -> tuple:
-        for i in range(len(stamps)):
-            state, said = advance(state, design, limits, stamps[i], measurements[i], known_input[i])
-            verdict[i] = said
-            if said < DUPLICATE:
-                position[i], velocity[i], acceleration[i], status[i] = read(
-                    state, design, limits, measurements[i], known_input[i]
-                )
-                position_stddev[i], velocity_stddev[i] = deviation(state, design)
-            else:
-                position[i], velocity[i], acceleration[i], status[i] = NO_ESTIMATE
-                position_stddev[i], velocity_stddev[i] = NO_STDDEV
-        return state
-
-    return batch
-
-
-def pays(batch: Callable[..., tuple], count: int) -> bool:
-    """Return True if `count` samples take less time in compiled code."""
-    if is_compiled(batch):
-        return count >= READY_FROM
-    long = count >= COMPILE_FROM and available()
-    return long or (count >= KEPT_FROM and is_kept(batch))
-
-
-def run(
-    batch: Callable[..., tuple],
-    track: tuple,
-    design: tuple,
-    limits: tuple,
-    samples: Samples,
-    *,
-    fast: bool,
-) -> tuple:
-    """Fill the estimates of these samples; return the track after them.
-
-    Parameters
-    ----------
-    fast : compile. Functions that Numba does not support (a user's own) run as plain Python.
-    """
-    stamps, measurements, known_input, out = samples
-    if fast:
-        try:
-            # of one type each: a view or a constant array would be compiled for again
-            kinds = zip((stamps, measurements, known_input), (np.int64, np.float64, np.float64))
-            plain = [np.require(array, kind, ['C', 'A', 'W']) for array, kind in kinds]
-            return compiled(batch)(track, design, limits, *plain, *out)
-        except Exception as error:
-            if not cannot_compile(error):
-                raise
-    # lists contain Python floats, which are several times faster than numpy's
-    rows = stamps.tolist(), measurements.tolist(), known_input.tolist()
-    return batch(track, design, limits, *rows, *out)

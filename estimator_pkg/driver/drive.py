@@ -17,14 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver import drive_channel
-from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING, Observer
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.pmsm.watch import BLIND, LOW_EMF, describe
-from estimator_pkg.sensor.guard import DUPLICATE, LATE, LATE_IN_A_ROW, MISCONFIGURED, limits
+from estimator_pkg.sensor.guard import (
+    DUPLICATE,
+    LATE,
+    LATE_IN_A_ROW,
+    MISCONFIGURED,
+    limits,
+    longest_dt,
+)
 
 COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from estimator_pkg.driver import channel
 from estimator_pkg.driver.batch import Estimates, Samples, empty
 from estimator_pkg.driver.channel import Frame, use_frame
-from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.configuration import LEARN, NONE, JointSettings
 from estimator_pkg.driver.counts import Counted
 from estimator_pkg.driver.sensor_blocks import Learner
@@ -29,7 +28,7 @@ from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.observers.circle import Circle, nearest_turn
 from estimator_pkg.observers.contract import STATUS_NAMES, Observer
 from estimator_pkg.sensor.clock import note_on_queue
-from estimator_pkg.sensor.guard import DUPLICATE, USED, limits
+from estimator_pkg.sensor.guard import DUPLICATE, USED, limits, longest_dt
 from estimator_pkg.sensor.map import set_map
 from estimator_pkg.sensor.repeats import note_on_repeats
 from estimator_pkg.sensor.turns import begin_turns
@@ -328,10 +327,6 @@ class Joint(Counted):
             with self._changing() as channel:
                 set_map(channel.map, learner)
         return at + len(part.stamps)
-
-    def pays(self, count: int) -> bool:
-        """Return False: nothing is compiled at run time."""
-        return False
 
     def correction(self) -> float:
         """Return what `sensor_map` adds to the newest reading [rad]: no ripple."""

@@ -19,7 +19,6 @@ import numpy as np
 
 from estimator_pkg.driver import mechanism_channel
 from estimator_pkg.driver.bank import Received, Taken
-from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import COMMAND, FIELD, NO_EFFORT, Acting, DrivenSettings
 from estimator_pkg.driver.joint import TYPICAL_DT, Joint
@@ -30,7 +29,7 @@ from estimator_pkg.observers.contract import MISCONFIGURED, STATUS_NAMES, VALID,
 from estimator_pkg.observers.mechanism.core import Plan
 from estimator_pkg.observers.mechanism.state import Coefficients, enlarge
 from estimator_pkg.parameters import parameter, structural
-from estimator_pkg.sensor.guard import DUPLICATE, limits
+from estimator_pkg.sensor.guard import DUPLICATE, limits, longest_dt
 
 WAITING = 16  # largest number of incomplete stamps of a mechanism
 

@@ -13,14 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.engine.entries import FUNCTIONS, MODELS, OF_A_MECHANISM
+from estimator_pkg.engine.entries import FUNCTIONS, MODELS, OF_A_MECHANISM, loop_name
 from estimator_pkg.engine.load import load
+from estimator_pkg.record import values
 
 PREFIXES = {  # of a module: of its functions, and their names
     module: (name, (*functions, 'walk') if observers is OF_A_MECHANISM else functions)
     for observers, functions in FUNCTIONS.values()
     for name, module in observers.items()
 } | {module: (name, ('course',)) for name, module in MODELS.items()}
+
+ELEMENTS = {'f': np.float64, 'i': np.int64, 'c': np.complex128}  # of arrays
 
 
 class Memory:
@@ -34,7 +37,7 @@ class Memory:
     def __init__(self, record: Any, begin: Any = None) -> None:
         self.array: NDArray[Any] = np.zeros(1, record.dtype)
         if begin is not None:
-            begin.write(self.array[0])
+            self.array[0] = values(record, begin)
         self.pointer = self.array.ctypes.data
 
 
@@ -71,3 +74,44 @@ def functions_of(module: Any) -> Functions | None:
     found = PREFIXES.get(getattr(module, '__name__', ''))
     library, _ = load()
     return None if library is None or found is None else Functions(library, *found)
+
+
+def available() -> bool:
+    """Return True if the engine is there."""
+    return load()[0] is not None
+
+
+def run(function: Any, *arguments: Any) -> Any:
+    """Call one of `entries.LOOPS`, compiled or as plain Python, and return its result.
+
+    Parameters
+    ----------
+    arguments : numbers, arrays and records; the function gets arrays flat. It updates records and
+        all arrays that can be written.
+    """
+    library, _ = load()
+    given: list[Any] = list(arguments)
+    for i, value in enumerate(arguments):
+        if isinstance(value, np.ndarray):
+            given[i] = np.ascontiguousarray(value, ELEMENTS[value.dtype.kind])
+        elif library is not None and hasattr(value, 'take'):
+            given[i] = Memory(type(value), value)
+    if library is not None:
+        compiled = getattr(library, loop_name(function.__module__, function.__name__))
+        result = compiled(*map(_address, given))
+    else:  # lists contain Python numbers, which are several times faster than NumPy's
+        given = [v.ravel().tolist() if isinstance(v, np.ndarray) else v for v in given]
+        result = function(*given)
+    for value, passed in zip(arguments, given):
+        if isinstance(passed, Memory):
+            value.take(type(value).read(passed.array[0]))
+        elif isinstance(value, np.ndarray) and passed is not value and value.flags.writeable:
+            value[...] = np.reshape(passed, value.shape)
+    return result
+
+
+def _address(value: Any) -> Any:
+    """Return what the engine takes for an argument."""
+    if isinstance(value, Memory):
+        return value.pointer
+    return value.ctypes.data if isinstance(value, np.ndarray) else value

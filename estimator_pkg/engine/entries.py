@@ -33,6 +33,22 @@ FUNCTIONS = {  # of an observer, by the module of its channel
     'estimator_pkg.driver.drive_channel': (OF_A_DRIVE, DRIVE_CHANNEL),
     'estimator_pkg.driver.mechanism_channel': (OF_A_MECHANISM, ('take', 'show', 'batch')),
 }
+SMOOTHER = 'estimator_pkg.evaluation.reference.smoother'
+LOOPS = {  # functions of a module whose arguments are numbers, arrays and records
+    f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
+    f'{SMOOTHER}.steps': ('backward', 'forward', 'likelihood'),
+    'sim_pkg.pmsm.drive': ('run_sensored',),
+    'sim_pkg.reproduce.adaptive.plant': ('integrate', 'march'),
+    'sim_pkg.reproduce.hybrid_angle.continuous': ('simulate',),
+    'sim_pkg.reproduce.pmsm.reference': ('runge_kutta',),
+    'sim_pkg.reproduce.pmsm.schemes': ('sampled',),
+}
+
+
+def loop_name(module: str, function: str) -> str:
+    """Return the name of a loop in C."""
+    return f'{module.rpartition(".")[2]}_{function}'
+
 
 ENTRIES: tuple[Entry, ...] = (
     *(
@@ -44,6 +60,11 @@ ENTRIES: tuple[Entry, ...] = (
     *(
         Entry(f'{MECHANISM}.core', 'walk', {'observer': module}, f'{name}_walk')
         for name, module in OF_A_MECHANISM.items()
+    ),
+    *(
+        Entry(module, function, {}, loop_name(module, function))
+        for module, functions in LOOPS.items()
+        for function in functions
     ),
     *(
         Entry(f'{MECHANISM}.motion', 'course', {'model': module}, f'{name}_course')

@@ -9,7 +9,7 @@ import operator
 from typing import Any, NamedTuple, NoReturn
 
 from . import kinds as k
-from .kinds import BOOL, FLOAT, INT, WHOLE
+from .kinds import BOOL, COMPLEX, FLOAT, INT, WHOLE
 from .prelude import KEYWORDS, MATH, TESTS
 from .sources import Found, Module, Outside
 
@@ -19,6 +19,12 @@ ARITHMETIC: dict[type, tuple[str, int]] = {
     ast.Sub: ('-', SUM),
     ast.Mult: ('*', PRODUCT),
     ast.Div: ('/', PRODUCT),
+}
+OF_COMPLEX: dict[type, str] = {
+    ast.Add: 'complex_add',
+    ast.Sub: 'complex_subtract',
+    ast.Mult: 'complex_multiply',
+    ast.Eq: 'complex_equal',
 }
 MASKS: dict[type, str] = {ast.BitAnd: '&', ast.BitOr: '|'}  # of ints
 COMPARISONS: dict[type, tuple[str, int, Any]] = {
@@ -116,7 +122,7 @@ class Expressions:
 
     def number(self, node: ast.AST) -> Value:
         """Return an expression that is a number."""
-        return self.one_of(node, (FLOAT, INT, WHOLE), 'a number')
+        return self.one_of(node, (FLOAT, INT, WHOLE, COMPLEX), 'a number')
 
     def condition(self, node: ast.AST) -> Value:
         """Return an expression that is a bool."""
@@ -137,6 +143,9 @@ class Expressions:
 
     def literal(self, value: Any, node: ast.AST) -> Value:
         """Return a constant."""
+        if type(value) is complex:
+            parts = (self.literal(part, node) for part in (value.real, value.imag))
+            return self.helper('complex_of', COMPLEX, *parts)
         if type(value) not in (bool, float, int):
             self.refuse(node, f'{value!r} is no number')
         if type(value) is int and not -(2**63) <= value < 2**63:
@@ -185,6 +194,8 @@ class Expressions:
         if found is not None:
             return self._on_global(node, found)
         owner = self.expression(node.value)
+        if owner.kind == COMPLEX and node.attr in ('real', 'imag'):
+            return owner._replace(text=f'{owner.above(UNARY)}.{node.attr}', kind=FLOAT, level=ATOM)
         fields = (
             self.translator.kinds.fields(owner.kind) if isinstance(owner.kind, k.Record) else {}
         )
@@ -228,6 +239,9 @@ class Expressions:
         value = self.number(inner)
         if not minus:
             return value
+        if value.kind == COMPLEX:
+            made = self.helper('complex_negative', COMPLEX, value)
+            return made._replace(**self.in_order(node, value))
         if value.kind == WHOLE:
             self._whole(node, ast.unparse(inner))
         if value.constant is not None and value.kind == INT:
@@ -251,6 +265,11 @@ class Expressions:
             return self.literal(
                 self.sources.constant(Found(self.module, ast.unparse(made), made)), node
             )
+        if COMPLEX in (a.kind, b.kind):
+            name = OF_COMPLEX.get(type(op))
+            if name is None:
+                self.not_translated(node, ': complex numbers have +, - and *')
+            return self.helper(name, COMPLEX, self.complex(a), self.complex(b))._replace(**flags)
         if isinstance(op, (ast.FloorDiv, ast.Mod)):
             if not ints:
                 self.not_translated(node, ': // and % are for ints, use math.floor')
@@ -271,9 +290,14 @@ class Expressions:
         text = f'{a.above(level - 1)} {sign} {b.above(level)}'
         return Value(text, INT if ints else FLOAT, level, **flags)
 
+    def complex(self, value: Value) -> Value:
+        """Return a number as a complex one."""
+        zero = Value('0.0', FLOAT)
+        return value if value.kind == COMPLEX else self.helper('complex_of', COMPLEX, value, zero)
+
     def helper(self, name: str, kind: Any, *values: Value) -> Value:
         """Return the call of a function of the prelude."""
-        self.translator.helpers.add(name)
+        self.translator.helpers |= {name, 'Complex', 'complex_of'} if 'complex' in name else {name}
         return Value(f'{name}({", ".join(value.text for value in values)})', kind)
 
     @staticmethod
@@ -284,7 +308,7 @@ class Expressions:
 
     def _on_compare(self, node: ast.Compare) -> Value:
         nodes = (node.left, *node.comparators)
-        values = [self.one_of(item, (FLOAT, INT, WHOLE, BOOL), 'compared') for item in nodes]
+        values = [self.one_of(item, (*k.VALUES, WHOLE), 'compared') for item in nodes]
         flags = self.in_order(node, *values)
         if any(value.writes for value in values[1:-1]):
             self.refuse(node, 'a chain would call it twice: assign it to a name first')
@@ -298,6 +322,10 @@ class Expressions:
     def _compared(self, node: ast.AST, op: ast.cmpop, a: Value, b: Value) -> Value:
         if type(op) not in COMPARISONS:
             self.not_translated(node)
+        if COMPLEX in (a.kind, b.kind):
+            if type(op) is not ast.Eq or BOOL in (a.kind, b.kind):
+                self.not_translated(node, ': a complex number is equal to a number or not')
+            return self.helper('complex_equal', BOOL, self.complex(a), self.complex(b))
         sign, level, compare = COMPARISONS[type(op)]
         for value, other in ((a, b), (b, a)):
             small = value.constant is not None and abs(value.constant) <= 2**53
@@ -360,14 +388,11 @@ class Expressions:
             return self._take(node, func.value)
         if node.keywords or isinstance(found, (Found, Module)):
             self.not_translated(node)
-        inner: Any = node.args[0] if name == 'abs' and node.args else None
-        if isinstance(inner, ast.Call) and ast.unparse(inner.func) == 'complex':
-            parts = [self.one_of(item, (FLOAT,), 'a float') for item in inner.args]
-            if len(parts) != 2 or inner.keywords:
-                self.not_translated(node, ': give complex two floats')
-            text = f'hypot({parts[0].text}, {parts[1].text})'  # as Python does, unlike math.hypot
-            return Value(text, FLOAT, **self.in_order(node, *parts))
-        values = [self.one_of(item, (FLOAT, INT, WHOLE, BOOL), 'a number') for item in node.args]
+        if found is None and isinstance(func, ast.Attribute) and func.attr == 'conjugate':
+            value = self.one_of(func.value, (COMPLEX,), 'complex')
+            made = self.helper('complex_conjugate', COMPLEX, value)
+            return made._replace(**self.in_order(node, value))
+        values = [self.one_of(item, (*k.VALUES, WHOLE), 'a number') for item in node.args]
         if isinstance(found, Outside):
             made = self._math(node, found.name, values)
         else:
@@ -388,7 +413,8 @@ class Expressions:
         name = dotted.removeprefix('math.')
         whole = name in ('floor', 'ceil')
         kinds = {value.kind for value in values}
-        if name == dotted or name not in MATH or BOOL in kinds or (whole and kinds != {FLOAT}):
+        wrong = kinds != {FLOAT} if whole else kinds & {BOOL, COMPLEX}
+        if name == dotted or name not in MATH or wrong:
             self.not_translated(node, ': no function of floats in math that C has too')
         if len(values) != MATH[name]:
             self.refuse(node, f'{name} takes {MATH[name]} floats')
@@ -400,6 +426,14 @@ class Expressions:
 
     def _builtin(self, node: ast.Call, name: str, values: list[Value]) -> Value:
         kinds = {value.kind for value in values}
+        if name == 'complex':
+            if kinds != {FLOAT} or len(values) != 2:
+                self.not_translated(node, ': give complex two floats')
+            return self.helper('complex_of', COMPLEX, *values)
+        if name == 'abs' and kinds == {COMPLEX} and len(values) == 1:
+            return self.helper('complex_abs', FLOAT, *values)
+        if COMPLEX in kinds:
+            self.not_translated(node)
         if name in ('min', 'max') and len(values) > 1:
             if kinds not in ({FLOAT}, {INT}):
                 self.not_translated(node, ': give it only floats, or only ints')

@@ -10,7 +10,7 @@ from typing import Any
 
 from .sources import Found, Module, Outside, Sources
 
-REMEDY = 'annotate float, int, bool, a record, Annotated[list[...], N], list[...] or NDArray[...]'
+REMEDY = 'annotate a number, a record, Annotated[list[...], N], list[...] or NDArray[...]'
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,12 @@ class Kind:
 FLOAT = Kind('float', 'double', 'd')
 INT = Kind('int', 'int64_t', 'q')
 BOOL = Kind('bool', 'bool', '?')
+COMPLEX = Kind('complex', 'Complex')
+VALUES = FLOAT, INT, BOOL, COMPLEX
 WHOLE = Kind('whole number of math.floor or math.ceil', 'double')  # an int that C has as a double
 NOTHING = Kind('nothing', 'void')
-NUMBERS = {'float': FLOAT, 'int': INT, 'bool': BOOL}
-ELEMENTS = {'float64': FLOAT, 'int64': INT, 'bool_': BOOL}  # of numpy arrays
+NUMBERS = {'float': FLOAT, 'int': INT, 'bool': BOOL, 'complex': COMPLEX}
+ELEMENTS = {'float64': FLOAT, 'int64': INT, 'bool_': BOOL, 'complex128': COMPLEX}  # of numpy arrays
 ELEMENTS |= {name: Kind('int', f'{name}_t') for name in ('int32', 'int8', 'uint8')}
 
 

@@ -4,6 +4,45 @@
 """What C lacks of Python's arithmetic, and the names that C and C++ take."""
 
 HELPERS = {  # each is in the C text only where it is called
+    'Complex': """\
+typedef struct {
+    double real, imag;
+} Complex;""",
+    'complex_of': """\
+static inline Complex complex_of(double real, double imag)
+{
+    Complex made;
+    made.real = real;
+    made.imag = imag;
+    return made;
+}""",
+    'complex_add': """\
+static inline Complex complex_add(Complex a, Complex b)
+{
+    return complex_of(a.real + b.real, a.imag + b.imag);
+}""",
+    'complex_subtract': """\
+static inline Complex complex_subtract(Complex a, Complex b)
+{
+    return complex_of(a.real - b.real, a.imag - b.imag);
+}""",
+    'complex_multiply': """\
+static inline Complex complex_multiply(Complex a, Complex b)
+{
+    return complex_of(a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real);
+}""",
+    'complex_negative': """\
+static inline Complex complex_negative(Complex a) { return complex_of(-a.real, -a.imag); }""",
+    'complex_conjugate': """\
+static inline Complex complex_conjugate(Complex a) { return complex_of(a.real, -a.imag); }""",
+    'complex_equal': """\
+static inline bool complex_equal(Complex a, Complex b)
+{
+    return a.real == b.real && a.imag == b.imag;
+}""",
+    'complex_abs': """\
+/* As Python's abs, whose last bit differs from that of math.hypot. */
+static inline double complex_abs(Complex a) { return hypot(a.real, a.imag); }""",
     'whole': """\
 /* The int of floor, ceil or rint as a double: Python's has no -0.0. */
 static inline double whole(double x) { return x + 0.0; }""",

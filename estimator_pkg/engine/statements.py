@@ -9,11 +9,11 @@ from typing import Any
 
 from . import kinds as k
 from .expressions import ATOM, Expressions, Local, Value
-from .kinds import BOOL, FLOAT, INT, NOTHING, WHOLE
+from .kinds import BOOL, COMPLEX, FLOAT, INT, NOTHING, WHOLE
 from .prelude import KEYWORDS
 from .sources import Found, Module
 
-ZEROS = {FLOAT: '0.0', WHOLE: '0.0', INT: '0', BOOL: 'false'}
+ZEROS = {FLOAT: '0.0', WHOLE: '0.0', INT: '0', BOOL: 'false', COMPLEX: '{0.0, 0.0}'}
 FIRST = 'assign its result to a name first'
 Place = tuple[str, int, int]  # of an assignment: name, block, index in the block
 
@@ -242,7 +242,7 @@ class Function(Expressions):
             if any(isinstance(item, ast.Subscript) for item in ast.walk(target)):
                 self.refuse(target, 'an element is not unpacked into: assign it from a name')
             text, declared = self.target(target, kind)
-            if declared:
+            if declared and f'&{text}' not in arguments:  # `_` may be there twice
                 self.emit(f'{declared}{text};')
             arguments.append(f'&{text}')
         self.emit(f'{function.token}({", ".join(arguments)});')
@@ -260,7 +260,8 @@ class Function(Expressions):
         text, _ = self.target(target, value.kind)
         sign = {ast.Add: '+', ast.Sub: '-', ast.Mult: '*', ast.Div: '/'}.get(type(node.op))
         number = new.real if value.kind == FLOAT and new.real else new.text
-        self.emit(f'{text} {sign}= {number};' if sign else f'{text} = {value.text};')
+        plain = sign and value.kind != COMPLEX
+        self.emit(f'{text} {sign}= {number};' if plain else f'{text} = {value.text};')
 
     # control ------------------------------------------------------------------------------------
 
@@ -328,8 +329,8 @@ class Function(Expressions):
             kind = value.kind
             self.emit(f'return {value.text};')
         for one in kind if isinstance(kind, tuple) else (kind,):
-            if one not in (FLOAT, INT, BOOL, NOTHING):
-                self.refuse(node, f'{one} is not returned, only float, int and bool')
+            if one not in (*k.VALUES, NOTHING):
+                self.refuse(node, f'{one} is not returned, only float, int, bool and complex')
         if self.returns not in (None, kind):
             was = several(self.returns)
             self.refuse(node, f'{self.node.name} returned {was} before and {several(kind)} here')

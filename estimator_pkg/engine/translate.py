@@ -136,6 +136,7 @@ class Translator:
             name = f'*{name}'
         while isinstance(kind, k.Vector):
             name, kind = f'{name}[{kind.count}]', kind.of
+        self.helpers |= {'Complex'} if kind == k.COMPLEX else set()
         return f'{self.struct(kind) if isinstance(kind, k.Record) else kind.c} {name}'
 
     def struct(self, record: k.Record) -> str:
@@ -189,6 +190,9 @@ class Translator:
                 reason = f'annotate {name!r} of the entry point {found.name}, or make it static'
                 found.module.refuse(found.node, reason)
         function = self.function(found, static, kinds, found.module, found.node)
+        if k.COMPLEX in (*kinds.values(), function.returns):
+            reason = f'the entry point {found.name} takes or returns complex: use a record'
+            found.module.refuse(found.node, reason)
         if function.exported:
             found.module.refuse(found.node, f'{found.name} is exported as {function.exported!r}')
         function.exported = entry.name
@@ -200,8 +204,8 @@ class Translator:
     def text(self) -> str:
         """Return all that was translated as C."""
         functions = [function.text() for function in self.functions.values()]
-        parts = [text for _, text in self._structs.values()]
-        parts += [text for name, text in HELPERS.items() if name in self.helpers]
+        parts = [text for name, text in HELPERS.items() if name in self.helpers]
+        parts += [text for _, text in self._structs.values()]
         parts += ['\n'.join(text for _, text in self._constants.values())]
         names = self._resolved()
         body = '\n\n'.join(filter(None, (*parts, *functions)))

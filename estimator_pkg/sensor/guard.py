@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,6 +95,25 @@ class Limits:
     timeout_ns: int
     longest_dt: float  # sample time beyond which the gains are unstable [s]
     period: float  # wrap period of a single angle [rad]; 0: none
+
+
+def longest_dt(limits: Callable[[float], str | None]) -> float:
+    """Return the longest sample time [s] that an observer's `limits` accepts; inf for no limit.
+
+    `limits` must be monotone: if it refuses a dt it refuses every longer one.
+    """
+    low, high = 1e-7, 100.0
+    if limits(high) is None:
+        return math.inf
+    if limits(low) is not None:
+        return 0.0
+    while high / low > 1.0 + 1e-9:
+        middle = math.sqrt(low * high)
+        if limits(middle) is None:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 def limits(settings: Any, longest_dt: float, period: float = 0.0) -> Limits:

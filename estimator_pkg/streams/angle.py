@@ -255,7 +255,7 @@ class AngleStream(Stream):
         for row in malformed:  # counted with the reason
             self.feed(0, bytes(block.data[block.start[row] : block.end[row]]), 0)
         times = None if self._clocks is None else self._clocks.block(groups)
-        estimated = self.estimation.update(groups, self.history, self.expected, times)
+        estimated = self.estimation.update(groups, self.history, times)
         return (answers for group in estimated for answers in self._answering.block(group))
 
     def read_field(self, field: Field) -> None:
@@ -361,18 +361,13 @@ class AngleStream(Stream):
         return values
 
     def run(
-        self,
-        name: str,
-        stamps_ns: NDArray[np.int64],
-        positions: NDArray[np.float64],
-        fast: bool | None = None,
+        self, name: str, stamps_ns: NDArray[np.int64], positions: NDArray[np.float64]
     ) -> tuple[Joint, Estimates] | None:
         """Process all samples of one joint at once; return None for a joint not to estimate.
 
         Parameters
         ----------
-        stamps_ns, positions : shape (n,) [ns, rad or m]. fast : compile or not; None: if it
-            pays.
+        stamps_ns, positions : shape (n,) [ns, rad or m].
 
         Raises
         ------
@@ -382,4 +377,4 @@ class AngleStream(Stream):
             joint = self.bank.joint(name)
             if joint is None:
                 return None
-            return joint, joint.run(stamps_ns, positions, fast=fast)
+            return joint, joint.run(stamps_ns, positions)

@@ -77,24 +77,20 @@ class Estimation:
     Parameters
     ----------
     bank : the joints.
-    fast : compile or not; None: if it pays.
 
     Attributes
     ----------
     seen : all received names, selected or not.
     """
 
-    def __init__(self, bank: Bank, *, fast: bool | None = None) -> None:
+    def __init__(self, bank: Bank) -> None:
         self.bank = bank
         self.seen: set[str] = set()
-        self._fast = fast
-        self._expected = 0  # samples of all joints, in all blocks
 
     def update(
         self,
         groups: list[Samples],
         history: dict[str, History] | None,
-        expected: int = 0,
         times: list[NDArray[np.int64]] | None = None,
     ) -> list[Estimated]:
         """Take one block of messages; return the estimates of every group, in the same order.
@@ -104,11 +100,8 @@ class Estimation:
         Parameters
         ----------
         history : receives the time by status of each joint.
-        expected : number of all messages to come; decides whether compiling pays.
         times : when the readings of each group were taken [ns], shape (n,); None: at their stamps.
         """
-        width_of_first = len(groups[0].names) if groups else 0
-        self._expected = expected * max(width_of_first, 1)
         results = []
         parts: dict[str, list[tuple[int, int]]] = {}
         for index, group in enumerate(groups):
@@ -168,10 +161,7 @@ class Estimation:
             order = np.argsort(np.concatenate([source.rows for source in sources]), kind='stable')
             stamps, positions = stamps[order], positions[order]
         before = joint.estimate()[0]
-        fast = self._fast
-        if fast is None:  # speed must not depend on blocks
-            fast = joint.pays(max(self._expected, len(stamps)))
-        out = joint.run(stamps, positions, fast=fast)
+        out = joint.run(stamps, positions)
         if history is not None:
             history.setdefault(name, History()).add(stamps, out.status, out.verdict)
         used = out.verdict < DUPLICATE

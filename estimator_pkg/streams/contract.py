@@ -202,7 +202,6 @@ class Stream(ABC):
     complaint : (topic, error) of the newest malformed message.
     topics : names of the connected topics by port; '' for none.
     history : time by status of each joint; None: not recorded.
-    expected : expected number of messages of the measurement; 0: unknown.
     """
 
     KIND: ClassVar[str]
@@ -239,7 +238,6 @@ class Stream(ABC):
         self.complaint = ('', '')
         self.topics = [f'/{port.topic}' for port in self.inputs]
         self.history: dict[str, History] | None = None
-        self.expected = 0
         self._notices: list[str] = []
 
     # Construction

@@ -4,18 +4,19 @@
 """The drive's controller: speed and current loops in the rotor frame (field-oriented control).
 
 A command computed from sample k is applied over the period that starts at sample k+1. All functions
-are in the subset that Numba compiles.
+are in the subset that the engine has.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
+from estimator_pkg.record import record
 from sim_pkg.pmsm.inverter import limited
 
 
-class Control(NamedTuple):
+@record
+class Control:
     """Gains and data of the controller."""
 
     kp_current: float  # [ohm]

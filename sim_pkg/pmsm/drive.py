@@ -3,21 +3,22 @@
 
 """The drive in closed loop: motor, inverter, sensors and controller, sample by sample.
 
-`make_loop` combines the parts into one function over a chunk of samples, which Numba can compile.
-The feedback of the controller's angle and speed is an argument: the true ones (`sensored`), or
-those of an observer (`sim_pkg.pmsm.sensorless`), which runs as plain Python.
+The controller gets its angle and speed from a feedback: the true ones (`sensored`), in the engine,
+or those of an observer (`sim_pkg.pmsm.sensorless`), in plain Python.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.engine import calls
+from estimator_pkg.record import record
 from sim_pkg.joints.sensor import random_stream
 from sim_pkg.pmsm.control import Control, current_control, speed_control
 from sim_pkg.pmsm.inverter import dead_time_error, switch
@@ -26,6 +27,37 @@ from sim_pkg.pmsm.plant import Plant, move
 from sim_pkg.pmsm.profiles import Profile
 
 CHUNK = 0.01  # simulated time per chunk; the temperature is updated once per chunk [s]
+
+
+Array = NDArray[np.float64]
+
+
+@record
+class State:
+    """The drive at a sample."""
+
+    current: complex  # [A]
+    theta: float  # electrical angle [rad]
+    speed: float  # mechanical [rad/s]
+    older: complex  # voltages [V] of the period before the last, ...
+    acted: complex  # ... of the last, ...
+    active: complex  # ... and of the next
+    folded: complex  # integral of the current loop [V]
+    steering: float  # and of the speed loop [N m]
+    frame_before: float  # angle of the controller's frame [rad]
+    forced_before: float  # i_q [A]
+
+
+@record
+class Parts:
+    """ADC and inverter."""
+
+    step: float  # of the ADC [A]; 0: none
+    limit: float  # its range [A]
+    dead: float  # dead time, in periods
+    offset: float  # of the samples, in periods
+    delay: int  # of the reported voltage, in samples
+    switched: bool  # simulate the edges of the bridge instead of the mean voltage
 
 
 class Record(NamedTuple):
@@ -61,90 +93,126 @@ def quantised(value: float, step: float, limit: float) -> float:
     return step * math.floor(value / step + 0.5)
 
 
-def make_loop(feedback: Callable[..., tuple], switched: bool) -> Callable[..., tuple]:
-    """Return the function that simulates a drive over a chunk of samples.
+def measured(state: State, parts: Parts, noise_alpha: float, noise_beta: float) -> complex:
+    """Return the current that the drive measures [A]."""
+    return complex(
+        quantised(state.current.real + noise_alpha, parts.step, parts.limit),
+        quantised(state.current.imag + noise_beta, parts.step, parts.limit),
+    )
+
+
+def advance(
+    state: State,
+    plant: Plant,
+    control: Control,
+    parts: Parts,
+    k: int,
+    read: complex,
+    angle: float,
+    omega: float,
+    forced: float,
+    reference: Array,
+    acceleration: Array,
+    load: Array,
+    samples: Array,
+    truth: Array,
+) -> None:
+    """Control, write row k of the arrays, and move the drive to the next sample.
 
     Parameters
     ----------
-    feedback : a function with the arguments of `sensored`.
-    switched : simulate the switching edges of the bridge instead of the mean voltage.
+    read : measured current [A]. angle, omega, forced : from the feedback, see `sensored`.
     """
-
-    def loop(
-        state: tuple,
-        plant: Plant,
-        control: Control,
-        drive: tuple,
-        noise: NDArray[np.float64],
-        reference: NDArray[np.float64],
-        acceleration: NDArray[np.float64],
-        load: NDArray[np.float64],
-        samples: NDArray[np.float64],
-        truth: NDArray[np.float64],
-    ) -> tuple:
-        (current, theta, speed), (older, acted, active), controller = state
-        folded, steering, frame_before, forced_before = controller
-        step, limit, dead, offset, delay = drive
-        period, dc, poles = control.period, control.dc_voltage, control.poles
-        for k in range(len(reference)):
-            back = complex(math.cos(theta), -math.sin(theta))
-            read = complex(
-                quantised(current.real + noise[k][0], step, limit),
-                quantised(current.imag + noise[k][1], step, limit),
+    period, dc, dead, offset = control.period, control.dc_voltage, parts.dead, parts.offset
+    if forced != 0.0:
+        i_q = forced
+    else:
+        if state.forced_before != 0.0:
+            # bumpless takeover: rotate the current loop's integral into the new frame, start the
+            # speed loop's integral at the present torque
+            turn = state.frame_before - angle
+            state.folded = state.folded * complex(math.cos(turn), math.sin(turn))
+            flowing = read * complex(math.cos(angle), -math.sin(angle))
+            state.steering = control.torque_constant * flowing.imag
+        i_q, state.steering = speed_control(
+            reference[k], acceleration[k], omega / control.poles, state.steering, control
+        )
+    following, state.folded = current_control(read, i_q, angle, omega, state.folded, control)
+    state.frame_before = angle + omega * period
+    state.forced_before = forced
+    if parts.delay == 0:
+        reported = state.acted
+    elif parts.delay == 1:
+        reported = state.active
+    elif parts.delay == 2:
+        reported = following
+    else:
+        reported = state.older
+    current, theta, speed = state.current, state.theta, state.speed
+    samples[4 * k], samples[4 * k + 1] = read.real, read.imag
+    samples[4 * k + 2], samples[4 * k + 3] = reported.real, reported.imag
+    truth[5 * k], truth[5 * k + 1], truth[5 * k + 2] = speed, theta, plant.flux
+    truth[5 * k + 3] = (current * complex(math.cos(theta), -math.sin(theta))).imag
+    truth[5 * k + 4] = reference[k]
+    # advance to the next sample: the rest of this carrier period, the start of the next
+    active, brake = state.active, load[k]
+    if parts.switched:
+        current, theta, speed = switch(
+            current, theta, speed, brake, plant, active, dc, dead, period, offset, 1.0
+        )
+        current, theta, speed = switch(
+            current, theta, speed, brake, plant, following, dc, dead, period, 0.0, offset
+        )
+    else:
+        lost = 0j
+        if dead > 0.0:
+            lost = dead_time_error(current, dc, dead)
+        current, theta, speed = move(
+            current, active - lost, theta, speed, brake, plant, (1.0 - offset) * period
+        )
+        if offset > 0.0:
+            current, theta, speed = move(
+                current, following - lost, theta, speed, brake, plant, offset * period
             )
-            angle, omega, forced = feedback(read, acted, theta, speed, poles, reference[k])
-            if forced != 0.0:
-                i_q = forced
-            else:
-                if forced_before != 0.0:
-                    # bumpless takeover: rotate the current loop's integral into the new frame,
-                    # start the speed loop's integral at the present torque
-                    turn = frame_before - angle
-                    folded = folded * complex(math.cos(turn), math.sin(turn))
-                    flowing = read * complex(math.cos(angle), -math.sin(angle))
-                    steering = control.torque_constant * flowing.imag
-                i_q, steering = speed_control(
-                    reference[k], acceleration[k], omega / poles, steering, control
-                )
-            following, folded = current_control(read, i_q, angle, omega, folded, control)
-            frame_before = angle + omega * period
-            forced_before = forced
-            if delay == 0:
-                reported = acted
-            elif delay == 1:
-                reported = active
-            elif delay == 2:
-                reported = following
-            else:
-                reported = older
-            row, true = samples[k], truth[k]
-            row[0], row[1], row[2], row[3] = read.real, read.imag, reported.real, reported.imag
-            true[0], true[1], true[2] = speed, theta, plant.flux
-            true[3], true[4] = (current * back).imag, reference[k]
-            # advance to the next sample: the rest of this carrier period, the start of the next
-            if switched:
-                current, theta, speed = switch(
-                    current, theta, speed, load[k], plant, active, dc, dead, period, offset, 1.0
-                )
-                current, theta, speed = switch(
-                    current, theta, speed, load[k], plant, following, dc, dead, period, 0.0, offset
-                )
-            else:
-                lost = complex(0.0, 0.0)
-                if dead > 0.0:
-                    lost = dead_time_error(current, dc, dead)
-                current, theta, speed = move(
-                    current, active - lost, theta, speed, load[k], plant, (1.0 - offset) * period
-                )
-                if offset > 0.0:
-                    current, theta, speed = move(
-                        current, following - lost, theta, speed, load[k], plant, offset * period
-                    )
-            older, acted, active = acted, active, following
-        controller = folded, steering, frame_before, forced_before
-        return (current, theta, speed), (older, acted, active), controller
+    state.current, state.theta, state.speed = current, theta, speed
+    state.older, state.acted, state.active = state.acted, active, following
 
-    return loop
+
+def run_sensored(
+    state: State,
+    plant: Plant,
+    control: Control,
+    parts: Parts,
+    count: int,
+    noise: Array,
+    reference: Array,
+    acceleration: Array,
+    load: Array,
+    samples: Array,
+    truth: Array,
+) -> None:
+    """Simulate `count` samples with the feedback `sensored`; noise has the shape (count, 2)."""
+    for k in range(count):
+        read = measured(state, parts, noise[2 * k], noise[2 * k + 1])
+        angle, omega, forced = sensored(
+            read, state.acted, state.theta, state.speed, control.poles, reference[k]
+        )
+        advance(
+            state,
+            plant,
+            control,
+            parts,
+            k,
+            read,
+            angle,
+            omega,
+            forced,
+            reference,
+            acceleration,
+            load,
+            samples,
+            truth,
+        )
 
 
 class Drive:
@@ -157,7 +225,6 @@ class Drive:
     feedback : of the controller.
     profile : reference of the speed; None: that of the parameters.
     start_speed : mechanical speed at the start [rad/s]; None: that of the profile.
-    fast : compile, if Numba is installed; None: if the feedback is `sensored`.
     """
 
     def __init__(
@@ -169,41 +236,31 @@ class Drive:
         profile: Profile | None = None,
         start_speed: float | None = None,
         theta: float = 0.0,
-        fast: bool | None = None,
     ) -> None:
         self.parameters = parameters
         self.profile = profile or parameters.motion()
         self._random = random_stream(seed, 'current')
         self._control = parameters.control()
-        loop = make_loop(feedback, parameters.inverter == 'switched')
-        self.fast = feedback is sensored and available() if fast is None else fast
-        self._loop = compiled(loop) if self.fast else loop
+        self._feedback = feedback
         self.count = 0
         speed = float(self.profile.at(np.zeros(1)).speed[0]) if start_speed is None else start_speed
-        zero = complex(0.0, 0.0)
-        plant = parameters.plant()
+        plant, state = parameters.plant(), State()
         # as if it had run without current so far: the voltage equals the back-EMF
         omega = plant.poles * speed
-        voltage = [
-            1j
-            * omega
-            * plant.flux
-            * np.exp(1j * (theta + (part - 0.5) * omega * parameters.period))
-            for part in (-1.0, 0.0, 1.0)
-        ]
-        if feedback is not sensored:
-            voltage = [zero] * 3
-        older, acted, active = map(complex, voltage)
-        controller = zero, 0.0, theta, 0.0
-        self._state: tuple = ((zero, theta, speed), (older, acted, active), controller)
+        if feedback is sensored:
+            state.older, state.acted, state.active = (
+                1j * omega * plant.flux * cmath.exp(1j * (theta + part * omega * parameters.period))
+                for part in (-1.5, -0.5, 0.5)
+            )
+        state.theta, state.speed, state.frame_before = theta, speed, theta
+        self._state, self._parts = state, Parts()
         bits, full_scale = parameters.adc_bits, parameters.adc_range
-        self._drive = (
-            2.0 * full_scale / 2**bits if bits else 0.0,
-            full_scale,
-            parameters.dead_time * parameters.sample_rate,
-            parameters.sampling_offset,
-            parameters.voltage_delay,
-        )
+        self._parts.step = 2.0 * full_scale / 2**bits if bits else 0.0
+        self._parts.limit = full_scale
+        self._parts.dead = parameters.dead_time * parameters.sample_rate
+        self._parts.offset = parameters.sampling_offset
+        self._parts.delay = parameters.voltage_delay
+        self._parts.switched = parameters.inverter == 'switched'
 
     def run(self, count: int) -> Record:
         """Return the next `count` samples."""
@@ -218,11 +275,12 @@ class Drive:
             noise = parameters.current_noise * self._random.standard_normal((size, 2))
             load = np.where(times >= parameters.load_step_time, parameters.load_step, 0.0)
             record = Record(np.empty((size, 4)), np.empty((size, 5)))
-            columns = (noise, motion.speed, motion.acceleration, load)
-            given = columns if self.fast else [column.tolist() for column in columns]
-            self._state = self._loop(
-                self._state, parameters.plant(warmed), self._control, self._drive, *given, *record
-            )
+            columns = (motion.speed, motion.acceleration, load)
+            drive = self._state, parameters.plant(warmed), self._control, self._parts
+            if self._feedback is sensored:
+                calls.run(run_sensored, *drive, size, noise, *columns, *record)
+            else:
+                self._run_plainly(drive, noise, columns, record)
             records.append(record)
             self.count += size
             count -= size
@@ -230,6 +288,17 @@ class Drive:
             np.concatenate([record.samples for record in records]),
             np.concatenate([record.truth for record in records]),
         )
+
+    def _run_plainly(self, drive: Any, noise: Array, columns: Any, record: Record) -> None:
+        """As `run_sensored`, with the feedback."""
+        state, plant, control, parts = drive
+        reference, *others = (column.tolist() for column in columns)
+        rows = [array.reshape(-1) for array in record]
+        for k, errors in enumerate(noise.tolist()):
+            read = measured(state, parts, *errors)
+            known = state.acted, state.theta, state.speed, plant.poles, reference[k]
+            fed: Any = self._feedback(read, *known)
+            advance(state, plant, control, parts, k, read, *fed, reference, *others, *rows)
 
     def chunks(self, size: int) -> Iterator[Record]:
         """Yield chunks of `size` samples, without end."""

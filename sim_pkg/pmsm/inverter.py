@@ -4,7 +4,7 @@
 """The inverter: voltage limit, dead time, and the three-phase bridge that switches.
 
 A period of the carrier starts at its valley, where all three low-side switches are on. All
-functions are in the subset that Numba compiles.
+functions are in the subset that the engine has.
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ def edges(
     a, b, c = voltage.real, half - 0.5 * voltage.real, -half - 0.5 * voltage.real
     middle = 0.5 * (max(a, b, c) + min(a, b, c))
     scale = 0.5 / dc_voltage
-    signs = phase_signs(current)
+    sign_a, sign_b, sign_c = phase_signs(current)
     da = 0.25 + (a - middle) * scale  # half of each duty
     db = 0.25 + (b - middle) * scale
     dc = 0.25 + (c - middle) * scale
-    ra, rb, rc = max(0.0, signs[0]) * part, max(0.0, signs[1]) * part, max(0.0, signs[2]) * part
-    fa, fb, fc = max(0.0, -signs[0]) * part, max(0.0, -signs[1]) * part, max(0.0, -signs[2]) * part
+    ra, rb, rc = max(0.0, sign_a) * part, max(0.0, sign_b) * part, max(0.0, sign_c) * part
+    fa, fb, fc = max(0.0, -sign_a) * part, max(0.0, -sign_b) * part, max(0.0, -sign_c) * part
     return (
         0.5 - da + ra,
         0.5 + da + fa,

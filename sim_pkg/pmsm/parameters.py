@@ -189,35 +189,28 @@ class PmsmParameters:
     def plant(self, time: float = 0.0) -> Plant:
         """Return the true motor after `time` [s] of warming."""
         warmth = self.temperature_rise * (1.0 - math.exp(-time / self.temperature_time))
-        return Plant(
-            self.resistance * (1.0 + self.resistance_error) * (1.0 + COPPER * warmth),
-            self.inductance * (1.0 + self.inductance_error),
-            self.flux * (1.0 + self.flux_error) * (1.0 + MAGNET * warmth),
-            float(self.pole_pairs),
-            self.inertia,
-            self.load_quadratic,
-            self.load_constant,
-            self.viscous,
-            self.coulomb,
-        )
+        made = Plant()
+        made.resistance = self.resistance * (1.0 + self.resistance_error) * (1.0 + COPPER * warmth)
+        made.inductance = self.inductance * (1.0 + self.inductance_error)
+        made.flux = self.flux * (1.0 + self.flux_error) * (1.0 + MAGNET * warmth)
+        made.poles, made.inertia = float(self.pole_pairs), self.inertia
+        made.quadratic, made.constant = self.load_quadratic, self.load_constant
+        made.viscous, made.coulomb = self.viscous, self.coulomb
+        return made
 
     def control(self) -> Control:
         """Return the controller, tuned for the nominal motor."""
         fast, slow = 2.0 * math.pi * self.current_hz, 2.0 * math.pi * self.speed_hz
-        return Control(
-            kp_current=fast * self.inductance,
-            ki_current=fast * self.resistance * self.period,
-            kp_speed=slow * self.inertia,
-            ki_speed=0.25 * slow * slow * self.inertia * self.period,
-            torque_constant=1.5 * self.pole_pairs * self.flux,
-            current_max=self.current_max,
-            inductance=self.inductance,
-            flux=self.flux,
-            poles=float(self.pole_pairs),
-            period=self.period,
-            dc_voltage=self.dc_voltage,
-            inertia=self.inertia,
-        )
+        made = Control()
+        made.kp_current = fast * self.inductance
+        made.ki_current = fast * self.resistance * self.period
+        made.kp_speed = slow * self.inertia
+        made.ki_speed = 0.25 * slow * slow * self.inertia * self.period
+        made.torque_constant = 1.5 * self.pole_pairs * self.flux
+        made.current_max, made.dc_voltage = self.current_max, self.dc_voltage
+        made.inductance, made.flux, made.poles = self.inductance, self.flux, float(self.pole_pairs)
+        made.period, made.inertia = self.period, self.inertia
+        return made
 
     def motion(self) -> Profile:
         """Return the profile of the reference speed."""

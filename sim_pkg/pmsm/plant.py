@@ -4,18 +4,20 @@
 """The motor: the electromagnetic model (1) and its mechanics, in closed form where there is one.
 
 Vectors are complex numbers alpha + j beta, amplitude-invariant. All functions are in the subset
-that Numba compiles.
+that the engine has.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+
+from estimator_pkg.record import record
 
 STICKS = 1.0  # speed below which Coulomb friction fades to zero [rad/s]
 
 
-class Plant(NamedTuple):
+@record
+class Plant:
     """The motor and its load."""
 
     resistance: float  # [ohm]

@@ -23,15 +23,14 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series, with_velocity
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.bank import Bank
-from estimator_pkg.driver.compiled import available
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
+from estimator_pkg.engine.calls import available
 from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
 from estimator_pkg.observers.contract import VALID
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
-from estimator_pkg.streams.arrays import Estimation
 
 TURN = 2.0 * math.pi
 RECORDINGS = Path(__file__).parents[2] / 'bags'
@@ -81,11 +80,10 @@ def by_hand(raws, setup, only=(), skip=False):
     return bank, found
 
 
-def in_blocks(raws, cuts, setup, only=(), fast=False, skip='nan'):
+def in_blocks(raws, cuts, setup, only=(), skip='nan'):
     """The same from blocks that end at `cuts`."""
     settings = AngleSettings(joints=only or None, no_estimate=skip)
     stream = AngleStream(settings, setup)
-    stream.estimation = Estimation(stream.bank, fast=fast)
     stream.history = {}
     found = [{} for _ in raws]
     edges = [0, *sorted(cut for cut in cuts if cut < len(raws)), len(raws)]
@@ -96,23 +94,10 @@ def in_blocks(raws, cuts, setup, only=(), fast=False, skip='nan'):
             for row, message in zip(answers.rows.tolist(), answers.raw):
                 found[low + row][answers.output] = message.tobytes()
     single = AngleStream(settings, setup)
-    if not fast:  # message by message, as the node, every output
-        assert found == [dict(*single.feed(0, raw, 0)) for raw in raws]
-        assert stream.answered == single.answered
+    # message by message, as the node, every output
+    assert found == [dict(*single.feed(0, raw, 0)) for raw in raws]
+    assert stream.answered == single.answered
     return stream, [{k: answer[k] for k in answer if k < 2} for answer in found]
-
-
-def test_the_size_of_a_bag_decides_whether_compiling_pays_and_not_that_of_a_block(monkeypatch):
-    asked = []
-    monkeypatch.setattr(Joint, 'pays', lambda joint, count: bool(asked.append(count)))
-    stream = AngleStream(AngleSettings(), Configuration(observers.find('pll')))
-    stream.expected = 1000
-    encode = Encoder().encode
-    raws = [encode(START + k * 1_000_000, '', ('a', 'b'), (0.0, 1.0)) for k in range(9)]
-    for part in (raws[:4], raws[4:]):
-        block = from_messages([0] * len(part), range(len(part)), range(len(part)), part)
-        assert sum(len(answers.rows) for answers in stream.feed_block([0], block))
-    assert asked == [2000] * 4  # two joints in two blocks
 
 
 @st.composite
@@ -181,8 +166,8 @@ def test_blocks_of_any_size_give_what_single_messages_give(raws, cuts, name, onl
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not available(), reason='the extra "fast" is not there')
-def test_compiled_and_plain_agree():
+@pytest.mark.skipif(not available(), reason='no engine was built')
+def test_compiled_and_plain_agree(monkeypatch):
     rng = np.random.default_rng(3)
     raws = [
         Encoder().encode(
@@ -194,18 +179,10 @@ def test_compiled_and_plain_agree():
         for i in range(2000)
     ]
     decode = Decoder().decode
-    plain = in_blocks(raws, [700], configuration(), fast=False)[1]
-    compiled = in_blocks(raws, [1, 2, 1500], configuration(), fast=True)[1]
-    shown = 0
-    for pair, other in zip(plain, compiled):
-        assert pair.keys() == other.keys()
-        for output in pair:
-            one, two = decode(pair[output]), decode(other[output])
-            assert one[:3] == two[:3]
-            close = {'rel': 1e-12, 'abs': 1e-12, 'nan_ok': True}
-            assert one.positions == pytest.approx(two.positions, **close)
-            assert one.velocities == pytest.approx(two.velocities, **close)
-            shown += len(estimated(one))
+    compiled = in_blocks(raws, [1, 2, 1500], configuration())[1]
+    monkeypatch.setattr('estimator_pkg.driver.joint.functions_of', lambda module: None)
+    assert in_blocks(raws, [700], configuration())[1] == compiled
+    shown = sum(len(estimated(decode(raw))) for pair in compiled for raw in pair.values())
     assert shown > 7000
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from benchmarks import mechanism
-from estimator_pkg.driver.compiled import available
+from estimator_pkg.engine.calls import available
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not available(), reason='needs numba')
+@pytest.mark.skipif(not available(), reason='needs the engine')
 def test_every_row_is_measured_and_has_its_limit(monkeypatch):
     monkeypatch.setattr(mechanism, 'STEPS', 50)
     monkeypatch.setattr(mechanism, 'COMPILED_STEPS', 2000)

@@ -14,14 +14,13 @@ from observer_cases import angle_observers, label, make, plain, stamps, stream, 
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, TRACKING
 from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.parameters import build
-from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, USED
+from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, USED, longest_dt
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000

@@ -10,7 +10,6 @@ import pytest
 from observer_cases import angle_observers, make, plain, wrapped
 
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.compiled import available
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
 from estimator_pkg.sensor.guard import DUPLICATE, REPEATED
 
@@ -274,7 +273,7 @@ def test_nothing_else_is_taken_for_a_repeated_reading():
     taken = []
     for label, times, shown in encoders():
         joint = make('finite_difference')
-        joint.run(ns(times), shown, fast=available())
+        joint.run(ns(times), shown)
         if joint.dropped():
             taken.append((label, joint.dropped()))
     assert taken == []

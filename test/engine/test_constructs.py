@@ -22,7 +22,15 @@ INTS += [-(2**53) - 1, 2**62 - 1, -(2**62), 2**63 - 1, -(2**63), 999_999_999_999
 COUNTS = [-2, 0, 1, 3, 5]
 VALUES = {'float': FLOATS, 'int': INTS, 'bool': [False, True], 'count': COUNTS}
 VALUES['modest'] = [x for x in FLOATS if abs(x) < 1e17]  # whose int has 64 bits
-HEAD = 'import math\n'
+HEAD = """\
+import math
+
+
+def three(x: float, y: float) -> tuple[float, float, float]:
+    return x, x + y, x * y
+
+
+"""
 
 CASES = {  # name: (types of the arguments, body of the function with arguments a, b, c ...)
     'sum': ('float float', 'return a + b'),
@@ -94,6 +102,7 @@ CASES = {  # name: (types of the arguments, body of the function with arguments 
     'swap': ('float float', 'a, b = b, a\nreturn a - 2.0 * b'),
     'rotate': ('float float float', 'a, b, c = b, c, a\nreturn a - 2.0 * b + c'),
     'fibonacci': ('count', 'x, y = 0, 1\nfor _ in range(a):\n    x, y = y, x + y\nreturn x'),
+    'results_unused': ('float float', 'x, _, _ = three(a, b)\n_, _, y = three(b, a)\nreturn x - y'),
     'tuple_independent': ('float float', 'x, y = a + b, a - b\nreturn x * y'),
     'several_targets': ('float', 'x = y = a * 2.0\nx += 1.0\nreturn x - 3.0 * y'),
     'several_zeros': ('float', 'x = y = 0.0\nx += a\nreturn x - y'),
@@ -157,6 +166,15 @@ CASES = {  # name: (types of the arguments, body of the function with arguments 
         'for i in range(n + 2):\n    i_end -= 2 * i\nx, b = 1, 2\nx, b = b, x\n'
         'return i_end + b_next + x',
     ),
+    'complex': (
+        'float float float',
+        'z = complex(a, b)\ny = -z * 2.0 + z.conjugate() * z - 1j\ny += c\ny -= z\n'
+        'y *= complex(c, b)\n'
+        'x = y if a > b else 3 * z + 0.5j * c\nx, y = y, x\n'
+        'return abs(x) + 3.0 * y.real - 5.0 * x.imag',
+    ),
+    'complex_compared': ('float float', 'return complex(a, b) == b + 0j or complex(a, b) == 1'),
+    'complex_zero': ('float', 'z = 0j\nif a > 0.0:\n    z = complex(a, 1.0)\nreturn (z * 2).real'),
     'constants': ('float', 'return a * math.pi - math.tau + math.e'),
     'math_infinity': ('float', 'return a < math.inf and a > -math.inf'),
     'math_nan': ('float', 'return a + math.nan'),

@@ -96,8 +96,13 @@ BODIES = {  # the body of a function of inner: Inner, x: float, n: int, b: bool;
     'return n & x': "'n & x' is not translated",
     'return b | b': "'b' is bool, not a number",
     'return abs(complex(x))': 'give complex two floats',
-    'return abs(complex(x, n))': "'n' is int, not a float",
-    'return complex(x, x)': "'complex(x, x)' is not translated",
+    'return abs(complex(x, n))': 'give complex two floats',
+    'return abs(1j / x)': "'1j / x' is not translated: complex numbers have +, - and *",
+    'return 1j < x': 'a complex number is equal to a number or not',
+    'return 1j == b': 'a complex number is equal to a number or not',
+    'return math.sqrt(1j)': 'no function of floats in math that C has too',
+    'return float(1j)': "'float(1j)' is not translated",
+    'x = 1j': "'x' is float and cannot become complex",
     'return ~n': "'~n' is not translated",
     'return b + 1': "'b' is bool, not a number",
     'return math.hypot(x, x)': 'no function of floats in math that C has too',
@@ -328,6 +333,14 @@ ENTRIES = {  # the text of the module `observed`, the entries, and the error
     ),
     'syntax': ('def (\n', [('tiny', 'case', STATIC, 'c')], 'observed.py:1: invalid syntax'),
     'circle': ('', [('tiny', 'first', {}, 'c')], 'tiny.py:25: first calls itself'),
+    **{
+        name: (
+            f'def turn(x: {kind}) -> complex:\n    return x * complex(1.0, 0.0)\n',
+            [('observed', 'turn', {}, 'turn')],
+            'observed.py:1: the entry point turn takes or returns complex: use a record',
+        )
+        for name, kind in (('complex argument', 'complex'), ('complex result', 'float'))
+    },
     'twice': (
         '',
         [('tiny', 'plain', {}, 'one'), ('tiny', 'plain', {}, 'two')],
@@ -341,12 +354,12 @@ ENTRIES = {  # the text of the module `observed`, the entries, and the error
     'size': (
         WITHOUT.replace('float', 'list[float]'),
         [('tiny', 'case', STATIC, 'c')],
-        'observed.py:6: x has no size: annotate float, int, bool, a record',
+        'observed.py:6: x has no size: annotate a number, a record',
     ),
     'field': (
         WITHOUT.replace('float', 'str'),
         [('tiny', 'case', STATIC, 'c')],
-        "observed.py:6: 'str' is not translated: annotate float, int, bool, a record",
+        "observed.py:6: 'str' is not translated: annotate a number, a record",
     ),
 }
 

@@ -8,7 +8,7 @@
 
 cosmic-ray makes the changes, one at a time, in a copy of estimator_pkg. First all tests of MODULES
 run once under coverage: which test runs which line, and how long it takes. Each mutant is then
-judged by the tests that run its line, the quickest first, in plain Python (Numba is hidden). What
+judged by the tests that run its line, the quickest first, in plain Python. What
 was judged is kept in build/mutants, see `still_true`. Verdicts on survivors are in survivors.yaml;
 the table is docs/mutants.md.
 """
@@ -158,7 +158,7 @@ def number(*what) -> str:
 
 
 def workspace(name: str) -> Path:
-    """A new folder with a copy of estimator_pkg, and no Numba."""
+    """A new folder with a copy of estimator_pkg."""
     folder = WORK / name
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(
@@ -167,7 +167,6 @@ def workspace(name: str) -> Path:
         ignore=shutil.ignore_patterns('__pycache__'),
     )
     (folder / 'sim_pkg').symlink_to(ROOT / 'sim_pkg')
-    (folder / 'numba.py').write_text("raise ImportError('hidden from mutants')\n")
     return folder
 
 

@@ -4,8 +4,6 @@
 """What makes up pmsm_observer, without ROS: pairs, order of batches, parameter files."""
 
 import math
-import subprocess
-import sys
 from functools import lru_cache
 from pathlib import Path
 
@@ -111,18 +109,6 @@ def test_the_parameter_compile_is_accepted_with_one_line(capsys):
     assert capsys.readouterr().err == (
         "warning: parameter 'compile' has no effect any more: remove it\n"
     )
-
-
-def test_a_drive_compiles_nothing_at_run_time():
-    script = (
-        'import sys, numpy as np\n'
-        'from estimator_pkg.streams.drive import DriveStream\n'
-        f'stream = DriveStream.of({MOTOR})\n'
-        'stream.go_live()\n'
-        'stream.joint.take(np.arange(1, 500) * 50_000, np.ones((499, 4)))\n'
-        "assert stream.joint.used == 499 and 'numba' not in sys.modules\n"
-    )
-    subprocess.run([sys.executable, '-c', script], check=True, cwd=ROOT)
 
 
 def test_overtaken_batches_are_late_and_three_in_a_row_are_a_clock_that_jumped():

@@ -107,7 +107,7 @@ def estimates(seen: Readings, reference: Motion, entry: Entry, rows: NDArray) ->
     more = {'quantum': seen.quantum} if seen.quantum else {}
     joint = entry.joint(wrap_period=seen.period, **more)
     stamps = seen.stamps_ns[rows]
-    out = joint.run(stamps, seen.position[rows], fast=seen.fast)
+    out = joint.run(stamps, seen.position[rows])
     good = out.used & np.isin(out.status, VALID)
     return at_reference(reference, stamps[good], out.velocity[good])
 

@@ -11,7 +11,6 @@ import io
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -44,7 +43,7 @@ from estimator_pkg.streams.drive import DriveStream
 
 APPEAR = 5.0  # longest wait for a topic of joint states [s]
 ALONE = 0.5  # and for another one after the first [s]
-COMPILED_FROM = 2_000_000  # estimates that are worth compiling the observers for
+MANY = 2_000_000  # estimates that are worth a second process
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -187,10 +186,10 @@ def _examined(
         joints = readings(bag, chosen)
         topic = chosen.topics[0].name
     samples = sum(min(len(each.rows), LONGEST) for each in joints)
-    fast = samples * len(candidates(1e3)) >= COMPILED_FROM or None
-    jobs = [(replace(each, fast=fast), parsed.motion_hz) for each in joints]
+    many = samples * len(candidates(1e3)) >= MANY
+    jobs = [(each, parsed.motion_hz) for each in joints]
     with (
-        workers(min(2, len(jobs)) if fast else 1) as run_many,
+        workers(min(2, len(jobs)) if many else 1) as run_many,
         progress(f'{origin}: joints', len(joints)) as advance,
     ):
         examined = []

@@ -72,7 +72,7 @@ class Readings:
     position : shape (n,) [rad or m], nan for a missing or unusable one.
     velocity : shape (n,), the velocity in the same messages [rad/s or m/s], nan without one.
     period : wrap period [rad]; 0: none.
-    start_ns : the time zero of texts. fast : compile observers or not; None: if it pays.
+    start_ns : the time zero of texts.
     """
 
     name: str
@@ -82,13 +82,12 @@ class Readings:
     velocity: Array
     period: float
     start_ns: int = 0
-    fast: bool | None = None
 
     @cached_property
     def difference(self) -> Estimates:
         """The low-passed finite difference, with the verdicts of the guard that every node has."""
         joint = DIFFERENCE.joint(wrap_period=self.period)
-        return joint.run(self.stamps_ns, self.position, fast=self.fast)
+        return joint.run(self.stamps_ns, self.position)
 
     @property
     def series(self) -> Series:

@@ -29,7 +29,6 @@ from estimator_pkg.printable import printable
 Array = NDArray[np.float64]
 
 RAW = 'finite_difference'  # what most users have today
-LONG = 50_000  # of a longer record the observers are compiled already
 SAMPLES = 15_000  # of the record's middle, on which the curves rest
 FACTORS = (0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # of the default bandwidth
 BANDWIDTHS = (3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0)  # where the default is automatic [Hz]
@@ -98,12 +97,12 @@ def at_times(wanted: Array, time: Array, values: Array) -> Array:
 
 
 def _run(
-    entry: Entry, series: Series, start: int, period: float, fast: bool | None = None
+    entry: Entry, series: Series, start: int, period: float
 ) -> tuple[Array, Array, Array, dict[str, Any]] | None:
     """Return (time, velocity, its deviation, counts of samples) of an observer; None: none."""
     try:
         joint = entry.joint(wrap_period=period)
-        out = joint.run(series.stamps_ns, series.position, fast=fast)
+        out = joint.run(series.stamps_ns, series.position)
     except UserError:
         return None
     valid = out.used & np.isin(out.status, VALID) & np.isfinite(out.velocity)
@@ -137,9 +136,8 @@ def sweeps(
     if len(middle) > SAMPLES:
         first = (len(middle) - SAMPLES) // 2
         middle = middle[first : first + SAMPLES]
-    part, fast = None, None
+    part = None
     if series is not None:
-        fast = True if len(series.stamps_ns) > LONG else None
         low = comparison.starts[joint] + int((middle[0] - 1.0) * 1e9)  # a second to settle
         high = comparison.starts[joint] + int(middle[-1] * 1e9)
         near = (series.stamps_ns >= low) & (series.stamps_ns <= high)
@@ -161,7 +159,7 @@ def sweeps(
             if part is None or entry is None:
                 break
             varied = Entry(entry.label, entry.observer, (*entry.values, (gain, value)))
-            run = _run(varied, part, comparison.starts[joint], period, fast)
+            run = _run(varied, part, comparison.starts[joint], period)
             curve.append(
                 (math.nan, math.nan)
                 if run is None

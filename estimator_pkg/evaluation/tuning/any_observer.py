@@ -44,7 +44,7 @@ def usual(path: str, unpack_limit: int) -> str:
     return DEFAULT
 
 
-def best_linear(seen: Sequence[Record], tuning: TuneSettings, fast: bool | None) -> str:
+def best_linear(seen: Sequence[Record], tuning: TuneSettings) -> str:
     """Return the linear observer whose defaults cost least, relative to the default observer.
 
     Parameters
@@ -56,7 +56,7 @@ def best_linear(seen: Sequence[Record], tuning: TuneSettings, fast: bool | None)
         ratios = []
         for record in seen:
             own, usual_ = (
-                costs(measure(record.seen, each, {}, fast), record.seen, tuning.weights)
+                costs(measure(record.seen, each, {}), record.seen, tuning.weights)
                 for each in (name, DEFAULT)
             )
             ratios += [own[joint] / max(usual_[joint], 1e-300) for joint in own]
@@ -70,7 +70,6 @@ def against_default(
     groups: Mapping[str, Sequence[Record]],
     judged: Sequence[Record],
     tuning: TuneSettings,
-    fast: bool | None,
 ) -> tuple[bool, dict[str, str]]:
     """Return whether the tuned observer replaces the default as it is, and why, by group.
 
@@ -95,7 +94,7 @@ def against_default(
         if each['default_point'] is None:
             said[joint] = f'the motion shows no delay, so {DEFAULT} stays, the default observer'
             continue
-        pair = compared(parts, observer, each['gains'], tuning.weights, fast, DEFAULT)
+        pair = compared(parts, observer, each['gains'], tuning.weights, DEFAULT)
         signs.append(pair.sign if pair is not None else 0)
         said[joint] = _sentence(observer, bool(each['gains']), pair)
     return 1 in signs and -1 not in signs, said

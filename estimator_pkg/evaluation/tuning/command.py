@@ -32,7 +32,7 @@ from estimator_pkg.evaluation.text import started
 from estimator_pkg.evaluation.tuning import any_observer, live, output, picture
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import Record, records
-from estimator_pkg.evaluation.tuning.seek import COMPILE_FROM, kept, seek
+from estimator_pkg.evaluation.tuning.seek import kept, seek
 from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import show
@@ -204,11 +204,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         _check_disjoint(seen, judged)
         groups = _groups(seen, tuning, parsed.per_joint)
         usable = [record for record in seen if not record.why]
-        size = sum(each.seen.recording.size() for each in usable)
-        fast = size * parsed.trials >= COMPILE_FROM or None
         any_linear = any_linear and bool(usable)
         if any_linear:
-            parsed.observer = any_observer.best_linear(usable, tuning, fast)
+            parsed.observer = any_observer.best_linear(usable, tuning)
             tuning = tune_settings(parsed)
             show(f'{parsed.observer} is the best linear observer here: it is tuned')
         tuned = []
@@ -243,7 +241,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         sought, chosen_results = parsed.observer, tuned
         notes = _notes(seen)
         if any_linear:
-            replaces, results = any_observer.against_default(tuned, groups, judged, tuning, fast)
+            replaces, results = any_observer.against_default(tuned, groups, judged, tuning)
             for each in tuned:
                 each['against'] = results.get(each['joint'], '')
             if not replaces:

@@ -49,7 +49,6 @@ def compared(
     observer: str,
     gains: Mapping[str, Any],
     weights: Weights,
-    fast: bool | None,
     other: str = '',
 ) -> Compared | None:
     """Return the comparison over these parts; None if the gains or the defaults do not work.
@@ -65,10 +64,7 @@ def compared(
     highest = math.nan
     for part in parts:
         try:
-            ran = [
-                part.recording.run(observer, gains, fast),
-                part.recording.run(other or observer, {}, fast),
-            ]
+            ran = [part.recording.run(observer, gains), part.recording.run(other or observer, {})]
         except UserError:
             return None
         for joint, known in part.known.items():

@@ -88,12 +88,10 @@ class Result(NamedTuple):
 Results = dict[str, Result]  # by joint
 
 
-def measure(
-    part: Part, observer: str, values: Mapping[str, Any], fast: bool | None
-) -> Results | None:
+def measure(part: Part, observer: str, values: Mapping[str, Any]) -> Results | None:
     """Return the results of an observer with these values on a part; None if they do not work."""
     try:
-        found = part.recording.run(observer, values, fast)
+        found = part.recording.run(observer, values)
     except UserError:
         return None
     results = {}

@@ -30,7 +30,6 @@ from estimator_pkg.evaluation.tuning.settings import TuneSettings
 from estimator_pkg.evaluation.tuning.study import Trial, Value
 from estimator_pkg.evaluation.workers import Map
 
-COMPILE_FROM = 400_000  # number of samples over all trials from which compiling pays
 ALIKE = 0.01  # quanta of a joint in several bags agree within this fraction
 SAME = 1e-6  # errors this close are equal [relative, or rad/s]
 
@@ -61,8 +60,7 @@ def seek(
     """
     observer, weights = tuning.entry.observer, tuning.weights
     seen = [record.seen for record in chosen]
-    fast = sum(part.recording.size() for part in seen) * trials >= COMPILE_FROM or None
-    first = list(run_many(measure, [(part, observer, {}, fast) for part in seen]))
+    first = list(run_many(measure, [(part, observer, {}) for part in seen]))
     units = [
         {
             name: value if math.isfinite(value) and value > 0.0 else 1.0
@@ -73,7 +71,7 @@ def seek(
 
     def judge(batch: list[dict[str, Value]]) -> list[tuple[float, Any]]:
         results = list(
-            run_many(measure, [(part, observer, values, fast) for values in batch for part in seen])
+            run_many(measure, [(part, observer, values) for values in batch for part in seen])
         )
         judged_ = []
         for index in range(len(batch)):
@@ -114,9 +112,9 @@ def seek(
     held = [record.held_out for record in chosen if record.held_out is not None]
     parts = [record.seen for record in judged] or held or seen
     default, better = (
-        [measure(part, observer, values, fast) for part in parts] for values in ({}, gains)
+        [measure(part, observer, values) for part in parts] for values in ({}, gains)
     )
-    pair = compared(parts, observer, gains, weights, fast)
+    pair = compared(parts, observer, gains, weights)
     summaries = _summary(default, parts, weights), _summary(better, parts, weights)
     why = _why(pair, *summaries, bool(held or judged))
     points = _points([first, *(trial.details for trial in found.trials)])

@@ -6,15 +6,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.engine.calls import run
 from estimator_pkg.observers.mechanism.noise import exponential
+from estimator_pkg.record import record
 
 Array = NDArray[np.floating[Any]]
+Column = NDArray[np.float64]
 
 RK4_STEP = 1e-3  # step of the continuous-time reference [s]
 
@@ -83,13 +85,12 @@ def square(dt: float, duration: float) -> Array:
     )
 
 
-def _march(angle: Array, speed: Array, e: Array, inputs: Array) -> None:
+def march(count: int, angle: Column, speed: Column, e: Column, inputs: Column) -> None:
+    """Move the servo by the matrix e, shape (3, 3), in each of `count` steps."""
     q, w = angle[0], speed[0]
-    for i in range(len(inputs)):
-        q, w = (
-            e[0, 0] * q + e[0, 1] * w + e[0, 2] * inputs[i],
-            e[1, 0] * q + e[1, 1] * w + e[1, 2] * inputs[i],
-        )
+    for i in range(count):
+        u = inputs[i]
+        q, w = e[0] * q + e[1] * w + e[2] * u, e[3] * q + e[4] * w + e[5] * u
         angle[i + 1], speed[i + 1] = q, w
 
 
@@ -108,11 +109,28 @@ def response(example: Example, inputs: Array, dt: float, load: float = 0.0) -> t
     matrix[:2] = [[0.0, 1.0, 0.0], [-example.k / example.J, -example.b / example.J, 1.0]]
     angle, speed = np.empty(len(inputs) + 1), np.empty(len(inputs) + 1)
     angle[0] = speed[0] = 0.0
-    compiled(_march)(angle, speed, exponential(matrix * dt), ratio * inputs + load)
+    run(march, len(inputs), angle, speed, exponential(matrix * dt), ratio * inputs + load)
     return angle, speed
 
 
-def _flow(s: Array, u: float, p: Array, adapting: float, injecting: float, out: Array) -> None:
+SIZE = 16  # numbers of a state
+
+
+@record
+class Stages:
+    """A state and the stages of Runge-Kutta."""
+
+    s: Annotated[list[float], SIZE]
+    k1: Annotated[list[float], SIZE]
+    k2: Annotated[list[float], SIZE]
+    k3: Annotated[list[float], SIZE]
+    k4: Annotated[list[float], SIZE]
+    t: Annotated[list[float], SIZE]
+
+
+def flow(
+    s: list[float], u: float, p: Column, adapting: float, injecting: float, out: list[float]
+) -> None:
     """Plant (36) and observer (11) to (13), literally: Upsilon is 2 x 4.
 
     s : q, w; x1, x2; theta (4); Upsilon row by row (8).
@@ -141,33 +159,35 @@ def _flow(s: Array, u: float, p: Array, adapting: float, injecting: float, out: 
     out[15] += u
 
 
-def _integrate(
-    s: Array, inputs: Array, p: Array, adapting: Array, injecting: Array, h: float, out: Array
+def integrate(
+    stages: Stages,
+    count: int,
+    inputs: Column,
+    p: Column,
+    adapting: Column,
+    injecting: Column,
+    h: float,
+    out: Column,
 ) -> None:
-    count = len(s)
-    k1, k2, k3, k4, t = (
-        np.empty(count),
-        np.empty(count),
-        np.empty(count),
-        np.empty(count),
-        np.empty(count),
-    )
-    out[0] = s
-    for i in range(len(inputs)):
+    """Move the state by `count` steps h; row i of `out`, (count + 1, SIZE), is before step i."""
+    s, t, k1, k2, k3, k4 = stages.s, stages.t, stages.k1, stages.k2, stages.k3, stages.k4
+    for n in range(SIZE):
+        out[n] = s[n]
+    for i in range(count):
         u, g, j = inputs[i], adapting[i], injecting[i]
-        _flow(s, u, p, g, j, k1)
-        for n in range(count):
+        flow(s, u, p, g, j, k1)
+        for n in range(SIZE):
             t[n] = s[n] + 0.5 * h * k1[n]
-        _flow(t, u, p, g, j, k2)
-        for n in range(count):
+        flow(t, u, p, g, j, k2)
+        for n in range(SIZE):
             t[n] = s[n] + 0.5 * h * k2[n]
-        _flow(t, u, p, g, j, k3)
-        for n in range(count):
+        flow(t, u, p, g, j, k3)
+        for n in range(SIZE):
             t[n] = s[n] + h * k3[n]
-        _flow(t, u, p, g, j, k4)
-        for n in range(count):
+        flow(t, u, p, g, j, k4)
+        for n in range(SIZE):
             s[n] += h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n])
-            out[i + 1, n] = s[n]
+            out[SIZE * (i + 1) + n] = s[n]
 
 
 class Continuous(NamedTuple):
@@ -222,8 +242,8 @@ def continuous(
     time = np.arange(len(inputs) + 1) * RK4_STEP
     adapting = (time[:-1] < freeze - 1e-9).astype(float)
     injecting = np.ones_like(adapting) if injection_stays else adapting
-    out = np.empty((len(inputs) + 1, 16))
-    compiled(_integrate)(np.zeros(16), inputs, p, adapting, injecting, RK4_STEP, out)
+    out, columns = np.empty((len(inputs) + 1, SIZE)), (inputs, p, adapting, injecting)
+    run(integrate, Stages(), len(inputs), *columns, RK4_STEP, out)
     theta = out[:, 4:8].copy()
     return Continuous(
         time, out[:, 0], out[:, 1], out[:, 3] + (model[0] + theta[:, 0]) * out[:, 2], theta

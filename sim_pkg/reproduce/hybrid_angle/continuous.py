@@ -6,38 +6,37 @@
 Plant (1) and observer (3) with their jumps.
 
 Runge-Kutta of order four at a fixed step. Jumps are tested after each step, in the order plant J1,
-observer J1, observer J2, until none applies (the paper leaves the order open). The code runs as
-plain Python: compiling it for each injection takes as long as running it for all figures.
+observer J1, observer J2, until none applies (the paper leaves the order open).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.engine.calls import run
+from estimator_pkg.observers.angle.hybrid.injections import NAMES as FOUR
 from estimator_pkg.observers.circle import wrap
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.hybrid_angle.observer import (
-    INJECTIONS,
-    POTENTIALS,
     TURN,
     first_jump,
+    flow,
     in_first_jump_set,
     in_second_jump_set,
-    make_flow,
-    make_lyapunov,
+    injection,
+    lyapunov,
     observer_gains,
 )
 
 Array = NDArray[np.floating[Any]]
+Column = NDArray[np.float64]
 
 STEP = 1e-4  # integration step [s]
 DURATION = 8.0  # duration of Figures 4 and 5 [s]
@@ -46,7 +45,6 @@ NOISE_HOLD = 10  # steps for which a noise value is constant: 1 ms
 NOISE_BOUND = math.radians(15.0)  # largest noise [rad]
 MARGIN = math.radians(5.0)  # delta_pi
 K1, K2 = 6.0, 5.0  # the paper's k_v and k_p
-FOUR = ('sin', 'tan', 'saw', 'sat')
 SEEDS = (1, 2, 3)  # random seeds of the noise of Figure 5
 TURNS_AT = 2.0  # the speed leaves 10 rad/s [s] ...
 SETTLES_AT = 2.05  # ... and has reached -20 rad/s [s]
@@ -90,76 +88,78 @@ class Trace(NamedTuple):
         return self.time[self.resets > 0] + STEP
 
 
-def make_simulation(name: str) -> Callable[..., None]:
-    """Return the loop over steps for the injection `name`, in the subset that Numba compiles."""
-    flow = make_flow(INJECTIONS[name])
-    lyapunov = make_lyapunov(POTENTIALS[name])
+def simulate(
+    kind: int,
+    l1: float,
+    l2: float,
+    limit: float,
+    margin: float,
+    step: float,
+    count: int,
+    speed: Column,
+    noise: Column,
+    velocity: Column,
+    output_error: Column,
+    position_error: Column,
+    value: Column,
+    flow_change: Column,
+    reset_change: Column,
+    wrap_change: Column,
+    resets: Column,
+) -> None:
+    """Fill the arrays from `velocity` on; all of shape (count,).
 
-    def simulate(
-        gains: tuple[float, float, float],
-        margin: float,
-        step: float,
-        speed: Array,
-        noise: Array,
-        velocity: Array,
-        output_error: Array,
-        position_error: Array,
-        value: Array,
-        flow_change: Array,
-        reset_change: Array,
-        wrap_change: Array,
-        resets: Array,
-    ) -> None:
-        """Fill the arrays from `velocity` on; all of shape (n,).
+    limit : of saturation. speed : true velocity at half steps, shape (2 count + 1,).
+    noise : measurement noise in each step, shape (count,) [rad].
+    """
+    half = 0.5 * step
+    true, position, speed_hat = 0.0, 0.0, 0.0
+    before = lyapunov(kind, true - position, speed[0] - speed_hat, l2, limit)
+    for i in range(count):
+        w = noise[i]
+        v0, v1, v2 = speed[2 * i], speed[2 * i + 1], speed[2 * i + 2]
+        velocity[i] = speed_hat
+        output_error[i] = wrap(true + w - position, TURN)
+        position_error[i] = wrap(true - position, TURN)
+        value[i] = before
 
-        gains : l1, l2, saturation limit. speed : true velocity at half steps, shape (2 n + 1,).
-        noise : measurement noise in each step, shape (n,) [rad].
-        """
-        half = 0.5 * step
-        _, l2, limit = gains
-        true, position, speed_hat = 0.0, 0.0, 0.0
-        before = lyapunov(true - position, speed[0] - speed_hat, l2, limit)
-        for i in range(len(noise)):
-            w = noise[i]
-            v0, v1, v2 = speed[2 * i], speed[2 * i + 1], speed[2 * i + 2]
-            velocity[i] = speed_hat
-            output_error[i] = wrap(true + w - position, TURN)
-            position_error[i] = wrap(true - position, TURN)
-            value[i] = before
+        p1, a1 = flow(kind, position, speed_hat, true + w, l1, l2, limit)
+        p2, a2 = flow(
+            kind, position + half * p1, speed_hat + half * a1, true + half * v0 + w, l1, l2, limit
+        )
+        p3, a3 = flow(
+            kind, position + half * p2, speed_hat + half * a2, true + half * v1 + w, l1, l2, limit
+        )
+        p4, a4 = flow(
+            kind, position + step * p3, speed_hat + step * a3, true + step * v1 + w, l1, l2, limit
+        )
+        true += step / 6.0 * (v0 + 4.0 * v1 + v2)
+        position += step / 6.0 * (p1 + 2.0 * p2 + 2.0 * p3 + p4)
+        speed_hat += step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
-            p1, a1 = flow(position, speed_hat, true + w, gains)
-            p2, a2 = flow(position + half * p1, speed_hat + half * a1, true + half * v0 + w, gains)
-            p3, a3 = flow(position + half * p2, speed_hat + half * a2, true + half * v1 + w, gains)
-            p4, a4 = flow(position + step * p3, speed_hat + step * a3, true + step * v1 + w, gains)
-            true += step / 6.0 * (v0 + 4.0 * v1 + v2)
-            position += step / 6.0 * (p1 + 2.0 * p2 + 2.0 * p3 + p4)
-            speed_hat += step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-
-            after = lyapunov(true - position, v2 - speed_hat, l2, limit)
-            flow_change[i] = after - before
-            before = after
-            jumping = True
-            while jumping:
-                jumping = False
-                if in_first_jump_set(true + w, margin):
-                    true = first_jump(true)
-                    jumping = True
-                if in_first_jump_set(position, margin):
-                    position = first_jump(position)
-                    jumping = True
-                if jumping:
-                    after = lyapunov(true - position, v2 - speed_hat, l2, limit)
-                    wrap_change[i] = after - before
-                    before = after
-                if in_second_jump_set(true + w - position, margin):
-                    position = true + w
-                    jumping = True
-                    resets[i] += 1.0
-                    after = lyapunov(true - position, v2 - speed_hat, l2, limit)
-                    reset_change[i] = after - before
-                    before = after
-
-    return simulate
+        after = lyapunov(kind, true - position, v2 - speed_hat, l2, limit)
+        flow_change[i] = after - before
+        before = after
+        jumping = True
+        while jumping:
+            jumping = False
+            if in_first_jump_set(true + w, margin):
+                true = first_jump(true)
+                jumping = True
+            if in_first_jump_set(position, margin):
+                position = first_jump(position)
+                jumping = True
+            if jumping:
+                after = lyapunov(kind, true - position, v2 - speed_hat, l2, limit)
+                wrap_change[i] = after - before
+                before = after
+            if in_second_jump_set(true + w - position, margin):
+                position = true + w
+                jumping = True
+                resets[i] += 1.0
+                after = lyapunov(kind, true - position, v2 - speed_hat, l2, limit)
+                reset_change[i] = after - before
+                before = after
 
 
 @lru_cache
@@ -192,11 +192,7 @@ def _run(injection: str, gains: tuple[float, float, float], margin: float, noise
     speed = profiles.figure_4()(half_steps)[1]
     out = [np.zeros(STEPS) for _ in range(5)]
     out += [np.full(STEPS, np.nan), np.full(STEPS, np.nan), np.zeros(STEPS)]
-    simulate = make_simulation(injection)
-    if available():
-        compiled(simulate)(gains, margin, STEP, speed, noise, *out)
-    else:  # lists contain Python floats, which are several times faster than numpy's
-        simulate(gains, margin, STEP, speed.tolist(), noise.tolist(), *out)
+    run(simulate, FOUR.index(injection), *gains, margin, STEP, STEPS, speed, noise, *out)
     return Trace(half_steps[:-1:2], speed[:-1:2], *out)
 
 
@@ -265,8 +261,8 @@ def lyapunov_values() -> Values:
             yield f'LY dV at J2 {name}', np.nanmin(trace.reset_change)
         yield f'LY max |dV| at J1 {name}', np.nanmax(np.abs(trace.wrap_change))
         yield f'LY max flow increase of V {name}', trace.flow_change[free].max()
-        injection = INJECTIONS[name]
-        power = l1 * np.square([injection(error, 1.0) for error in trace.position_error.tolist()])
+        kind, errors = FOUR.index(name), trace.position_error.tolist()
+        power = l1 * np.square([injection(kind, error, 1.0) for error in errors])
         # the cubic through four samples gives the integral over the step between the middle two
         whole = free & np.isnan(trace.reset_change)
         smooth = whole[:-2] & whole[1:-1] & whole[2:]

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, MARGIN, Trace, figure_4, figure_5
-from sim_pkg.reproduce.hybrid_angle.observer import INJECTIONS
+from sim_pkg.reproduce.hybrid_angle.observer import injection
 from sim_pkg.reproduce.hybrid_angle.sampled import PERIOD, QUANTUM, algorithm_1, samples, wrapped
 
 # As in the paper: sin blue, tan red, saw green, sat purple.
@@ -44,7 +44,7 @@ def injection_curves() -> Figure:
     axes = figure.subplots()
     error = np.linspace(-math.pi, math.pi, 1601)
     for name in ('tan', 'saw', 'sat', 'sin'):
-        curve = [INJECTIONS[name](float(e), 1.0) for e in error]
+        curve = [injection(FOUR.index(name), float(e), 1.0) for e in error]
         axes.plot(error[:-1], curve[:-1], color=COLOURS[name], label=LABELS[name], linewidth=1.8)
     axes.axvspan(-math.pi, -math.pi + MARGIN, color=BAND, label=r'jump set $J_2$')
     axes.axvspan(math.pi - MARGIN, math.pi, color=BAND)

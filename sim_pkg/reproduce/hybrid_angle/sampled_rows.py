@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg.driver.compiled import longest_dt
 from estimator_pkg.observers.angle.hybrid import observer as hybrid_angle
+from estimator_pkg.sensor.guard import longest_dt
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.contract import Values

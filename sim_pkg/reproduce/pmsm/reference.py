@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.engine.calls import run
 from estimator_pkg.observers.pmsm.equations import reflect
 from estimator_pkg.observers.pmsm.identifier import shift, solve
 from estimator_pkg.observers.pmsm.state import Core, Registers
+from estimator_pkg.record import record
 from sim_pkg.pmsm.profiles import P1, Profile
 
 # Table 1
@@ -40,9 +41,29 @@ STARTS = {
     'G': (1, -90.0, 2500.0),
 }
 
+THRESHOLD = 4.0 * math.sqrt(GAMMA)  # a larger error of x is replaced [1/Wb]
 STEP = 2e-6  # s, of the Runge-Kutta solution
 LOG_EVERY = 25  # steps
 DURATION = 0.70  # s
+
+
+@record
+class Observed:
+    """The observer's state, see `estimator_pkg.observers.pmsm.equations`."""
+
+    i: complex
+    h: complex
+    z: complex
+    x: float
+    integral: complex  # of the back-EMF since the last clock tick
+    count: int  # ticks
+    jumps: int  # reflections
+    fires: int  # replacements of x
+    core: Core  # what the jump needs
+    registers: Registers
+
+
+Vectors = NDArray[np.complex128]
 
 
 class Signals(NamedTuple):
@@ -107,11 +128,6 @@ def start_frame(theta0: float, omega0: float, eta0_deg: float) -> complex:
     return cmath.exp(1j * turned)
 
 
-def blank(kind: Any) -> Any:
-    """Return a record of zeros in the form that Numba compiles."""
-    return np.zeros(1, kind.dtype).view(np.recarray)[0]
-
-
 def core_of(i: complex, h: complex, z: complex, current: complex = 0j) -> Core:
     """Return the numbers of the observer for these vectors."""
     core = Core()
@@ -131,32 +147,41 @@ def emf(h, z):
     return z * (1j * h)
 
 
-def tick(i, h, z, x, core, registers, integral, count, kind, threshold):
-    """Apply a clock tick; return (i, h, z, x, jumped, fired).
+def start_state(exact: Signals, eta0_deg: float, xi0: float) -> Observed:
+    """Return the observer at the start of a run."""
+    state = Observed()
+    state.z, state.x = start_frame(exact.theta[0], exact.omega[0], eta0_deg), float(xi0)
+    state.i = state.z.conjugate() * complex(exact.current[0])
+    return state
 
-    `count` is the number of completed ticks, this one included. (26) can be read in three ways:
-    id_post decides after the registers shift, id_pre before (and counts one tick less), id_early
-    as id_post but one tick earlier. `core` takes the numbers for the jump.
+
+def tick(state: Observed, kind: int) -> None:
+    """Apply a clock tick.
+
+    (26) can be read in three ways: id_post decides after the registers shift, id_pre before (and
+    counts one tick less), id_early as id_post but one tick earlier.
     """
-    fired = jumped = 0
-    if kind >= 2:
+    core, registers, h = state.core, state.registers, state.h
+    state.count += 1
+    count = state.count
+    if kind >= ID_PRE:
         before, _, _, _ = solve(registers, PERIODS)
-        y = emf(h, z)
-        shift(registers, PERIODS, y.real, y.imag, abs(h), integral.real, integral.imag)
+        y, area = emf(h, state.z), state.integral
+        shift(registers, PERIODS, y.real, y.imag, abs(h), area.real, area.imag)
         found, _, _, _ = solve(registers, PERIODS)
-        if kind == 2:
+        if kind == ID_PRE:
             found, count = before, count - 1
-        if count > PERIODS + (0 if kind == 4 else 1) and abs(x - found) > threshold:
-            x = found
-            fired = 1
-    if kind >= 1:
-        core.i1, core.i2, core.h1, core.h2 = i.real, i.imag, h.real, h.imag
-        core.z1, core.z2 = z.real, z.imag
+        if count > PERIODS + (0 if kind == ID_EARLY else 1) and abs(state.x - found) > THRESHOLD:
+            state.x = found
+            state.fires += 1
+    if kind >= HYBRID:
+        core.i1, core.i2, core.h1, core.h2 = state.i.real, state.i.imag, h.real, h.imag
+        core.z1, core.z2 = state.z.real, state.z.imag
         if reflect(core):
-            i, h = complex(core.i1, core.i2), complex(core.h1, core.h2)
-            z = complex(core.z1, core.z2)
-            jumped = 1
-    return i, h, z, x, jumped, fired
+            state.i, state.h = complex(core.i1, core.i2), complex(core.h1, core.h2)
+            state.z = complex(core.z1, core.z2)
+            state.jumps += 1
+    state.integral = 0j
 
 
 def flow(i, h, z, x, current, voltage, resistance, inductance, k_p, k_i, k_eta, gamma):
@@ -182,13 +207,11 @@ def slope(i, h, z, x, current, voltage):
     return flow(i, h, z, x, current, voltage, RESISTANCE, INDUCTANCE, K_P, K_I, K_ETA, GAMMA)
 
 
-def runge_kutta_step(i, h, z, x, currents, voltages, dt):
+def runge_kutta_step(i, h, z, x, c0, c1, c2, u0, u1, u2, dt):
     """Return (i, h, z, x) after a step of RK4, and the integral of the back-EMF over it.
 
-    `currents` and `voltages` are those at the start, the middle and the end of the step.
+    Currents c and voltages u are those at the start, the middle and the end of the step.
     """
-    c0, c1, c2 = currents
-    u0, u1, u2 = voltages
     a_i, a_h, a_z, a_x = slope(i, h, z, x, c0, u0)
     a_n = emf(h, z)
     half = 0.5 * dt
@@ -209,46 +232,40 @@ def runge_kutta_step(i, h, z, x, currents, voltages, dt):
     return i, h, z, x, sixth * (a_n + 2.0 * b_n + 2.0 * c_n + d_n)
 
 
-def runge_kutta(current, voltage, dt, period, kind, records, start, log_every, logs):
+def runge_kutta(
+    state: Observed,
+    count: int,
+    current: Vectors,
+    voltage: Vectors,
+    dt: float,
+    period: int,
+    kind: int,
+    log_every: int,
+    out_h: Vectors,
+    out_z: Vectors,
+    out_x: NDArray[np.float64],
+) -> None:
     """Run RK4 with inputs exact at the stages; ticks at integer multiples of `period` steps.
 
     Parameters
     ----------
-    current, voltage : on a grid of half steps, shape (2 n + 1,).
-    records : blank ones for `tick`: of the core and of the registers.
-    start : (i, h, z, x).
-    logs : arrays of h, z and x, every `log_every` steps, after the tick; row 0 is the start.
-
-    Returns
-    -------
-    (reflections, replacements of x)
+    current, voltage : on a grid of half steps, shape (2 count + 1,).
+    out_h, out_z, out_x : h, z and x every `log_every` steps, after the tick; row 0 is the start.
     """
-    i, h, z, x = start
-    core, registers = records
-    out_h, out_z, out_x = logs
-    threshold = 4.0 * math.sqrt(GAMMA)
-    integral = complex(0.0, 0.0)
-    count, jumps, fires = 0, 0, 0
-    out_h[0], out_z[0], out_x[0] = h, z, x
-    for k in range((len(current) - 1) // 2):
-        j = 2 * k
-        currents = current[j], current[j + 1], current[j + 2]
-        voltages = voltage[j], voltage[j + 1], voltage[j + 2]
-        i, h, z, x, area = runge_kutta_step(i, h, z, x, currents, voltages, dt)
-        integral = integral + area
-        z = z * (1.0 / abs(z))
+    out_h[0], out_z[0], out_x[0] = state.h, state.z, state.x
+    for k in range(count):
+        c0, c1, c2 = current[2 * k], current[2 * k + 1], current[2 * k + 2]
+        u0, u1, u2 = voltage[2 * k], voltage[2 * k + 1], voltage[2 * k + 2]
+        state.i, state.h, state.z, state.x, area = runge_kutta_step(
+            state.i, state.h, state.z, state.x, c0, c1, c2, u0, u1, u2, dt
+        )
+        state.integral += area
+        state.z = state.z * (1.0 / abs(state.z))
         if (k + 1) % period == 0:
-            count += 1
-            i, h, z, x, jumped, fired = tick(
-                i, h, z, x, core, registers, integral, count, kind, threshold
-            )
-            integral = complex(0.0, 0.0)
-            jumps += jumped
-            fires += fired
+            tick(state, kind)
         if (k + 1) % log_every == 0:
             row = (k + 1) // log_every
-            out_h[row], out_z[row], out_x[row] = h, z, x
-    return jumps, fires
+            out_h[row], out_z[row], out_x[row] = state.h, state.z, state.x
 
 
 class Run(NamedTuple):
@@ -264,15 +281,13 @@ class Run(NamedTuple):
 
 def reference_run(exact: Signals, kind: int, eta0_deg: float, xi0: float) -> Run:
     """Run one observer on exact signals on a grid of half steps."""
-    rows = (len(exact.time) - 1) // 2 // LOG_EVERY + 1
-    h, z, x = np.zeros(rows, complex), np.zeros(rows, complex), np.zeros(rows)
-    z0 = start_frame(exact.theta[0], exact.omega[0], eta0_deg)
-    start = z0.conjugate() * exact.current[0], 0j, z0, float(xi0)
-    records, period = (blank(Core), blank(Registers)), round(1.0 / (CLOCK * STEP))
-    jumps, fires = compiled(runge_kutta)(
-        exact.current, exact.voltage, STEP, period, kind, records, start, LOG_EVERY, (h, z, x)
-    )
-    return Run(thinned(exact, 2 * LOG_EVERY), h, z, x, jumps, fires)
+    count = (len(exact.time) - 1) // 2
+    rows = count // LOG_EVERY + 1
+    logs = np.zeros(rows, complex), np.zeros(rows, complex), np.zeros(rows)
+    state = start_state(exact, eta0_deg, xi0)
+    steps = STEP, round(1.0 / (CLOCK * STEP))
+    run(runge_kutta, state, count, exact.current, exact.voltage, *steps, kind, LOG_EVERY, *logs)
+    return Run(thinned(exact, 2 * LOG_EVERY), *logs, state.jumps, state.fires)
 
 
 def exact_grid(direction: int = 1) -> Signals:

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.engine.calls import run
 from estimator_pkg.observers.pmsm.scheme import prepare_scheme, turned_emf
-from estimator_pkg.observers.pmsm.state import Core, Registers, Scheme
+from estimator_pkg.observers.pmsm.state import Scheme
 from sim_pkg.reproduce.pmsm.reference import (
     CLOCK,
     GAMMA,
@@ -26,14 +26,15 @@ from sim_pkg.reproduce.pmsm.reference import (
     K_I,
     K_P,
     RESISTANCE,
+    Observed,
     Run,
     Signals,
-    blank,
+    Vectors,
     emf,
     runge_kutta_step,
     signals,
     slope,
-    start_frame,
+    start_state,
     tick,
 )
 
@@ -64,7 +65,8 @@ def _held_voltage(voltage, speed, turn, scheme):
     rate = -(RESISTANCE / INDUCTANCE + K_P)
     turning = complex(0.0, speed)
     a, b, c, d = turning + rate, 1.0 / INDUCTANCE, -K_I, turning
-    inverse = 1.0 / (a * d - b * c)
+    det = a * d - b * c
+    inverse = det.conjugate() * (1.0 / (det.real * det.real + det.imag * det.imag))
     drive = voltage * (1.0 / INDUCTANCE)
     first = (scheme.e11 - turn.conjugate()) * drive
     second = scheme.e21 * drive
@@ -88,8 +90,7 @@ def exponential_step(i, h, z, x, before, now, voltage, scheme, held, passes):
     for _ in range(passes):
         turn = complex(math.cos(speed * dt), math.sin(speed * dt))
         end = back * turn.conjugate() * now
-        u = complex(0.0, 0.0)
-        held_i, held_h = u, u
+        u = held_i = held_h = 0j
         if held:
             held_i, held_h = _held_voltage(back * voltage, speed, turn, scheme)
         else:
@@ -123,27 +124,35 @@ def exponential_step(i, h, z, x, before, now, voltage, scheme, held, passes):
     return new_i, new_h, new_z * (1.0 / abs(new_z)), new_x
 
 
-def sampled(way, current, instant, mean, dt, period, kind, records, start, logs):
-    """Run at one sample rate; return (reflections, replacements of x). Diverged rows are nan.
+def sampled(
+    state: Observed,
+    scheme: Scheme,
+    way: int,
+    count: int,
+    current: Vectors,
+    instant: Vectors,
+    mean: Vectors,
+    dt: float,
+    period: int,
+    kind: int,
+    out_h: Vectors,
+    out_z: Vectors,
+    out_x: NDArray[np.float64],
+) -> None:
+    """Run at one sample rate; rows after it diverged are left as they are.
 
     Parameters
     ----------
     way : one of the schemes above.
-    current, instant : at the samples, shape (n + 1,) [A], [V].
+    current, instant : at the samples, shape (count,) [A], [V].
     mean : mean voltage over the interval before each sample [V].
     period : samples between clock ticks.
-    records : a scheme, and blank ones for `tick`: of the core and of the registers.
-    start : (i, h, z, x). logs : arrays of h, z and x, shape (n + 1,).
+    out_h, out_z, out_x : shape (count,).
     """
-    i, h, z, x = start
-    scheme, core, registers = records
-    out_h, out_z, out_x = logs
-    integral = complex(0.0, 0.0)
+    i, h, z, x = state.i, state.h, state.z, state.x
     y = emf(h, z)
-    count, jumps, fires = 0, 0, 0
-    threshold = 4.0 * math.sqrt(GAMMA)
     out_h[0], out_z[0], out_x[0] = h, z, x
-    for k in range(1, len(current)):
+    for k in range(1, count):
         if way >= X_HELD:
             passes = 1 if way == X_ONE_PASS else 2
             i, h, z, x = exponential_step(
@@ -161,7 +170,7 @@ def sampled(way, current, instant, mean, dt, period, kind, records, start, logs)
                 of_i, of_h, of_z, of_x = slope(i, h, z, x, c0, u0)
                 i, h, z, x = i + dt * of_i, h + dt * of_h, z + dt * of_z, x + dt * of_x
             else:
-                i, h, z, x, _ = runge_kutta_step(i, h, z, x, (c0, c1, c2), (u0, u1, u2), dt)
+                i, h, z, x, _area = runge_kutta_step(i, h, z, x, c0, c1, c2, u0, u1, u2, dt)
             if not (
                 -DIVERGED < h.real < DIVERGED
                 and -DIVERGED < h.imag < DIVERGED
@@ -171,22 +180,17 @@ def sampled(way, current, instant, mean, dt, period, kind, records, start, logs)
                 and -DIVERGED < i.real < DIVERGED
                 and -DIVERGED < i.imag < DIVERGED
             ):
-                return jumps, fires
+                return
             z = z * (1.0 / abs(z))
         new_y = emf(h, z)
         area_alpha, area_beta, _ = turned_emf(y.real, y.imag, new_y.real, new_y.imag, dt)
-        integral += complex(area_alpha, area_beta)
+        state.integral += complex(area_alpha, area_beta)
         y = new_y
         if k % period == 0:
-            count += 1
-            i, h, z, x, jumped, fired = tick(
-                i, h, z, x, core, registers, integral, count, kind, threshold
-            )
-            integral = complex(0.0, 0.0)
-            jumps += jumped
-            fires += fired
+            state.i, state.h, state.z, state.x = i, h, z, x
+            tick(state, kind)
+            i, h, z, x = state.i, state.h, state.z, state.x
         out_h[k], out_z[k], out_x[k] = h, z, x
-    return jumps, fires
 
 
 class Samples(NamedTuple):
@@ -212,14 +216,9 @@ def sampled_run(
     """Run one observer with one sampling scheme."""
     truth = samples.truth
     count = len(truth.time)
-    h, z = np.full(count, np.nan + 0j), np.full(count, np.nan + 0j)
-    x = np.full(count, np.nan)
-    z0 = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
-    records = blank(Scheme), blank(Core), blank(Registers)
-    prepare_scheme(records[0], RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / rate)
-    start = z0.conjugate() * truth.current[0], 0j, z0, float(xi0)
-    voltages, period = (truth.voltage, samples.mean), round(rate / CLOCK)
-    jumps, fires = compiled(sampled)(
-        way, truth.current, *voltages, 1.0 / rate, period, kind, records, start, (h, z, x)
-    )
-    return Run(truth, h, z, x, jumps, fires)
+    logs = np.full(count, np.nan + 0j), np.full(count, np.nan + 0j), np.full(count, np.nan)
+    state, scheme = start_state(truth, eta0_deg, xi0), Scheme()
+    prepare_scheme(scheme, RESISTANCE, INDUCTANCE, K_P, K_I, 1.0 / rate)
+    columns, period = (truth.current, truth.voltage, samples.mean), round(rate / CLOCK)
+    run(sampled, state, scheme, way, count, *columns, 1.0 / rate, period, kind, *logs)
+    return Run(truth, *logs, state.jumps, state.fires)

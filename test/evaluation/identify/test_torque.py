@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from estimator_pkg.driver.compiled import available
+from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.identify import torque
 from estimator_pkg.evaluation.identify.torque import STUDIES
 
 BAGS = Path(__file__).parents[3] / 'bags'
 
-pytestmark = pytest.mark.skipif(not available(), reason='slow without numba')
+pytestmark = pytest.mark.skipif(not available(), reason='slow without the engine')
 
 
 @pytest.mark.slow

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import positions
-from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.engine import calls
+from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother import sites
@@ -22,7 +23,6 @@ from estimator_pkg.evaluation.reference.smoother.cells import along, filtered
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.smoother import Noise, smooth
-from estimator_pkg.evaluation.reference.smoother.steps import backward, forward
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 TURN = 2.0 * math.pi
@@ -182,7 +182,7 @@ def dense(stamps, readings, noise):
     information, vector = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
     part = Piece(np.arange(n), np.append(0.0, h), readings)
     first = start(readings[0], r, part.speed, part.step)
-    prior = np.diag([1.0 / first[3], 1.0 / first[6], 1.0 / first[8]])
+    prior = np.diag([1.0 / first.p00, 1.0 / first.p11, 1.0 / first.p22])
     information[:3, :3] += prior
     vector[:3] += prior @ (readings[0], 0.0, 0.0)
     for k in range(n):
@@ -328,23 +328,22 @@ def test_too_little_gives_nothing():
         assert not len(found.stamps) and math.isnan(found.uncertainty)
 
 
-def test_plain_and_compiled_agree():
-    from estimator_pkg.driver.compiled import available, compiled
-
-    if not available():
-        pytest.skip('Numba is not installed')
+@pytest.mark.skipif(not available(), reason='no engine was built')
+@pytest.mark.parametrize('quantum', [0.0, TURN / 256])
+def test_plain_and_compiled_are_equal(quantum, monkeypatch):
     random = np.random.default_rng(3)
-    steps, readings = random.uniform(0.01, 0.02, 40), random.standard_normal(40)
-    readings[7] = np.nan
-    start = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1e6, 0.0, 1e6)
-    results = []
-    weights = np.where(np.isfinite(readings), 100.0, 0.0)
-    for ahead, back in ((forward, backward), (compiled(forward), compiled(backward))):
-        states, innovations, out = np.empty((40, 9)), np.empty((40, 2)), np.empty((40, 4))
-        ahead(start, steps, readings, weights, 3.0, TURN, states, innovations)
-        back((0.0,) * 9, steps, weights, states, innovations, out)
-        results.append(out)
-    assert results[0] == pytest.approx(results[1], rel=1e-9)
+    time = np.cumsum(random.uniform(0.01, 0.02, 600))
+    readings = np.sin(3.0 * time) + 1e-3 * random.standard_normal(600)
+    if quantum:
+        readings = np.floor(readings / quantum) * quantum
+    readings.flags.writeable = False
+    found = smooth(ns(time), readings, TURN)
+    monkeypatch.setattr(calls, 'load', lambda: (None, ''))
+    plain = smooth(ns(time), readings, TURN)
+    assert found.noise.cells == bool(quantum)
+    assert repr(found.noise) == repr(plain.noise)
+    for ours, theirs in zip(found, plain):
+        np.testing.assert_array_equal(ours, theirs)
 
 
 @pytest.mark.parametrize('counts', [256, 4096, 65536])
@@ -429,20 +428,15 @@ def test_the_search_passes_few_times_over_the_readings(bag, monkeypatch):
     """A pass over a reading takes about 80 ns, and they are most of the time of the reference."""
     passed = 0
 
-    def counted(function):
-        run = compiled(function)
+    def counting(function, *arguments):
+        nonlocal passed
+        if function is along:
+            passed += arguments[1] * arguments[-1]
+        elif function is filtered:
+            passed += arguments[1]
+        return calls.run(function, *arguments)
 
-        def counting(*arguments):
-            nonlocal passed
-            if function is along:
-                passed += len(arguments[2]) * arguments[-1]
-            elif function is filtered:
-                passed += len(arguments[2])
-            return run(*arguments)
-
-        return counting
-
-    monkeypatch.setattr(sites, 'compiled', counted)
+    monkeypatch.setattr(sites, 'run', counting)
     with open_bag(BAGS / bag) as opened:
         found = positions(opened, '/joint_states')
     for series in found.values():

@@ -383,7 +383,7 @@ def test_the_declared_delay_is_that_of_the_speed_on_a_ramp(corner):
     """(true speed - estimate) / acceleration in the middle of a straight ramp, without noise."""
     motor = made(speed_filter_hz=corner)
     profile = Profile([(0.2, 2000.0, 6000.0)], smooth=False)
-    seen = Drive(PmsmParameters(adc_bits=0), profile=profile, fast=False).run(4000)
+    seen = Drive(PmsmParameters(adc_bits=0), profile=profile).run(4000)
     rows = estimates(motor, seen.samples)[2]
     lag = (seen.truth[1:, 0] - rows[:, 1] / 7.0)[2000:3500]
     rise = np.gradient(seen.truth[1:, 0], DT)[2000:3500]

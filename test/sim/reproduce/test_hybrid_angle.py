@@ -5,6 +5,7 @@
 
 import json
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import reproduced
 from observer_cases import make, stamps
 
 from estimator_pkg import cli
-from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.engine import calls
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import injections
 from sim_pkg.joints import profiles
@@ -270,7 +271,8 @@ def test_splitmix_gives_the_published_numbers():
 
 @pytest.mark.parametrize('name', injections.NAMES)
 def test_lyapunov_potential_is_the_integral_of_the_injection(name):
-    potential, injection = continuous.POTENTIALS[name], continuous.INJECTIONS[name]
+    kind = injections.NAMES.index(name)
+    potential, injection = partial(continuous.potential, kind), partial(continuous.injection, kind)
     for error in np.linspace(-3.0, 3.0, 41):
         if abs(abs(error) - 0.8) < 0.06:
             continue  # the kink of sat
@@ -279,7 +281,7 @@ def test_lyapunov_potential_is_the_integral_of_the_injection(name):
         assert potential(error + TURN, 0.8) == pytest.approx(potential(error, 0.8), abs=1e-9)
         assert potential(error, 0.8) >= 0.0
     assert potential(0.0, 0.8) == 0.0
-    assert continuous.make_lyapunov(potential)(0.0, 3.0, 4.5, 0.8) == pytest.approx(1.0)
+    assert continuous.lyapunov(kind, 0.0, 3.0, 4.5, 0.8) == pytest.approx(1.0)
 
 
 def test_jump_sets_and_maps_of_the_continuous_observer():
@@ -291,26 +293,27 @@ def test_jump_sets_and_maps_of_the_continuous_observer():
     assert continuous.first_jump(-3.3) == pytest.approx(TURN - 3.3)
     for error, inside in ((3.05, True), (-3.24, True), (3.03, False), (3.25, False), (0.0, False)):
         assert continuous.in_second_jump_set(error, margin) is inside
-    flow = continuous.make_flow(continuous.sin)
-    assert flow(1.0, 2.0, 1.5, (3.0, 4.0, 1.0)) == pytest.approx(
+    assert continuous.flow(injections.SIN, 1.0, 2.0, 1.5, 3.0, 4.0, 1.0) == pytest.approx(
         (2.0 + 3.0 * math.sin(0.5), 4.0 * math.sin(0.5))
     )
 
 
-@pytest.mark.skipif(not available(), reason='needs numba')
+@pytest.mark.skipif(not calls.available(), reason='no engine was built')
 @pytest.mark.parametrize('name', injections.NAMES)
-def test_continuous_observer_compiles_to_the_same_numbers(name):
-    simulate = hybrid_continuous.make_simulation(name)
+def test_the_continuous_observer_compiles_to_the_same_numbers(name, monkeypatch):
     outs = []
-    for function in (simulate, compiled(simulate)):
+    for _ in range(2):
         out = [np.zeros(3000) for _ in range(5)]
         out += [np.full(3000, np.nan), np.full(3000, np.nan), np.zeros(3000)]
         speed, noise = np.linspace(0.0, 90.0, 6001), splitmix.uniforms(1, 3000, 0.2)
-        function((8.6, 10.2, 1.0), 0.08, 1e-3, speed, noise, *out)
+        columns = 3000, speed, noise, *out
+        kind = injections.NAMES.index(name)
+        calls.run(hybrid_continuous.simulate, kind, 8.6, 10.2, 1.0, 0.08, 1e-3, *columns)
         outs.append(out)
+        monkeypatch.setattr(calls, 'load', lambda: (None, ''))
     assert bool(outs[0][7].any()) == (name != 'tan')  # tan keeps the error out of J2
-    for plain, twin in zip(*outs):
-        np.testing.assert_allclose(twin, plain, rtol=0.0, atol=1e-9)
+    for plain, compiled in zip(*outs):
+        np.testing.assert_array_equal(plain, compiled)
 
 
 @pytest.mark.parametrize('name', injections.NAMES)
@@ -329,17 +332,17 @@ def test_the_node_runs_the_algorithm_that_is_reproduced(name):
 def test_the_continuous_observer_has_the_injections_of_the_node(name):
     design = Alone(form='paper', injection=name, **FIGURE_6).design
     for error in np.linspace(-9.0, 9.0, 61).tolist():
-        assert continuous.INJECTIONS[name](error, 1.0) == injections.inject(error, design)
+        ours = continuous.injection(injections.NAMES.index(name), error, 1.0)
+        assert ours == injections.inject(error, design)
 
 
 @pytest.mark.parametrize('name', injections.NAMES)
 def test_a_potential_is_the_integral_of_its_injection(name):
     """(7) of the paper, at a saturation that is not 1."""
-    limit, potential = 0.7, continuous.POTENTIALS[name]
+    limit, kind = 0.7, injections.NAMES.index(name)
+    potential, injection = partial(continuous.potential, kind), partial(continuous.injection, kind)
     errors = np.linspace(-2.9, 2.9, 59)
     slope = [(potential(e + 1e-6, limit) - potential(e - 1e-6, limit)) / 2e-6 for e in errors]
-    assert slope == pytest.approx(
-        [continuous.INJECTIONS[name](e, limit) for e in errors.tolist()], abs=1e-5
-    )
+    assert slope == pytest.approx([injection(e, limit) for e in errors.tolist()], abs=1e-5)
     assert potential(0.0, limit) == 0.0
     assert potential(limit + 1e-12, limit) == pytest.approx(potential(limit - 1e-12, limit))

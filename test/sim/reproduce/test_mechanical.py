@@ -8,7 +8,7 @@ import pytest
 import reproduced
 from scipy.interpolate import make_smoothing_spline
 
-from estimator_pkg.driver.compiled import available
+from estimator_pkg.engine.calls import available
 from sim_pkg.reproduce import claims
 from sim_pkg.reproduce.contract import Row
 from sim_pkg.reproduce.mechanical import benefit as mechanical_benefit
@@ -16,7 +16,7 @@ from sim_pkg.reproduce.mechanical import smoother as mechanical_smoother
 from sim_pkg.reproduce.mechanical import tables as mechanical_tables
 from sim_pkg.reproduce.mechanical.paper import REPRODUCTION
 
-pytestmark = pytest.mark.skipif(not available(), reason='takes hours without numba')
+pytestmark = pytest.mark.skipif(not available(), reason='takes hours without the engine')
 
 
 SLOW = ('B', 'C', 'D', 'E', 'G', 'H1', 'H3')

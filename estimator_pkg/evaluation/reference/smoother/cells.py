@@ -13,9 +13,8 @@ quantum^2/12.
 
 A site is (precision, pull), relative to the centre of its cell: exp(-precision u^2/2 + pull u).
 A message is a state of `smoother.steps` without the site of its own reading. The backward message
-is the filter of the reversed record, in which only the sign of the speed differs. For n cells
-`gaps` [s] has shape (n + 1,), `centres` [rad] (n,), `sites` [1/rad^2, 1/rad] (n, 2) and `messages`
-(n, 9).
+is the filter of the reversed record, in which only the sign of the speed differs. All functions are
+in the subset that the engine has.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.reference.smoother.steps import predict
+from estimator_pkg.evaluation.reference.smoother.steps import Motion, get, narrow, predict, put
 
 Array = NDArray[np.float64]
 
@@ -71,45 +70,36 @@ def site(
     return precision, precision * (mean + variance * shift) + shift, log_z
 
 
-def _absorb(x: tuple, centre: float, precision: float, pull: float) -> tuple:
-    """Return the state after a site."""
-    q, v, a, p00, p01, p02, p11, p12, p22 = x
-    kept = 1.0 / (1.0 + precision * p00)
-    e = (pull + precision * (centre - q)) * kept
-    g = precision * kept
-    return (
-        q + p00 * e,
-        v + p01 * e,
-        a + p02 * e,
-        p00 * kept,
-        p01 * kept,
-        p02 * kept,
-        p11 - g * p01 * p01,
-        p12 - g * p01 * p02,
-        p22 - g * p02 * p02,
-    )
+def _absorb(x: Motion, centre: float, precision: float, pull: float) -> None:
+    """Correct the state by a site."""
+    kept = 1.0 / (1.0 + precision * x.p00)
+    e = (pull + precision * (centre - x.q)) * kept
+    x.q = x.q + x.p00 * e
+    x.v = x.v + x.p01 * e
+    x.a = x.a + x.p02 * e
+    narrow(x, kept, precision * kept)
 
 
-def _together(x: tuple, y: tuple) -> tuple[float, float]:
+def _together(x: Motion, y: Motion) -> tuple[float, float]:
     """Return (mean, variance) of the position from the messages `x` and `y` together.
 
     The variance is the first element of P_x (P_x + P_y)^-1 P_y; `y` is of the reversed record.
     """
-    s00, s01, s02 = x[3] + y[3], x[4] - y[4], x[5] + y[5]
-    s11, s12, s22 = x[6] + y[6], x[7] - y[7], x[8] + y[8]
+    s00, s01, s02 = x.p00 + y.p00, x.p01 - y.p01, x.p02 + y.p02
+    s11, s12, s22 = x.p11 + y.p11, x.p12 - y.p12, x.p22 + y.p22
     r0 = 1.0 / s00  # s = l d l', with r = 1 / d
     l10, l20 = s01 * r0, s02 * r0
     r1 = 1.0 / max(s11 - l10 * s01, SURE * s11)
     d21 = s12 - l20 * s01
     l21 = d21 * r1
     r2 = 1.0 / max(s22 - l20 * s02 - l21 * d21, SURE * s22)
-    b1 = x[4] - l10 * x[3]
-    w2 = (x[5] - l20 * x[3] - l21 * b1) * r2
+    b1 = x.p01 - l10 * x.p00
+    w2 = (x.p02 - l20 * x.p00 - l21 * b1) * r2
     w1 = b1 * r1 - l21 * w2
-    w0 = x[3] * r0 - l10 * w1 - l20 * w2
-    variance = w0 * y[3] - w1 * y[4] + w2 * y[5]
-    mean = x[0] + w0 * (y[0] - x[0]) + w1 * (-y[1] - x[1]) + w2 * (y[2] - x[2])
-    return mean, max(variance, SURE * min(x[3], y[3]))
+    w0 = x.p00 * r0 - l10 * w1 - l20 * w2
+    variance = w0 * y.p00 - w1 * y.p01 + w2 * y.p02
+    mean = x.q + w0 * (y.q - x.q) + w1 * (-y.v - x.v) + w2 * (y.a - x.a)
+    return mean, max(variance, SURE * min(x.p00, y.p00))
 
 
 def _scale(mean: float, variance: float, precision: float, pull: float) -> float:
@@ -122,8 +112,9 @@ def _scale(mean: float, variance: float, precision: float, pull: float) -> float
 
 
 def sweep(
-    x: tuple,
+    x: Motion,
     way: int,
+    count: int,
     gaps: Array,
     centres: Array,
     half: float,
@@ -141,39 +132,38 @@ def sweep(
 
     Parameters
     ----------
-    x : the state at the end of the stretch from which the direction comes.
+    x : the state at the end of the stretch from which the direction comes; it is moved along.
     way : 1 (forward) or -1 (backward).
-    gaps : shape (n + 1,), time from the start of the stretch to the first cell, between cells, and
-        from the last cell to the end [s].
-    centres : shape (n,), middles of the cells.
-    sites : shape (n, 2), (precision, pull); used, and replaced if `update`.
-    messages : shape (n, 9), of the other direction, used if `update`; filled with those of this
-        direction.
+    gaps : shape (count + 1,), time from the start of the stretch to the first cell, between cells,
+        and from the last cell to the end [s].
+    centres : shape (count,), middles of the cells.
+    sites : shape (count, 2), (precision, pull); used, and replaced if `update`.
+    messages : shape (count, SIZE), of the other direction, used if `update`; filled with those of
+        this direction.
     """
     log_z = 0.0
-    count = len(centres)
+    y = Motion()
     for k in range(count):
         i = k if way > 0 else count - 1 - k
-        x = predict(x, gaps[i] if way > 0 else gaps[i + 1], jerk)
+        predict(x, gaps[i] if way > 0 else gaps[i + 1], jerk)
         centre = centres[i]
         if update:
-            y = messages[i]
-            mean, variance = _together(x, (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8]))
+            get(y, messages, i)
+            mean, variance = _together(x, y)
             mean -= centre
             precision, pull, found = site(mean, variance, half, noise, counted)
-            sites[i, 0] = precision
-            sites[i, 1] = pull
+            sites[2 * i], sites[2 * i + 1] = precision, pull
             if counted:
                 log_z += found - _scale(mean, variance, precision, pull)
-                log_z += _scale(x[0] - centre, x[3], precision, pull)
-        for j in range(9):
-            messages[i, j] = x[j]
-        x = _absorb(x, centre, sites[i, 0], sites[i, 1])
+                log_z += _scale(x.q - centre, x.p00, precision, pull)
+        put(messages, i, x)
+        _absorb(x, centre, sites[2 * i], sites[2 * i + 1])
     return log_z
 
 
 def along(
-    start: tuple,
+    start: Motion,
+    count: int,
     gaps: Array,
     centres: Array,
     half: float,
@@ -193,34 +183,46 @@ def along(
     start : state at either end of the stretch, relative to its cell.
     """
     log_z, way = 0.0, -1
+    x = Motion()
     for turn in range(passes):
-        x = (centres[0] if way > 0 else centres[-1], *start[1:])
+        x.take(start)
+        x.q = centres[0] if way > 0 else centres[count - 1]
+        last = turn == passes - 1
         log_z = sweep(
-            x, way, gaps, centres, half, noise, jerk, sites, messages, turn > 0, turn == passes - 1
+            x, way, count, gaps, centres, half, noise, jerk, sites, messages, turn > 0, last
         )
         way = -way
     return log_z
 
 
 def filtered(
-    x: tuple, gaps: Array, centres: Array, half: float, noise: float, jerk: float, sites: Array
+    start: Motion,
+    count: int,
+    gaps: Array,
+    centres: Array,
+    half: float,
+    noise: float,
+    jerk: float,
+    sites: Array,
 ) -> float:
     """Fill the sites from the readings before each, in one pass; return the same logarithm.
 
     It is the product of the probabilities of each cell after those before it: a rough guess.
     """
     log_z = 0.0
-    for i in range(len(centres)):
-        x = predict(x, gaps[i], jerk)
-        precision, pull, found = site(x[0] - centres[i], x[3], half, noise, True)
-        sites[i, 0] = precision
-        sites[i, 1] = pull
+    x = Motion()
+    x.take(start)
+    for i in range(count):
+        predict(x, gaps[i], jerk)
+        precision, pull, found = site(x.q - centres[i], x.p00, half, noise, True)
+        sites[2 * i], sites[2 * i + 1] = precision, pull
         log_z += found
-        x = _absorb(x, centres[i], precision, pull)
+        _absorb(x, centres[i], precision, pull)
     return log_z
 
 
 def used(
+    count: int,
     readings: Array,
     steps: Array,
     quantum: float,
@@ -236,13 +238,12 @@ def used(
 
     Parameters
     ----------
-    readings : shape (c,), middles of the cells [rad]; nan is not a cell.
-    steps : shape (c,), time from the reading before [s]; the first is not used.
-    rows : shape (c,), its first n filled with the indices of the cells.
-    gaps : shape (c + 1,), its first n + 1 filled with the times of `sweep` [s].
+    readings : shape (count,), middles of the cells [rad]; nan is not a cell.
+    steps : shape (count,), time from the reading before [s]; the first is not used.
+    rows : shape (count,), its first n filled with the indices of the cells.
+    gaps : shape (count + 1,), its first n + 1 filled with the times of `sweep` [s].
     """
-    count, found = len(readings), 0
-    first, since = 0, 0.0
+    found, first, since = 0, 0, 0.0
     while first < count:
         end = first + 1
         while end < count and abs(readings[end] - readings[end - 1]) < 0.5 * quantum:

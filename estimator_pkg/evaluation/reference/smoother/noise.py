@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import available, compiled
+from estimator_pkg.engine.calls import available, run
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, start, stretches
 from estimator_pkg.evaluation.reference.smoother.sites import Stretch
-from estimator_pkg.evaluation.reference.smoother.steps import likelihood
+from estimator_pkg.evaluation.reference.smoother.steps import Sums, likelihood
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ USUAL = 0.99  # where large is the reading above this fraction of all, to ignore
 LEAST = 1e-60  # variance of readings that are all 0
 FAST = 100.0  # speed at a start of the likelihood [standard deviations per sample time]
 CELL_READINGS = 24_000  # the probability of cells is evaluated on about this many readings
-PLAIN_READINGS = 3_000  # (without compilation), in stretches of
+PLAIN_READINGS = 3_000  # (without the engine), in stretches of
 CELL_STRETCH = 1500  # this many readings or, if that is longer, with this many
 CHANGES = 20  # changes of the reading; in a short record, it is
 SHORT_STRETCH, PARTS = 400, 3  # at least this many readings or this fraction of the record
@@ -92,16 +92,15 @@ def white(
     floor = max(count * count / 12.0, (TINY * size) ** 2, LEAST)
     if reading is not None:
         floor = reading * reading
-    judge = compiled(likelihood)
 
     def sums(r: float, qc: float) -> tuple[float, float, int]:
-        logs, squares, number = 0.0, 0.0, 0
+        found = Sums()
         unit = r + qc * step**5  # so the start is the same for every scale of the variances
         for part in chosen:
             first = start(part.readings[0], unit, FAST * math.sqrt(unit) / step, step)
-            found = judge(first, part.steps, part.readings, r, qc, period)
-            logs, squares, number = logs + found[0], squares + found[1], number + found[2]
-        return logs, squares, number
+            columns = part.steps, part.readings
+            run(likelihood, found, first, len(part.rows), *columns, r, qc, period)
+        return found.logs, found.squares, found.count
 
     @lru_cache
     def at_floor(ratio: float) -> tuple[float, float, int]:

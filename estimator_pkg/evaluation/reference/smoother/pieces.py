@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.compare.matching import pieces
+from estimator_pkg.evaluation.reference.smoother.steps import Motion
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -81,7 +82,7 @@ def stretches(parts: list[Piece], length: int, most: int) -> list[Piece]:
     return [found[round(at)] for at in np.linspace(0, len(found) - 1, most)]
 
 
-def start(reading: float, variance: float, speed: float, step: float) -> tuple[float, ...]:
+def start(reading: float, variance: float, speed: float, step: float) -> Motion:
     """Return the state before a piece: near its first reading, speed and acceleration unknown.
 
     Its variances are in proportion to the readings, so their unit does not matter. Larger ones
@@ -93,4 +94,6 @@ def start(reading: float, variance: float, speed: float, step: float) -> tuple[f
     """
     fast = LOOSE * (speed**2 + variance / step**2)
     change = fast / (WITHIN * step) ** 2
-    return (float(reading), 0.0, 0.0, LOOSE * variance, 0.0, 0.0, fast, 0.0, change)
+    x = Motion()
+    x.q, x.p00, x.p11, x.p22 = float(reading), LOOSE * variance, fast, change
+    return x

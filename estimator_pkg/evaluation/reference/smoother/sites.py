@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.engine.calls import run
 from estimator_pkg.evaluation.reference.smoother.cells import along, filtered, used
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, start
 
@@ -55,9 +55,9 @@ class Stretch:
         if drift != self._drift:
             self._drift = drift
             part = self._part
-            count = compiled(used)(
-                part.readings, part.steps, self._quantum, drift, OF_A_RUN, self._rows, self._gaps
-            )
+            columns = part.readings, part.steps
+            found = self._rows, self._gaps
+            count = run(used, len(part.rows), *columns, self._quantum, drift, OF_A_RUN, *found)
             if not np.array_equal(self._rows[:count], self._chosen[0]):
                 rows = self._rows[:count].copy()
                 self._chosen = rows, self._gaps[: count + 1].copy(), part.readings[rows]
@@ -77,7 +77,7 @@ class Stretch:
         half = 0.5 * self._quantum
         x = start(centres[0], half * half / 3.0 + blur * blur, self._speed, self._step)
         sites = self._guessed[: len(rows)]
-        return compiled(filtered)(x, gaps, centres, half, blur, jerk, sites)
+        return float(run(filtered, x, len(rows), gaps, centres, half, blur, jerk, sites))
 
     def probability(self, blur: float, jerk: float, sweeps: int | None = None) -> float:
         """Return the same with the sites that `sweeps` forward and backward find.
@@ -101,8 +101,10 @@ class Stretch:
             self._sites[self._of] = self._newest
             self._newest = self._sites[rows]
         self._of = rows
-        log_z = compiled(along)(
+        log_z = run(
+            along,
             start(0.0, variance, self._speed, self._step),
+            count,
             gaps,
             centres,
             half,

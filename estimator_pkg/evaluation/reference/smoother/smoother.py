@@ -17,18 +17,25 @@ residual is not white, and the speed that this residual would be as motion is re
 from __future__ import annotations
 
 import math
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.compiled import compiled
+from estimator_pkg.engine.calls import run
 from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.reference.smoother.noise import COARSE, Noise, in_cells, white
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.residual import unexplained
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
-from estimator_pkg.evaluation.reference.smoother.steps import backward, forward
+from estimator_pkg.evaluation.reference.smoother.steps import (
+    SIZE,
+    Adjoint,
+    Motion,
+    backward,
+    forward,
+)
 from estimator_pkg.observers.circle import LARGEST
 
 Array = NDArray[np.float64]
@@ -192,50 +199,29 @@ def _smooth(part: Piece, weights: Array, noise: Noise, period: float) -> Array:
     """Filter forward once, storing the state before each chunk; then smooth backward chunk by
     chunk, each filtered again, so that memory does not grow with the record.
     """
-    ahead, back = compiled(forward), compiled(backward)
     count = len(part.rows)
     starts = range(0, count, CHUNK)
-    states, innovations = np.empty((min(CHUNK, count), 9)), np.empty((min(CHUNK, count), 2))
+    states, innovations = np.empty((min(CHUNK, count), SIZE)), np.empty((min(CHUNK, count), 2))
     known = np.flatnonzero(weights > 0.0)
     first = float(part.readings[known[0]]) if len(known) else 0.0
-    entered = [start(first, noise.reading**2, part.speed, part.step)]
-    for at in starts[:-1]:
+    state, entered = start(first, noise.reading**2, part.speed, part.step), []
+
+    def filter_chunk(at: int, state: Motion) -> tuple[slice, int]:
         here = slice(at, at + CHUNK)
-        entered.append(
-            ahead(
-                entered[-1],
-                part.steps[here],
-                part.readings[here],
-                weights[here],
-                noise.jerk,
-                period,
-                states,
-                innovations,
-            )
-        )
-    smoothed = np.empty((count, 4))
-    adjoint: tuple = (0.0,) * 9
+        columns = part.steps[here], part.readings[here], weights[here]
+        size, found = len(columns[0]), (states, innovations)
+        run(forward, state, size, *columns, noise.jerk, period, *found)
+        return here, size
+
+    for at in starts:
+        entered.append(copy(state))
+        if at != starts[-1]:
+            filter_chunk(at, state)
+    smoothed, adjoint = np.empty((count, 4)), Adjoint()
     for at, state in zip(reversed(starts), reversed(entered)):
-        here = slice(at, at + CHUNK)
-        steps = part.steps[here]
-        ahead(
-            state,
-            steps,
-            part.readings[here],
-            weights[here],
-            noise.jerk,
-            period,
-            states,
-            innovations,
-        )
-        adjoint = back(
-            adjoint,
-            steps,
-            weights[here],
-            states[: len(steps)],
-            innovations[: len(steps)],
-            smoothed[here],
-        )
+        here, size = filter_chunk(at, state)
+        columns = part.steps[here], weights[here], states, innovations
+        run(backward, adjoint, size, *columns, smoothed[here])
     return smoothed
 
 

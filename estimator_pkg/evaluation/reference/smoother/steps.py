@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The sample-by-sample functions of the off-line smoother, which Numba compiles.
+"""The sample-by-sample functions of the off-line smoother, in the subset that the engine has.
 
 State (q, v, a) driven by white jerk of intensity `qc`, measured position with variance `r`, the
 inverse of a reading's weight:
@@ -11,7 +11,7 @@ inverse of a reading's weight:
 
 Forward it is a Kalman filter with a wrapped innovation; backward the adjoint form of the
 fixed-interval smoother (Bierman 1973), equal to Rauch, Tung and Striebel without inverting a
-covariance. A state is (q, v, a, p00, p01, p02, p11, p12, p22).
+covariance. The functions get an array of shape (n, m) flat, row by row.
 """
 
 from __future__ import annotations
@@ -21,49 +21,103 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.record import record
+
 Array = NDArray[np.float64]
 
 UNSETTLED = 5  # innovations at the start of a piece depend more on its start than on the noise
+SIZE = 9  # numbers of a state
 
 
-def predict(x: tuple, h: float, qc: float) -> tuple:
-    """Return the state `h` seconds later."""
-    q, v, a, p00, p01, p02, p11, p12, p22 = x
+@record
+class Motion:
+    """A state and its covariance."""
+
+    q: float
+    v: float
+    a: float
+    p00: float
+    p01: float
+    p02: float
+    p11: float
+    p12: float
+    p22: float
+
+
+@record
+class Adjoint:
+    """What later readings say about a state."""
+
+    l0: float
+    l1: float
+    l2: float
+    m00: float
+    m01: float
+    m02: float
+    m11: float
+    m12: float
+    m22: float
+
+
+@record
+class Sums:
+    """Over innovations e with variance S."""
+
+    logs: float  # of log S
+    squares: float  # of e^2 / S
+    count: int
+
+
+def put(states: Array, row: int, x: Motion) -> None:
+    """Write a state to a row."""
+    at = SIZE * row
+    states[at], states[at + 1], states[at + 2] = x.q, x.v, x.a
+    states[at + 3], states[at + 4], states[at + 5] = x.p00, x.p01, x.p02
+    states[at + 6], states[at + 7], states[at + 8] = x.p11, x.p12, x.p22
+
+
+def get(x: Motion, states: Array, row: int) -> None:
+    """Read the state of a row."""
+    at = SIZE * row
+    x.q, x.v, x.a = states[at], states[at + 1], states[at + 2]
+    x.p00, x.p01, x.p02 = states[at + 3], states[at + 4], states[at + 5]
+    x.p11, x.p12, x.p22 = states[at + 6], states[at + 7], states[at + 8]
+
+
+def predict(x: Motion, h: float, qc: float) -> None:
+    """Move the state by `h` seconds."""
     k = 0.5 * h * h
-    a0 = p00 + h * p01 + k * p02
-    a1 = p01 + h * p11 + k * p12
-    a2 = p02 + h * p12 + k * p22
-    b1 = p11 + h * p12
-    b2 = p12 + h * p22
-    return (
-        q + h * v + k * a,
-        v + h * a,
-        a,
-        a0 + h * a1 + k * a2 + qc * h * h * h * h * h / 20.0,
-        a1 + h * a2 + qc * h * h * h * h / 8.0,
-        a2 + qc * h * h * h / 6.0,
-        b1 + h * b2 + qc * h * h * h / 3.0,
-        b2 + qc * k,
-        p22 + qc * h,
-    )
+    a1 = x.p01 + h * x.p11 + k * x.p12
+    a2 = x.p02 + h * x.p12 + k * x.p22
+    b2 = x.p12 + h * x.p22
+    x.q = x.q + h * x.v + k * x.a
+    x.v = x.v + h * x.a
+    x.p00 = x.p00 + h * x.p01 + k * x.p02 + h * a1 + k * a2 + qc * h * h * h * h * h / 20.0
+    x.p01 = a1 + h * a2 + qc * h * h * h * h / 8.0
+    x.p02 = a2 + qc * h * h * h / 6.0
+    x.p11 = x.p11 + h * x.p12 + h * b2 + qc * h * h * h / 3.0
+    x.p12 = b2 + qc * k
+    x.p22 = x.p22 + qc * h
 
 
-def correct(x: tuple, e: float, weight: float) -> tuple:
-    """Return the state after a reading with innovation `e`."""
-    q, v, a, p00, p01, p02, p11, p12, p22 = x
-    kept = 1.0 / (1.0 + weight * p00)
+def correct(x: Motion, e: float, weight: float) -> None:
+    """Correct the state by a reading with innovation `e`."""
+    kept = 1.0 / (1.0 + weight * x.p00)
     g = weight * kept
-    return (
-        q + p00 * g * e,
-        v + p01 * g * e,
-        a + p02 * g * e,
-        p00 * kept,
-        p01 * kept,
-        p02 * kept,
-        p11 - g * p01 * p01,
-        p12 - g * p01 * p02,
-        p22 - g * p02 * p02,
-    )
+    x.q = x.q + x.p00 * g * e
+    x.v = x.v + x.p01 * g * e
+    x.a = x.a + x.p02 * g * e
+    narrow(x, kept, g)
+
+
+def narrow(x: Motion, kept: float, g: float) -> None:
+    """Correct the covariance by a reading that leaves a fraction `kept` of P00."""
+    x.p11 = x.p11 - g * x.p01 * x.p01
+    x.p12 = x.p12 - g * x.p01 * x.p02
+    x.p22 = x.p22 - g * x.p02 * x.p02
+    x.p00 = x.p00 * kept
+    x.p01 = x.p01 * kept
+    x.p02 = x.p02 * kept
 
 
 def _wrap(e: float, period: float) -> float:
@@ -74,34 +128,44 @@ def _wrap(e: float, period: float) -> float:
 
 
 def likelihood(
-    start: tuple, steps: Array, readings: Array, r: float, qc: float, period: float
-) -> tuple[float, float, int]:
-    """Return (sum of log S, sum of e^2 / S, their number) over the innovations of one piece.
+    sums: Sums,
+    start: Motion,
+    count: int,
+    steps: Array,
+    readings: Array,
+    r: float,
+    qc: float,
+    period: float,
+) -> None:
+    """Add the innovations of one piece to the sums.
 
     Parameters
     ----------
     start : the state at the first reading, which it already includes.
-    steps : shape (n,), time since the previous reading [s]; the first is not used.
-    readings : shape (n,); nan: no reading.
+    steps : shape (count,), time since the previous reading [s]; the first is not used.
+    readings : shape (count,); nan: no reading.
     """
-    x = start
-    logs, squares, count = 0.0, 0.0, 0
-    for i in range(1, len(readings)):
-        x = predict(x, steps[i], qc)
+    x = Motion()
+    x.take(start)
+    logs, squares = 0.0, 0.0
+    for i in range(1, count):
+        predict(x, steps[i], qc)
         y = readings[i]
         if y == y:
-            e = _wrap(y - x[0], period)
-            s = x[3] + r
+            e = _wrap(y - x.q, period)
+            s = x.p00 + r
             if i > UNSETTLED:
                 logs += math.log(s)
                 squares += e * e / s
-                count += 1
-            x = correct(x, e, 1.0 / r)
-    return logs, squares, count
+                sums.count += 1
+            correct(x, e, 1.0 / r)
+    sums.logs += logs
+    sums.squares += squares
 
 
 def forward(
-    x: tuple,
+    state: Motion,
+    count: int,
     steps: Array,
     readings: Array,
     weights: Array,
@@ -109,65 +173,72 @@ def forward(
     period: float,
     states: Array,
     innovations: Array,
-) -> tuple:
-    """Run the filter from the state `x` over a stretch; return the state after its last reading.
+) -> None:
+    """Run the filter over a stretch: the state becomes that after its last reading.
 
     Parameters
     ----------
-    weights : shape (n,), inverse variances of the readings; 0: no reading.
-    states : shape (n, 9), filled with the state after each reading.
-    innovations : shape (n, 2), filled with (e / S, 1 / S), S being the innovation's variance.
+    weights : shape (count,), inverse variances of the readings; 0: no reading.
+    states : shape (count, SIZE), filled with the state after each reading.
+    innovations : shape (count, 2), filled with (e / S, 1 / S), S being the innovation's variance.
     """
-    for i in range(len(readings)):
-        x = predict(x, steps[i], qc)
+    x = Motion()
+    x.take(state)
+    for i in range(count):
+        predict(x, steps[i], qc)
         w = weights[i]
         if w > 0.0:
-            e = _wrap(readings[i] - x[0], period)
-            g = w / (1.0 + w * x[3])
-            innovations[i, 0] = e * g
-            innovations[i, 1] = g
-            x = correct(x, e, w)
+            e = _wrap(readings[i] - x.q, period)
+            g = w / (1.0 + w * x.p00)
+            innovations[2 * i], innovations[2 * i + 1] = e * g, g
+            correct(x, e, w)
         else:
-            innovations[i, 0] = 0.0
-            innovations[i, 1] = 0.0
-        for j in range(9):
-            states[i, j] = x[j]
-    return x
+            innovations[2 * i], innovations[2 * i + 1] = 0.0, 0.0
+        put(states, i, x)
+    state.take(x)
 
 
 def backward(
-    adjoint: tuple, steps: Array, weights: Array, states: Array, innovations: Array, smoothed: Array
-) -> tuple:
-    """Run backward over the same stretch; return the adjoint before its first reading.
+    adjoint: Adjoint,
+    count: int,
+    steps: Array,
+    weights: Array,
+    states: Array,
+    innovations: Array,
+    smoothed: Array,
+) -> None:
+    """Run backward over the same stretch: the adjoint becomes that before its first reading.
 
     Parameters
     ----------
-    adjoint : (l0, l1, l2, m00, m01, m02, m11, m12, m22), from the readings after the stretch.
-    smoothed : shape (n, 4), filled with position, velocity and the standard deviation of each.
+    smoothed : shape (count, 4), filled with position, velocity and the standard deviation of each.
     """
-    l0, l1, l2, m00, m01, m02, m11, m12, m22 = adjoint
-    for i in range(len(steps) - 1, -1, -1):
-        q, v = states[i, 0], states[i, 1]
-        p00, p01, p02 = states[i, 3], states[i, 4], states[i, 5]
-        p11, p12 = states[i, 6], states[i, 7]
-        smoothed[i, 0] = q - (p00 * l0 + p01 * l1 + p02 * l2)
-        smoothed[i, 1] = v - (p01 * l0 + p11 * l1 + p12 * l2)
+    x = Motion()
+    l0, l1, l2 = adjoint.l0, adjoint.l1, adjoint.l2
+    m00, m01, m02 = adjoint.m00, adjoint.m01, adjoint.m02
+    m11, m12, m22 = adjoint.m11, adjoint.m12, adjoint.m22
+    for i in range(count - 1, -1, -1):
+        get(x, states, i)
+        p00, p01, p02, p11, p12 = x.p00, x.p01, x.p02, x.p11, x.p12
+        smoothed[4 * i] = x.q - (p00 * l0 + p01 * l1 + p02 * l2)
+        smoothed[4 * i + 1] = x.v - (p01 * l0 + p11 * l1 + p12 * l2)
         w0 = m00 * p00 + m01 * p01 + m02 * p02
         w1 = m01 * p00 + m11 * p01 + m12 * p02
         w2 = m02 * p00 + m12 * p01 + m22 * p02
-        smoothed[i, 2] = math.sqrt(max(p00 - (p00 * w0 + p01 * w1 + p02 * w2), 0.0))
+        smoothed[4 * i + 2] = math.sqrt(max(p00 - (p00 * w0 + p01 * w1 + p02 * w2), 0.0))
         w0 = m00 * p01 + m01 * p11 + m02 * p12
         w1 = m01 * p01 + m11 * p11 + m12 * p12
         w2 = m02 * p01 + m12 * p11 + m22 * p12
-        smoothed[i, 3] = math.sqrt(max(p11 - (p01 * w0 + p11 * w1 + p12 * w2), 0.0))
+        smoothed[4 * i + 3] = math.sqrt(max(p11 - (p01 * w0 + p11 * w1 + p12 * w2), 0.0))
         w = weights[i]
         if w > 0.0:  # through the measurement: (I - K H)' l - H' e / S, with K = P H' w
-            kept, k1, k2 = innovations[i, 1] / w, p01 * w, p02 * w  # 1 - k0, not subtracted
-            l0 = kept * l0 - k1 * l1 - k2 * l2 - innovations[i, 0]
+            e, g = innovations[2 * i], innovations[2 * i + 1]
+            kept, k1, k2 = g / w, p01 * w, p02 * w  # 1 - k0, not subtracted
+            l0 = kept * l0 - k1 * l1 - k2 * l2 - e
             u0 = kept * m00 - k1 * m01 - k2 * m02
             u1 = kept * m01 - k1 * m11 - k2 * m12
             u2 = kept * m02 - k1 * m12 - k2 * m22
-            m00 = kept * u0 - k1 * u1 - k2 * u2 + innovations[i, 1]
+            m00 = kept * u0 - k1 * u1 - k2 * u2 + g
             m01, m02 = u1, u2
         h = steps[i]  # through the prediction: F' l and F' M F
         k = 0.5 * h * h
@@ -182,4 +253,6 @@ def backward(
         m12 = b2 + h * a2
         m11 = b1 + h * a1
         m01, m02 = a1, a2
-    return l0, l1, l2, m00, m01, m02, m11, m12, m22
+    adjoint.l0, adjoint.l1, adjoint.l2 = l0, l1, l2
+    adjoint.m00, adjoint.m01, adjoint.m02 = m00, m01, m02
+    adjoint.m11, adjoint.m12, adjoint.m22 = m11, m12, m22

@@ -29,8 +29,8 @@ def jumps_within_the_margin(e):
     w = (e + math.pi) % (2.0 * math.pi) - math.pi
     return w if abs(w) < math.pi - 0.05 else 0.1 * w
 
-def in_plain_python_only(e):
-    return math.fsum([math.sin(e)])  # Numba takes a dictionary of lists
+def with_a_list(e):
+    return math.fsum([math.sin(e)])
 
 def whole_numbers_too(e):
     return 0 if e == 0 else 2.0 * math.tan(0.5 * e)
@@ -120,7 +120,7 @@ def test_another_period_scales_one_of_the_user(own):
 
 
 @pytest.mark.parametrize(
-    'name', ['steeper', 'jumps_within_the_margin', 'in_plain_python_only', 'whole_numbers_too']
+    'name', ['steeper', 'jumps_within_the_margin', 'with_a_list', 'whole_numbers_too']
 )
 def test_a_good_one_serves(own, name):
     joint = Joint(
