@@ -73,7 +73,7 @@ METHODS = {
     'used (may be left out)',
     'why': '(state, design) -> the reason for the status, as text for users, or an empty text',
 }
-# An observer of a mechanism has `plan`, (gains, circle) -> `mechanism.core.Plan`, in place of these:
+# An observer of a mechanism has `plan`, (gains, circle) -> `core.Plan`, in place of these:
 PLANNED = ('design', 'deviation', 'lateness')
 CONSTANTS = {
     'SINGLE_ANGLE': 'a sample is one angle alone, so that the driver can compare it with others',

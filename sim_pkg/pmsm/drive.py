@@ -298,7 +298,8 @@ class Drive:
             read = measured(state, parts, *errors)
             known = state.acted, state.theta, state.speed, plant.poles, reference[k]
             fed: Any = self._feedback(read, *known)
-            advance(state, plant, control, parts, k, read, *fed, reference, *others, *rows)
+            rest: list[Any] = [*fed, reference, *others, *rows]
+            advance(state, plant, control, parts, k, read, *rest)
 
     def chunks(self, size: int) -> Iterator[Record]:
         """Yield chunks of `size` samples, without end."""
