@@ -89,7 +89,7 @@ def made(dt=DT, **gains):
 @lru_cache
 def record(segments, seed=1, **plant):
     profile = Profile(segments)
-    return Drive(PmsmParameters(**plant), seed, profile=profile, fast=False).run(
+    return Drive(PmsmParameters(**plant), seed, profile=profile).run(
         round(profile.duration * RATE)
     )
 
