@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, Samples, Signal
 from estimator_pkg import registry
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.estimate import COASTING, TRACKING
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.text import fixed, number, table
-from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.parameters import declared
 from estimator_pkg.progress import progress
 from estimator_pkg.sensor.guard import DUPLICATE

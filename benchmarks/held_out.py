@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from benchmarks import field, held_data
 from benchmarks.columns import Column
 from benchmarks.ours import Estimator, ours
+from estimator_pkg.estimate import COASTING, TRACKING
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.text import fixed, markdown, number, table
-from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.progress import progress
 from estimator_pkg.sensor.guard import DUPLICATE
 

@@ -29,9 +29,9 @@ from benchmarks.signals import Samples, encoder
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
+from estimator_pkg.estimate import COASTING, TRACKING
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.text import fixed, markdown, number, table
-from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import observers
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.efforts import FIELD
 from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
 from estimator_pkg.evaluation.compare.timing import best_and_median, interleave, not_run, row
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.core import Estimate, Plan
 from estimator_pkg.observers.mechanism.state import Coefficients
 

@@ -24,8 +24,8 @@ from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
 from estimator_pkg.driver.switched import SwitchedJoint
+from estimator_pkg.estimate import COASTING, TRACKING
 from estimator_pkg.evaluation.entries import Entry, at_defaults
-from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.sensor.guard import DUPLICATE
 

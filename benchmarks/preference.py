@@ -22,10 +22,10 @@ from benchmarks import moteus
 from benchmarks.columns import Column
 from benchmarks.recordings import recorded
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, START_NS, Signal, encoder
+from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.compare.delay import delay
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.text import fixed, markdown, number, table
-from estimator_pkg.observers.contract import VALID
 from estimator_pkg.progress import progress
 from estimator_pkg.sensor.guard import DUPLICATE
 

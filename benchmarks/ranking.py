@@ -26,6 +26,7 @@ from benchmarks import recorded
 from benchmarks.motions import FAILURES, MOTIONS, Sampled, sampled
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
+from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.entries import Entry, angle_observers
@@ -35,7 +36,6 @@ from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import markdown
-from estimator_pkg.observers.contract import VALID
 from estimator_pkg.progress import progress
 from estimator_pkg.sensor.guard import DUPLICATE
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.signals import RATE, Signal, sine
+from estimator_pkg.circle import wrap
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.compare.timing import (
@@ -28,7 +29,6 @@ from estimator_pkg.evaluation.compare.timing import (
     row,
 )
 from estimator_pkg.evaluation.entries import at_defaults
-from estimator_pkg.observers.circle import wrap
 from estimator_pkg.progress import progress
 
 SIGNAL = Signal('update', 'the sine, sampled with +-40 % jitter', sine(5.0, 2.0), jitter=0.4)

@@ -24,8 +24,8 @@ from estimator_pkg import observers
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES
-from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, STATUS_NAMES
+from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, VERDICTS
 
 __all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']

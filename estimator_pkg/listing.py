@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg import observers, registry, streams
+from estimator_pkg.circle import Circle
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.evaluation.text import markdown
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.gains import MEANINGS, in_words
 from estimator_pkg.observers.mechanism.parameters import MechanicalGains
 from estimator_pkg.parameters import Parameter, build, declared, parse_assignments

@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.observers.angle.hybrid import observer
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
 from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
 
 TURN = 2.0 * math.pi

@@ -5,7 +5,7 @@
 
 import math
 
-from estimator_pkg.observers.contract import VALID
+from estimator_pkg.estimate import VALID
 
 
 def estimated(message):

@@ -6,8 +6,8 @@
 import numpy as np
 
 from estimator_pkg import observers
+from estimator_pkg.circle import Circle
 from estimator_pkg.models.load import load
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.core import Estimate
 from estimator_pkg.observers.mechanism.motion import Motion
 from estimator_pkg.observers.mechanism.state import Coefficients, enlarge

@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import Deviation, Estimate
+from estimator_pkg.circle import Circle
+from estimator_pkg.estimate import Deviation, Estimate
 from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.observers.pmsm.observer import Electrical, ElectricalDeviation, Gains, Sample
 from estimator_pkg.observers.pmsm.state import Coefficients, State
@@ -89,9 +89,7 @@ def made(dt=DT, **gains):
 @lru_cache
 def record(segments, seed=1, **plant):
     profile = Profile(segments)
-    return Drive(PmsmParameters(**plant), seed, profile=profile).run(
-        round(profile.duration * RATE)
-    )
+    return Drive(PmsmParameters(**plant), seed, profile=profile).run(round(profile.duration * RATE))
 
 
 def noisy(segments, **plant):

@@ -8,11 +8,11 @@ import math
 import numpy as np
 from scipy.linalg import expm
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.adaptive import AdaptiveJoint
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.observers.adaptive import observer as adaptive
 from estimator_pkg.observers.adaptive.observer import OBSERVER, Gains
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from observer_cases import make, stamps, variants, wrapped
 
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.estimate import TRACKING
 from sim_pkg.joints.profiles import ProfileParameters, make_profile
 
 REST = 0.5  # [s] the shaft stands before it moves

@@ -16,7 +16,7 @@ import estimator_pkg
 from estimator_pkg import Estimate, EstimateArrays, UsageError, VelocityEstimator, observers
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.observers.contract import STATUS_NAMES
+from estimator_pkg.estimate import STATUS_NAMES
 
 PAGE = Path(__file__).resolve().parent.parent / 'docs/library.md'
 QUANTUM = 2.0 * math.pi / 4096.0

@@ -59,7 +59,7 @@ MODEL = '''
     MODEL = Model(name='slide', summary='a slide on a spring', parameters=Parameters, build=build)
 '''
 # as before the contract of records
-FORMER = OBSERVER.replace('observers.circle import Circle', 'observers.angle.core import around')
+FORMER = OBSERVER.replace('circle import Circle', 'observers.angle.core import around')
 FORMER_BUILD = OBSERVER.replace("reference='textbook'", "build=design, reference='textbook'")
 ENTRY_POINTS = """
     [velocity_estimator.observers]

@@ -25,9 +25,9 @@ import pytest
 from estimator_pkg import VelocityEstimator, cli
 from estimator_pkg.bags.definitions import jazzy
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.driver.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, StampRepair
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.smoother import Smoother
+from estimator_pkg.sensor.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, StampRepair
 
 TABLE = Path(__file__).with_name('outputs.csv')
 BAGS = Path(__file__).resolve().parents[1] / 'bags'

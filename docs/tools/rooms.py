@@ -30,6 +30,8 @@ CAPTIONS = {  # what is above may import what is below
     'messages': 'CDR bytes of a few message types',
     'observers': 'the mathematics: one family a folder',
     'models': 'mechanisms and motors',
+    'sensor': 'stamps, quantum and noise of readings',
+    'engine': 'the same mathematics as compiled C',
 }
 WIDTH, HEIGHT, ROW, MARGIN = 300, 44, 58, 12  # of a box, from box to box, at the border [px]
 BOW = 46  # how far an arrow bows out for each row that it passes [px]
@@ -42,7 +44,7 @@ def imported(path: Path) -> Iterator[str]:
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module == PACKAGE.name:
             yield from (f'{PACKAGE.name}.{alias.name}' for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             yield node.module
 
 

@@ -19,10 +19,10 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series, at_stamps, of_positions, positions, series_of
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
+from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.block import Block, compact
 from estimator_pkg.messages.joint_state import TYPE
-from estimator_pkg.observers.contract import VALID
 from estimator_pkg.streams.contract import PUBLISHER, Stream
 from estimator_pkg.streams.history import History
 from estimator_pkg.streams.sources import FieldSamples

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
+from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.messages.joint_state_block import Decoded, decode_block
-from estimator_pkg.observers.circle import LARGEST
 
 
 class Series(NamedTuple):

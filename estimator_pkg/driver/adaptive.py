@@ -19,10 +19,11 @@ from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
+from estimator_pkg.estimate import NOT_OBSERVABLE
 from estimator_pkg.observers.adaptive.evidence import Evidence
 from estimator_pkg.observers.adaptive.report import Origin, Report, report
 from estimator_pkg.observers.adaptive.structure import structure
-from estimator_pkg.observers.contract import NOT_OBSERVABLE, Observer
+from estimator_pkg.observers.contract import Observer
 
 PIECE = 0.25  # length of a batch, in blocks of evidence
 

@@ -16,8 +16,8 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.observers.contract import INITIALISING, Deviation, Estimate
-from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, Deviation, Estimate
+from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.record import record
 from estimator_pkg.sensor.calibration import BROKEN, Calibration, begin_calibration, calibrate
 from estimator_pkg.sensor.clock import (

@@ -16,12 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver import drive_channel
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING, Observer
-from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.pmsm.watch import BLIND, LOW_EMF, describe
 from estimator_pkg.sensor.guard import (
     DUPLICATE,

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver import channel as single
 from estimator_pkg.driver.channel import Track, advance
-from estimator_pkg.observers.contract import INITIALISING, Deviation, Estimate
-from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, Deviation, Estimate
+from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.observers.pmsm.drive import Electrical, ElectricalDeviation, Sample
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import AFTER_GAP, DUPLICATE, Limits

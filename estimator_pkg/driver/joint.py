@@ -17,19 +17,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.circle import Circle, nearest_turn
 from estimator_pkg.driver import channel
 from estimator_pkg.driver.batch import Estimates, Samples, empty
 from estimator_pkg.driver.channel import Frame, use_frame
 from estimator_pkg.driver.configuration import LEARN, NONE, JointSettings
 from estimator_pkg.driver.counts import Counted
-from estimator_pkg.driver.sensor_blocks import Learner
-from estimator_pkg.driver.sensor_marks import Errors
 from estimator_pkg.engine.calls import Memory, functions_of
-from estimator_pkg.observers.circle import Circle, nearest_turn
-from estimator_pkg.observers.contract import STATUS_NAMES, Observer
+from estimator_pkg.estimate import STATUS_NAMES
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.sensor.clock import note_on_queue
 from estimator_pkg.sensor.guard import DUPLICATE, USED, limits, longest_dt
+from estimator_pkg.sensor.learner import Learner
 from estimator_pkg.sensor.map import set_map
+from estimator_pkg.sensor.marks import Errors
 from estimator_pkg.sensor.repeats import note_on_repeats
 from estimator_pkg.sensor.turns import begin_turns
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator_pkg.circle import Circle, nearest_turn
 from estimator_pkg.driver import mechanism_channel
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import Configuration
@@ -24,8 +25,8 @@ from estimator_pkg.driver.efforts import COMMAND, FIELD, NO_EFFORT, Acting, Driv
 from estimator_pkg.driver.joint import TYPICAL_DT, Joint
 from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.observers.circle import Circle, nearest_turn
-from estimator_pkg.observers.contract import MISCONFIGURED, STATUS_NAMES, VALID, Observer
+from estimator_pkg.estimate import MISCONFIGURED, STATUS_NAMES, VALID
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanism.core import Plan
 from estimator_pkg.observers.mechanism.state import Coefficients, enlarge
 from estimator_pkg.parameters import parameter, structural

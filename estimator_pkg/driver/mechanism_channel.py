@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.channel import advance
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED
 from estimator_pkg.models.mechanics import Vector
-from estimator_pkg.observers.contract import INITIALISING, MISCONFIGURED
 from estimator_pkg.observers.mechanism.algebra import is_finite
 from estimator_pkg.observers.mechanism.core import Estimate
 from estimator_pkg.observers.mechanism.state import Coefficients, Design, State

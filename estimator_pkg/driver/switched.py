@@ -20,14 +20,15 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Any
 
+from estimator_pkg.circle import Circle, nearest_turn
 from estimator_pkg.driver import switched_channel
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.efforts import FIELD, REMEMBERED, Acting
 from estimator_pkg.driver.joint import LOST_TURNS, Joint
+from estimator_pkg.estimate import INITIALISING
 from estimator_pkg.models.switched import SwitchedModel
-from estimator_pkg.observers.circle import Circle, nearest_turn
-from estimator_pkg.observers.contract import INITIALISING, Observer
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.sensor.guard import AFTER_CLOCK_JUMP, DUPLICATE, NEW_STARTS, limits
 
 # Results of an event

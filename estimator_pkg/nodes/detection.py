@@ -13,6 +13,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from estimator_pkg.estimate import MISCONFIGURED, STATUS_NAMES
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.nodes import faults
 from estimator_pkg.nodes.endpoints import Endpoints
@@ -20,7 +21,6 @@ from estimator_pkg.nodes.faults import Faults, listed, of_joints, say, which
 from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import JointWatch
 from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
-from estimator_pkg.observers.contract import MISCONFIGURED, STATUS_NAMES
 from estimator_pkg.params_file import OVERRIDES
 from estimator_pkg.sensor.guard import DUPLICATE, ZERO_STAMP
 from estimator_pkg.streams.contract import PUBLISHER, Stream, stamp_remedy

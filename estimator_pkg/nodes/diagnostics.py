@@ -13,8 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.messages.diagnostics import text
-from estimator_pkg.observers.contract import (
+from estimator_pkg.estimate import (
     COASTING,
     INITIALISING,
     LOST,
@@ -23,6 +22,7 @@ from estimator_pkg.observers.contract import (
     STATUS_NAMES,
     TRACKING,
 )
+from estimator_pkg.messages.diagnostics import text
 from estimator_pkg.sensor.guard import (
     DROPPED,
     DUPLICATE,

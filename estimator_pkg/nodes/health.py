@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
+from estimator_pkg.estimate import LOST, MISCONFIGURED, STATUS_NAMES, VALID
 from estimator_pkg.nodes.detection import INPUT_PATIENCE, JOINT_PATIENCE, Detector
 from estimator_pkg.nodes.diagnostics import ERROR, OK, WARN, array, counters, entry, joint_status
 from estimator_pkg.nodes.endpoints import Endpoints
@@ -21,7 +22,6 @@ from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import NEW, JointWatch, Status
 from estimator_pkg.nodes.qos import latched
 from estimator_pkg.nodes.ros_parameters import RosParameters
-from estimator_pkg.observers.contract import LOST, MISCONFIGURED, STATUS_NAMES, VALID
 from estimator_pkg.sensor.guard import VERDICTS
 from estimator_pkg.streams.contract import Stream
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.estimate import INITIALISING, LOST, MISCONFIGURED, VALID
 from estimator_pkg.nodes.diagnostics import dropped_for
-from estimator_pkg.observers.contract import INITIALISING, LOST, MISCONFIGURED, VALID
 from estimator_pkg.streams.contract import Stream
 
 Status = tuple[int, str]  # status, and why

@@ -23,8 +23,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from estimator_pkg.observers.circle import wrap
-from estimator_pkg.observers.contract import TRACKING, Deviation, Estimate
+from estimator_pkg.circle import wrap
+from estimator_pkg.estimate import TRACKING, Deviation, Estimate
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import Limits
 

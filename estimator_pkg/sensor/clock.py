@@ -16,8 +16,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from estimator_pkg.observers.circle import wrap
-from estimator_pkg.observers.contract import Estimate
+from estimator_pkg.circle import wrap
+from estimator_pkg.estimate import Estimate
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import (
     AFTER_CLOCK_JUMP,

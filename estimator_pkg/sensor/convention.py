@@ -12,7 +12,7 @@ innovation.
 
 from __future__ import annotations
 
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.circle import wrap
 from estimator_pkg.record import record
 
 SLACK = 1e-6  # of a turn: atan2 returns +pi too, and float32 values miss the edges by rounding

@@ -40,7 +40,7 @@ them the motion is steady, and easy to follow:
 The period is the divisor of the marks of a turn that predicts best, and it must predict the newest
 cells with less than half of the mean square error that they have without it.
 
-Both are learnt from blocks of samples (see `sensor_blocks`), and are taken out from the next block
+Both are learnt from blocks of samples (see `learner`), and are taken out from the next block
 on. New maps begin without a jump: an offset makes up for it, and fades within two turns. Angles are
 in rad, times in s.
 """
@@ -50,10 +50,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from estimator_pkg.driver.sensor_blocks import Learner
-from estimator_pkg.observers.circle import LARGEST, wrap
+from estimator_pkg.circle import LARGEST, wrap
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import AFTER_GAP, AFTER_STRAY_STAMP, DUPLICATE, USED
+from estimator_pkg.sensor.learner import Learner
 
 FADING = 0.1  # part of the ripple's correction that is put back at each mark
 FADED = 2.0  # turns after which an offset has faded

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.circle import wrap
 from estimator_pkg.record import record
 
 SCORE = 12  # a chain is accepted at this many holds of one sample, half as many longer ones

@@ -12,7 +12,7 @@ quantum^2/12.
 
 from __future__ import annotations
 
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.circle import wrap
 from estimator_pkg.record import record
 
 MEMORY = 400.0  # most differences over which the square is averaged

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.circle import is_angle, wrap
+from estimator_pkg.circle import is_angle, wrap
 from estimator_pkg.record import record
 
 SPAN = 1.25  # turns that readings which wrap never span, noise included

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Taken, TakenOfJoints
+from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import trajectory
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.messages.joint_state_block import encode_block
-from estimator_pkg.observers.contract import VALID
 from estimator_pkg.streams.arrays import Estimated, patterns
 from estimator_pkg.streams.contract import Answer, Answers, Output, Stream
 

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.circle import LARGEST
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.observers.circle import LARGEST
-from estimator_pkg.observers.contract import VALID
+from estimator_pkg.estimate import VALID
 from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED
 from estimator_pkg.streams.history import History
 

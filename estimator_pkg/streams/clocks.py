@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.stamp_repair import StampRepair
+from estimator_pkg.sensor.stamp_repair import StampRepair
 from estimator_pkg.streams.arrays import Samples
 
 DEVICES = 64  # more sets of names than these begin again

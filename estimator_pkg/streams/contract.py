@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import params_file
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import NAME_IT, Configuration, JointSettings
 from estimator_pkg.driver.joint import Joint, Tried
 from estimator_pkg.errors import UsageError, UserError
@@ -29,7 +30,6 @@ from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.field import Field
 from estimator_pkg.observers import find, instead
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import Parameter, build, declared, parameter, structural
 from estimator_pkg.sensor.guard import why_dropped

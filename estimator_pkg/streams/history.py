@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.observers.contract import STATUS_NAMES
+from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.sensor.guard import (
     AFTER_CLOCK_JUMP,
     AFTER_GAP,

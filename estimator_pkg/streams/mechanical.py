@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg import observers
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings, check_names
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanism.core import Plan
 from estimator_pkg.observers.mechanism.gains import in_words

@@ -11,8 +11,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
+from estimator_pkg.circle import wrap
 from estimator_pkg.messages.joint_state import Decoder, JointState
-from estimator_pkg.observers.circle import wrap
 
 if TYPE_CHECKING:
     from rclpy.node import Node

@@ -17,11 +17,11 @@ from functools import partial
 
 import numpy as np
 
+from estimator_pkg.circle import wrap
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.mechanism.motion import Motion, acceleration
 from estimator_pkg.parameters import structural
 from sim_pkg.chunks import sample_count

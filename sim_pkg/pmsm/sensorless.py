@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.contract import NOT_OBSERVABLE, TRACKING
+from estimator_pkg.estimate import NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.pmsm.drive import Electrical, Sample
 from estimator_pkg.observers.pmsm.observer import OBSERVER
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State

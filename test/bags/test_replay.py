@@ -27,9 +27,9 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.engine.calls import available
+from estimator_pkg.estimate import VALID
 from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
-from estimator_pkg.observers.contract import VALID
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
 
 TURN = 2.0 * math.pi

@@ -12,7 +12,7 @@ from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.bank import Bank, Received
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import COMMAND
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.estimate import TRACKING
 
 START_NS, MS = 1_700_000_000_000_000_000, 1_000_000
 

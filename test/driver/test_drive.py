@@ -13,7 +13,7 @@ from motors import DT, MOTOR, angle_error, made, noisy, values
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.engine.calls import functions_of
-from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
 from estimator_pkg.observers.pmsm.state import State

@@ -17,8 +17,8 @@ from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.contract import INITIALISING, STATUS_NAMES, TRACKING
-from estimator_pkg.observers.contract import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, STATUS_NAMES, TRACKING
+from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
 from estimator_pkg.parameters import build
 from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, USED, longest_dt
 

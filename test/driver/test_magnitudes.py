@@ -11,9 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from estimator_pkg import observers, streams
+from estimator_pkg.circle import is_angle
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import Decoder, Encoder
-from estimator_pkg.observers.circle import is_angle
 
 STREAMS = {stream.KIND: stream for stream in streams.every()}
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}

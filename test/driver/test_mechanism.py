@@ -18,7 +18,7 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import COMMAND, Inputs
 from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings
 from estimator_pkg.errors import UserError
-from estimator_pkg.observers.contract import COASTING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.estimate import COASTING, NOT_OBSERVABLE, TRACKING
 
 MS = 1_000_000
 START = 10**12

@@ -13,11 +13,11 @@ import pytest
 from mechanism_runs import begun, driven, made, moved
 
 from estimator_pkg import observers
+from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models import cart_pendulum, check, robotic_leg, single_joint, two_links
 from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import assignments_of
-from estimator_pkg.observers.circle import Circle
 
 MODELS = (single_joint, cart_pendulum, robotic_leg)
 

@@ -14,10 +14,10 @@ from answers import estimated
 from answers import valid as valid_of
 
 from estimator_pkg import observers
+from estimator_pkg.circle import wrap
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.observers.circle import wrap
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.estimate import TRACKING
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
 BEGIN = 1_700_000_000_000_000_000  # [ns]

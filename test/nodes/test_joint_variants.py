@@ -21,9 +21,9 @@ from answers import estimated, valid
 from test_joint import BEGIN, MODULE, MS, turning
 
 from estimator_pkg import observers
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.observers.circle import Circle
 
 CONFIG = Path(__file__).parents[2] / 'config/joint_observer.yaml'
 

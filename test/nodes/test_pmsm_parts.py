@@ -17,7 +17,7 @@ from estimator_pkg import listing, observers, params_file
 from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
-from estimator_pkg.observers.contract import INITIALISING, MISCONFIGURED, TRACKING
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, TRACKING
 from estimator_pkg.observers.maths.clarke import phases
 from estimator_pkg.observers.pmsm.observer import Gains
 from estimator_pkg.parameters import build, declared

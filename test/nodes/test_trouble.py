@@ -20,13 +20,14 @@ import rclpy
 from rclpy.context import Context
 
 from estimator_pkg.errors import UsageError
+from estimator_pkg.estimate import LOST, MISCONFIGURED, TRACKING
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models import gripper
 from estimator_pkg.nodes.detection import JOINT_PATIENCE
 from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
-from estimator_pkg.observers.contract import LOST, MISCONFIGURED, TRACKING, Observer
+from estimator_pkg.observers.contract import Observer
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
 from estimator_pkg.streams.drive import DriveStream

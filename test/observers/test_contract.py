@@ -12,10 +12,9 @@ import pytest
 from observer_cases import UNTUNED, beside, found, label, make, stamps, stream, variants, wrapped
 
 from estimator_pkg import observers
+from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers import contract
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import (
+from estimator_pkg.estimate import (
     COASTING,
     INITIALISING,
     LOST,
@@ -26,6 +25,7 @@ from estimator_pkg.observers.contract import (
     Deviation,
     Estimate,
 )
+from estimator_pkg.observers import contract
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.record import Vector
 from estimator_pkg.sensor.guard import DUPLICATE

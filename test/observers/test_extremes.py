@@ -10,15 +10,15 @@ import pytest
 from observer_cases import UNTUNED, angle_observers, make
 
 from estimator_pkg import observers
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
+from estimator_pkg.estimate import MISCONFIGURED
 from estimator_pkg.observers.angle.hybrid import observer as hybrid
 from estimator_pkg.observers.angle.hybrid import robust
 from estimator_pkg.observers.angle.hybrid.state import Coefficients
 from estimator_pkg.observers.angle.super_twisting.gains import matched, roots_of
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import MISCONFIGURED
 from estimator_pkg.observers.maths.covariance import steady_gains_2
 from estimator_pkg.parameters import build, declared
 

@@ -17,13 +17,13 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.bags.wiring import Setup, wired
+from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.doctor import angles, stamps, velocities
 from estimator_pkg.evaluation.doctor.choice import Answer, answer
 from estimator_pkg.evaluation.doctor.readings import FAIL, Finding, Readings
 from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
-from estimator_pkg.observers.circle import LARGEST
 from estimator_pkg.streams.contract import PUBLISHER, Request
 from estimator_pkg.streams.drive import DriveStream
 

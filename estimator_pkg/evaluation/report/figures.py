@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.evaluation.compare.comparison import BAND, Comparison, Row
 from estimator_pkg.evaluation.plots import GREY, Curve, Style, figure, over_time
 from estimator_pkg.evaluation.report.findings import Measurement
 from estimator_pkg.evaluation.report.spectrum import by_speed, density, normalised
-from estimator_pkg.observers.contract import STATUS_NAMES
 from estimator_pkg.printable import printable
 
 Array = NDArray[np.float64]

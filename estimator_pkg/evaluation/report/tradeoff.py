@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from estimator_pkg import observers
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
+from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.compare.comparison import Comparison, Kept, Row, coverage
 from estimator_pkg.evaluation.compare.delay import measured
 from estimator_pkg.evaluation.compare.interpolation import cubic
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.plots import GREY, Style, figure
-from estimator_pkg.observers.contract import VALID
 from estimator_pkg.parameters import declared
 from estimator_pkg.printable import printable
 

@@ -37,6 +37,8 @@ from typing import Any
 
 import numpy as np
 
+from estimator_pkg.circle import LARGEST, Circle, wrap
+from estimator_pkg.circle import is_angle as is_reading  # noqa: F401
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive.filter import euler, feed, rows, series
 from estimator_pkg.observers.adaptive.law import (
@@ -61,8 +63,6 @@ from estimator_pkg.observers.adaptive.motion import (
 from estimator_pkg.observers.adaptive.state import Coefficients, Design, State
 from estimator_pkg.observers.adaptive.structure import Structure, structure
 from estimator_pkg.observers.angle.shared import variance_floor
-from estimator_pkg.observers.circle import LARGEST, Circle, wrap
-from estimator_pkg.observers.circle import is_angle as is_reading  # noqa: F401
 from estimator_pkg.observers.contract import (
     COASTING,
     INITIALISING,

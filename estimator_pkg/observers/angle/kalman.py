@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
     DRIVEN,
     EDGES,
@@ -43,7 +44,6 @@ from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions
     step,
     variance_of,
 )
-from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
     DRIVEN,
     EDGES,
@@ -35,7 +36,6 @@ from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions
     start,
     step,
 )
-from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401

@@ -18,6 +18,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from estimator_pkg.circle import Circle, is_angle, is_next_count, wrap
+from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING, Deviation, Estimate
 from estimator_pkg.observers.angle.starts import (
     BAND,
     LASTS,
@@ -31,8 +33,6 @@ from estimator_pkg.observers.angle.starts import (
     start_deviation,
 )
 from estimator_pkg.observers.angle.starts import linear_pace as pace  # noqa: F401
-from estimator_pkg.observers.circle import Circle, is_angle, is_next_count, wrap
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Deviation, Estimate
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention, begin, follow, present

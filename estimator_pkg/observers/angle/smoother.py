@@ -28,8 +28,8 @@ import math
 from collections import deque
 from itertools import pairwise
 
+from estimator_pkg.circle import wrap
 from estimator_pkg.observers.angle.adjoint import NOTHING, News, Result, State, backward, widened
-from estimator_pkg.observers.circle import wrap
 from estimator_pkg.sensor.convention import Convention, begin, follow, present
 
 ENOUGH = 4  # moves from which the density is guessed

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.circle import wrap
 from estimator_pkg.record import record
 
 RECENT = 32.0  # samples over which a rest is averaged, and the power of recent innovations

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 
+from estimator_pkg.circle import LARGEST
 from estimator_pkg.models.mechanics import Matrix, Vector
-from estimator_pkg.observers.circle import LARGEST
 
 
 def apply(out: Vector, n: int, a: Matrix, x: Vector) -> None:

@@ -27,10 +27,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.circle import wrap
 from estimator_pkg.engine.calls import Memory, functions_of
+from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.models.mechanics import Mechanics, Vector
-from estimator_pkg.observers.circle import wrap
-from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.mechanism.algebra import is_beyond, is_finite
 from estimator_pkg.observers.mechanism.noise import Noise, NoiseGains
 from estimator_pkg.observers.mechanism.parameters import (

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import registry
+from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import Mechanics, assignments_of
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.parameters import build, parameter, structural
 
 Array = NDArray[np.float64]

@@ -14,9 +14,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.motor import POWER_INVARIANT, MotorData, check_motor
-from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import (
     INITIALISING,
     NOT_OBSERVABLE,

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.circle import wrap
 from estimator_pkg.observers.pmsm.drive import Sample
 from estimator_pkg.observers.pmsm.equations import align, emf, phase_signs, reflect, rotor_angle
 from estimator_pkg.observers.pmsm.identifier import credible, shift, solve

@@ -28,11 +28,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from estimator_pkg.circle import Circle, is_angle, wrap
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.switched import OWN
 from estimator_pkg.observers.adaptive.filter import rows, series
 from estimator_pkg.observers.angle.shared import variance_floor
-from estimator_pkg.observers.circle import Circle, is_angle, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
 from estimator_pkg.observers.contract import never_late as lateness  # noqa: F401
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401

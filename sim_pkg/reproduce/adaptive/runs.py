@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator_pkg.circle import Circle
+from estimator_pkg.estimate import Estimate
 from estimator_pkg.observers.adaptive import observer as adaptive
 from estimator_pkg.observers.adaptive.motion import set_plant
 from estimator_pkg.observers.adaptive.observer import Gains
 from estimator_pkg.observers.adaptive.state import Coefficients, State
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import Estimate
 from sim_pkg.reproduce.adaptive.plant import Array, Example
 
 

@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.circle import wrap
 from estimator_pkg.engine.calls import run
 from estimator_pkg.observers.angle.hybrid.injections import NAMES as FOUR
-from estimator_pkg.observers.circle import wrap
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.contract import Values

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import math
 
+from estimator_pkg.circle import wrap
 from estimator_pkg.observers.angle.hybrid.injections import SAT, SIN, TAN
-from estimator_pkg.observers.circle import wrap
 
 TURN = 2.0 * math.pi
 

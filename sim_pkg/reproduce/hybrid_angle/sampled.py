@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.observers.angle.hybrid import observer as hybrid_angle
 from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core
-from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.parameters import build
 from sim_pkg.joints.profiles import Profile
 from sim_pkg.reproduce.hybrid_angle.continuous import K1, K2, MARGIN

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.observers.angle.super_twisting import observer as super_twisting
-from estimator_pkg.observers.circle import Circle
 from sim_pkg.reproduce.adaptive.plant import Array, lcg
 from sim_pkg.reproduce.contract import Values
 

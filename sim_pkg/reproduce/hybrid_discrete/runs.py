@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import SwitchedModel, load, trajectory
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.observers.switched.stages import chains
 from estimator_pkg.observers.switched.state import Coefficients, Estimate, State

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import observers
+from estimator_pkg.circle import Circle
 from estimator_pkg.models import cart_pendulum, robotic_leg
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.mechanism.core import Plan
 from estimator_pkg.observers.mechanism.motion import Motion
 from estimator_pkg.parameters import build

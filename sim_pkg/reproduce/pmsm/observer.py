@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.drive_channel import trace
 from estimator_pkg.engine.calls import functions_of
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import INITIALISING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.pmsm.drive import Sample
 from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State

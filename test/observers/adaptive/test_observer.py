@@ -10,21 +10,15 @@ import pytest
 from scipy.linalg import expm
 from servos import begun, excited, feed, joint, lcg, named, servo
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
+from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING, Estimate
 from estimator_pkg.observers.adaptive import observer as adaptive
 from estimator_pkg.observers.adaptive.filter import feed as filtered
 from estimator_pkg.observers.adaptive.filter import rows, series
 from estimator_pkg.observers.adaptive.law import ADAPTING, FROZEN, GATED, INIT
 from estimator_pkg.observers.adaptive.observer import Gains
 from estimator_pkg.observers.adaptive.structure import structure
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import (
-    COASTING,
-    INITIALISING,
-    NOT_OBSERVABLE,
-    TRACKING,
-    Estimate,
-)
 from estimator_pkg.parameters import build
 
 PAPER = {

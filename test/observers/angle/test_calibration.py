@@ -13,8 +13,8 @@ from observer_cases import make, plain, stamps, wrapped
 from benchmarks.columns import Column
 from benchmarks.intervals import HARD, parts, sampled, uncalibrated
 from benchmarks.signals import Samples
+from estimator_pkg.estimate import TRACKING, Deviation
 from estimator_pkg.observers.angle.hybrid import observer
-from estimator_pkg.observers.contract import TRACKING, Deviation
 from estimator_pkg.sensor.calibration import (
     BROKEN,
     CHANCE,

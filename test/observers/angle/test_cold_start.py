@@ -8,13 +8,13 @@ import math
 import numpy as np
 import pytest
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
+from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
 from estimator_pkg.observers.angle.hybrid import observer
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
 from estimator_pkg.observers.angle.shared import relock
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
 
 DT = 0.01
 ANGLES = 2.0 * math.pi * np.arange(72) / 72

@@ -19,8 +19,8 @@ from test_frequency_response import transition
 
 import estimator_pkg
 from estimator_pkg.engine.calls import Memory
+from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.angle.kalman import Coefficients, Core, Design, noise_gains
-from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.maths import covariance
 from estimator_pkg.observers.maths.covariance import Covariance, steady_gains_2
 from estimator_pkg.sensor.scatter import FINEST, Scatter, begin_scatter, follow_scatter

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from observer_cases import label, make, stamps, tunable_variants, variants, wrapped
 
+from estimator_pkg.estimate import Estimate
 from estimator_pkg.observers.angle.shared import low_speed_bound
-from estimator_pkg.observers.contract import Estimate
 
 QUANTUM = 2.0 * math.pi / 4096
 DT = 1e-3

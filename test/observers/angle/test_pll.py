@@ -13,7 +13,7 @@ from observer_cases import make, stamps, wrapped
 from scipy.linalg import solve_discrete_lyapunov
 from test_frequency_response import placed, transition
 
-from estimator_pkg.observers.contract import INITIALISING, TRACKING
+from estimator_pkg.estimate import INITIALISING, TRACKING
 from estimator_pkg.observers.maths.tracking import (
     matched,
     natural_frequency,

@@ -11,7 +11,7 @@ import pytest
 from observer_cases import label, make, stamps, tunable_variants, variants, wrapped
 from sigma_starts import MOTIONS, Case, measure, readings_of_error, stream
 
-from estimator_pkg.observers.contract import TRACKING, Deviation
+from estimator_pkg.estimate import TRACKING, Deviation
 
 QUANTUM = 2.0 * math.pi / 4096.0
 NOISES = (0.0, 0.5)

@@ -17,7 +17,7 @@ import pytest
 from observer_cases import label, make, stamps, tunable_variants, variants, wrapped
 from test_frequency_response import CASES, DT, bandwidths, joint_of
 
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.estimate import TRACKING
 
 TABLE = Path(__file__).parents[3] / 'docs' / 'coverage.md'
 NOISE = 1e-3

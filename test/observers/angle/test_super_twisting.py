@@ -11,9 +11,11 @@ import pytest
 from observer_cases import make as joint_of
 from observer_cases import stamps, wrapped
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
+from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.angle.super_twisting import gains as tables
 from estimator_pkg.observers.angle.super_twisting import observer as super_twisting
 from estimator_pkg.observers.angle.super_twisting.observer import (
@@ -23,8 +25,6 @@ from estimator_pkg.observers.angle.super_twisting.observer import (
     Core,
     Gains,
 )
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.maths.twisting import implicit_step, injections
 
 BOUND = {1: 25.0, 2: 150.0, 3: 1000.0}  # of the test signal's acceleration, jerk, snap

@@ -11,7 +11,7 @@ import pytest
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.switched import SwitchedJoint
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.maths.least_squares import LEAST_KEPT, kept, update
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.parameters import build

@@ -16,8 +16,8 @@ from mechanism_runs import FAST, MODELS, NAMES, driven, made, motion
 
 from estimator_pkg import observers
 from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
+from estimator_pkg.estimate import TRACKING
 from estimator_pkg.models.load import load
-from estimator_pkg.observers.contract import TRACKING
 from estimator_pkg.observers.mechanism.algebra import solve
 from estimator_pkg.observers.mechanism.flow import flow
 from estimator_pkg.observers.mechanism.friction import stopping

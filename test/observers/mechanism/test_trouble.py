@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mechanism_runs import FAST, begun, driven, made, motion, shown, stepped
 
-from estimator_pkg.observers.contract import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 
 # Trouble
 

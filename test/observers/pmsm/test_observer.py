@@ -22,11 +22,11 @@ from motors import (
     record,
 )
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import MISCONFIGURED, NOT_OBSERVABLE, TRACKING
+from estimator_pkg.estimate import MISCONFIGURED, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.observers.pmsm.drive import Sample
 from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains, tuning

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from motors import made, record
 
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.estimate import TRACKING
 
 STEADY, RAMP = (0.2, 3000.0, 3000.0), (0.1, 3000.0, 5000.0)
 

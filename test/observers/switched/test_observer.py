@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from estimator_pkg import observers
+from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.switched import SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError
+from estimator_pkg.estimate import INITIALISING, TRACKING
 from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import check, load, trajectory
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import INITIALISING, TRACKING
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.observers.switched.state import Deviation
 from estimator_pkg.observers.switched.velocity import correction, pole

@@ -12,10 +12,10 @@ import pytest
 import yaml
 from scipy.integrate import solve_ivp
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.engine import calls
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.circle import Circle
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.parameters import build, declared
 from sim_pkg.pmsm.control import current_control, speed_control

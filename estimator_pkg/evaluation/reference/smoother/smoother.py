@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.circle import LARGEST
 from estimator_pkg.engine.calls import run
 from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.reference.smoother.noise import COARSE, Noise, in_cells, white
@@ -36,7 +37,6 @@ from estimator_pkg.evaluation.reference.smoother.steps import (
     backward,
     forward,
 )
-from estimator_pkg.observers.circle import LARGEST
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

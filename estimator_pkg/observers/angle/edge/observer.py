@@ -18,6 +18,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from estimator_pkg.circle import Circle, is_angle, is_next_count, wrap
 from estimator_pkg.observers.angle.edge.bandwidth import (
     Band,
     Sway,
@@ -93,7 +94,6 @@ from estimator_pkg.observers.angle.edge.start import (
     stand,
 )
 from estimator_pkg.observers.angle.edge.update import update
-from estimator_pkg.observers.circle import Circle, is_angle, is_next_count, wrap
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Estimate, Observer
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
 from estimator_pkg.observers.maths.covariance import Covariance

@@ -13,9 +13,9 @@ import math
 from collections.abc import Callable
 
 from estimator_pkg import registry
+from estimator_pkg.circle import wrap
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid.state import Design
-from estimator_pkg.observers.circle import wrap
 from estimator_pkg.record import plain
 
 NAMES = ('sin', 'tan', 'saw', 'sat')

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from estimator_pkg.circle import FURTHER, Circle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import injections, paper, robust
 from estimator_pkg.observers.angle.hybrid.design import Continuous, continuous_design, paper_limit
@@ -32,7 +33,6 @@ from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions
     step,
 )
 from estimator_pkg.observers.angle.starts import linear_pace
-from estimator_pkg.observers.circle import FURTHER, Circle
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.parameters import parameter, structural

@@ -25,9 +25,9 @@ from __future__ import annotations
 
 import math
 
+from estimator_pkg.circle import wrap
 from estimator_pkg.observers.angle.hybrid.injections import SAW, inject
 from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core, Design
-from estimator_pkg.observers.circle import wrap
 from estimator_pkg.observers.maths.tracking import matched, noise_of_three, noise_of_two
 
 # Doubtful samples do not correct the speed for HOLD [s] and HOLD_SAMPLES samples; then comes a new

@@ -21,6 +21,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
     DRIVEN,
@@ -55,7 +56,6 @@ from estimator_pkg.observers.angle.super_twisting.gains import (
     noise_table,
     roots_of,
 )
-from estimator_pkg.observers.circle import Circle, wrap
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.observers.maths.twisting import implicit_step

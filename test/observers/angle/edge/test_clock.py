@@ -7,6 +7,7 @@ import math
 
 import pytest
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.observers.angle.edge import observer
 from estimator_pkg.observers.angle.edge.clock import (
     ODD,
@@ -20,7 +21,6 @@ from estimator_pkg.observers.angle.edge.constants import MEMORY, SIGMAS
 from estimator_pkg.observers.angle.edge.covariance import set_covariance
 from estimator_pkg.observers.angle.edge.motion import Motion
 from estimator_pkg.observers.angle.edge.sensor import Sensor
-from estimator_pkg.observers.circle import Circle
 from estimator_pkg.observers.maths.covariance import Covariance
 
 PACE = 1e-3

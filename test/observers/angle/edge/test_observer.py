@@ -10,7 +10,7 @@ import pytest
 from edge_encoder import DT, QUANTUM, joint, read, rms, run
 from observer_cases import make, stamps, wrapped
 
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
+from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
 from estimator_pkg.sensor.guard import REPEATED
 from sim_pkg.joints import profiles
 

@@ -11,7 +11,7 @@ from edge_encoder import DT, QUANTUM, joint, read, rms
 from observer_cases import make, stamps, wrapped
 
 from benchmarks.streams import streams
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.estimate import TRACKING
 
 
 def test_a_quantum_four_times_too_large_is_reported_and_mended_within_a_second():

@@ -10,7 +10,7 @@ import pytest
 from edge_encoder import DT, read, rms, run
 from observer_cases import make, stamps
 
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
+from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
 
 
 @pytest.mark.parametrize('hole', [0.45, 1.0])

@@ -11,8 +11,8 @@ import pytest
 from angle_runs import MARGIN, PHI, TURN, Inner, make, stamps, wrapped
 from observer_cases import beside
 
+from estimator_pkg.estimate import COASTING, TRACKING
 from estimator_pkg.observers.angle.hybrid.observer import OBSERVER
-from estimator_pkg.observers.contract import COASTING, TRACKING
 from estimator_pkg.parameters import build
 from estimator_pkg.sensor.guard import DUPLICATE
 

@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from observer_cases import make, stamps
 
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.circle import wrap
 from estimator_pkg.sensor.convention import Convention, begin, follow, present
 
 TURN = 2.0 * math.pi

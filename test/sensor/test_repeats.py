@@ -10,7 +10,7 @@ import pytest
 from observer_cases import angle_observers, make, plain, wrapped
 
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
+from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
 from estimator_pkg.sensor.guard import DUPLICATE, REPEATED
 
 START = 1_700_000_000_000_000_000

@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from observer_cases import angle_observers, make, plain, stamps, wrapped
 
-from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING
+from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
 from estimator_pkg.sensor.guard import (
     AFTER_CLOCK_JUMP,
     AFTER_GAP,

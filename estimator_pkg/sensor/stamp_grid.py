@@ -18,7 +18,7 @@ from statistics import median
 
 import numpy as np
 
-from estimator_pkg.observers.circle import wrap
+from estimator_pkg.circle import wrap
 
 SLOWEST, FASTEST = 0.98, 1.6  # periods per message, of the rates that are tried
 LINE = 0.4  # of the spectrum, over its largest possible value

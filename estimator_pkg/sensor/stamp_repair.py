@@ -26,8 +26,8 @@ from collections.abc import Callable, Sequence
 from itertools import accumulate, pairwise
 from statistics import median
 
-from estimator_pkg.driver.stamp_grid import NEAR, Message, numbers_of
-from estimator_pkg.observers.circle import LARGEST, wrap
+from estimator_pkg.circle import LARGEST, wrap
+from estimator_pkg.sensor.stamp_grid import NEAR, Message, numbers_of
 
 FIRST = 64  # messages before the first fit,
 FEW, SLOW_NS = 16, 2_000_000_000  # or these, if they took so long [ns]

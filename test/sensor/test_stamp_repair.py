@@ -11,7 +11,8 @@ import pytest
 from observer_cases import make
 
 from benchmarks.signals import Signal, constant, encoder, sine, trapezoid
-from estimator_pkg.driver.stamp_repair import (
+from estimator_pkg.sensor.guard import DUPLICATE
+from estimator_pkg.sensor.stamp_repair import (
     COLLECTING,
     FEW,
     FIRST,
@@ -19,7 +20,6 @@ from estimator_pkg.driver.stamp_repair import (
     REPAIRED,
     StampRepair,
 )
-from estimator_pkg.sensor.guard import DUPLICATE
 from estimator_pkg.streams.clocks import Clocks
 
 TURN = 2.0 * math.pi

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.sensor_marks import NOTHING, Shaft
-from estimator_pkg.driver.sensor_table import COARSE, Array
 from estimator_pkg.sensor.guard import DUPLICATE, USED
+from estimator_pkg.sensor.marks import NOTHING, Shaft
+from estimator_pkg.sensor.table import COARSE, Array
 
 LOOK = 128  # samples between two looks at a joint that does not turn
 BLOCK, EDGES = 128, 256  # samples of a block; of a coarse sensor

@@ -15,8 +15,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.sensor_ripple import SPAN, found, slower
-from estimator_pkg.driver.sensor_table import (
+from estimator_pkg.sensor.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
+from estimator_pkg.sensor.ripple import SPAN, found, slower
+from estimator_pkg.sensor.table import (
     BACKWARD,
     COARSE,
     FASTER,
@@ -31,7 +32,6 @@ from estimator_pkg.driver.sensor_table import (
     Table,
     grid,
 )
-from estimator_pkg.sensor.guard import AFTER_GAP, AFTER_STRAY_STAMP, USED
 
 Errors = Callable[[Array, Array], Array]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from observer_cases import label, make, variants, wrapped
 
-from estimator_pkg.observers.contract import TRACKING
+from estimator_pkg.estimate import TRACKING
 from estimator_pkg.sensor.turns import CONFIRMED
 
 TURN = 2.0 * math.pi

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator_pkg.driver.sensor_table import BETTER, Array
+from estimator_pkg.sensor.table import BETTER, Array
 
 SPAN, SHORTEST = 8, 5  # cells over which a ripple is proven; its shortest period
 
