@@ -4,7 +4,6 @@
 # make test-slow  the tests that take minutes, and cases that repeat at length what others hold
 # make figures  write the numbers that commands give into README and docs (docs/tools/figures.yaml)
 # make bench    speed and accuracy next to named peers, in one run (BENCH="speed --part drive": a part)
-# make mutants  500 small changes of the code, and which of them no test notices (an hour)
 # make install  only make .venv with the package, ROS 2 Jazzy and all extras
 # make check    ruff and mypy alone
 # make clean    remove .venv and what builds leave behind
@@ -19,7 +18,7 @@ SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 # Without its cache pytest takes half a minute to read the tests in five processes.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all test-fast test-slow bench figures mutants install check clean
+.PHONY: demo test test-all test-fast test-slow bench figures install check clean
 
 demo: install
 	@$(BIN)/velocity_estimator demo
@@ -56,12 +55,6 @@ figures: install
 BENCH ?=
 bench: install
 	$(BIN)/python -m benchmarks $(BENCH)
-
-MUTANTS ?= --count 500 --seed 1 --page
-mutants: install
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check '.[mutants]'
-	@rm -rf build/lib build/bdist.* *.egg-info
-	$(BIN)/python test/mutants/run.py $(MUTANTS)
 
 check: install
 	$(BIN)/ruff check .

@@ -53,7 +53,6 @@ EXTRAS = {
     ],
 }
 EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
-EXTRAS['mutants'] = ['cosmic-ray>=8.3,<9', 'coverage>=7.5,<8']  # of make mutants alone
 
 
 class BuildEngine(build_ext):
