@@ -4,7 +4,7 @@
 """One ament_python package, velocity_estimator, that carries estimator_pkg and sim_pkg.
 
 Dependencies are pinned here and nowhere else. On an apt installation of Jazzy the nodes need rclpy,
-the messages and numpy alone; `make install` installs everything with ``.[all]``.
+the messages and numpy alone; `make demo` installs ``.[ros,report]``, `make install` ``.[all]``.
 """
 
 import importlib.util
