@@ -4,7 +4,7 @@
 """One ament_python package, velocity_estimator, that carries estimator_pkg and sim_pkg.
 
 Dependencies are pinned here and nowhere else. On an apt installation of Jazzy the nodes need rclpy,
-the messages and numpy alone; `make install` installs everything with ``.[all]``.
+the messages and numpy alone; `make demo` installs ``.[ros,report]``, `make install` ``.[all]``.
 """
 
 import importlib.util
@@ -53,7 +53,6 @@ EXTRAS = {
     ],
 }
 EXTRAS['all'] = sorted({name for names in EXTRAS.values() for name in names})
-EXTRAS['mutants'] = ['cosmic-ray>=8.3,<9', 'coverage>=7.5,<8']  # of make mutants alone
 
 
 class BuildEngine(build_ext):

@@ -1,34 +1,33 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The columns of the field: readings of one joint with their true velocity.
-
-A column is a signal of the shared set, or a joint of a recording. If the torque is known, the
-column also has it, with the parameters of the joint, for the observers that use an input.
-"""
+"""A column of a comparison: readings of one joint and the truth about them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.signals import SIGNALS, SKIPPED, Samples, Signal
+from estimator_pkg.driver.batch import Estimates
+from estimator_pkg.estimate import VALID
+from estimator_pkg.sensor.guard import DUPLICATE
 
 Array = NDArray[np.float64]
 
 DURATION = 6.0  # [s] of each signal
-EDGE = 0.1  # [s] ignored at the end: non-causal estimators lack samples there
-FLOOR = 0.01  # errors below this count as zero when one setting is chosen [rad/s]
-INERTIA = 0.1  # of the joint that makes the signals' motion [kg m^2]
+EDGE = 0.1  # [s] ignored at the end: references lack samples there
+FLOOR = 0.01  # errors below this do not distinguish laws [rad/s]
+LEAST = 0.25  # an estimator that publishes less of a column has no error there
 
 
 class Cleaned(NamedTuple):
-    """Readings for a peer: increasing stamps, no nan, multi-turn angles.
+    """Readings for an estimator without a guard: increasing stamps, no nan, multi-turn angles.
 
     rows : shape (m,), indices of these samples. time [s], angle [rad] : shape (m,).
     """
@@ -46,20 +45,15 @@ class Column:
     quantum : quantum of the reading [rad].
     skip : time at the beginning that is not evaluated [s].
     noise : error of the reference itself [rad/s rms]; 0: it is the ground truth.
-    torque : shape (n,), mean over the interval that ends at the sample [N m]; None: not known.
-    joint : the parameters of `single_joint` for this joint; empty: not known.
     reference : origin of the true velocity.
     period : wrap period of the readings [rad]; 0: none.
     """
 
     name: str
-    summary: str
     samples: Samples
     quantum: float
     skip: float = SKIPPED
     noise: float = 0.0
-    torque: Array | None = None
-    joint: dict[str, float] = field(default_factory=dict)
     reference: str = 'truth'
     period: float = 2.0 * math.pi
 
@@ -82,6 +76,16 @@ class Column:
         """Errors below this do not rank estimators [rad/s]."""
         return max(FLOOR, self.noise)
 
+    def error(self, velocity: Array) -> tuple[float, float]:
+        """Return (rms error, published fraction); the error is inf if too few or diverged."""
+        counted = self.counted
+        error = (velocity - self.samples.velocity)[counted]
+        error = error[~np.isnan(error)]
+        share = float(len(error) / max(1, int(np.count_nonzero(counted))))
+        if share < LEAST or not np.all(np.abs(error) < 1e100):
+            return math.inf, share
+        return float(np.sqrt(np.mean(error * error))), share
+
     def cleaned(self) -> Cleaned:
         """Return the readings for estimators without a guard."""
         stamps, angle = self.samples.stamps, self.samples.angle
@@ -96,31 +100,17 @@ class Column:
         return every
 
 
+def published(out: Estimates) -> NDArray[np.bool_]:
+    """Return True for the samples with a published velocity."""
+    found: NDArray[np.bool_] = (out.verdict < DUPLICATE) & np.isin(out.status, VALID)
+    return found
+
+
 def of_signal(signal: Signal, duration: float = DURATION) -> Column:
-    """Return a signal as the motion of a frictionless joint, with the torque that causes it."""
-    samples = signal.samples(duration=duration)
-    steps = np.diff(samples.stamps) * 1e-9
-    torque = np.concatenate([[0.0], INERTIA * np.diff(samples.velocity) / steps])
-    return Column(
-        signal.name,
-        signal.summary,
-        samples,
-        signal.quantum,
-        torque=torque,
-        joint={'inertia': INERTIA},
-    )
+    """Return a signal as a column."""
+    return Column(signal.name, signal.samples(duration=duration), signal.quantum)
 
 
 def shared(signals: Sequence[Signal] = SIGNALS, duration: float = DURATION) -> list[Column]:
     """Return the columns of the shared set."""
     return [of_signal(signal, duration) for signal in signals]
-
-
-def driven_by(column: Column) -> Array | None:
-    """Return the acceleration by torque and gravity at the measured angle [rad/s^2], or None."""
-    if column.torque is None or 'inertia' not in column.joint:
-        return None
-    joint = column.joint
-    gravity = joint.get('gravity', 0.0) * np.sin(column.samples.angle - joint.get('hanging', 0.0))
-    made: Array = (column.torque - gravity - joint.get('bias', 0.0)) / joint['inertia']
-    return made if math.isfinite(joint['inertia']) else None

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``bench drive``: our sensorless observer and motulator's, on the same simulated drive.
+"""``--part speed``: our sensorless observer and motulator's, on the same simulated drive.
 
 Both know the true resistance and inductance. motulator also knows the true flux (ours gets one that
 is wrong by a fifth) and starts at the true angle and speed. Both speed outputs have their -3 dB
@@ -115,25 +115,10 @@ def ours(signal: Signal) -> Estimate:
     return Estimate(out.electrical_angle, out.electrical_speed)
 
 
-def _reported(i: Array, u: Array) -> tuple[Array, Array]:
-    """Return the voltage as reported: that of the past interval."""
-    return i, u
-
-
-def _ahead(i: Array, u: Array) -> tuple[Array, Array]:
-    """Return the voltage of the coming interval, as the drive's own controller knows it."""
-    return i, np.append(u[1:], u[-1])
-
-
-def _both(i: Array, u: Array) -> tuple[Array, Array]:
-    """Return the mean of both: the voltage at the sample itself."""
-    return i, 0.5 * (u + np.append(u[1:], u[-1]))
-
-
-TIMINGS: dict[str, Callable[[Array, Array], tuple[Array, Array]]] = {
-    'reported': _reported,
-    'ahead': _ahead,
-    'at the sample': _both,
+TIMINGS: dict[str, Callable[[Array], Array]] = {
+    'reported': lambda u: u,  # that of the past interval
+    'ahead': lambda u: np.append(u[1:], u[-1]),  # of the coming one, as a drive knows it
+    'at the sample': lambda u: 0.5 * (u + np.append(u[1:], u[-1])),
 }
 
 
@@ -151,10 +136,8 @@ def motulator(signal: Signal, timing: str = 'reported', count: int | None = None
     )
     observer = Observer(ObserverCfg(machine, sensorless=True, alpha_o=ALPHA))
     observer.est.theta_m, observer.est.w_m = float(signal.angle[0]), float(signal.speed[0])
-    i, u = TIMINGS[timing](
-        signal.samples[:, 0] + 1j * signal.samples[:, 1],
-        signal.samples[:, 2] + 1j * signal.samples[:, 3],
-    )
+    i = signal.samples[:, 0] + 1j * signal.samples[:, 1]
+    u = TIMINGS[timing](signal.samples[:, 2] + 1j * signal.samples[:, 3])
     count = len(i) if count is None else count
     angle, speed = np.empty(count), np.empty(count)
     output, update, period = observer.output, observer.update, 1.0 / RATE
@@ -177,7 +160,7 @@ def errors(signal: Signal, estimate: Estimate) -> tuple[float, float]:
 def drives(rounds: int = 7) -> list[dict[str, Any]]:
     """Return rows: errors in each case, ours limited by motulator's, and the cost per sample."""
     try:
-        import motulator as peer  # noqa: F401  (checks that it is installed)
+        import motulator as _  # noqa: F401  (checks that it is installed)
     except ImportError:
         return [not_run('motulator', 'motulator is not installed')]
     rows = []
@@ -191,18 +174,11 @@ def drives(rounds: int = 7) -> list[dict[str, Any]]:
                 theirs.append(errors(signal, motulator(signal, timing)))
                 advance(1)
             for index, (what, unit) in enumerate((('speed', 'rpm'), ('angle', 'deg'))):
-                best = min(each[index] for each in theirs)
-                timing = list(TIMINGS)[[each[index] for each in theirs].index(best)]
-                rows.append(
-                    row(
-                        f'{what} rms, {name}',
-                        mine[index],
-                        unit,
-                        limit=best,
-                        peer={timing: each[index] for timing, each in zip(TIMINGS, theirs)},
-                        why=f'motulator at its best: voltage {timing}',
-                    )
-                )
+                peer = {timing: each[index] for timing, each in zip(TIMINGS, theirs)}
+                best = min(peer, key=lambda timing: peer[timing])
+                why = f'motulator at its best: voltage {best}'
+                title = f'{what} rms, {name}'
+                rows.append(row(title, mine[index], unit, limit=peer[best], peer=peer, why=why))
     return rows + _costs(rounds)
 
 
@@ -238,14 +214,9 @@ def _costs(rounds: int) -> list[dict[str, Any]]:
     ]
     if joint.compiled is None:
         return [*rows, not_run('compiled', 'the package was installed without a C compiler')]
+    faster = ratio(times['motulator'], times['ours'])
     return [
         *rows,
         row('ours compiled, one sample', 1e6 * min(times['ours']), 'us'),
-        row(
-            'motulator / compiled',
-            ratio(times['motulator'], times['ours']),
-            'times',
-            limit=FASTER,
-            at_least=True,
-        ),
+        row('motulator / compiled', faster, 'times', limit=FASTER, at_least=True),
     ]

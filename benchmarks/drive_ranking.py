@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.ranking import kendall
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.series import at_stamps
@@ -55,15 +56,7 @@ CONDITIONS: dict[str, tuple[tuple[str, ...], Mapping[str, float]]] = {
     'flux 30 % low': ((), {'flux': 0.7}),
     'flux 50 % high': ((), {'flux': 1.5}),
 }
-HEADER = (
-    'condition',
-    "Kendall's tau",
-    'regret',
-    'error estimated / true',
-    'pairs declared',
-    'wrong',
-    'warns of',
-)
+HEADER = ('condition', "Kendall's tau", 'regret', 'error estimated / true', 'pairs declared')
 
 
 class Outcome(NamedTuple):
@@ -88,14 +81,6 @@ def simulated(path: Path, settings: Sequence[str], seconds: float) -> None:
         )
     if code:
         raise RuntimeError(f'the simulation of {path} failed')
-
-
-def agreement(one: Sequence[float], other: Sequence[float]) -> float:
-    """Return Kendall's tau over the pairs whose `other` numbers differ by more than `SAME`."""
-    a, b = np.asarray(one), np.asarray(other)
-    differ = np.abs(b[:, None] - b) > SAME * np.minimum(b[:, None], b)
-    signs = np.sign(a[:, None] - a) * np.sign(b[:, None] - b)
-    return float(np.mean(signs[differ])) if differ.any() else np.nan
 
 
 def judge(name: str, path: Path, motor: Mapping[str, float]) -> Outcome:
@@ -125,7 +110,7 @@ def judge(name: str, path: Path, motor: Mapping[str, float]) -> Outcome:
     declared = [pair for pair in verdict.pairs if pair.sign]
     return Outcome(
         name,
-        agreement([verdict.rms[label] for label in true], list(true.values())),
+        kendall([verdict.rms[label] for label in true], list(true.values()), SAME),
         true[verdict.best] / min(true.values()),
         verdict.rms[drive.OBSERVER] / true[drive.OBSERVER],
         len(declared),
@@ -151,19 +136,12 @@ def run(names: Sequence[str] = tuple(CONDITIONS), seconds: float = 2.0) -> list[
 
 def describe(outcomes: Sequence[Outcome]) -> str:
     """Return the table as Markdown."""
+    cells = '{name}|{tau:.2f}|{regret:.2f}|{ratio:.2f}|{declared} of {pairs}|{wrong}'
     rows = [
-        (
-            each.name,
-            f'{each.tau:.2f}',
-            f'{each.regret:.2f}',
-            f'{each.ratio:.2f}',
-            f'{each.declared} of {each.pairs}',
-            f'{each.wrong}',
-            ', '.join(each.warned) or '-',
-        )
+        (*cells.format(**each._asdict()).split('|'), ', '.join(each.warned) or '-')
         for each in outcomes
     ]
-    return markdown(HEADER, rows)
+    return markdown((*HEADER, 'wrong', 'warns of'), rows)
 
 
 if __name__ == '__main__':

@@ -1,122 +1,93 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``bench accuracy``: our observers and the peers, each at one setting and at its best per column.
+"""``--part field``: every causal law next to `MAIN`, on signals, recordings and Hall captures.
 
-Every estimator has one gain that is swept over a grid. "Best" is the lowest error of each column.
-"One setting" is the grid point with the smallest geometric mean, over the columns, of error over
-best error. Errors are of the published samples at zero shift; the delay is a separate number.
+Each law has one setting for a set of columns: the grid point with the smallest geometric mean, over
+the columns, of error over best error. Errors are of the published samples at zero shift.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.columns import Column
-from benchmarks.ours import (
-    AHEAD,
-    INFORMED,
-    NOT_HERE,
-    OURS,
-    PEERS,
-    PRACTICE,
-    Estimator,
-    ours,
-    with_input,
-)
-from benchmarks.peers import peers
+from benchmarks import recorded
+from benchmarks.captures import captures
+from benchmarks.columns import Column, shared
+from benchmarks.laws import PEERS, Law, ours, peers
 from benchmarks.practice import practice
-from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.text import fixed, markdown, number, table
+from estimator_pkg.evaluation.text import fixed, markdown, table
 from estimator_pkg.progress import progress
 
 Array = NDArray[np.float64]
 
-LEAST = 0.25  # an estimator that publishes less of a column has no error there
-WHOLE = 0.95  # below this published fraction the table shows it
+MAIN = 'edge_adaptive'
 FAILED = 1e3  # ratio that a missing error counts as, when one setting is chosen
-TELLS = 1.1  # errors above this multiple of the reference's own error can be measured
-GROUPS = {
-    OURS: 'use the readings only',
-    PRACTICE: 'what practitioners use, from its papers; causal',
-    PEERS: 'installed libraries, causal',
-    INFORMED: 'know the torque as well',
-    AHEAD: 'non-causal: use future samples too',
-}
+MOVES = 0.05  # mean square of a recording's speed, at least [(rad/s)^2]
+SIGNALS, RECORDINGS, CAPTURES = 'signals', 'recordings', 'Hall captures'
 
 
-def everyone() -> tuple[list[Estimator], list[str]]:
-    """Return (all rows in the order of the groups, names of libraries that are not installed)."""
+def columns(bags: Path) -> dict[str, list[Column]]:
+    """Return the columns by set; of the recordings those of joints that move; raise UserError."""
+    return {
+        SIGNALS: shared(),
+        RECORDINGS: [each for each in recorded.columns(bags) if _moves(each)],
+        CAPTURES: captures(bags),
+    }
+
+
+def _moves(column: Column) -> bool:
+    velocity = column.samples.velocity[column.counted]
+    return float((velocity * velocity).mean()) > MOVES
+
+
+def laws() -> tuple[list[Law], list[str]]:
+    """Return (every law, names of libraries that are not installed)."""
     used, lacking = practice()
     others, missing = peers()
-    missing = [*lacking, *missing]
-    every = [*ours(), *with_input(), *used, *others]
-    return [each for group in GROUPS for each in every if each.group == group], missing
+    return [*ours(), *used, *others], [*lacking, *missing]
 
 
-def run(
-    columns: Sequence[Column],
-    estimators: Sequence[Estimator] | None = None,
-    label: str = 'the field',
-) -> dict[str, Any]:
-    """Return the table as data: one row per estimator.
+def run(sets: Mapping[str, Sequence[Column]], every: Sequence[Law]) -> list[dict[str, Any]]:
+    """Return one row per law; the peers, which step in Python, are not run at 30 kHz.
 
     Returns
     -------
-    columns : name -> summary, reference, noise of the reference. rows : per estimator the one
-    setting for all columns; `one` and `best` by column, each with rms, delay_s, published, setting,
-    cannot_tell; rms is None without an estimate.
+    law; settings : by set; errors : by set and column [rad/s], inf without an estimate.
     """
-    missing: list[str] = []
-    if estimators is None:
-        estimators, missing = everyone()
     rows = []
-    with progress(label, sum(len(each.values) for each in estimators)) as advance:
-        for each in estimators:
-            rows.append(_row(each, columns, advance))
-    return {
-        'columns': {
-            column.name: {
-                'summary': column.summary,
-                'reference': column.reference,
-                'noise': column.noise,
-            }
-            for column in columns
-        },
-        'rows': rows,
-        'not_installed': missing,
-        'not_here': NOT_HERE,
+    chosen = {
+        law.name: [name for name in sets if law.group != PEERS or name != CAPTURES] for law in every
     }
+    total = sum(len(law.values) * len(chosen[law.name]) for law in every)
+    with progress('the field', total) as advance:
+        for law in every:
+            row: dict[str, Any] = {'law': law.name, 'gain': law.gain, 'settings': {}, 'errors': {}}
+            for name in chosen[law.name]:
+                errors = swept(law, sets[name], advance)
+                at = choose(errors, np.array([column.floor for column in sets[name]]))
+                row['settings'][name] = law.values[at]
+                row['errors'][name] = {
+                    column.name: float(error) for column, error in zip(sets[name], errors[at])
+                }
+            rows.append(row)
+    return rows
 
 
-def _row(estimator: Estimator, columns: Sequence[Column], advance: Any) -> dict[str, Any]:
-    found: list[list[Array]] = []
-    for value in estimator.values:
-        found.append([_estimate(estimator, column, value) for column in columns])
+def swept(law: Law, columns: Sequence[Column], advance: Callable[[int], Any]) -> Array:
+    """Return the rms errors, shape (settings, columns) [rad/s]."""
+    found = []
+    for value in law.values:
+        with np.errstate(all='ignore'):  # a gain that diverges has no error
+            found.append([each.error(law.run(each, value))[0] for each in columns])
         advance(1)
-    errors = np.array(
-        [[error(velocity, column)[0] for velocity, column in zip(each, columns)] for each in found]
-    )
-    one = choose(errors, np.array([column.floor for column in columns]))
-
-    def cell(j: int, at: int) -> dict[str, Any]:
-        return {**_cell(found[at][j], columns[j]), 'setting': estimator.values[at]}
-
-    best = np.argmin(errors, axis=0).tolist()
-    return {
-        'name': estimator.name,
-        'group': estimator.group,
-        'knows': estimator.knows,
-        'gain': estimator.gain,
-        'setting': estimator.values[one],
-        'one': {column.name: cell(j, one) for j, column in enumerate(columns)},
-        'best': {column.name: cell(j, best[j]) for j, column in enumerate(columns)},
-    }
+    return np.array(found)
 
 
 def choose(errors: Array, floors: Array) -> int:
@@ -135,102 +106,51 @@ def choose(errors: Array, floors: Array) -> int:
     return int(np.argmin(np.mean(np.log(over), axis=1))) if judged.any() else 0
 
 
-def _estimate(estimator: Estimator, column: Column, value: Any) -> Array:
-    with np.errstate(all='ignore'):  # a gain that diverges has no error
-        return estimator.run(column, value)
+def compared(
+    rows: Sequence[dict[str, Any]], sets: Mapping[str, Sequence[Column]]
+) -> list[dict[str, Any]]:
+    """Return every law but `MAIN`, with its errors over those of `MAIN`.
+
+    Errors below a column's floor do not distinguish laws, so it is added to both.
+
+    Returns
+    -------
+    law; means : geometric mean of the ratios by set, nan where it was not run; lost : column ->
+    ratio below 1, the columns on which `MAIN` loses to it.
+    """
+    (main,) = (row['errors'] for row in rows if row['law'] == MAIN)
+    found = []
+    for row in rows:
+        if row['law'] == MAIN:
+            continue
+        means: dict[str, float] = {}
+        lost: dict[str, float] = {}
+        for name, made in sets.items():
+            theirs = row['errors'].get(name, {})
+            ratios = {
+                each.name: (theirs[each.name] + each.floor) / (main[name][each.name] + each.floor)
+                for each in made
+                if math.isfinite(theirs.get(each.name, math.inf))
+            }
+            logs = [math.log(ratio) for ratio in ratios.values()]
+            means[name] = math.exp(sum(logs) / len(logs)) if logs else math.nan
+            lost |= {column: ratio for column, ratio in ratios.items() if ratio < 1.0}
+        found.append({'law': row['law'], 'means': means, 'lost': lost})
+    return found
 
 
-def error(velocity: Array, column: Column) -> tuple[float, float]:
-    """Return (rms error, published fraction); the error is inf if too few or diverged."""
-    counted = column.counted
-    error = (velocity - column.samples.velocity)[counted]
-    error = error[~np.isnan(error)]
-    share = float(len(error) / max(1, int(np.count_nonzero(counted))))
-    if share < LEAST or not np.all(np.abs(error) < 1e100):
-        return math.inf, share
-    return float(np.sqrt(np.mean(error * error))), share
-
-
-def _cell(velocity: Array, column: Column) -> dict[str, Any]:
-    rms, share = error(velocity, column)
-    if not math.isfinite(rms):
-        return {'rms': None, 'delay_s': None, 'published': share, 'cannot_tell': False}
-    rows = np.flatnonzero(column.counted & np.isfinite(velocity))
-    rows = rows[np.concatenate([[True], np.diff(column.time[rows]) > 0.0])]
-    found = metrics.velocity(
-        column.time[rows], velocity[rows], column.samples.velocity[rows], column.noise
-    )
-    return {
-        'rms': rms,
-        'delay_s': found['delay_s'],
-        'published': share,
-        'cannot_tell': column.noise > 0.0 and rms <= TELLS * column.noise,
-    }
-
-
-def describe(found: dict[str, Any], title: str, as_markdown: bool = False) -> str:
-    """Return two tables as text: at one setting, and at the best of each column."""
-    names = list(found['columns'])
-    parts = [f'{title}: velocity rms error [rad/s], delay [ms]']
-    for which, heading in (
-        ('one', 'one setting per estimator for all columns'),
-        ('best', 'best setting of each estimator per column'),
-    ):
-        lines = []
-        for group, meaning in GROUPS.items():
-            mine = [row for row in found['rows'] if row['group'] == group]
-            if mine:
-                lines.append((f'{group}: {meaning}', '', *('' for _ in names)))
-            lines += [
-                (
-                    row['name'],
-                    _setting(row) if which == 'one' else '',
-                    *(_text(row[which][name]) for name in names),
-                )
-                for row in mine
-            ]
-        header = ('estimator', 'setting' if which == 'one' else '', *names)
-        parts.append(f'{heading}\n\n' + (markdown if as_markdown else table)(header, lines))
-    return '\n\n'.join([*parts, _legend(found)])
-
-
-def _setting(row: dict[str, Any]) -> str:
-    value = row['setting']
-    return '' if value is None else f'{row["gain"]} {number(float(value), 3)}'
-
-
-def _text(cell: dict[str, Any]) -> str:
-    if cell['rms'] is None:
-        return '-'
-    text = number(cell['rms'], 3)
-    if cell['delay_s'] is not None and math.isfinite(cell['delay_s']):
-        text += f', {milliseconds(cell["delay_s"])}'
-    if cell['published'] < WHOLE:
-        text += f' ({cell["published"]:.0%})'
-    return text + (' *' if cell['cannot_tell'] else '')
-
-
-def milliseconds(seconds: float) -> str:
-    """Return a delay with one decimal [ms]; never -0.0."""
-    return fixed(1e3 * seconds if abs(seconds) >= 5e-5 else 0.0, 1)
-
-
-def _legend(found: dict[str, Any]) -> str:
+def describe(rows: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
+    """Return the table of `compared` as text."""
     lines = [
-        f'{name}: {column["summary"]}'
-        + (
-            f'; {column["reference"]}, {number(column["noise"], 2)} rad/s'
-            if column['noise']
-            else ''
+        (
+            row['law'],
+            *('-' if math.isnan(mean) else fixed(mean, 2) for mean in row['means'].values()),
+            ', '.join(f'{name} {fixed(value, 2)}' for name, value in row['lost'].items()) or 'none',
         )
-        for name, column in found['columns'].items()
+        for row in rows
     ]
-    if any(cell['cannot_tell'] for row in found['rows'] for cell in row['one'].values()):
-        lines.append("*: below the reference's own error")
-    lines.append('(n %): published and evaluated fraction of the column; -: less than a quarter')
-    lines += [f'{row["name"]} knows: {row["knows"]}' for row in found['rows'] if row['knows']]
-    lines += [f'no row: {name}: {why}' for name, why in found['not_here'].items()]
-    lines += [f'not evaluated: {name}: {why}' for name, why in found.get('refused', {}).items()]
-    if found['not_installed']:
-        lines.append('not run, not installed: ' + ', '.join(found['not_installed']))
-    return '\n'.join(lines)
+    header = ('law', *rows[0]['means'], f'{MAIN} loses to it on')
+    return (
+        f"velocity rms over {MAIN}'s: geometric mean over the columns of a set, each law at its "
+        f'one setting for the set\n\n{(markdown if as_markdown else table)(header, lines)}'
+    )

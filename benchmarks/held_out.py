@@ -1,136 +1,243 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Observers at their defaults on held-out recordings, compared with textbook baselines.
+"""``--part held-out``: observers at their defaults on held-out recordings, next to textbook ones.
 
-    python -m benchmarks accuracy --part held --held-out FOLDER
-
-The four baselines are swept over their gain. The single best one is the observer and setting with
-the lowest geometric mean rms over the set. The best of four is, series by series, the best of the
-four, each at its own common setting: the one with its lowest geometric mean.
+`held_out.yaml` lists the series and explains its keys. The four baselines are swept over their
+gain. The single best one is the observer and setting with the lowest geometric mean rms over a
+list. The best of four is, series by series, the best of the four, each at its own common setting:
+the one with its lowest geometric mean.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
-from benchmarks import field, held_data
-from benchmarks.columns import Column
-from benchmarks.ours import Estimator, ours
-from estimator_pkg.estimate import COASTING, TRACKING
+from benchmarks.columns import Column, published
+from benchmarks.field import swept
+from benchmarks.laws import ours
+from benchmarks.recorded import SKIPPED
+from benchmarks.signals import START_NS, Samples
+from estimator_pkg.bags.series import Series
+from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation import text
 from estimator_pkg.evaluation.compare import metrics
+from estimator_pkg.evaluation.compare.matching import match
+from estimator_pkg.evaluation.compare.truth import SMOOTHED, measured_truth
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.text import fixed, markdown, number, table
+from estimator_pkg.evaluation.reference.motion import motion
+from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.text import fixed, number
 from estimator_pkg.progress import progress
-from estimator_pkg.sensor.guard import DUPLICATE
 
 Array = NDArray[np.float64]
 
-LISTS = {
-    'series': 'held-out recordings',
-    'unseen': 'held-out recordings, second list',
-    'third': 'held-out recordings, third list',
-}
+LIST = Path(__file__).with_name('held_out.yaml')
+LISTS = {'series': 'first list', 'unseen': 'second list', 'third': 'third list'}
 OBSERVERS = ('edge_adaptive', 'hybrid_angle')
 BASELINES = ('finite_difference', 'pll', 'kalman velocity', 'kalman acceleration')
 SIGMAS = 1.959964  # standard deviations of a 95 % interval
 NEAR = 1.15  # of a baseline's error, at most on each series
+TURN = 2.0 * np.pi
 
 
-class Result(NamedTuple):
-    """An observer on a series: rms [rad/s], delay [s], covered share of the 95 % interval.
+class Listed(NamedTuple):
+    """A series of a list: name, keys of its source and its own, largest allowed reference error.
 
-    The reference's own error is part of the interval.
+    judged : the series counts where its reference's error is at most this part of a baseline's.
     """
 
-    rms: float
-    delay_s: float
-    covered: float
-    published: float
+    name: str
+    keys: Mapping[str, Any]
+    judged: float
 
 
-class Row(NamedTuple):
-    """A series.
+def listed(which: str = 'series', path: Path = LIST) -> list[Listed]:
+    """Return the series of one of `LISTS`; their keys replace the source's."""
+    found = yaml.safe_load(path.read_text(encoding='utf-8'))
+    return [
+        Listed(name, {**found['sources'][keys['source']], **keys}, found['judged'])
+        for name, keys in found[which].items()
+    ]
 
-    noise : error of the reference [rad/s]. results : by observer. single, best : rms of the single
-    best baseline and of the best of the four [rad/s]; which : name of the latter. judged : the
-    reference is fine enough for the baselines' errors.
+
+def column(folder: Path, series: Listed) -> Column:
+    """Return one series with its reference.
+
+    Raises
+    ------
+    UserError : a file is missing, or is not the listed one.
     """
+    keys = series.keys
+    period = float(keys.get('period', TURN))
+    time, angle, velocity = _rows(folder, keys)
+    stamps = START_NS + np.rint((time - time[0]) * 1e9).astype(np.int64)
+    if velocity is None:
+        moved = motion(stamps, angle, period)
+        if moved is None:
+            raise UserError(f'{series.name}: too few readings for a reference')
+        firm = moved.firm
+        known = Series(moved.stamps[firm], moved.position[firm], moved.velocity[firm], angle[:0])
+        noise = moved.uncertainty
+    else:
+        true = Series(stamps, np.full(len(angle), np.nan), velocity, np.full(len(angle), np.nan))
+        known, noise = measured_truth(true, Series(stamps, angle, velocity, velocity), period)
+    used = slice(None, None, int(keys.get('every', 1)))
+    stamps, angle = stamps[used], angle[used]
+    if 'quantum' in keys:
+        angle = keys['quantum'] * np.floor(angle / keys['quantum'])
+    at = match(stamps, known.stamps_ns, known.velocity, known.position, period)
+    reference = np.full(len(stamps), np.nan)
+    reference[at.rows] = at.velocity
+    return Column(
+        series.name,
+        Samples(stamps, angle, reference),
+        quantum(angle),
+        SKIPPED,
+        float(noise) if np.isfinite(noise) else 0.0,
+        SMOOTHED if velocity is None else str(keys['truth']),
+        period,
+    )
 
-    series: str
-    reference: str
-    noise: float
-    results: dict[str, Result]
-    single: float
-    best: float
-    which: str
-    judged: bool
+
+def _rows(folder: Path, keys: Mapping[str, Any]) -> tuple[Array, Array, Array | None]:
+    """Return time [s], angle [rad] and velocity [rad/s] or None, up to where the time restarts."""
+
+    def values(name: str) -> Array | None:
+        if name not in keys:
+            return None
+        wanted = {**keys, **keys[name]}
+        return table(folder, wanted)[:, wanted['column']] * float(wanted.get('unit', 1.0))
+
+    if 'yaw' in keys:
+        w, x, y, z = table(folder, keys)[:, keys['yaw']].T
+        angle = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    else:
+        angle = values('angle')
+    assert angle is not None
+    time, velocity = values('time'), values('velocity')
+    if time is None:
+        time = np.arange(len(angle)) / float(keys['rate'])
+    good = np.isfinite(time) & np.isfinite(angle)
+    time, angle = time[good], angle[good]
+    back = np.flatnonzero(np.diff(time) < 0.0)  # a log that is a ring ends with its oldest rows
+    end = int(back[0]) + 1 if len(back) else len(time)
+    return time[:end], angle[:end], None if velocity is None else velocity[good][:end]
+
+
+def table(folder: Path, keys: Mapping[str, Any]) -> Array:
+    """Return a file as numbers, shape (rows, columns); raises as `column`."""
+    path = folder / keys['repository'] / keys['path']
+    if not path.is_file():
+        raise UserError(
+            f'{path} is missing: it is {keys["path"]} of github.com/{keys["repository"]}, commit '
+            f'{keys["commit"]}; give the folder of the repositories with --held-out'
+        )
+    return _read(
+        path, keys['files'][keys['path']], keys.get('variable', ''), int(keys.get('width', 0))
+    )
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, expected: str, variable: str, width: int) -> Array:
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != expected:
+        raise UserError(f'{path} is not the listed file: check out the commit of held_out.yaml')
+    if variable:
+        from scipy.io import loadmat
+
+        found = loadmat(BytesIO(data), squeeze_me=True, struct_as_record=False)
+        name, *fields = variable.split('.')
+        value = found[name]
+        for field in fields:
+            value = getattr(value, field)
+        return np.asarray(value, np.float64).reshape(len(value), -1)
+    rows = [numbers(line) for line in data.decode('utf-8-sig').splitlines()]
+    if width:
+        return np.array([each for row in rows for each in row]).reshape(-1, width)
+    usual = Counter(len(row) for row in rows if row).most_common(1)[0][0]
+    return np.array([row for row in rows if len(row) == usual])
+
+
+def numbers(line: str) -> list[float]:
+    """Return the numbers of a line; none if it has any other word."""
+    try:
+        return [float(word) for word in line.replace(',', ' ').replace(';', ' ').split()]
+    except ValueError:
+        return []
 
 
 class Found(NamedTuple):
-    """All series; the single best baseline and the common settings, in words."""
+    """All series of a list; the single best baseline and the common settings, in words.
 
-    rows: list[Row]
+    rows : by series: name, reference and noise (its error [rad/s]); results by observer; single and
+    best, rms of the single best baseline and of the best of the four [rad/s], which (name of the
+    latter); judged, whether the reference is fine enough for the baselines' errors.
+    """
+
+    rows: list[dict[str, Any]]
     single: str
     common: dict[str, str]
 
 
-def run(folder: Path, which: str = 'series') -> Found:
-    """Return the comparison on a list, whose files are below `folder`; raise UserError."""
-    chosen = held_data.listed(which)
-    judged = {each.name: each.judged for each in chosen}
-    return compared(held_data.columns(folder, chosen), judged)
+def run(folder: Path) -> dict[str, Found]:
+    """Return the comparison by list, whose files are below `folder`; raise UserError."""
+    found = {}
+    for which, title in LISTS.items():
+        chosen = listed(which)
+        with progress(title, len(chosen)) as advance:
+            columns = []
+            for each in chosen:
+                columns.append(column(folder, each))
+                advance(1)
+        found[title] = compared(columns, {each.name: each.judged for each in chosen})
+    return found
 
 
-def compared(columns: Sequence[Column], judged: dict[str, float]) -> Found:
-    """Return the comparison on these columns; `judged` as in `held_data.Listed`, by name."""
-    families = [each for each in ours() if each.name in BASELINES]
-    swept: dict[str, Array] = {}
-    with progress('baselines', sum(len(each.values) for each in families)) as advance:
-        for each in families:
-            swept[each.name] = _swept(each, columns, advance)
-    best = {name: int(np.argmin(_means(errors))) for name, errors in swept.items()}
-    at_best = {name: errors[best[name]] for name, errors in swept.items()}
+def compared(columns: Sequence[Column], judged: Mapping[str, float]) -> Found:
+    """Return the comparison on these columns; `judged` as in `Listed`, by name."""
+    families = [law for law in ours() if law.name in BASELINES]
+    errors: dict[str, Array] = {}
+    with progress('baselines', sum(len(law.values) for law in families)) as advance:
+        for law in families:
+            errors[law.name] = swept(law, columns, advance)
+    best = {name: int(np.argmin(_means(each))) for name, each in errors.items()}
+    at_best = {name: each[best[name]] for name, each in errors.items()}
     single = min(at_best, key=lambda name: float(_means(at_best[name])))
     settings = {
-        each.name: f'{each.name}, {each.gain} {number(float(each.values[best[each.name]]), 3)}'
-        for each in families
+        law.name: f'{law.name}, {law.gain} {number(float(law.values[best[law.name]]), 3)}'
+        for law in families
     }
     rows = []
     with progress('observers', len(columns)) as advance:
-        for j, column in enumerate(columns):
+        for j, one in enumerate(columns):
             which = min(at_best, key=lambda name: at_best[name][j])
             least = float(at_best[which][j])
             rows.append(
-                Row(
-                    column.name,
-                    column.reference,
-                    column.noise,
-                    {name: result(column, name) for name in OBSERVERS},
-                    float(at_best[single][j]),
-                    least,
-                    which,
-                    column.noise <= judged[column.name] * least,
-                )
+                {
+                    'series': one.name,
+                    'reference': one.reference,
+                    'noise': one.noise,
+                    'results': {name: result(one, name) for name in OBSERVERS},
+                    'single': float(at_best[single][j]),
+                    'best': least,
+                    'which': which,
+                    'judged': bool(one.noise <= judged[one.name] * least),
+                }
             )
             advance(1)
     return Found(rows, settings[single], settings)
-
-
-def _swept(family: Estimator, columns: Sequence[Column], advance: Any) -> Array:
-    """Return the rms errors, shape (settings, columns)."""
-    found = []
-    for value in family.values:
-        with np.errstate(all='ignore'):  # a gain that diverges has no error
-            found.append([field.error(family.run(each, value), each)[0] for each in columns])
-        advance(1)
-    return np.array(found)
 
 
 def _means(errors: Array) -> Array:
@@ -139,123 +246,99 @@ def _means(errors: Array) -> Array:
     return found
 
 
-def result(column: Column, observer: str) -> Result:
-    """Return an observer at its defaults on a column; it does not know the quantum."""
+def result(column: Column, observer: str) -> dict[str, float]:
+    """Return an observer at its defaults on a column; it does not know the quantum.
+
+    Returns
+    -------
+    rms [rad/s], delay_s, covered: share of the 95 % interval, which contains the reference's error.
+    """
     samples = column.samples
     joint = Entry(observer, observer).joint(wrap_period=column.period)
-    out = joint.run(samples.stamps, samples.angle, fast=True)
-    published = (out.verdict < DUPLICATE) & np.isin(out.status, (TRACKING, COASTING))
-    velocity = np.where(published, out.velocity, np.nan)
-    rms, share = field.error(velocity, column)
+    out = joint.run(samples.stamps, samples.angle)
+    velocity = np.where(published(out), out.velocity, np.nan)
     rows = np.flatnonzero(column.counted & np.isfinite(velocity))
     rows = rows[np.concatenate([[True], np.diff(column.time[rows]) > 0.0])]
-    error = velocity[rows] - samples.velocity[rows]
-    found = metrics.velocity(
-        column.time[rows], velocity[rows], samples.velocity[rows], column.noise
-    )
+    true = samples.velocity[rows]
+    found = metrics.velocity(column.time[rows], velocity[rows], true, column.noise)
     sigma = np.hypot(out.velocity_stddev[rows], column.noise)
-    covered = float(np.mean(np.abs(error) <= SIGMAS * sigma))
-    return Result(rms, found['delay_s'], covered, share)
+    covered = float(np.mean(np.abs(velocity[rows] - true) <= SIGMAS * sigma))
+    rms = column.error(velocity)[0]
+    return {'rms': rms, 'delay_s': found['delay_s'], 'covered': covered}
 
 
-class Summary(NamedTuple):
-    """Ratios over a baseline: geometric mean, shares at most 1.0 and `NEAR`, worst, its series."""
+def summary(rows: Iterable[dict[str, Any]], observer: str, baseline: str) -> dict[str, Any]:
+    """Return the ratios of the judged series over a baseline, 'single' or 'best'.
 
-    mean: float
-    at_most: float
-    near: float
-    worst: float
-    series: str
-
-
-def summary(rows: Iterable[Row], observer: str, baseline: str) -> Summary:
-    """Return the ratios of the judged series; `baseline` is 'single' or 'best'."""
+    Returns
+    -------
+    mean: geometric; at_most, near: shares at most 1.0 and `NEAR`; worst, and its series.
+    """
     ratios = {
-        row.series: row.results[observer].rms / getattr(row, baseline) for row in rows if row.judged
+        row['series']: row['results'][observer]['rms'] / row[baseline]
+        for row in rows
+        if row['judged']
     }
     values = np.array(list(ratios.values()))
     worst = max(ratios, key=lambda name: ratios[name])
-    return Summary(
-        float(np.exp(np.mean(np.log(values)))),
-        float(np.mean(values <= 1.0)),
-        float(np.mean(values <= NEAR)),
-        ratios[worst],
-        worst,
-    )
+    return {
+        'mean': float(np.exp(np.mean(np.log(values)))),
+        'at_most': float(np.mean(values <= 1.0)),
+        'near': float(np.mean(values <= NEAR)),
+        'worst': ratios[worst],
+        'series': worst,
+    }
 
 
 def as_dict(found: Found) -> dict[str, Any]:
     """Return the comparison for ``--json``."""
-    return {
-        'single': found.single,
-        'common': found.common,
-        'rows': [
-            {
-                **row._asdict(),
-                'results': {name: each._asdict() for name, each in row.results.items()},
-            }
-            for row in found.rows
-        ],
-        'ratios': {
-            f'{name} / {baseline}': summary(found.rows, name, baseline)._asdict()
-            for name in OBSERVERS
-            for baseline in ('single', 'best')
-        },
+    ratios = {
+        f'{name} / {baseline}': summary(found.rows, name, baseline)
+        for name in OBSERVERS
+        for baseline in ('single', 'best')
     }
+    return {**found._asdict(), 'ratios': ratios}
 
 
-def describe(found: Found, title: str, as_markdown: bool = False) -> str:
-    """Return the tables as text: series by series, and the ratios."""
+def describe(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
+    """Return the table of all series, and lines that summarise each list."""
     lines = []
-    for row in found.rows:
-        cells: list[str] = []
-        for name in OBSERVERS:
-            each = row.results[name]
-            cells += [number(each.rms, 3), fixed(each.rms / row.single, 2)]
-            cells += [fixed(each.rms / row.best, 2), f'{100.0 * each.covered:.0f} %']
-            if name == OBSERVERS[0]:
-                late = each.delay_s
-                cells.append(field.milliseconds(late) if math.isfinite(late) else '-')
-        lines.append(
-            (
-                row.series + ('' if row.judged else ' *'),
-                number(row.noise, 2),
-                number(row.single, 3),
-                f'{number(row.best, 3)}, {row.which}',
-                *cells,
-            )
-        )
-    heads = ['/ single', '/ best', 'covered']
-    draw = markdown if as_markdown else table
-    header = ('series', 'reference', 'single', 'best of four', OBSERVERS[0], *heads, 'late [ms]')
-    whole = draw((*header, OBSERVERS[1], *heads), lines)
-    shares = []
+    for title, found in lists.items():
+        for row in found.rows:
+            single, best = row['single'], row['best']
+            cells = [row['series'] + ('' if row['judged'] else ' *'), number(row['noise'], 2)]
+            cells += [number(single, 3), f'{number(best, 3)}, {row["which"]}']
+            for each in row['results'].values():
+                rms, late = each['rms'], each['delay_s']
+                cells += [number(rms, 3), fixed(rms / single, 2), fixed(rms / best, 2)]
+                cells.append(f'{100.0 * each["covered"]:.0f} %')
+                cells.append(fixed(1e3 * late, 1) if math.isfinite(late) else '-')
+            lines.append((title, *cells))
+    header = ['list', 'series', 'reference', 'single', 'best of four']
+    for observer in OBSERVERS:
+        header += [observer, '/ single', '/ best', 'covered', 'late [ms]']
+    return '\n\n'.join(
+        [
+            'held-out recordings: velocity rms error [rad/s], observers at their defaults',
+            (text.markdown if as_markdown else text.table)(tuple(header), lines),
+            "*: not judged: the reference's own error is more than half of the best baseline's",
+            *('\n'.join(_summarised(title, found)) for title, found in lists.items()),
+        ]
+    )
+
+
+def _summarised(title: str, found: Found) -> Iterable[str]:
+    yield f'{title}: single: {found.single}; best of four: {"; ".join(found.common.values())}'
     for name in OBSERVERS:
         for baseline, meaning in (('single', 'single'), ('best', 'best of four')):
             over = summary(found.rows, name, baseline)
-            shares.append(
-                (
-                    f'{name} / {meaning}',
-                    fixed(over.mean, 2),
-                    f'{100.0 * over.at_most:.0f} %',
-                    f'{100.0 * over.near:.0f} %',
-                    f'{fixed(over.worst, 2)}, {over.series}',
-                )
+            yield (
+                f'- {name} / {meaning}: geometric mean {over["mean"]:.2f}; at most 1.0 on '
+                f'{over["at_most"]:.0%}, at most {NEAR} on {over["near"]:.0%}; worst '
+                f'{over["worst"]:.2f}, {over["series"]}'
             )
-    covered = {
-        name: [row.results[name].covered for row in found.rows if row.judged] for name in OBSERVERS
-    }
-    return '\n\n'.join(
-        [
-            f'{title}: velocity rms error [rad/s], observers at their defaults',
-            whole,
-            "*: not judged: the reference's own error is more than half of the best baseline's",
-            f'single: {found.single}; best of four: {"; ".join(found.common.values())}',
-            draw(('ratio', 'geometric mean', 'at most 1.0', f'at most {NEAR}', 'worst'), shares),
-            '; '.join(
-                f'{name}: the 95 % interval covers {100.0 * float(np.median(each)):.0f} % '
-                f'(median), {100.0 * min(each):.0f} % at least'
-                for name, each in covered.items()
-            ),
-        ]
-    )
+        covered = [row['results'][name]['covered'] for row in found.rows if row['judged']]
+        yield (
+            f'- {name}: the 95 % interval covers {100.0 * float(np.median(covered)):.0f} % '
+            f'(median), {100.0 * min(covered):.0f} % at least'
+        )

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``bench speed --part mechanism``: one sample of GESO for two positions, in the exact form.
+"""``--part speed``: one sample of GESO for two positions, in the exact form.
 
 The motion is that of a cart-pendulum under a force, at 1 kHz with jitter, so the coefficients are
 computed anew at every sample. In plain Python it runs with the built-in model and with a user's
@@ -17,12 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import observers
-from estimator_pkg.circle import Circle
 from estimator_pkg.driver.efforts import FIELD
 from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
-from estimator_pkg.evaluation.compare.timing import best_and_median, interleave, not_run, row
-from estimator_pkg.observers.mechanism.core import Estimate, Plan
-from estimator_pkg.observers.mechanism.state import Coefficients
+from estimator_pkg.evaluation.compare.timing import Side, best_and_median, interleave, not_run, row
 
 Array = NDArray[np.float64]
 
@@ -30,7 +27,7 @@ STEPS = 2000  # per round, in plain Python
 ENGINE_STEPS = 300_000
 PLAIN_LIMIT = 15.0  # us
 NUMPY_LIMIT = 200.0  # us
-ENGINE_LIMIT = 3.0  # million steps/s
+ENGINE_LIMIT = 3.0  # million samples/s
 BUILT_IN = 'cart_pendulum'
 NUMPY = f'{__name__}:NumpyCartPendulum'
 
@@ -67,83 +64,42 @@ def _samples(count: int) -> tuple[NDArray[np.int64], Array, Array]:
 
 
 def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
-    """Return rows: steps and updates [us], the engine's samples [million/s]."""
+    """Return rows: updates in plain Python [us], and the engine's samples [million/s]."""
     stamps, readings, force = _samples((rounds + 1) * STEPS)
-    rows_of = readings.tolist(), force.tolist()
-    steps = np.diff(stamps, prepend=stamps[0] - 10**6) * 1e-9
+    rows_of = list(zip(stamps.tolist(), readings.tolist(), force.tolist()))
 
-    def step_side(model: str) -> Any:
-        plan = _plan(model)
-        module, design, coefficients, out = plan.module, plan.design, Coefficients(), Estimate()
-
-        def side(number: int) -> float:
-            part = range(number * STEPS, (number + 1) * STEPS)
-            state = plan.state()
-            module.start(module, state, design, rows_of[0][part[0]])
-            begun = time.thread_time()
-            for k in part:
-                module.prepare(coefficients, design, float(steps[k]))
-                given = state, coefficients, design, rows_of[0][k], rows_of[1][k]
-                module.step(module, *given)
-                module.estimate(module, out, *given)
-            return (time.thread_time() - begun) / STEPS
-
-        return side
-
-    def update_side(model: str) -> Any:
-        joint = _mechanism(model)
+    def side(model: str) -> Side:
+        joint = mechanism(model)
         joint.compiled = joint.memory = None  # plain, from here on
         joint.set_gains(joint.gains)
         joint.reset()
-        whole = stamps.tolist()
 
-        def side(number: int) -> float:
+        def timed(number: int) -> float:
             begun = time.thread_time()
-            for k in range(number * STEPS, (number + 1) * STEPS):
-                joint.update(whole[k], rows_of[0][k], rows_of[1][k])
+            for sample in rows_of[number * STEPS : (number + 1) * STEPS]:
+                joint.update(*sample)
                 joint.estimate()
             return (time.thread_time() - begun) / STEPS
 
-        return side
+        return timed
 
-    sides = {
-        'step, built-in model': step_side(BUILT_IN),
-        'update with guard, built-in model': update_side(BUILT_IN),
-        "step, a user's numpy model": step_side(NUMPY),
-    }
-    limits = dict(zip(sides, (PLAIN_LIMIT, PLAIN_LIMIT, NUMPY_LIMIT)))
-    times = interleave(sides, rounds)
+    limits = {'built-in model': PLAIN_LIMIT, "a user's numpy model": NUMPY_LIMIT}
+    times = interleave(dict(zip(limits, (side(BUILT_IN), side(NUMPY)))), rounds)
     rows = []
     for name, limit in limits.items():
-        least, median = best_and_median(times[name])
-        rows.append(
-            row(f'geso, 2 positions, {name}', least * 1e6, 'us', limit=limit, median=median * 1e6)
-        )
-    name = "geso, 2 positions, the engine's samples"
-    joint = _mechanism(BUILT_IN)
+        least, median = (1e6 * each for each in best_and_median(times[name]))
+        title = f'geso, 2 positions, update, {name}'
+        rows.append(row(title, least, 'us', limit=limit, median=median))
+    title, joint = "geso, 2 positions, the engine's samples", mechanism(BUILT_IN)
     if joint.compiled is None:
-        return [*rows, not_run(name, 'the engine was not built')]
-    least, median = best_and_median(_engine_times(joint, rounds))
-    return [
-        *rows,
-        row(
-            name,
-            1e-6 / least,
-            'million steps/s',
-            limit=ENGINE_LIMIT,
-            at_least=True,
-            median=1e-6 / median,
-        ),
-    ]
+        return [*rows, not_run(title, 'the engine was not built: install a C compiler')]
+    least, median = (1e-6 / each for each in best_and_median(_engine_times(joint, rounds)))
+    unit = 'million samples/s'
+    return [*rows, row(title, least, unit, limit=ENGINE_LIMIT, at_least=True, median=median)]
 
 
-def _plan(model: str) -> Plan:
-    record = observers.find('geso')
-    plan: Plan = record.module.plan(record.gains(model=model), Circle())
-    return plan
-
-
-def _mechanism(model: str) -> Mechanism:
+def mechanism(model: str) -> Mechanism:
+    """Return geso on this model."""
     record = observers.find('geso')
     return Mechanism('mechanism', record, record.gains(model=model), MechanismSettings(), FIELD)
 

@@ -16,23 +16,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.signals import trapezoid
+from benchmarks.signals import START_NS, Samples, constant, trapezoid
 
 Array = NDArray[np.float64]
 Random = np.random.Generator
 Move = Callable[[Array, Random], tuple[Array, Array]]
 
-START_NS = 1_700_000_000_000_000_000
 TURN = 2.0 * math.pi
 LENGTH = 12.0  # [s]
-
-
-class Sampled(NamedTuple):
-    """Stamps [ns], readings [rad] and true velocity [rad/s]; arrays of shape (n,)."""
-
-    stamps: NDArray[np.int64]
-    readings: Array
-    velocity: Array
 
 
 class Sensor(NamedTuple):
@@ -149,7 +140,7 @@ def friction(speed: float, break_away: float) -> Move:
 
 def steady(speed: float) -> Move:
     """Return a constant speed [rad/s]."""
-    return lambda time, random: (speed * time, np.full(len(time), speed))
+    return lambda time, random: constant(speed)(time)
 
 
 def _ramps(speed: float, acceleration: float, hold: float) -> Move:
@@ -231,7 +222,7 @@ FAILURES: dict[str, tuple[Move, Sensor]] = {
 }
 
 
-def sampled(name: str) -> Sampled:
+def sampled(name: str) -> Samples:
     """Return the readings of a motion; the same each time."""
     move, sensor = {**MOTIONS, **FAILURES}[name]
     random = np.random.default_rng(sum(map(ord, name)))
@@ -255,4 +246,4 @@ def sampled(name: str) -> Sampled:
     stamps = START_NS + np.rint(shown * 1e9).astype(np.int64)
     kept = np.diff(stamps, prepend=0) > 0
     kept &= random.random(count) >= sensor.drops
-    return Sampled(stamps[kept], wrapped[kept], velocity[kept])
+    return Samples(stamps[kept], wrapped[kept], velocity[kept])

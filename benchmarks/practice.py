@@ -28,11 +28,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from benchmarks.columns import Column
-from benchmarks.ours import PRACTICE, Estimator, grid
-from benchmarks.peers import COUNT, even
+from benchmarks.laws import COUNT, PRACTICE, Law, grid, installed
 
 Array = NDArray[np.float64]
-Law = Callable[[Array, Array, float, float], Array]  # (time, angle, quantum, gain) -> velocity
+Slope = Callable[[Array, Array, float, float], Array]  # (time, angle, quantum, gain) -> velocity
 
 MOST = 3000.0  # [Hz] of the readings in adaptive windows, whose cost grows with its square
 LONGEST = 0.1  # [s] of the adaptive windows at most
@@ -44,43 +43,62 @@ WINDOWS = grid(0.002, 0.3, COUNT + 2)
 SILENT = 3  # an edge that is late by more of its periods than this ends the fit's validity
 
 
-def practice() -> tuple[list[Estimator], list[str]]:
-    """Return (estimators, names of the missing libraries)."""
-    found = [
-        _made('Savitzky-Golay, causal', savitzky_golay, WINDOWS, 'window [s]'),
+def practice() -> tuple[list[Law], list[str]]:
+    """Return (laws, names of the missing libraries)."""
+    found, missing = installed(_savitzky_golay, _algebraic)
+    bounds, quanta = grid(1e2, 1e7, COUNT), grid(0.5, 20.0, COUNT)
+    own = [
         _made('rolling mean', rolling_mean, WINDOWS, 'window [s]'),
-        _made('adaptive windows, best fit', thinned, grid(0.5, 20.0, COUNT), 'quanta'),
+        _made('adaptive windows, best fit', thinned, quanta, 'quanta'),
         _made('time-stamped edges', edges, tuple(range(3, 36, 4)), 'edges'),
-        _made('filtering differentiator', filtering, grid(1e2, 1e7, COUNT), 'bound of the jerk'),
+        _made('filtering differentiator', filtering, bounds, 'bound of the jerk'),
     ]
-    try:
-        return [*found, _algebraic()], []
-    except ImportError as error:
-        return found, [error.name or str(error)]
+    return [*own, *found], missing
 
 
-def _made(name: str, law: Law, values: tuple[float, ...], gain: str) -> Estimator:
+def _made(name: str, slope: Slope, values: tuple[float, ...], gain: str) -> Law:
     def run(column: Column, value: float) -> Array:
         rows, time, angle = column.cleaned()
-        return column.at_rows(rows, law(time, angle, max(column.quantum, 1e-6), value))
+        return column.at_rows(rows, slope(time, angle, max(column.quantum, 1e-6), value))
 
-    return Estimator(name, run, values, gain, PRACTICE)
+    return Law(name, run, values, gain, PRACTICE)
 
 
-def _algebraic() -> Estimator:
+def _savitzky_golay() -> Law:
+    from scipy.signal import fftconvolve, savgol_coeffs
+
+    def slope(time: Array, angle: Array, quantum: float, window: float) -> Array:
+        """Return the slope at the end of a parabola through the last samples."""
+        n = max(2, length(time, window)) + 1
+        found, steps = np.full(len(angle), np.nan), np.diff(time)
+        if len(angle) < n:
+            return found
+        if np.ptp(steps) < EVEN * steps[0]:  # the same weights everywhere
+            weights = savgol_coeffs(n, 2, deriv=1, delta=float(np.mean(steps)), pos=n - 1)
+            found[n - 1 :] = fftconvolve(angle - angle[0], weights, 'valid')  # n up to 9000
+        else:
+            past = sliding_window_view(time, n), sliding_window_view(angle, n)
+            found[n - 1 :] = fitted(*past, order=2)[:, 1]
+        return found
+
+    return _made('Savitzky-Golay, causal', slope, WINDOWS, 'window [s]')
+
+
+def _algebraic() -> Law:
     from AlgDiff import AlgebraicDifferentiator
 
-    def run(column: Column, window: float) -> Array:
-        def law(angle: Array, h: float) -> Array:
-            made = AlgebraicDifferentiator(
-                ts=h, alpha=ALPHA, beta=BETA, N=1, T=max(window, 4.0 * h), display=False
-            )
-            found: Array = made.estimateDer(1, angle)
-            return found
+    def slope(time: Array, angle: Array, quantum: float, window: float) -> Array:
+        """Return the slope from readings at even times, interpolated where they are not."""
+        h = float(np.median(np.diff(time)))
+        even = np.max(np.abs(np.diff(time) - h)) < EVEN * h
+        ticks = time if even else np.arange(time[0], time[-1], h)
+        made = AlgebraicDifferentiator(
+            ts=h, alpha=ALPHA, beta=BETA, N=1, T=max(window, 4.0 * h), display=False
+        )
+        found: Array = made.estimateDer(1, angle if even else np.interp(ticks, time, angle))
+        return found if even else np.interp(time, ticks, found)
 
-        return even(column, law)
-
-    return Estimator('algebraic, AlgDiff', run, WINDOWS, 'window [s]', PRACTICE)
+    return _made('algebraic, AlgDiff', slope, WINDOWS, 'window [s]')
 
 
 def length(time: Array, window: float) -> int:
@@ -107,27 +125,6 @@ def fitted(time: Array, angle: Array, order: int) -> Array:
         moved = np.einsum('kni,kn->ki', powers, angle[rows] - angle[rows, -1:])
         found[rows] = np.linalg.solve(moments, moved[:, :, None])[:, :, 0]
         found[rows] /= span ** np.arange(order + 1)
-    return found
-
-
-def savitzky_golay(time: Array, angle: Array, quantum: float, window: float) -> Array:
-    """Return the slope at the end of a parabola through the last samples."""
-    n = max(2, length(time, window)) + 1
-    found = np.full(len(angle), np.nan)
-    if len(angle) < n:
-        return found
-    steps = np.diff(time)
-    if np.ptp(steps) < EVEN * steps[0]:  # the same weights everywhere
-        h = float(np.mean(steps))
-        powers = (np.arange(1.0 - n, 1.0) / n)[:, None] ** np.arange(3)
-        weights = np.linalg.solve(powers.T @ powers, powers.T)[1] / (n * h)
-        size = len(angle) + n  # by Fourier transforms: windows have up to 9000 samples
-        product = np.fft.rfft(angle - angle[0], size) * np.fft.rfft(weights[::-1], size)
-        found[n - 1 :] = np.fft.irfft(product, size)[n - 1 : len(angle)]
-    else:
-        found[n - 1 :] = fitted(
-            sliding_window_view(time, n), sliding_window_view(angle, n), order=2
-        )[:, 1]
     return found
 
 

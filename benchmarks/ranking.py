@@ -3,7 +3,7 @@
 
 """How well the ranking without truth agrees with the truth.
 
-    python -m benchmarks.ranking bags --series
+    python -m benchmarks.ranking bags
 
 Series with truth: recordings with the drive's own velocity, recordings made coarser (judged by the
 fine original), and simulated motions. The estimators are ranked from the readings alone and from
@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,21 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import recorded
-from benchmarks.motions import FAILURES, MOTIONS, Sampled, sampled
-from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.series import joint_series
-from estimator_pkg.estimate import VALID
-from estimator_pkg.evaluation.compare.matching import match
-from estimator_pkg.evaluation.compare.truth import truth
+from benchmarks.columns import published
+from benchmarks.motions import FAILURES, MOTIONS, sampled
+from benchmarks.signals import Samples
 from estimator_pkg.evaluation.entries import Entry, angle_observers
-from estimator_pkg.evaluation.options import MEASUREMENT, Options
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
-from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.progress import progress
-from estimator_pkg.sensor.guard import DUPLICATE
 
 Array = NDArray[np.float64]
 
@@ -70,24 +63,20 @@ class Case(NamedTuple):
 
     name: str
     group: str
-    samples: Sampled
+    samples: Samples
     noise: float = 0.0
     motion_hz: float | None = None
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """Agreement of one series.
 
     tau : Kendall's, over all candidates. regret : of the pick among all; regret_of_six : among the
-    defaults. declared, wrong : pairs of the defaults. cautions, motion_hz, question_hz : as in the
-    verdict.
+    defaults; regret_of_default : of edge_adaptive. pairs, declared, wrong, ratio (median of the
+    estimated over the true error) : of the defaults.
     """
 
-    name: str
     group: str
-    best: str
-    true_best: str
     tau: float
     regret: float
     regret_of_six: float
@@ -96,11 +85,7 @@ class Outcome:
     declared: int
     wrong: int
     among_ties: bool
-    resolution: float
     ratio: float
-    motion_hz: float
-    question_hz: float
-    cautions: tuple[str, ...]
 
 
 def candidates() -> list[Entry]:
@@ -124,21 +109,12 @@ def candidates() -> list[Entry]:
 def cases(bags: Path) -> Iterator[Case]:
     """Yield every series with truth; those of `FAILURES` have their name as their group."""
     for path in recorded.recordings(bags):
-        with open_bag(path) as bag:
-            measured = joint_series(bag, MEASUREMENT)
-            true = truth(bag, str(path), measured, Options(correct_reference=True))
-        for joint, series in measured.items():
-            if path.parent.name == 'simulated' or joint not in true.series:
-                continue
-            known = true.series[joint]
-            own = float(true.references[joint].noise)
-            at = match(series.stamps_ns, known.stamps_ns, known.velocity, known.velocity, 0.0)
-            velocity = np.full(len(series.stamps_ns), np.nan)
-            velocity[at.rows] = at.velocity
-            name = f'{path.name}/{joint}'
-            group = 'short and violent' if path.name == VIOLENT else RECORDED
-            yield Case(name, group, Sampled(series.stamps_ns, series.position, velocity), own)
-            yield from _coarser(name, Sampled(series.stamps_ns, series.position, velocity))
+        if path.parent.name == 'simulated':
+            continue
+        group = 'short and violent' if path.name == VIOLENT else RECORDED
+        for column in recorded.of_bag(path):
+            yield Case(column.name, group, column.samples, column.noise)
+            yield from _coarser(column.name, column.samples)
     for name in MOTIONS:
         yield Case(name, SIMULATED, sampled(name))
     for name in FAILURES:
@@ -148,9 +124,9 @@ def cases(bags: Path) -> Iterator[Case]:
             yield Case(f'{name}, answered', 'hum, --motion-hz 2', sampled(name), motion_hz=2.0)
 
 
-def _coarser(name: str, fine: Sampled) -> Iterator[Case]:
+def _coarser(name: str, fine: Samples) -> Iterator[Case]:
     """Yield a recording with coarser readings; its own smoothed motion is the truth."""
-    reference = motion(fine.stamps, fine.readings, TURN)
+    reference = motion(fine.stamps, fine.angle, TURN)
     if reference is None or reference.seldom or reference.constant:
         return
     velocity = np.full(len(fine.stamps), np.nan)
@@ -158,32 +134,26 @@ def _coarser(name: str, fine: Sampled) -> Iterator[Case]:
         reference.firm, reference.velocity, np.nan
     )
     for times in COARSER:
-        step = times * quantum(fine.readings)
-        coarse = np.floor(fine.readings / step) * step
-        samples = Sampled(fine.stamps, coarse, velocity)
+        step = times * quantum(fine.angle)
+        coarse = np.floor(fine.angle / step) * step
+        samples = Samples(fine.stamps, coarse, velocity)
         yield Case(f'{name}, {times:g} times coarser', COARSENED, samples, reference.stddev)
 
 
-def estimates(
-    entry: Entry, samples: Sampled, fast: bool | None = None
-) -> tuple[NDArray[np.int64], Array]:
+def estimates(entry: Entry, samples: Samples) -> tuple[NDArray[np.int64], Array]:
     """Return (stamps, velocities) that the observer publishes."""
-    out = entry.joint().run(samples.stamps, samples.readings, fast=fast)
-    valid = (out.verdict < DUPLICATE) & np.isin(out.status, VALID)
+    out = entry.joint().run(samples.stamps, samples.angle)
+    valid = published(out)
     return samples.stamps[valid], out.velocity[valid]
 
 
-def judge(
-    case: Case, entries: Sequence[Entry], fast: bool | None = None
-) -> tuple[Outcome, Verdict] | None:
-    """Return the agreement and the verdict; None if the truth cannot rank, or nothing is ranked."""
+def judge(case: Case, entries: Sequence[Entry]) -> Outcome | None:
+    """Return the agreement; None if the truth cannot rank, or nothing is ranked."""
     samples = case.samples
-    reference = motion(samples.stamps, samples.readings, TURN)
+    reference = motion(samples.stamps, samples.angle, TURN)
     if reference is None or reference.seldom:
         return None
-    found = {
-        entry.label: at_reference(reference, *estimates(entry, samples, fast)) for entry in entries
-    }
+    found = {entry.label: at_reference(reference, *estimates(entry, samples)) for entry in entries}
     verdict = rank(found, reference, 'edge_adaptive', case.motion_hz)
     six = {name: found[name] for name in angle_observers()}
     small = rank(six, reference, 'edge_adaptive', case.motion_hz)
@@ -202,34 +172,26 @@ def judge(
     if case.noise > (JUDGES if case.group == COARSENED else WHITE_JUDGES) * true[best]:
         return None
     declared = [pair for pair in small.pairs if pair.sign]
-    best_of_six = min(true[name] for name in small.rms)
-    outcome = Outcome(
-        case.name,
+    return Outcome(
         case.group,
-        verdict.best,
-        best,
         kendall([verdict.rms[name] for name in true], list(true.values())),
         true[verdict.best] / true[best],
-        true[small.best] / best_of_six,
+        true[small.best] / min(true[name] for name in small.rms),
         true['edge_adaptive'] / true[best],
         len(small.pairs),
         len(declared),
         sum(true[pair.first] > true[pair.second] for pair in declared),
         best == verdict.best or best in verdict.ties,
-        float(np.median([pair.resolution for pair in small.pairs])),
         float(np.median([verdict.rms[name] / true[name] for name in small.rms])),
-        verdict.motion_hz,
-        verdict.question_hz,
-        verdict.cautions,
     )
-    return outcome, small
 
 
-def kendall(one: Sequence[float], other: Sequence[float]) -> float:
-    """Return Kendall's tau of two lists of numbers."""
+def kendall(one: Sequence[float], other: Sequence[float], same: float = 0.0) -> float:
+    """Return Kendall's tau over the pairs whose `other` numbers differ by more than this part."""
     a, b = np.asarray(one), np.asarray(other)
+    differ = np.abs(b[:, None] - b) > same * np.minimum(b[:, None], b)
     signs = np.sign(a[:, None] - a) * np.sign(b[:, None] - b)
-    return float(np.sum(signs) / (len(a) * (len(a) - 1)))
+    return float(np.mean(signs[differ])) if differ.any() else math.nan
 
 
 def run(found: Sequence[Case]) -> list[Outcome]:
@@ -238,9 +200,9 @@ def run(found: Sequence[Case]) -> list[Outcome]:
     outcomes = []
     with progress('ranking', len(found)) as advance:
         for case in found:
-            judged = judge(case, entries, fast=True)
+            judged = judge(case, entries)
             if judged is not None:
-                outcomes.append(judged[0])
+                outcomes.append(judged)
             advance(1)
     return outcomes
 
@@ -280,21 +242,14 @@ def groups(outcomes: Sequence[Outcome]) -> dict[str, list[Outcome]]:
 
 def describe(outcomes: Sequence[Outcome]) -> str:
     """Return the table as Markdown."""
-    rows = []
-    for group, each in groups(outcomes).items():
-        s = summary(each)
-        rows.append(
-            (
-                group,
-                f'{s["series"]}',
-                f'{s["tau"]:.2f}',
-                f'{s["regret"]:.2f}, {s["regret_90"]:.2f}, {s["regret_worst"]:.2f}',
-                f'{s["six_90"]:.2f}, {s["six_worst"]:.2f}',
-                f'{s["declared"]} of {s["pairs"]}',
-                f'{s["wrong"]}',
-                f'{s["among_ties"]}',
-            )
-        )
+    cells = (
+        '{series}|{tau:.2f}|{regret:.2f}, {regret_90:.2f}, {regret_worst:.2f}|'
+        '{six_90:.2f}, {six_worst:.2f}|{declared} of {pairs}|{wrong}|{among_ties}'
+    )
+    rows = [
+        (group, *cells.format(**summary(each)).split('|'))
+        for group, each in groups(outcomes).items()
+    ]
     text = markdown(HEADER, rows)
     usual = groups(outcomes).get('all three')
     if usual:
@@ -311,19 +266,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('bags', nargs='?', default='bags', type=Path)
     parser.add_argument('--only', default='', metavar='TEXT', help='of a name or a group')
-    parser.add_argument('--series', action='store_true', help='print every series too')
     parsed = parser.parse_args()
-    found = run([case for case in cases(parsed.bags) if parsed.only in case.name + case.group])
-    if parsed.series:
-        for each in found:
-            print(
-                f'{each.name[:50]:50} tau {each.tau:.2f} regret {each.regret:.2f} '
-                f'{each.regret_of_six:.2f} {each.regret_of_default:.2f} '
-                f'{each.declared:2}/{each.pairs} wrong {each.wrong} ratio {each.ratio:.2f} '
-                f'{each.motion_hz:.1f} {each.question_hz:.1f} Hz '
-                f'{each.best} | {each.true_best} {len(each.cautions) - 1}'
-            )
-    print(describe(found))
+    chosen = [each for each in cases(parsed.bags) if parsed.only in each.name + each.group]
+    print(describe(run(chosen)))
 
 
 if __name__ == '__main__':

@@ -1,15 +1,15 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""All observers at their defaults on recorded bags, in one table.
+"""The recorded bags: as columns, and all observers at their defaults on them.
 
-    python -m benchmarks.recorded bags
-    python -m benchmarks.recorded bags --markdown
-    python -m benchmarks.recorded bags --print-bounds > test/recordings_bounds.yaml
+    python -m benchmarks.recorded bags > test/recordings_bounds.yaml
 
-The truth of a recording is a sensor too: its fitted lag and bias are removed. The row is marked if
-an error is below the reference's noise. Bounds guard against change: a case fails if it is worse
-than its bound or better than half of it.
+prints fresh bounds. Bounds guard against change: a case fails if it is worse than its bound or
+better than half of it.
+
+The truth of a recording is a sensor too: its fitted lag and bias are removed. For a bag without
+one the reference is the off-line smoother.
 """
 
 from __future__ import annotations
@@ -21,24 +21,36 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
+from benchmarks.columns import Column
+from benchmarks.signals import Samples
 from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.recording import measured
+from estimator_pkg.bags.series import joint_series
+from estimator_pkg.bags.wiring import wired
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.comparison import Comparison, compare
+from estimator_pkg.evaluation.compare.comparison import compare
+from estimator_pkg.evaluation.compare.matching import match
+from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH, Options
-from estimator_pkg.evaluation.text import fixed, markdown, table
-from estimator_pkg.observers import DEFAULT
+from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.smoother.smoother import smooth
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
+from estimator_pkg.streams.angle import AngleStream
+from estimator_pkg.streams.contract import Request
 
 SKIPPED = 0.5  # ignored at the beginning [s]
 MARGIN = 1.15  # a new bound over the measured value
 RAW = Entry('finite_difference, raw', 'finite_difference', (('bandwidth_hz', 1e6),))
-MAIN = DEFAULT
-RIVALS = ('kalman acceleration', RAW.label)
+TURN = 2.0 * math.pi
+# motion capture: bag, topic, field of its messages. Two more have no reference fine enough.
+CAPTURED = 'vicon/yx2bag'
+POSE, YAW = '/vicon/Group466CF/Group466CF/pose', 'pose.orientation.yaw'
 
 
 def recordings(folder: Path) -> list[Path]:
@@ -60,43 +72,73 @@ def recordings(folder: Path) -> list[Path]:
     return found
 
 
-def measure(bag: Path, entries: Sequence[Entry]) -> Comparison:
-    """Run the observers on one recording."""
-    return compare(
-        str(bag), Options(observers=tuple(entries), skip=SKIPPED, correct_reference=True)
-    )
+def columns(folder: Path) -> list[Column]:
+    """Return a column per joint of each bag below `folder`; raise UserError if there is none."""
+    bags = recordings(folder)
+    found = []
+    with progress('reading the recordings', len(bags)) as advance:
+        for path in bags:
+            found += of_bag(path)
+            advance(1)
+    captured = folder / CAPTURED
+    return [*found, _captured(captured)] if captured.is_dir() else found
 
 
-def case(bag: Path, joint: str) -> str:
-    """Return the name of a joint of a recording in the bounds."""
-    return f'{bag.name}/{joint}'
+def of_bag(path: Path) -> list[Column]:
+    """Return a column per joint that has a truth."""
+    found = []
+    with open_bag(path) as bag:
+        series = joint_series(bag, MEASUREMENT)
+        true = truth(bag, str(path), series, Options(correct_reference=True))
+        for joint, one in series.items():
+            if joint not in true.series:
+                continue
+            known, noise = true.series[joint], true.references[joint].noise
+            at = match(one.stamps_ns, known.stamps_ns, known.velocity, known.position, TURN)
+            velocity = np.full(len(one.stamps_ns), np.nan)
+            velocity[at.rows] = at.velocity
+            samples = Samples(one.stamps_ns, one.position, velocity)
+            noise = float(noise) if np.isfinite(noise) else 0.0
+            name, steps = f'{path.name}/{joint}', quantum(one.position)
+            found.append(Column(name, samples, steps, SKIPPED, noise, true.name))
+    return found
 
 
-def own_error(rms: float, noise: float) -> float:
-    """Return an rms error without the reference's noise; 0 if the noise is larger."""
-    return math.sqrt(max(0.0, rms * rms - noise * noise))
+def _captured(path: Path) -> Column:
+    """Return the yaw measured by motion capture."""
+    with open_bag(path) as bag:
+        setup = wired(AngleStream, bag, {}, Request(angle=f'{POSE}:{YAW}'))
+        ((stamp, angle, *_),) = measured(bag, setup).values()
+    known = smooth(stamp, angle, TURN)
+    firm = known.firm
+    at = match(stamp, known.stamps[firm], known.velocity[firm], known.position[firm], TURN)
+    velocity = np.full(len(stamp), np.nan)
+    velocity[at.rows] = at.velocity
+    samples = Samples(stamp, angle, velocity)
+    name, origin = f'{path.name}/yaw', 'the off-line smoother'
+    return Column(name, samples, quantum(angle), SKIPPED, known.uncertainty, origin)
 
 
 def rows(folder: Path, entries: Sequence[Entry] | None = None) -> list[dict[str, Any]]:
-    """Return one dictionary per recording, joint and observer."""
-    chosen = list(entries if entries is not None else [*at_defaults(), RAW])
+    """Return one dictionary per recording, joint and observer; raises as `recordings`."""
+    chosen = tuple(entries if entries is not None else [*at_defaults(), RAW])
+    options = Options(observers=chosen, skip=SKIPPED, correct_reference=True)
     bags = recordings(folder)
     result = []
     with progress('recordings', len(bags)) as advance:
         for bag in bags:
-            found = measure(bag, chosen)
-            for row in found.rows:
-                noise = found.references[row.joint].noise
-                result.append(
-                    {
-                        'case': case(bag, row.joint),
-                        'observer': row.source,
-                        **row.velocity,
-                        'own': own_error(row.velocity['rms'], noise),
-                        'reference_noise': noise,
-                        'reference_cannot_tell': row.reference_cannot_tell,
-                    }
-                )
+            found = compare(str(bag), options)
+            result += [
+                {
+                    'stream': f'{bag.name}/{row.joint}',
+                    'observer': row.source,
+                    **row.velocity,
+                    'coverage': row.coverage,
+                    'reference_noise': found.references[row.joint].noise,
+                    'reference_cannot_tell': row.reference_cannot_tell,
+                }
+                for row in found.rows
+            ]
             advance(1)
     return result
 
@@ -105,7 +147,7 @@ def bounds(measured: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[float
     """Return new bounds: case -> observer -> [rms, largest error]."""
     fresh: dict[str, dict[str, list[float]]] = {}
     for row in measured:
-        fresh.setdefault(row['case'], {})[row['observer']] = [
+        fresh.setdefault(row['stream'], {})[row['observer']] = [
             float(f'{MARGIN * row[name]:.3g}') for name in ('rms', 'max_abs')
         ]
     return fresh
@@ -120,57 +162,18 @@ def judge(value: float, bound: float) -> str:
     return ''
 
 
-def describe(measured: Sequence[dict[str, Any]], as_markdown: bool = False) -> str:
-    """Return the table: rms error per observer and recording, and `MAIN`'s over its rivals'."""
-    observers = list(dict.fromkeys(row['observer'] for row in measured))
-    cases: dict[str, dict[str, dict[str, Any]]] = {}
-    for row in measured:
-        cases.setdefault(row['case'], {})[row['observer']] = row
-    lines = []
-    for name, found in cases.items():
-        noise = next(iter(found.values()))['reference_noise']
-        cells = [
-            fixed(row['rms'], 3) + (' *' if row['reference_cannot_tell'] else '')
-            for row in found.values()
-        ]
-        lines.append(
-            (
-                name,
-                fixed(noise, 3),
-                *cells,
-                *(fixed(found[MAIN]['rms'] / found[rival]['rms'], 2) for rival in RIVALS),
-            )
-        )
-    header = (
-        'recording/joint',
-        'reference noise',
-        *observers,
-        *(f'{MAIN} / {rival}' for rival in RIVALS),
-    )
-    text = (markdown if as_markdown else table)(header, lines)
-    return (
-        f'{text}\n\nVelocity rms error [rad/s] at zero shift, without the first {SKIPPED:g} s; the '
-        "reference's own lag and bias\nare removed. *: the error is below the reference's own "
-        'noise.'
-    )
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table, or new bounds; return the exit code."""
-    parser = argparse.ArgumentParser(description='all observers on recorded bags, in one table')
+    """Print new bounds as YAML; return the exit code."""
+    parser = argparse.ArgumentParser(description='new bounds of all observers on recorded bags')
     parser.add_argument('folder', type=Path, help='folder of the bags')
-    parser.add_argument('--print-bounds', action='store_true', help='print new bounds as YAML')
-    parser.add_argument('--markdown', action='store_true')
-    parsed = parser.parse_args(arguments)
+    folder = parser.parse_args(arguments).folder
     try:
-        measured = rows(parsed.folder)
+        print(
+            yaml.safe_dump(bounds(rows(folder)), sort_keys=False, default_flow_style=None), end=''
+        )
     except UserError as error:
         show(error, file=sys.stderr)
         return error.exit_code
-    if parsed.print_bounds:
-        print(yaml.safe_dump(bounds(measured), sort_keys=False, default_flow_style=None), end='')
-    else:
-        print(describe(measured, parsed.markdown))
     return 0
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``bench speed``, part 3: read a bag of JointStates and estimate, compared with rosbags' reading.
+"""``--part speed``: read a bag of JointStates and estimate, compared with rosbags' reading.
 
 Every run is its own process, so start-up and compiling count, and its peak memory is known. Rates
 are per second of CPU time, which does not depend on other load or on threads; the JSON also has the
@@ -10,8 +10,7 @@ shortest wall-clock time.
 
 from __future__ import annotations
 
-import importlib.util
-import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -48,21 +47,13 @@ with AnyReader([Path(sys.argv[1])], default_typestore=get_typestore(Stores.ROS2_
     for connection, _, raw in reader.messages():
         reader.deserialize(raw, connection.msgtype)
 """
-# The memory that wait4 reports includes the parent's at the fork, so the child measures its own.
-WEIGHED_FILE = 'VELOCITY_ESTIMATOR_WEIGHED'
+# The last line of output: CPU time [s] and peak memory [kB] of the process itself.
 WEIGHED = """
+import atexit, time
 def weigh():
-    import os, sys
-    try:
-        with open('/proc/self/status') as status:
-            peak = next(int(line.split()[1]) * 1024 for line in status if line.startswith('VmHWM'))
-    except OSError:
-        import resource
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        peak *= 1 if sys.platform == 'darwin' else 1024
-    with open(os.environ['VELOCITY_ESTIMATOR_WEIGHED'], 'w') as out:
-        out.write(str(peak))
-import atexit
+    with open('/proc/self/status') as status:
+        peak = next(line.split()[1] for line in status if line.startswith('VmHWM'))
+    print(f'\\n{time.process_time()} {peak}')
 atexit.register(weigh)
 """
 REPLAY = 'import sys; from estimator_pkg.cli import main; sys.exit(main(sys.argv[1:]))'
@@ -105,27 +96,20 @@ def run_process(code: str, *arguments: str) -> Cost:
     UserError : it failed; the message contains its last line of output.
     """
     begun = time.perf_counter()
-    with tempfile.TemporaryFile() as errors, tempfile.NamedTemporaryFile('r') as weighed:
-        child = subprocess.Popen(
-            [sys.executable, '-c', WEIGHED + code, *arguments],
-            stdout=subprocess.DEVNULL,
-            stderr=errors,
-            env={**os.environ, WEIGHED_FILE: weighed.name},
-        )
-        _, status, used = os.wait4(child.pid, 0)
-        child.returncode = os.waitstatus_to_exitcode(status)
-        wall = time.perf_counter() - begun
-        if child.returncode:
-            errors.seek(0)
-            lines = errors.read().decode('utf-8', 'replace').strip().splitlines()
-            raise UserError(f'a benchmarked process failed: {lines[-1] if lines else "no output"}')
-        return Cost(wall, used.ru_utime + used.ru_stime, float(weighed.read()) * 1e-6)
+    words = [sys.executable, '-c', WEIGHED + code, *arguments]
+    done = subprocess.run(words, capture_output=True, text=True, errors='replace')
+    wall = time.perf_counter() - begun
+    if done.returncode:
+        lines = done.stderr.strip().splitlines()
+        raise UserError(f'a benchmarked process failed: {lines[-1] if lines else "no output"}')
+    cpu, memory = map(float, done.stdout.splitlines()[-1].split())
+    return Cost(wall, cpu, 1.024e-3 * memory)
 
 
 def replays(messages: int = MESSAGES, rounds: int = ROUNDS) -> list[dict[str, Any]]:
     """Return messages per second of CPU with and without --out, compared with rosbags; memory."""
-    if importlib.util.find_spec('resource') is None:
-        return [not_run('replay', 'this platform does not report resources of a process')]
+    if not Path('/proc/self/status').exists():
+        return [not_run('replay', 'this platform does not report the memory of a process')]
     with tempfile.TemporaryDirectory(prefix='velocity_estimator_bench') as name:
         folder = Path(name)
         bag, quarter = folder / 'bag', folder / 'quarter'
@@ -135,24 +119,17 @@ def replays(messages: int = MESSAGES, rounds: int = ROUNDS) -> list[dict[str, An
 
         def side(label: str, *words: str) -> Callable[[int], float]:
             def timed(number: int) -> float:
-                extra = []
-                if label == 'with':
-                    out = folder / f'out{number}'
-                    extra = ['--out', str(out)]
-                cost = run_process(*words, *extra)
-                if extra:
-                    _remove(out)
-                costs.setdefault(label, []).append(cost)
-                return cost.cpu
+                out = folder / f'out{number}'
+                extra = ('--out', str(out)) if label == 'with' else ()
+                costs.setdefault(label, []).append(run_process(*words, *extra))
+                shutil.rmtree(out, ignore_errors=True)
+                return costs[label][-1].cpu
 
             return timed
 
         replay = (REPLAY, 'replay', str(bag), '--observer', MAIN)
-        sides = {
-            'without': side('without', *replay),
-            'with': side('with', *replay),
-            'peer': side('peer', PEER, str(bag)),
-        }
+        sides = {label: side(label, *replay) for label in ('without', 'with')}
+        sides['peer'] = side('peer', PEER, str(bag))
         with progress('replay', (rounds + 1) * len(sides)) as advance:
             times = interleave(sides, rounds, advance)
         out = folder / 'quarter_out'
@@ -163,42 +140,15 @@ def replays(messages: int = MESSAGES, rounds: int = ROUNDS) -> list[dict[str, An
         ('with', 'replay with --out'),
         ('peer', 'rosbags reads and deserialises'),
     ):
-        least, median = best_and_median(times[label])
-        rows.append(
-            row(
-                title,
-                messages / least,
-                'messages/s of CPU',
-                median=messages / median,
-                wall_s=min(cost.wall for cost in costs[label]),
-            )
-        )
-    rows.append(
-        row(
-            'rosbags / replay without --out',
-            ratio(times['peer'], times['without']),
-            'times',
-            limit=READ_FACTOR,
-            at_least=True,
-        )
-    )
-    rows.append(
-        row(
-            'rosbags / replay with --out',
-            ratio(times['peer'], times['with']),
-            'times',
-            limit=WRITE_FACTOR,
-            at_least=True,
-        )
-    )
+        least, median = (messages / seconds for seconds in best_and_median(times[label]))
+        wall = min(cost.wall for cost in costs[label])
+        rows.append(row(title, least, 'messages/s of CPU', median=median, wall_s=wall))
+    for label, factor in (('without', READ_FACTOR), ('with', WRITE_FACTOR)):
+        value = ratio(times['peer'], times[label])
+        name = f'rosbags / replay {label} --out'
+        rows.append(row(name, value, 'times', limit=factor, at_least=True))
     full = max(cost.memory for cost in costs['with'])
     rows.append(row(f'peak memory with --out, {messages} messages', full, 'MB'))
     rows.append(row(f'peak memory with --out, {messages // 4} messages', short.memory, 'MB'))
     rows.append(row('peak memory, four times the length', full / short.memory, 'times', limit=FLAT))
     return rows
-
-
-def _remove(bag: Path) -> None:
-    for file in bag.iterdir():
-        file.unlink()
-    bag.rmdir()

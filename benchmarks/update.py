@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``bench speed``, parts 1 and 2: one update in plain Python, and compiled batches.
+"""``--part speed``: one update, batches, and one reading smoothed.
 
 Guard, low-speed bound and standard deviation are included. Stamps are integer nanoseconds with
 jitter, so the coefficients are computed anew at nearly every sample.
@@ -9,6 +9,7 @@ jitter, so the coefficients are computed anew at nearly every sample.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -19,7 +20,6 @@ import numpy as np
 from benchmarks.signals import RATE, Signal, sine
 from estimator_pkg.circle import wrap
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.compare.timing import (
     Side,
     best_and_median,
@@ -29,25 +29,29 @@ from estimator_pkg.evaluation.compare.timing import (
     row,
 )
 from estimator_pkg.evaluation.entries import at_defaults
+from estimator_pkg.observers.angle.smoother import Smoother
 from estimator_pkg.progress import progress
 
+Rows = list[dict[str, Any]]
+Chunk = Callable[[int], tuple[list[int], list[float]]]  # round -> stamps, angles
+
 SIGNAL = Signal('update', 'the sine, sampled with +-40 % jitter', sine(5.0, 2.0), jitter=0.4)
-ROUNDS = 15
 UPDATES = 4000  # per round
-BATCH = 2_000_000  # samples per round
 UPDATE_LIMIT = 2.5  # [us]
 FILTERPY_FACTOR = 10.0
 ADAPTIVE = 'edge_adaptive'  # it may cost more, because it needs no tuning:
 ADAPTIVE_UPDATE = 4.0  # [us]
-SAME_WORK = 'filterpy, same work'
-BARE = 'filterpy, bare'
-TURN = 2.0 * math.pi
+FILTERPY = 'filterpy, same work'
+SMOOTHED, LAG, SMOOTHED_LIMIT = 'smoothed', 0.05, 10.0  # lag [s], limit [us]
 MAIN = 'hybrid_angle'  # the observer with a required batch speed
 BATCH_LIMITS = {MAIN: 25.0, ADAPTIVE: 8.0}  # million samples/s
 
 
-def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
-    """Return rows: one update, estimate and standard deviation per observer [us], and filterpy."""
+def updates(rounds: int) -> Rows:
+    """Return rows: one update, estimate and standard deviation per observer [us], and filterpy.
+
+    The last row is one reading of ``~/smoothed`` at its default lag.
+    """
     samples = SIGNAL.samples(duration=(rounds + 1) * UPDATES / RATE)
     stamps, angles = samples.stamps.tolist(), samples.angle.tolist()
 
@@ -58,9 +62,9 @@ def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
     def observer_side(joint: Joint) -> Side:
         def side(number: int) -> float:
             update, estimate, stddev = joint.update, joint.estimate, joint.stddev
-            some_stamps, some_angles = chunk(number)
+            some = zip(*chunk(number))
             start = time.thread_time()
-            for stamp, angle in zip(some_stamps, some_angles):
+            for stamp, angle in some:
                 update(stamp, angle)
                 estimate()
                 stddev()
@@ -69,48 +73,50 @@ def updates(rounds: int = ROUNDS) -> list[dict[str, Any]]:
         return side
 
     sides = {entry.label: observer_side(entry.joint()) for entry in at_defaults()}
-    names = list(sides)
-    peers = _filterpy(chunk)
-    sides.update(peers)
+    names, peer = list(sides), _filterpy(chunk)
+    sides |= {**peer, SMOOTHED: _smoothing(chunk)}
     with progress('one update', (rounds + 1) * len(sides)) as advance:
         times = interleave(sides, rounds, advance)
+
+    def cost(title: str, name: str, limit: float | None) -> dict[str, Any]:
+        least, median = best_and_median(times[name])
+        return row(title, least * 1e6, 'us', median=median * 1e6, limit=limit)
+
     rows = []
     for name in names:
-        least, median = best_and_median(times[name])
-        rows.append(
-            row(
-                f'update {name}',
-                least * 1e6,
-                'us',
-                median=median * 1e6,
-                limit=ADAPTIVE_UPDATE if name == ADAPTIVE else UPDATE_LIMIT,
-            )
-        )
-        for peer in peers:
-            asked = peer == SAME_WORK and name != ADAPTIVE
-            rows.append(
-                row(
-                    f'{peer} / {name}',
-                    ratio(times[peer], times[name]),
-                    'times',
-                    limit=FILTERPY_FACTOR if asked else None,
-                    at_least=True,
-                )
-            )
-    for peer in peers:
-        least, median = best_and_median(times[peer])
-        rows.append(row(f'update {peer}', least * 1e6, 'us', median=median * 1e6))
-    if not peers:
-        rows.append(not_run('filterpy', 'filterpy is not installed'))
-    return rows
+        limit = ADAPTIVE_UPDATE if name == ADAPTIVE else UPDATE_LIMIT
+        rows.append(cost(f'update {name}', name, limit))
+        if peer:
+            factor = FILTERPY_FACTOR if name != ADAPTIVE else None
+            value = ratio(times[FILTERPY], times[name])
+            rows.append(row(f'{FILTERPY} / {name}', value, 'times', limit=factor, at_least=True))
+    rows.append(
+        cost(f'update {FILTERPY}', FILTERPY, None)
+        if peer
+        else not_run(FILTERPY, 'filterpy is not installed')
+    )
+    return [*rows, cost('one reading smoothed', SMOOTHED, SMOOTHED_LIMIT)]
 
 
-def _filterpy(chunk: Callable[[int], tuple[list[int], list[float]]]) -> dict[str, Side]:
+def _smoothing(chunk: Chunk) -> Side:
+    def side(number: int) -> float:
+        some, smoother = list(zip(*chunk(number))), Smoother(LAG, 2.0 * math.pi)
+        start, head = time.thread_time(), 0
+        for k, (stamp, angle) in enumerate(some):
+            smoother.add(stamp, angle, angle, k == 0)
+            while stamp - some[head][0] >= 1e9 * LAG:
+                smoother.result()
+                head += 1
+        return (time.thread_time() - start) / UPDATES
+
+    return side
+
+
+def _filterpy(chunk: Chunk) -> dict[str, Side]:
     """Return filterpy's KalmanFilter (position, velocity) on the same samples; {}: not installed.
 
-    'same work': transition and process noise for the true sample time, wrapped innovation, velocity
-    and its standard deviation read. 'bare': only the true sample time in the transition, `predict`
-    and `update`.
+    It does the same work: transition and process noise for the true sample time, wrapped
+    innovation, velocity and its standard deviation read.
     """
     try:
         from filterpy.common import Q_discrete_white_noise
@@ -118,17 +124,11 @@ def _filterpy(chunk: Callable[[int], tuple[list[int], list[float]]]) -> dict[str
     except ImportError:
         return {}
 
-    def make() -> Any:
-        kalman = KalmanFilter(dim_x=2, dim_z=1)
-        kalman.F = np.array([[1.0, 1.0 / RATE], [0.0, 1.0]])
-        kalman.H = np.array([[1.0, 0.0]])
-        kalman.R *= 1e-6
-        kalman.Q = Q_discrete_white_noise(2, 1.0 / RATE, 1e4)
-        return kalman
+    same = KalmanFilter(dim_x=2, dim_z=1)
+    same.H = np.array([[1.0, 0.0]])
+    same.R *= 1e-6
 
-    same, bare = make(), make()
-
-    def same_work(number: int) -> float:
+    def side(number: int) -> float:
         stamps, angles = chunk(number)
         last = stamps[0] - round(1e9 / RATE)
         start = time.thread_time()
@@ -139,83 +139,47 @@ def _filterpy(chunk: Callable[[int], tuple[list[int], list[float]]]) -> dict[str
             same.Q = Q_discrete_white_noise(2, dt, 1e4)
             same.predict()
             predicted = same.x[0, 0]
-            same.update(predicted + wrap(angle - predicted, TURN))
+            same.update(predicted + wrap(angle - predicted, 2.0 * math.pi))
             _ = same.x[1, 0], math.sqrt(same.P[1, 1])
         return (time.thread_time() - start) / UPDATES
 
-    def alone(number: int) -> float:
-        transition, predict, update = bare.F, bare.predict, bare.update
-        stamps, angles = chunk(number)
-        last = stamps[0] - round(1e9 / RATE)
-        start = time.thread_time()
-        for stamp, angle in zip(stamps, angles):
-            transition[0, 1] = (stamp - last) * 1e-9
-            last = stamp
-            predict()
-            update(angle)
-        return (time.thread_time() - start) / UPDATES
-
-    return {SAME_WORK: same_work, BARE: alone}
+    return {FILTERPY: side}
 
 
-def batches(samples: int = BATCH, rounds: int = 7) -> list[dict[str, Any]]:
-    """Return rows: compiled batches on one core [million samples/s], and `scipy.signal.lfilter`."""
-    if not available():
-        return [not_run('compiled batch', 'no engine was built')]
+def batches(samples: int, rounds: int) -> Rows:
+    """Return rows: batches on one core [million samples/s], and `scipy.signal.lfilter`."""
     signal = SIGNAL.samples(duration=samples / RATE)
 
     def observer_side(joint: Joint) -> Side:
-        joint.run(signal.stamps[:1000], signal.angle[:1000], fast=True)  # compiles
-
         def side(number: int) -> float:
             joint.reset()
             start = time.thread_time()
-            joint.run(signal.stamps, signal.angle, fast=True)
+            joint.run(signal.stamps, signal.angle)
             return time.thread_time() - start
 
         return side
 
-    entries = at_defaults()
-    sides: dict[str, Side] = {}
-    with progress('compiling', len(entries)) as advance:
-        for entry in entries:
-            sides[entry.label] = observer_side(entry.joint())
-            advance(1)
-    names = list(sides)
-    peer = _lfilter(signal.angle)
-    if peer is not None:
-        sides['lfilter'] = peer
+    joints = {entry.label: entry.joint() for entry in at_defaults()}
+    if any(joint.memory is None for joint in joints.values()):
+        return [not_run('batches', 'the engine was not built: install a C compiler')]
+    sides = {f'batch {name}': observer_side(joint) for name, joint in joints.items()}
+    with contextlib.suppress(ImportError):
+        sides |= {'scipy.signal.lfilter, second order': _lfilter(signal.angle)}
     with progress('batches', (rounds + 1) * len(sides)) as advance:
         times = interleave(sides, rounds, advance)
-
-    def speed(seconds: float) -> float:
-        return samples / seconds * 1e-6
-
     rows = []
-    for name in [*names, *(['lfilter'] if peer is not None else [])]:
-        least, median = best_and_median(times[name])
-        title = 'scipy.signal.lfilter, second order' if name == 'lfilter' else f'batch {name}'
-        rows.append(
-            row(
-                title,
-                speed(least),
-                'million samples/s',
-                limit=BATCH_LIMITS.get(name),
-                at_least=True,
-                median=speed(median),
-            )
-        )
-    if peer is None:
-        rows.append(not_run('scipy.signal.lfilter', 'scipy is not installed'))
+    for name in sides:
+        least, median = (samples / seconds * 1e-6 for seconds in best_and_median(times[name]))
+        limit = BATCH_LIMITS.get(name.removeprefix('batch '))
+        unit = 'million samples/s'
+        rows.append(row(name, least, unit, limit=limit, at_least=True, median=median))
     return rows
 
 
-def _lfilter(angle: np.ndarray) -> Side | None:
+def _lfilter(angle: np.ndarray) -> Side:
     """Return a second-order low-pass of the differenced angle: no guard, wrap or sample times."""
-    try:
-        from scipy.signal import butter, lfilter
-    except ImportError:
-        return None
+    from scipy.signal import butter, lfilter
+
     numerator, denominator = butter(2, 0.05)
 
     def side(number: int) -> float:

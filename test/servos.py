@@ -59,7 +59,7 @@ def joint(period=2.0 * math.pi, **gains):
     return AdaptiveJoint(OBSERVER, build(Gains, gains), JointSettings(wrap_period=period))
 
 
-def feed(made, angles, inputs, dt=1e-3, start_ns=10**18, fast=False):
+def feed(made, angles, inputs, dt=1e-3, start_ns=10**18):
     """A stream through the driver; stamps from `start_ns` on."""
     stamps = start_ns + np.rint(
         np.concatenate([[0.0], np.cumsum(np.broadcast_to(dt, len(inputs)))]) * 1e9

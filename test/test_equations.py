@@ -17,8 +17,7 @@ PLACES = (
     'sim_pkg/pmsm/*.py',
     'sim_pkg/reproduce/hybrid_angle/*.py',
     'sim_pkg/reproduce/mechanical/*.py',
-    'benchmarks/peers.py',
-    'docs/tools/edge_adaptive_figures.py',
+    'benchmarks/laws.py',
 )
 FILES = sorted(path for place in PLACES for path in ROOT.glob(place))
 # a number, or a constant that stands for one

@@ -182,6 +182,13 @@ def test_every_package_folder_is_installed():
     assert all((installed / folder / '__init__.py').is_file() for folder in folders)
 
 
+@pytest.mark.skipif(shutil.which('make') is None, reason='not run: make is not installed')
+@pytest.mark.parametrize('target, extras', [('demo', 'ros,report'), ('test', 'all')])
+def test_make_installs_what_its_target_needs(target, extras):
+    planned = run('make', '--dry-run', '--always-make', target, cwd=ROOT)
+    assert set(re.findall(r"pip install .*'\.\[(.*)\]'", planned)) == {extras}
+
+
 def imported():
     """The first part of every module that the packages import, or name for their lazy imports."""
     for package in optional.OWN:

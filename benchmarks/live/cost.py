@@ -26,6 +26,8 @@ ALLOWED = 1.5  # largest ratio to the null node
 def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float = 10.0) -> dict:
     """Return CPU per message [us] of both nodes, their ratio, and the number of answers of each.
 
+    Without the costs, but with `why`, if a listener received none of the answers.
+
     Parameters
     ----------
     name : one of `NODES`.
@@ -40,9 +42,11 @@ def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float =
 
         nodes = {'node': stack.enter_context(observer(name, domain)), 'null': start('null')}
         listeners = {
-            'node': start('listen', f'/{name}/estimate'),
-            'null': start('listen', '/null_node/estimate'),
+            'node': start('time_answers', f'/{name}/estimate'),
+            'null': start('time_answers', '/null_node/estimate'),
         }
+        for listener in listeners.values():
+            listener.stdout.readline()  # it listens
         time.sleep(2.0)
         publisher = start('publish', str(rate), str(seconds + 2.0), str(JOINTS), '2')
         publisher.stdout.readline()
@@ -57,20 +61,26 @@ def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float =
         answered = {}
         for which, listener in listeners.items():
             listener.send_signal(2)
-            answered[which] = result(listener)['received']
-    cost = {which: 1e6 * used[which] / (messages * answered[which] / published) for which in nodes}
-    ratio = cost['node'] / cost['null']
-    return {
+            answered[which] = result(listener)['answered']
+    found = {
         'rate_hz': rate,
         'joints': JOINTS,
         'node': name,
         'published': published,
         'answered': answered['node'],
         'null_answered': answered['null'],
+        'allowed': ALLOWED,
+    }
+    if not all(answered.values()):
+        deaf = name if not answered['node'] else 'the null node'
+        return {**found, 'ok': False, 'why': f'the listener received no answer of {deaf}'}
+    cost = {which: 1e6 * used[which] / (messages * answered[which] / published) for which in nodes}
+    ratio = cost['node'] / cost['null']
+    return {
+        **found,
         'node_us_per_message': cost['node'],
         'null_us_per_message': cost['null'],
         'ratio': ratio,
-        'allowed': ALLOWED,
         'ok': ratio <= ALLOWED,
     }
 

@@ -1,10 +1,9 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Cost of `pmsm_observer` and latency of its estimates, on batches of 200 samples.
+"""Load of `pmsm_observer`, and latency of its estimates.
 
-python -m benchmarks.live.drive          # batches
-python -m benchmarks.live.drive topics   # one message per sample on current and voltage
+The samples come in batches of 200, or one a message on current and voltage.
 """
 
 from __future__ import annotations
@@ -33,69 +32,64 @@ from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.ros.domain import free_domain
 
 MODULE = 'estimator_pkg.nodes.executables pmsm_observer'
-FEEDER = 'benchmarks.live.drive'
+BATCHES, TOPICS = 'batches', 'topics'
 ROWS = 200
-EMPTY = 50  # batches without a row that are sent first
-LATENCY = 2.0  # allowed median time from a batch's arrival to its estimates [ms]
-CASES = ((20000.0, 0.10),)  # (sample rate [Hz], allowed fraction of a core)
+LATENCY = 2.0  # allowed median time from sending a batch to receiving its estimate [ms]
+LOAD = 0.10  # allowed fraction of a core
+RATE = 20000.0  # of samples in batches [Hz]
+RATES = (500.0, 1000.0, 2000.0, 4000.0)  # of separate topics [Hz]
 
 
-def measure(rate: float, allowed: float, seconds: float = 8.0) -> dict:
-    """Return the node's load of a core, and the time from a batch's arrival to its estimate.
+def measure(kind: str, rate: float, seconds: float = 8.0) -> dict:
+    """Return the node's load of a core, and the numbers of samples sent and used.
 
-    `leaves_ms` is the median time from sending a batch to receiving its estimate (`round_trip_ms`)
-    minus that of batches without a row (`transport_ms`), which the node answers at once. `step_ms`
-    is the mean that the node itself measures in its callback, interruptions included.
+    With batches also `round_trip_ms`: the median time from sending one to receiving its estimate.
     """
     domain = free_domain()
     words = [word for name, value in MOTOR.items() for word in ('-p', f'{name}:={value}')]
+    if kind == TOPICS:
+        words += ['-p', 'input:=current_voltage']
     with ExitStack() as stack:
-        node = stack.enter_context(
-            process('node', domain=domain, module=MODULE, extra=('--ros-args', *words))
-        )
-        meter = psutil.Process(node.pid)
-        feeder = stack.enter_context(
-            process('node', domain=domain, module=FEEDER, extra=('feed', str(rate), str(seconds)))
-        )
-        assert feeder.stdout is not None
+
+        def start(module: str, *extra: str):
+            return stack.enter_context(process('node', domain=domain, module=module, extra=extra))
+
+        meter = psutil.Process(start(MODULE, '--ros-args', *words).pid)
+        feeder = start(__name__, kind, str(rate), str(seconds))
         feeder.stdout.readline()  # it has started
         before, begun = cpu(meter), time.perf_counter()
         time.sleep(0.9 * seconds)
         load = (cpu(meter) - before) / (time.perf_counter() - begun)
-        answers = result(feeder)
-    return {
-        'rate_hz': rate,
-        'load': load,
-        'allowed': allowed,
-        **answers,
-        'ok': load <= allowed and answers['answered'] == answers['sent'],
-        'in_time': answers['leaves_ms'] <= LATENCY,
-    }
+        return {'load': load, **result(feeder)}
 
 
 class Feeder(Node):
-    """Publishes batches as a drive does, and records when each leaves and when its answer arrives.
+    """Publishes as a drive does, and records when each batch leaves and when its answer arrives.
 
     Parameters
     ----------
-    rate : rate of the samples [Hz]. seconds : duration.
+    kind : BATCHES or TOPICS. rate : rate of the samples [Hz]. seconds : duration.
 
     Attributes
     ----------
-    sent, answered : times, batch by batch [s]; the first `EMPTY` ones have no row.
-    steps : the node's own mean times of a step [ms], from its diagnostics.
+    sent, answered : times, batch by batch [s].
+    samples : number of samples sent. used : of these, samples that the node has used.
     """
 
-    def __init__(self, rate: float, seconds: float) -> None:
+    def __init__(self, kind: str, rate: float, seconds: float) -> None:
         super().__init__('benchmark_drive')
         self.sent: list[float] = []
         self.answered: list[float] = []
-        self.steps: list[float] = []
-        self._period = ROWS / rate
+        self.samples = self.used = 0
+        self._rate, self._rows = rate, ROWS if kind == BATCHES else 1
         self._signal = simulate(
             {'publish_rate': rate, 'profile': 'ramps', 'profile_time': 1.0}, seconds
         )
-        self._publisher = self.create_publisher(Float64MultiArray, 'drive_samples', 50)
+        names = ('current', 'voltage')
+        if kind == BATCHES:
+            self._outputs = [self.create_publisher(Float64MultiArray, 'drive_samples', 50)]
+        else:
+            self._outputs = [self.create_publisher(Vector3Stamped, name, 50) for name in names]
         self.create_subscription(
             JointState,
             '/pmsm_observer/estimate',
@@ -108,149 +102,60 @@ class Feeder(Node):
 
     def _diagnosed(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == '/pmsm_observer':
-                mean = {item.key: item.value for item in status.values}['step_time_mean_us']
-                if float(mean) > 0.0:
-                    self.steps.append(1e-3 * float(mean))
-
-    def _send(self, raw: bytes) -> None:
-        self.sent.append(time.perf_counter())
-        self._publisher.publish(raw)
-
-    def _play(self) -> None:
-        while not self._publisher.get_subscription_count():
-            time.sleep(0.02)
-        time.sleep(1.0)  # for the connection of the answers
-        nothing = drive_samples.encode(np.zeros(0, np.int64), np.zeros((0, 4)))
-        for _ in range(EMPTY):
-            self._send(nothing)
-            time.sleep(self._period)
-        time.sleep(0.2)
-        print('started', flush=True)
-        stamps, samples = self._signal.stamps, self._signal.samples
-        begun = time.perf_counter()
-        stamps = stamps + (time.time_ns() - int(stamps[0]))
-        for index, start in enumerate(range(0, len(stamps) - ROWS + 1, ROWS)):
-            raw = drive_samples.encode(stamps[start : start + ROWS], samples[start : start + ROWS])
-            wait = begun + (index + 1) * self._period - time.perf_counter()
-            if wait > 0.0:
-                time.sleep(wait)
-            self._send(raw)
-        time.sleep(1.5)
-        rclpy.try_shutdown()
-
-
-def feed(rate: float, seconds: float) -> None:
-    """Feed a node; print the number of answered batches and their latency."""
-    made: list[Feeder] = []
-
-    def make() -> Feeder:
-        made.append(Feeder(rate, seconds))
-        return made[0]
-
-    run_node(make, [])
-    feeder = made[0]
-    trips = [1e3 * (came - left) for left, came in zip(feeder.sent, feeder.answered)]
-    transport, full = statistics.median(trips[:EMPTY]), statistics.median(trips[EMPTY:])
-    print(
-        json.dumps(
-            {
-                'sent': len(feeder.sent),
-                'answered': len(feeder.answered),
-                'round_trip_ms': full,
-                'transport_ms': transport,
-                'leaves_ms': full - transport,
-                'step_ms': statistics.median(feeder.steps),
-            }
-        ),
-        flush=True,
-    )
-
-
-TOPICS = (500.0, 1000.0, 2000.0, 4000.0)  # rates of separate topics [Hz]
-
-
-class TopicsFeeder(Node):
-    """Publishes each sample on current and voltage, and stops after `seconds`.
-
-    Attributes
-    ----------
-    sent : number of samples. used : of these, samples that the node has used; from its diagnostics.
-    """
-
-    def __init__(self, rate: float, seconds: float) -> None:
-        super().__init__('benchmark_drive')
-        self.sent = self.used = 0
-        self._rate, self._seconds = rate, seconds
-        self._publishers = [
-            self.create_publisher(Vector3Stamped, name, 50) for name in ('current', 'voltage')
-        ]
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
-        threading.Thread(target=self._play, daemon=True).start()
-
-    def _diagnosed(self, message: DiagnosticArray) -> None:
-        for status in message.status:
             if status.name == '/pmsm_observer: motor':
                 self.used = int({item.key: item.value for item in status.values}['used'])
 
+    def _send(self, stamps: np.ndarray, samples: np.ndarray) -> None:
+        self.samples += len(stamps)
+        if self._rows == 1:
+            (stamp,), (sample,) = stamps.tolist(), samples.tolist()
+            for k, output in enumerate(self._outputs):
+                output.publish(vector3.encode(stamp, '', sample[2 * k], sample[2 * k + 1]))
+            return
+        raw = drive_samples.encode(stamps, samples)
+        self.sent.append(time.perf_counter())
+        self._outputs[0].publish(raw)
+
     def _play(self) -> None:
-        signal = simulate(
-            {'publish_rate': self._rate, 'profile': 'ramps', 'profile_time': 1.0}, self._seconds
-        )
-        while not all(each.get_subscription_count() for each in self._publishers):
+        while not all(each.get_subscription_count() for each in self._outputs):
             time.sleep(0.02)
+        stamps, samples = self._signal.stamps, self._signal.samples
+        stamps = stamps + (time.time_ns() - int(stamps[0]))
+        at, count = 0, self._rows
+        while count > 1 and not self.answered and at < 500:  # until the answers are connected
+            self._send(stamps[at : at + 1], samples[at : at + 1])
+            time.sleep(count / self._rate)
+            at += 1
         time.sleep(1.0)
+        self.sent.clear()
+        self.answered.clear()
         print('started', flush=True)
-        begun, first = time.perf_counter(), time.time_ns() - int(signal.stamps[0])
-        for stamp, sample in zip((signal.stamps + first).tolist(), signal.samples.tolist()):
-            wait = begun + self.sent / self._rate - time.perf_counter()
+        begun = time.perf_counter()
+        for number, start in enumerate(range(at, len(stamps) - count + 1, count), 1):
+            wait = begun + number * count / self._rate - time.perf_counter()
             if wait > 0.0:
                 time.sleep(wait)
-            for k, publisher in enumerate(self._publishers):
-                publisher.publish(vector3.encode(stamp, '', sample[2 * k], sample[2 * k + 1]))
-            self.sent += 1
+            self._send(stamps[start : start + count], samples[start : start + count])
         time.sleep(2.5)
         rclpy.try_shutdown()
 
 
-def feed_topics(rate: float, seconds: float) -> None:
-    """Feed a node with separate topics; print the numbers of sent and used samples."""
-    made: list[TopicsFeeder] = []
+def feed(kind: str, rate: float, seconds: float) -> None:
+    """Feed a node; print the numbers of samples and the latency of batches."""
+    made: list[Feeder] = []
 
-    def make() -> TopicsFeeder:
-        made.append(TopicsFeeder(rate, seconds))
+    def make() -> Feeder:
+        made.append(Feeder(kind, rate, seconds))
         return made[0]
 
     run_node(make, [])
-    print(json.dumps({'sent': made[0].sent, 'used': made[0].used}), flush=True)
-
-
-def measure_topics(rate: float, seconds: float = 8.0) -> dict:
-    """Return the node's load of a core and the used samples, with separate topics."""
-    domain = free_domain()
-    words = [word for name, value in MOTOR.items() for word in ('-p', f'{name}:={value}')]
-    words += ['-p', 'input:=current_voltage']
-    with ExitStack() as stack:
-        node = stack.enter_context(
-            process('node', domain=domain, module=MODULE, extra=('--ros-args', *words))
-        )
-        meter = psutil.Process(node.pid)
-        arguments = ('feed_topics', str(rate), str(seconds))
-        feeder = stack.enter_context(process('node', domain=domain, module=FEEDER, extra=arguments))
-        assert feeder.stdout is not None
-        feeder.stdout.readline()  # it has started
-        before, begun = cpu(meter), time.perf_counter()
-        time.sleep(0.9 * seconds)
-        load = (cpu(meter) - before) / (time.perf_counter() - begun)
-        return {'rate_hz': rate, 'load': load, **result(feeder)}
+    feeder = made[0]
+    found: dict[str, float] = {'samples': feeder.samples, 'used': feeder.used}
+    trips = [1e3 * (came - left) for left, came in zip(feeder.sent, feeder.answered)]
+    if trips:
+        found['round_trip_ms'] = statistics.median(trips)
+    print(json.dumps(found), flush=True)
 
 
 if __name__ == '__main__':
-    if sys.argv[1:2] == ['feed']:
-        feed(float(sys.argv[2]), float(sys.argv[3]))
-    elif sys.argv[1:2] == ['feed_topics']:
-        feed_topics(float(sys.argv[2]), float(sys.argv[3]))
-    elif sys.argv[1:2] == ['topics']:
-        print(json.dumps([measure_topics(rate) for rate in TOPICS], indent=2))
-    else:
-        print(json.dumps([measure(*case) for case in CASES], indent=2))
+    feed(sys.argv[1], float(sys.argv[2]), float(sys.argv[3]))

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 
 import psutil
 
+from estimator_pkg.errors import UserError
 from estimator_pkg.ros.runtime import prepare_environment
 
 JOINTS = 7  # in each message
@@ -81,9 +82,15 @@ def observer(name: str, domain: int) -> Iterator[subprocess.Popen]:
 
 
 def result(child: subprocess.Popen, timeout: float = 60.0) -> dict:
-    """Return the JSON in the last line that a role printed, after it has ended."""
-    output, _ = child.communicate(timeout=timeout)
-    return json.loads(output.splitlines()[-1])
+    """Return the JSON in the last line that a role printed, after it has ended; raise UserError."""
+    role = ' '.join(map(str, child.args[2:]))  # type: ignore[index]  # a list: see `process`
+    try:
+        output, _ = child.communicate(timeout=timeout)
+        return json.loads(output.splitlines()[-1])
+    except subprocess.TimeoutExpired as error:
+        raise UserError(f'{role} did not end within {timeout:g} s: try again') from error
+    except (IndexError, json.JSONDecodeError) as error:
+        raise UserError(f'{role} ended without a result: try again') from error
 
 
 def cpu(meter: psutil.Process) -> float:

@@ -11,12 +11,13 @@ writes cost and delay into the last two columns of the matrix in the named file.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import re
+import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,52 +36,26 @@ from estimator_pkg.evaluation.text import markdown, number
 ROUNDS = 2  # the fastest counts
 SETTLED = 0.3  # fraction of a recording that is ignored at its beginning
 LINE = re.compile(r'^\| \[(\w+)\].*\|$')
-HEADER = ('observer', 'microseconds per sample', 'delay [ms]', 'rms error [rad/s]', 'recording')
+HEADER = ('observer', 'microseconds per sample', 'delay [ms]', 'rms error [rad/s]')
 
 
 class Case(NamedTuple):
-    """Observers and the recording they run on.
+    """Observers and the simulated recording on which they run, with their parameters."""
 
-    plant : simulator; simulated : its parameters. values : parameters of the observers.
-    """
-
-    observers: tuple[str, ...]
-    plant: str
-    seconds: float
-    simulated: tuple[str, ...]
-    values: tuple[tuple[str, Any], ...]
-    words: str
+    observers: str
+    simulated: str
+    values: dict[str, Any]
 
 
-JOINT = (('model_parameters', ['inertia=0.05', 'damping=0.02', 'gravity=1.5', 'coulomb=0.05']),)
-MOTOR = (('resistance', 0.06), ('inductance', 3.375e-05), ('flux', 0.0019), ('pole_pairs', 7))
+JOINT = {'model_parameters': ['inertia=0.05', 'damping=0.02', 'gravity=1.5', 'coulomb=0.05']}
+MOTOR = {'resistance': 0.06, 'inductance': 3.375e-05, 'flux': 0.0019, 'pole_pairs': 7}
+ANGLE = 'edge_adaptive hybrid_angle kalman pll finite_difference super_twisting'
 CASES = (
-    Case(
-        ('edge_adaptive', 'hybrid_angle', 'kalman', 'pll', 'finite_difference', 'super_twisting'),
-        'encoder',
-        10.0,
-        ('amplitude=0.3979', 'frequency=2.0'),
-        (),
-        'sine of 5 rad/s at 2 Hz, 4096 counts, 1 kHz',
-    ),
-    Case(
-        ('geso', 'hgo', 'ehgo', 'smo'),
-        'pendulum',
-        10.0,
-        (),
-        JOINT,
-        'driven pendulum, known model, 4096 counts, 500 Hz',
-    ),
-    Case(
-        ('adaptive',),
-        'dc_motor',
-        30.0,
-        (),
-        (),
-        'servo motor, parameters learnt, 4096 counts, 1 kHz',
-    ),
-    Case(('pmsm',), 'pmsm', 2.0, (), MOTOR, 'drive at 20 kHz, no encoder'),
-    Case(('switched',), 'gripper', 10.0, (), (), 'joint whose load changes, 65536 counts, 1 kHz'),
+    Case(ANGLE, 'encoder --duration 10 --set amplitude=0.3979 --set frequency=2.0', {}),
+    Case('geso hgo ehgo smo', 'pendulum --duration 10', JOINT),
+    Case('adaptive', 'dc_motor --duration 30', {}),
+    Case('pmsm', 'pmsm --duration 2', MOTOR),
+    Case('switched', 'gripper --duration 10', {}),
 )
 
 
@@ -91,48 +66,34 @@ class Result(NamedTuple):
     cost: float
     delay: float
     error: float
-    words: str
 
 
-def measure(case: Case, folder: Path) -> list[Result]:
+def measure(case: Case, path: Path) -> list[Result]:
     """Run every observer of a case at its defaults, with the plant's parameters."""
-    path = folder / case.plant
-    words = ['simulate', case.plant, '--out', str(path), '--duration', str(case.seconds)]
-    for each in case.simulated:
-        words += ['--set', each]
     with contextlib.redirect_stdout(io.StringIO()):
-        if command(words) != 0:
+        if command(['simulate', *case.simulated.split(), '--out', str(path)]) != 0:
             raise SystemExit(1)
     found = []
     with open_bag(str(path)) as bag:
         options = Options()
         series = measured(bag, options)
         true = truth(bag, str(path), series, options)
-        for observer in case.observers:
-            record = recording(Entry(observer, observer, case.values), bag, series, options)
-            times = []
+        for observer in case.observers.split():
+            entry = Entry(observer, observer, tuple(case.values.items()))
+            record, times = recording(entry, bag, series, options), []
             for _ in range(ROUNDS):
                 start = time.process_time()
                 estimates = record.run(observer, {})
                 times.append(time.process_time() - start)
             joint = next(name for name in estimates if name in true.series)
-            estimate, known = estimates[joint], true.series[joint]
-            met = match(
-                estimate.stamps, known.stamps_ns, known.velocity, known.position, 2.0 * np.pi
-            )
-            settled = met.time >= SETTLED * case.seconds
+            made, known = estimates[joint], true.series[joint]
+            met = match(made.stamps, known.stamps_ns, known.velocity, known.position, 2.0 * np.pi)
+            late = met.time >= SETTLED * met.time[-1]
             errors = metrics.velocity(
-                met.time[settled], estimate.velocity[met.rows][settled], met.velocity[settled], 0.0
+                met.time[late], made.velocity[met.rows][late], met.velocity[late], 0.0
             )
-            found.append(
-                Result(
-                    observer,
-                    min(times) / estimate.samples['received'] * 1e6,
-                    errors['delay_s'],
-                    errors['rms'],
-                    case.words,
-                )
-            )
+            cost = min(times) / made.samples['received'] * 1e6
+            found.append(Result(observer, cost, errors['delay_s'], errors['rms']))
     return found
 
 
@@ -151,31 +112,20 @@ def filled(text: str, results: list[Result]) -> str:
     return '\n'.join(lines)
 
 
-def main() -> None:
-    """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('page', type=Path, nargs='?', help='Markdown file with the matrix')
-    page = parser.parse_args().page
+def main(words: Sequence[str]) -> None:
+    """Measure all; print it, and write it into the page that is named."""
     with tempfile.TemporaryDirectory() as folder:
-        results = [result for case in CASES for result in measure(case, Path(folder))]
-    print(
-        markdown(
-            HEADER,
-            [
-                (
-                    each.observer,
-                    number(each.cost, 2),
-                    f'{each.delay * 1e3:.2f}',
-                    number(each.error, 3),
-                    each.words,
-                )
-                for each in results
-            ],
-        )
-    )
-    if page:
-        page.write_text(filled(page.read_text(), results))
+        found = [
+            each for k, case in enumerate(CASES) for each in measure(case, Path(folder) / str(k))
+        ]
+    lines = [
+        (name, number(cost, 2), f'{delay * 1e3:.2f}', number(error, 3))
+        for name, cost, delay, error in found
+    ]
+    print(markdown(HEADER, lines))
+    for page in map(Path, words):
+        page.write_text(filled(page.read_text(), found))
 
 
 if __name__ == '__main__':
-    main()
+    main(sys.argv[1:])

@@ -11,7 +11,7 @@ An entry of docs/tools/figures.yaml names a page, the commands to run and one of
 
 - ``text``: a text of the page, in which ``{{expression:format}}`` replaces a number;
 - ``lines: true``: each line of the output that is also on the page, except for its numbers, in the
-  same order; ``lines: expression``: the same with the lines of the expression. An indented block
+  same order. An indented block
   that has a line of the output must have no other line, except for ``...`` and commands.
 
 Numbers agree within ``tolerance`` (relative, 0.02 if unset) or the rounding of the last printed
@@ -106,40 +106,11 @@ def names(results: list) -> dict:
     return {
         'r': results[-1] if results else None,
         'runs': results,
-        'shared': shared,
-        'drawn': drawn,
         'rms': lambda observer, run=-1: velocity(observer, run)['rms'],
         'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
         'covered': covered,
         'rows': lambda paper: len(PAPERS[paper].REPRODUCTION.references()),
     }
-
-
-def shared(bench: dict, columns: str = 'slow sine trapezoid fast jitter drops') -> str:
-    """Return Markdown rows of the observers at defaults: rms [rad/s], and delay if known."""
-    cells: dict[str, dict] = defaultdict(dict)
-    for row in bench['accuracy']['results']:
-        delay = row['delay_s']
-        cells[row['observer']][row['signal']] = f'{row["rms"]:.3g}' + (
-            '' if delay is None else f', {1e3 * delay:.2f} ms'
-        )
-    return '\n'.join(
-        f'| {name} | {" | ".join(each[column] for column in columns.split())} |'
-        for name, each in cells.items()
-    )
-
-
-def drawn(bench: dict) -> str:
-    """Return Markdown rows of edge_adaptive over many draws, compared with the baseline."""
-    rows = {(row['observer'], row['signal']): row for row in bench['drawn']['rows']}
-    return '\n'.join(
-        f'| {signal} | {row["pooled"]:.3g} | {row["median"]:.3g} | {row["worst"]:.3g} '
-        f'| {100.0 * row["coverage"]:.1f} % '
-        f'| {rows["kalman acceleration", signal]["pooled"]:.3g} | {row["worst_ratio"]:.3f} '
-        f'| {row["worse"]} of {row["draws"]} |'
-        for (observer, signal), row in rows.items()
-        if observer == 'edge_adaptive'
-    )
 
 
 def close(old: str, new: float, tolerance: float, units: float) -> bool:

@@ -3,16 +3,18 @@
 
 """The benchmarks: their signals, their bookkeeping and their reports. Nothing here is timed."""
 
+import contextlib
 import json
 import math
+import subprocess
 import sys
 
 import numpy as np
 import pytest
 
-from benchmarks import accuracy, replay, update
+from benchmarks import __main__ as command
+from benchmarks import accuracy, live, replay, update
 from benchmarks.__main__ import main
-from benchmarks.live import rows as live
 from benchmarks.signals import COUNTS, SIGNALS, Signal, constant, encoder, trapezoid
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
@@ -83,13 +85,21 @@ def test_the_encoder_rounds_down_to_a_count():
 
 def test_accuracy_has_every_observer_on_every_signal():
     entries = [Entry('finite_difference', 'finite_difference'), Entry('pll', 'pll')]
-    found = accuracy.run(entries, SHORT)
-    assert [(r['observer'], r['signal'], r['tuning']) for r in found['results']] == [
-        ('finite_difference', 'sine', 'defaults'),
-        ('pll', 'sine', 'defaults'),
+    found = accuracy.run(None, entries, SHORT)
+    assert [(row['observer'], row['stream']) for row in found] == [
+        ('finite_difference', 'sine'),
+        ('pll', 'sine'),
     ]
     text = accuracy.describe(found)
-    assert 'finite_difference  defaults' in text
+    assert 'sine: 5 rad/s sine at 2 Hz' in text
+    line = next(line for line in text.splitlines() if line.startswith('sine  '))
+    assert line.split()[1:4] == ['0.193,', '3.21', 'ms,'] and line.count('%') == 2
+
+
+def test_without_recordings_the_signals_are_printed_and_the_reason(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(accuracy, 'run', lambda bags: accuracy.recorded.rows(bags) if bags else [])
+    rows, lacking = accuracy.part(tmp_path)
+    assert rows == [] and lacking.startswith(f'recordings: not run: {tmp_path} contains no bag')
 
 
 def test_accuracy_measures_the_errors_of_the_observer():
@@ -156,8 +166,8 @@ def test_updates_name_every_observer_beside_filterpy():
     for entry in at_defaults():
         adaptive = entry.label == 'edge_adaptive'
         assert rows[f'update {entry.label}']['limit'] == (4.0 if adaptive else 2.5)
-        assert rows[f'{update.SAME_WORK} / {entry.label}']['limit'] == (None if adaptive else 10.0)
-        assert rows[f'{update.BARE} / {entry.label}']['limit'] is None
+        assert rows[f'{update.FILTERPY} / {entry.label}']['limit'] == (None if adaptive else 10.0)
+    assert rows['one reading smoothed']['limit'] == 10.0
 
 
 @pytest.mark.long
@@ -172,11 +182,11 @@ def test_filterpy_filters_what_the_observers_get():
         seen.append(number)
         return stamps, angles
 
-    peers = update._filterpy(chunk)
-    peers[update.SAME_WORK](0)
+    side = update._filterpy(chunk)[update.FILTERPY]
+    side(0)
     kalman = next(
         cell.cell_contents
-        for cell in peers[update.SAME_WORK].__closure__
+        for cell in side.__closure__
         if type(cell.cell_contents).__name__ == 'KalmanFilter'
     )
     assert seen == [0]
@@ -188,10 +198,14 @@ def test_missing_peers_are_reported_as_not_run(monkeypatch):
     monkeypatch.setitem(sys.modules, 'filterpy.kalman', None)
     monkeypatch.setitem(sys.modules, 'filterpy.common', None)
     rows = {row['name']: row for row in update.updates(rounds=1)}
-    assert rows['filterpy']['value'] is None
-    assert 'not installed' in rows['filterpy']['why']
-    monkeypatch.setattr(update.compiled, 'available', lambda: False)
-    assert [row['value'] for row in update.batches(1000, 1)] == [None]
+    assert rows[update.FILTERPY]['value'] is None
+    assert 'not installed' in rows[update.FILTERPY]['why']
+
+
+def test_without_the_engine_batches_are_not_run(monkeypatch):
+    monkeypatch.setattr('estimator_pkg.driver.joint.functions_of', lambda module: None)
+    (row,) = update.batches(1000, 1)
+    assert row['value'] is None and 'C compiler' in row['why']
 
 
 def test_the_bag_of_the_replay_is_a_stream_of_joint_states(tmp_path):
@@ -224,93 +238,84 @@ def test_replay_is_measured_beside_rosbags():
     assert rows['peak memory, four times the length']['value'] > 0.0
 
 
-def test_reports_of_the_live_nodes_become_lines():
-    cost = live._cost(
-        {
-            'rows': [
-                {
-                    'node': node,
-                    'rate_hz': 1000.0,
-                    'joints': 7,
-                    'node_us_per_message': 300.0,
-                    'null_us_per_message': 150.0,
-                    'ratio': 2.0,
-                    'allowed': 1.5,
-                    'published': 10,
-                    'answered': 10,
-                }
-                for node in ('joint_observer', 'switched_observer')
-            ]
-        }
-    )
-    assert [row['ok'] for row in cost] == [None, None, False, None, None, None]
-    loss = live._loss(
-        {
-            'rows': [
-                {'rate_hz': 1000.0, 'joints': 7, 'published': 5000, 'true_loss': 1, 'reported': 1},
-                {
-                    'rate_hz': 5000.0,
-                    'joints': 7,
-                    'published': 5000,
-                    'true_loss': 40,
-                    'reported': 39,
-                },
-            ]
-        }
-    )
-    assert [(row['value'], row['ok']) for row in loss] == [(1, False), (40, None), (1, False)]
+def test_results_of_the_live_nodes_become_rows():
+    item = {
+        'rate_hz': 1000.0,
+        'joints': 7,
+        'node_us_per_message': 300.0,
+        'null_us_per_message': 150.0,
+        'ratio': 2.0,
+        'allowed': 1.5,
+        'published': 10,
+        'answered': 10,
+    }
+    for node, met in (('joint_observer', False), ('switched_observer', None)):
+        assert [row['ok'] for row in live.costs({'node': node, **item})] == [None, None, met]
+    lost = {'joints': 7, 'published': 5000}
+    few = live.losses({'rate_hz': 1000.0, 'true_loss': 1, 'reported': 1, **lost})
+    many = live.losses({'rate_hz': 5000.0, 'true_loss': 40, 'reported': 39, **lost})
+    found = [(row['value'], row['ok']) for row in [*few, *many]]
+    assert found == [(1, False), (40, None), (1, False)]
 
 
-def test_start_and_latency_become_lines():
-    start = live._start(
-        {
-            'rows': [
-                {
-                    'node': 'null_node',
-                    'message_s': 1.0,
-                    'message_ratio': 1.0,
-                    'cpu_s': 0.5,
-                    'cpu_ratio': 1.0,
-                    'estimate_s': 1.0,
-                    'estimate_ratio': 1.0,
-                },
-                {
-                    'node': 'adaptive_observer',
-                    'message_s': 1.5,
-                    'message_ratio': 1.5,
-                    'cpu_s': 0.7,
-                    'cpu_ratio': 1.4,
-                },
-            ]
-        }
-    )
-    by_name = {row['name']: row for row in start}
-    assert by_name['adaptive_observer: process start to first message / null node']['value'] == 1.5
-    assert by_name['adaptive_observer: process start to first estimate']['value'] is None
-    assert by_name['adaptive_observer: CPU time to first message / null node']['value'] == 1.4
-    assert not any('null_node' in name and '/' in name for name in by_name)
-    late = live._latency(
-        {
-            'rows': [
-                {
-                    'node': 'joint_observer',
-                    'median_ms': 0.3,
-                    'median_ms_more': 0.1,
-                    'median_ms_ratio': 1.5,
-                    'late_ms': 2.0,
-                    'late_ms_more': -1.0,
-                    'late_ms_ratio': 0.7,
-                },
-                {'node': 'switched_observer'},
-            ]
-        }
-    )
-    assert [row['value'] for row in late] == [0.3, 0.1, 1.5, 2.0, -1.0, 0.7, None, None]
+@pytest.mark.parametrize('deaf', ['null_node', 'joint_observer'])
+def test_a_listener_that_is_late_is_a_line_and_not_a_division_by_zero(deaf, monkeypatch):
+    """Under load a listener may be connected when the stream has ended."""
+    pytest.importorskip('rclpy')
+    from benchmarks.live import cost
+
+    class Child:
+        pid = 0
+
+        def __init__(self, *words):
+            self.words, self.stdout = words, self
+
+        def readline(self):
+            return 'listening'
+
+        def send_signal(self, number):
+            pass
+
+    @contextlib.contextmanager
+    def process(*words, domain=1):
+        yield Child(*words)
+
+    def result(child):
+        count = 0 if any(deaf in str(word) for word in child.words) else 100
+        return {'published': 100, 'answered': count, 'received': count}
+
+    monkeypatch.setattr(cost, 'process', process)
+    monkeypatch.setattr(cost, 'observer', process)
+    monkeypatch.setattr(cost, 'result', result)
+    monkeypatch.setattr(cost, 'free_domain', lambda: 1)
+    monkeypatch.setattr(cost, 'cpu', lambda meter: 1.0)
+    monkeypatch.setattr(cost.psutil, 'Process', lambda pid: None)
+    monkeypatch.setattr(cost.time, 'sleep', lambda seconds: None)
+    (row,) = live.costs(cost.measure())
+    assert row['value'] is None and row['name'].startswith('joint_observer, CPU per message')
+    assert row['why'].endswith(deaf.replace('null_node', 'the null node'))
+    assert 'not run' in command.describe([row])
+
+
+@pytest.mark.parametrize(
+    ('program', 'why'), [('', 'ended without a result'), ('input()', 'did not end within 1 s')]
+)
+def test_a_process_without_a_result_is_one_line(program, why):
+    from benchmarks.live.processes import result
+
+    words = [sys.executable, '-c', program]
+    streams = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE, 'text': True}
+    with subprocess.Popen(words, **streams) as child:
+        child.stdin, kept = None, child.stdin  # communicate would close it
+        with pytest.raises(UserError, match=why):
+            result(child, timeout=1.0)
+        kept.close()
+        child.kill()
 
 
 def test_medians_are_of_the_rounds_and_ratios_of_the_same_round(monkeypatch):
     pytest.importorskip('rclpy')
-    from benchmarks.live import latency, start
+    from benchmarks.live import timing as live_timing
 
     taken = iter(
         [
@@ -320,18 +325,24 @@ def test_medians_are_of_the_rounds_and_ratios_of_the_same_round(monkeypatch):
             {'message': 4.0, 'cpu': 2.0, 'estimate': 6.0},
         ]
     )
-    monkeypatch.setattr(start, 'NODES', {'joint_observer': ()})
-    monkeypatch.setattr(start, 'once', lambda name: next(taken))
-    null, node = start.measure(2)['rows']
-    assert node['message_s'] == 3.0 and node['message_ratio'] == 1.5
-    assert node['estimate_s'] == 6.0 and node['estimate_ratio'] == 1.5
-    assert node['cpu_s'] == 1.5 and node['cpu_ratio'] == 3.0
-    monkeypatch.setattr(latency, 'NODES', {'joint_observer': ()})
-    answers = iter([{'answered': 10, 'median_ms': m, 'late_ms': 2 * m} for m in (1, 2, 4, 2)])
-    monkeypatch.setattr(latency, 'once', lambda name: next(answers))
-    null, node = latency.measure(2)['rows']
-    assert node['median_ms'] == 2.0 and node['median_ms_ratio'] == 1.25
-    assert node['late_ms_more'] == -1.0 and node['answered'] == 20
+    monkeypatch.setattr(live_timing, 'NODES', {'joint_observer': ()})
+
+    def once(name):
+        return next(taken)
+
+    rows = {row['name']: row['value'] for row in live_timing.rows(once, live_timing.START, 2)}
+    name = 'joint_observer: process start to first'
+    assert rows[f'{name} message'] == 3.0 and rows[f'{name} message / null node'] == 1.5
+    assert rows[f'{name} estimate'] == 6.0 and rows[f'{name} estimate / null node'] == 1.5
+    cpu = 'joint_observer: CPU time to first message'
+    assert rows[cpu] == 1.5 and rows[f'{cpu} / null node'] == 3.0
+    taken = iter([{'median_ms': 1.0}, {}])
+    assert [row['value'] for row in live_timing.rows(once, live_timing.LATENCY, 1)] == [
+        1.0,
+        None,
+        None,
+        None,
+    ]
 
 
 @pytest.mark.slow
@@ -340,53 +351,50 @@ def test_a_node_starts_and_answers_over_dds(monkeypatch):
     """As the benchmark does it; the numbers are not judged here."""
     monkeypatch.delenv('PYTHONSAFEPATH')  # its processes import the benchmarks of the checkout
     pytest.importorskip('rclpy')
-    from benchmarks.live import latency, start
+    from benchmarks.live import timing as live_timing
 
-    found = start.once('joint_observer')
-    assert found['cpu'] > 0.1 and 0.2 < found['message'] <= found['estimate'] < start.LONGEST
-    late = latency.once('mechanical_observer', rate=200.0, seconds=2.0)
+    found = live_timing.start('joint_observer')
+    assert found['cpu'] > 0.1
+    assert 0.2 < found['message'] <= found['estimate'] < live_timing.LONGEST
+    late = live_timing.latency('mechanical_observer', rate=200.0, seconds=2.0)
     assert late['answered'] > 100 and 0.0 < late['median_ms'] <= late['late_ms']
 
 
-def test_without_ros_the_live_nodes_are_not_run(monkeypatch):
+def test_without_ros_the_part_says_what_it_lacks(monkeypatch, capsys):
     monkeypatch.setattr(live.importlib.util, 'find_spec', lambda name: None)
-    rows = live.live() + live.starts(1) + live.latencies(1)
-    assert len(rows) == 4
-    assert all(row['value'] is None and 'not installed' in row['why'] for row in rows)
-
-
-def test_a_program_that_fails_says_why(tmp_path, monkeypatch):
-    (tmp_path / 'failing_program.py').write_text('raise SystemExit("no network")')
-    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
-    assert live._run('failing_program') == (None, 'no network')
+    assert main(['--part', 'live']) == 1
+    assert capsys.readouterr().err == 'python -m benchmarks: rclpy is not installed\n'
 
 
 # ---------------------------------------------------------------- the command
 
 
-@pytest.mark.slow
-def test_bench_prints_and_gives_json(tmp_path, capsys):
+def test_parts_print_and_give_json_and_one_that_cannot_run_says_why(tmp_path, capsys, monkeypatch):
+    row = timing.row('x / y', 3.0, 'times', limit=2.0)
+
+    def refuses(parsed):
+        raise UserError('no network')
+
+    monkeypatch.setattr(
+        command, 'PARTS', {'speed': lambda parsed: command._rows(parsed, [row]), 'live': refuses}
+    )
     out = tmp_path / 'bench.json'
-    assert main(['speed', '--part', 'update', '--quick', '--json', str(out)]) == 0
+    assert main(['--json', str(out)]) == 0
     found = json.loads(out.read_text())
-    assert {row['part'] for row in found['speed']['rows']} == {'update'}
-    assert 'accuracy' not in found
+    assert found['speed'] == [row] and 'live' not in found
     printed = capsys.readouterr().out
-    assert 'update hybrid_angle' in printed and 'filterpy' in printed
+    assert 'requirement not met: x / y' in printed and 'live: not run: no network\n' in printed
+    assert main(['--part', 'live']) == 1
+    assert capsys.readouterr().err == 'python -m benchmarks: no network\n'
 
 
 @pytest.mark.parametrize(
-    'words', [('speed', '--part', 'nonsense'), ('nonsense',), ('speed', '--messages', '0')]
+    'words', [('--part', 'nonsense'), ('nonsense',), ('--part', 'accuracy', '--draws', '-1')]
 )
 def test_wrong_use(words, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(words)
-    assert stop.value.code == 2
+    try:
+        code = main(words)
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
-
-
-def test_a_part_of_the_other_group(capsys):
-    assert main(['accuracy', '--part', 'replay']) == 2
-    line = capsys.readouterr().err
-    assert line.startswith("python -m benchmarks: accuracy has no part 'replay': choose one of")
-    assert line.count('\n') == 1

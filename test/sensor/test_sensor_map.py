@@ -62,7 +62,7 @@ def both(observer, stamps, readings, velocity, start=0.5, **values):
     """Return the errors without and with a map, and the joint with it."""
     off = joint(observer, 'none', **values).run(stamps, readings)
     learning = joint(observer, **values)
-    on = learning.run(stamps, readings, fast=False)
+    on = learning.run(stamps, readings)
     return error(off, velocity, start), error(on, velocity, start), learning
 
 
@@ -98,7 +98,7 @@ def test_a_hall_sensor_of_six_edges_is_learnt(speed):
 def test_a_new_map_begins_without_a_jump():
     stamps, angle, velocity = sampled(40.0, 2.0)
     off, on = (
-        joint('kalman', each, quantum=TURN / 4096).run(stamps, eccentric(angle), fast=False)
+        joint('kalman', each, quantum=TURN / 4096).run(stamps, eccentric(angle))
         for each in ('none', 'learn')
     )
     worst, usual = (np.max(np.abs(out.velocity - velocity)[600:]) for out in (on, off))
@@ -110,9 +110,9 @@ def test_a_map_that_no_longer_helps_is_given_up():
     """The error goes on with another wheel, and the turn before predicts it no more."""
     stamps, angle, _ = sampled(24.0, 7.5)
     learning, n = joint('kalman', quantum=TURN / 4096), 3000
-    learning.run(stamps[:n], eccentric(angle[:n], 0.01), fast=False)
+    learning.run(stamps[:n], eccentric(angle[:n], 0.01))
     assert learning.why()
-    learning.run(stamps[n:], wrapped(angle + 0.03 * np.sin(1.41 * angle))[n:], fast=False)
+    learning.run(stamps[n:], wrapped(angle + 0.03 * np.sin(1.41 * angle))[n:])
     assert not learning.why()
     assert learning.learner.awake
     assert not learning.channel.map.active  # as if there had never been one
@@ -196,7 +196,7 @@ def test_a_given_quantum_is_not_refined():
     readings = read_by(np.arange(64) * TURN / 64, angle)
     for quantum, marks in ((0.0, 64), (TURN / 32, 32)):
         learning = joint(quantum=quantum)
-        learning.run(stamps, readings, fast=False)
+        learning.run(stamps, readings)
         assert learning.learner.shaft.turn == marks
 
 
@@ -229,7 +229,7 @@ def test_errors_that_repeat_after_another_angle_than_the_turn_are_found():
     readings = np.floor(angle / TURN) * 12 + np.searchsorted(edges, angle % TURN, side='right') - 1
     # behind a gear of 7.5: 90 counts a turn, of which 12 repeat
     learning = joint(quantum=TURN / 90)
-    learning.run(stamps, readings * TURN / 90, fast=False)
+    learning.run(stamps, readings * TURN / 90)
     assert learning.learner.shaft.marks == 12
     assert 'repeat each 48 deg' in learning.why()
 
@@ -267,7 +267,7 @@ def test_many_harmonics_are_taken_out_once_another_speed_has_shown_that_they_are
         assert on < most * off
         assert learning.learner.shaft.tables[0].all_sure is (end > 6000)
     other = wrapped(angle + 0.03 * np.sin(1.41 * angle))[6000:14_000]
-    learning.run(stamps[6000:14_000] + (stamps[-1] - stamps[5999]), other, fast=False)
+    learning.run(stamps[6000:14_000] + (stamps[-1] - stamps[5999]), other)
     assert not learning.learner.shaft.tables[0].all_sure  # another wheel's
 
 
@@ -278,11 +278,9 @@ def test_an_unbalanced_shaft_is_not_corrected_faster_than_it_was_learnt_from():
     stamps = START_NS + 1_000_000 * np.arange(len(angle))
     joints = joint('kalman', 'none'), joint('kalman')
     for each in joints:
-        each.run(stamps[:12_000], eccentric(angle[:12_000], 0.0), fast=False)
+        each.run(stamps[:12_000], eccentric(angle[:12_000], 0.0))
     assert 'or motion' in joints[1].why()
-    off, on = (
-        each.run(stamps[12_000:], eccentric(angle[12_000:], 0.0), fast=False) for each in joints
-    )
+    off, on = (each.run(stamps[12_000:], eccentric(angle[12_000:], 0.0)) for each in joints)
     turn = round(1000.0 * TURN / 24.0)
     assert joints[1].why() == ''
     wrong = [error(out, velocity[12_000:], 2.5 * turn / 1500.0) for out in (off, on)]
@@ -294,9 +292,9 @@ def test_a_cogging_torque_is_dropped_at_another_speed():
     angle, _ = cogging(np.repeat([12.0, 36.0], 6000))
     stamps = START_NS + 1_000_000 * np.arange(len(angle))
     learning = joint(quantum=TURN / 4096)
-    learning.run(stamps[:6000], eccentric(angle[:6000], 0.0), fast=False)
+    learning.run(stamps[:6000], eccentric(angle[:6000], 0.0))
     assert learning.why()
-    learning.run(stamps[6000:], eccentric(angle[6000:], 0.0), fast=False)
+    learning.run(stamps[6000:], eccentric(angle[6000:], 0.0))
     assert not learning.why()
 
 
@@ -309,7 +307,7 @@ def test_a_motion_that_another_speed_has_shown_is_not_learnt_at_one_speed_again(
     learning, awake = joint('kalman', quantum=TURN / 4096), []
     for first in range(0, len(angle), 500):
         rows = slice(first, first + 500)
-        learning.run(stamps[rows], readings[rows], fast=False)
+        learning.run(stamps[rows], readings[rows])
         awake.append(learning.learner.awake)
         if first == 4500:
             assert 'or motion' in learning.why()
@@ -322,9 +320,9 @@ def test_a_motion_that_another_speed_has_shown_is_not_learnt_at_one_speed_again(
 def test_errors_as_large_as_a_motion_need_another_speed(other):
     stamps, angle, _ = sampled(lambda t: np.where(t < 6.0, 15.0, other), 12.0)
     learning, readings = joint('kalman', quantum=TURN / 4096), eccentric(angle, 0.08)
-    learning.run(stamps[:6000], readings[:6000], fast=False)
+    learning.run(stamps[:6000], readings[:6000])
     assert learning.why() == ''
-    learning.run(stamps[6000:], readings[6000:], fast=False)
+    learning.run(stamps[6000:], readings[6000:])
     assert ('of up to 5 deg' in learning.why()) is (other == 24.0)
     assert 'or motion' not in learning.why()
 
@@ -338,7 +336,7 @@ def test_a_slower_turn_shows_the_sensor_but_no_motion(sensor):
         readings = eccentric(cogging(mean)[0], 0.0)
     stamps, learning = START_NS + 1_000_000 * np.arange(8000), joint('kalman', quantum=TURN / 4096)
     for part, doubt in ((slice(4000), True), (slice(4000, None), not sensor)):
-        learning.run(stamps[part], readings[part], fast=False)
+        learning.run(stamps[part], readings[part])
         assert 'sensor errors' in learning.why()
         assert ('or motion' in learning.why()) is doubt
 
@@ -346,7 +344,7 @@ def test_a_slower_turn_shows_the_sensor_but_no_motion(sensor):
 def test_what_may_be_motion_widens_the_interval_by_as_much():
     stamps, angle, _ = sampled(12.0, 5.0)
     learning, knowing = (
-        joint('kalman', each, quantum=TURN / 4096).run(stamps, eccentric(angle, size), fast=False)
+        joint('kalman', each, quantum=TURN / 4096).run(stamps, eccentric(angle, size))
         for each, size in (('learn', 0.01), ('none', 0.0))
     )
     for of, rms in (('velocity_stddev', 0.01 * 12.0), ('position_stddev', 0.01)):
@@ -362,16 +360,16 @@ def test_what_may_be_motion_is_in_the_interval_until_another_speed_shows_the_sen
     angle, velocity = cogging(np.full(10_000, 12.0))
     stamps = START_NS + 1_000_000 * np.arange(20_000)
     learning = joint(observer, quantum=TURN / 4096)
-    out = learning.run(stamps[:10_000], eccentric(angle, 0.0), fast=False)
+    out = learning.run(stamps[:10_000], eccentric(angle, 0.0))
     assert 'sensor errors' in learning.why()
     wrong = np.abs(out.velocity - velocity)[7000:]
     assert np.mean(wrong <= 1.96 * out.velocity_stddev[7000:]) > 0.9
     _, angle, _ = sampled(lambda t: np.where(t < 8.0, 12.0, 20.0), 20.0)
     learning = joint(observer)
-    out = learning.run(stamps, eccentric(angle, 0.01), fast=False)
+    out = learning.run(stamps, eccentric(angle, 0.01))
     assert 'sensor errors' in learning.why()
     assert np.median(out.velocity_stddev[6000:8000]) > 0.05  # of a ripple of 0.085 rad/s rms
-    exact = joint(observer, 'none').run(stamps, eccentric(angle, 0.0), fast=False)
+    exact = joint(observer, 'none').run(stamps, eccentric(angle, 0.0))
     beyond = out.velocity_stddev[-5000:] - exact.velocity_stddev[-5000:]
     assert np.median(beyond) < 0.05 * 0.085
 
@@ -381,10 +379,10 @@ def test_the_map_survives_a_gap_and_is_proven_again_after_an_outage():
     readings = eccentric(angle)
     for pause, kept in ((0.3, True), (30.0, False)):
         learning = joint(quantum=TURN / 4096)
-        learning.run(stamps[:4500], readings[:4500], fast=False)
+        learning.run(stamps[:4500], readings[:4500])
         learning.update(int(stamps[4500]) + round(1e9 * pause), float(readings[4500]))
         assert bool(learning.why()) is kept
-        learning.run(stamps[4501:] + round(1e9 * pause), readings[4501:], fast=False)
+        learning.run(stamps[4501:] + round(1e9 * pause), readings[4501:])
         assert learning.why()
     learning.reset()
     assert not learning.why()
@@ -396,8 +394,8 @@ def test_live_equals_a_batch_and_the_compiled_one():
     stamps, angle, _ = sampled(lambda time: 30.0 * np.cos(0.8 * time), 5.0)
     readings = eccentric(angle)
     values = {'quantum': TURN / 4096}
-    plain = joint('kalman', **values).run(stamps, readings, fast=False)
-    fast = joint('kalman', **values).run(stamps, readings, fast=True)
+    plain = joint('kalman', **values).run(stamps, readings)
+    fast = joint('kalman', **values).run(stamps, readings)
     live = joint('kalman', **values)
     for k, (stamp_ns, reading) in enumerate(zip(stamps.tolist(), readings.tolist())):
         assert live.update(stamp_ns, reading)
@@ -411,9 +409,9 @@ def test_live_equals_a_batch_and_the_compiled_one():
 def test_a_batch_of_a_joint_that_does_not_turn_round_copies_no_estimates():
     stamps, angle, _ = sampled(lambda time: 5.0 * np.sin(12.0 * time), 400.0)
     learning = joint('kalman')
-    learning.run(stamps[:10], angle[:10], fast=True)
+    learning.run(stamps[:10], angle[:10])
     tracemalloc.start()
-    out = learning.run(stamps[10:], angle[10:], fast=True)
+    out = learning.run(stamps[10:], angle[10:])
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 1.5 * sum(column.nbytes for column in out)
@@ -429,7 +427,7 @@ def test_live_equals_batches_in_parts_with_gaps_and_lost_samples():
     stamps[1200] = stamps[1199]
     batch, live, velocities, learnt = joint('kalman'), joint('kalman'), [], set()
     for part in np.split(np.arange(len(stamps)), [70, 1501, 2222, 4000]):
-        velocities += batch.run(stamps[part], readings[part], fast=False).velocity.tolist()
+        velocities += batch.run(stamps[part], readings[part]).velocity.tolist()
     for stamp_ns, reading, velocity in zip(stamps.tolist(), readings.tolist(), velocities):
         if live.update(stamp_ns, reading):
             assert live.estimate()[1] == velocity
@@ -446,7 +444,7 @@ def test_the_errors_that_are_reported_are_those_of_the_sensor_and_go_with_its_qu
     learning, plain = joint(quantum=TURN / 4096), joint(sensor_map='none')
     angles = np.linspace(-3.1, 3.1, 60)
     for each in (learning, plain):
-        each.run(stamps, eccentric(angle), fast=False)
+        each.run(stamps, eccentric(angle))
         speed = each.estimate()[1]
         found = each.sensor_errors(1)(angles, np.full(60, 12.0))
         if each is learning:
@@ -467,7 +465,7 @@ def test_the_errors_that_are_reported_are_those_of_the_sensor_and_go_with_its_qu
 def test_corrected_positions_keep_the_interval_of_the_readings(lowest):
     stamps, angle, _ = sampled(12.0, 6.0)
     readings = (eccentric(angle + 1.5) - lowest) % TURN + lowest
-    out = joint(quantum=TURN / 4096).run(stamps, readings, fast=False)
+    out = joint(quantum=TURN / 4096).run(stamps, readings)
     assert lowest - 1e-9 <= np.nanmin(out.position) < np.nanmax(out.position) < lowest + TURN
 
 
@@ -503,7 +501,7 @@ def test_a_ripple_of_a_slow_shaft_is_foreseen():
     assert 'a ripple of the speed that repeats each 180 deg is foreseen' in learning.why()
     # one that takes no edge as a time gains nothing
     follows = joint('pll', quantum=TURN / 12)
-    follows.run(stamps, readings, fast=False)
+    follows.run(stamps, readings)
     assert 'ripple' not in follows.why()
 
 
@@ -511,7 +509,7 @@ def test_a_ripple_comes_in_over_one_period_of_it():
     stamps, readings, _ = rippled(1000.0)
     learning, shares = joint(quantum=TURN / 12), set()
     for part in np.split(np.arange(10_000), 200):
-        learning.run(stamps[part], readings[part], fast=False)
+        learning.run(stamps[part], readings[part])
         shares.add(learning.learner.shaft.share)
     assert {0.0, 1.0} < shares
     assert min(shares - {0.0}) < 0.6

@@ -50,7 +50,7 @@ def recorded(name, rate=1000.0, jitter=0.0, dropped=0.0, duration=7.0):
 
 def error(observer, stamps, samples, skipped=5.0):
     """The rms velocity error with these stamps, after `skipped` [s]."""
-    out = make(observer).run(np.asarray(stamps, np.int64), samples.angle, fast=False)
+    out = make(observer).run(np.asarray(stamps, np.int64), samples.angle)
     counted = (out.verdict < DUPLICATE) & (samples.stamps - samples.stamps[0] > 1e9 * skipped)
     return float(np.sqrt(np.mean((out.velocity - samples.velocity)[counted] ** 2)))
 

@@ -27,7 +27,7 @@ SIX = [Entry(name, name) for name in angle_observers()]
 
 def ranked(name, entries, **settings):
     samples = sampled(name)
-    found = motion(samples.stamps, samples.readings, TURN)
+    found = motion(samples.stamps, samples.angle, TURN)
     estimates = {
         entry.label: at_reference(found, *ranking.estimates(entry, samples)) for entry in entries
     }
@@ -38,7 +38,7 @@ def ranked(name, entries, **settings):
 def test_a_sample_of_motions_is_ranked_as_by_truth():
     entries = [*SIX, *FEW]
     outcomes = [
-        ranking.judge(ranking.Case(name, 'simulated', sampled(name)), entries)[0] for name in SAMPLE
+        ranking.judge(ranking.Case(name, 'simulated', sampled(name)), entries) for name in SAMPLE
     ]
     found = ranking.summary(outcomes)
     assert found['tau'] >= 0.98
@@ -81,7 +81,7 @@ def failures(kind, quick):
 @pytest.mark.parametrize('name', failures('constant', 2))
 def test_constant_speed_is_recognised(name):
     samples = sampled(name)
-    found = motion(samples.stamps, samples.readings, TURN)
+    found = motion(samples.stamps, samples.angle, TURN)
     assert found.constant
     assert found.velocity == pytest.approx(samples.velocity[0], abs=2e-3)
     verdict = rank({'a': found.velocity, 'b': found.velocity + 0.1}, found)
@@ -102,7 +102,7 @@ def test_a_slow_motion_within_the_noise_is_not_taken_for_constant_speed():
 @pytest.mark.parametrize('name', failures('sticks', 1))
 def test_a_sensor_that_sticks_is_recognised(name):
     samples = sampled(name)
-    found = motion(samples.stamps, samples.readings, TURN)
+    found = motion(samples.stamps, samples.angle, TURN)
     every = FAILURES[name][1].sticks
     assert 0.5 * 12.0 / every[1] <= len(found.fresh.stuck) <= 12.0 / every[1]
     assert all(length == pytest.approx(every[0], abs=0.01) for _, length in found.fresh.stuck)
@@ -117,7 +117,7 @@ def test_a_sensor_that_sticks_is_recognised(name):
 def test_no_other_motion_sticks_or_is_constant():
     for name in MOTIONS:
         samples = sampled(name)
-        found = motion(samples.stamps, samples.readings, TURN)
+        found = motion(samples.stamps, samples.angle, TURN)
         assert not found.fresh.stuck and not found.constant, name
 
 

@@ -214,7 +214,7 @@ def test_full_velocity_is_right_where_the_parameters_are_not():
             gate='none',
             velocity=formula,
         )
-        out, _ = feed(made, angles, u, 2e-3, fast=False)  # quicker than to compile
+        out, _ = feed(made, angles, u, 2e-3)
         rms[formula] = np.sqrt(np.mean((out.velocity - velocity)[-10000:] ** 2))
     assert rms['paper'] > 5.0
     assert rms['full'] < 0.01
@@ -225,9 +225,7 @@ def rest_with_load(made, seconds, sigma=1e-3, seed=777):
     count = round(seconds * 1000)
     noise = np.random.default_rng(seed).uniform(-1.0, 1.0, count + 1) * math.sqrt(3.0) * sigma
     last_ns = made.stamp_ns
-    return feed(
-        made, -0.2 / 0.3 + noise, np.zeros(count), start_ns=last_ns + 10**6, fast=count > 10**5
-    )
+    return feed(made, -0.2 / 0.3 + noise, np.zeros(count), start_ns=last_ns + 10**6)
 
 
 def trained(**gains):

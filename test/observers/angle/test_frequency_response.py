@@ -193,9 +193,7 @@ def measured(joint, frequency_hz, settle, dt):
     count = math.ceil(settle / dt) + used
     t = np.arange(count) * dt
     joint.reset()
-    out = joint.run(
-        10**9 + np.rint(t * 1e9).astype(np.int64), AMPLITUDE * np.sin(w * t), fast=False
-    )
+    out = joint.run(10**9 + np.rint(t * 1e9).astype(np.int64), AMPLITUDE * np.sin(w * t))
     t, velocity = t[-used:], out.velocity[-used:]
     basis = np.column_stack((np.exp(1j * w * t).real, np.exp(1j * w * t).imag, np.ones(used)))
     (cosine, sine, _), *_ = np.linalg.lstsq(basis, velocity, rcond=None)

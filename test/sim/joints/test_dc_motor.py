@@ -107,7 +107,7 @@ def test_velocity_of_an_unknown_motor_beats_every_angle_only_observer():
         joint = kind(
             observer, build(observer.gains, {'quantum': quantum, **gains}), JointSettings()
         )
-        out = joint.run(stamps, angles, given, fast=False)
+        out = joint.run(stamps, angles, given)
         return joint, np.sqrt(np.mean((out.velocity - velocities)[10000:] ** 2))
 
     joint, adaptive = rms('adaptive', efforts)

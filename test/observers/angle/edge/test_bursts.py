@@ -16,7 +16,7 @@ QUANTUM = 3.8e-4  # [rad]
 
 def _velocity(time: np.ndarray, angle: np.ndarray, period: float) -> np.ndarray:
     joint = Entry('edge', 'edge_adaptive').joint(wrap_period=period)
-    return joint.run(START + np.rint(time * 1e9).astype(np.int64), angle, fast=False).velocity
+    return joint.run(START + np.rint(time * 1e9).astype(np.int64), angle).velocity
 
 
 @pytest.mark.parametrize('seed', [0, 3])

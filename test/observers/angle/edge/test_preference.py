@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks import preference as bench
-from benchmarks.signals import FURTHER, SIGNALS
+from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, START_NS, encoder
+from estimator_pkg.evaluation.compare.delay import delay
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.edge import preference as under_test
 from estimator_pkg.observers.angle.edge.covariance import (
@@ -35,12 +35,30 @@ def preferring(prefer):
     [('sine', 4, 0.75, 1.8, 1.4, 0.55), ('trapezoid', 8, 0.92, 1.4, 1.4, 0.8)],
 )
 def test_the_preference_spans_a_range(name, draws, quiet, late, loud, early):
-    row = bench.simulated(BY_NAME[name], draws, 3.0)
-    smooth, balanced, fast = (row['results'][each] for each in bench.PREFER)
-    assert smooth.noise <= quiet * balanced.noise
-    assert smooth.delay_s >= late * balanced.delay_s
-    assert fast.noise >= loud * balanced.noise
-    assert fast.delay_s <= early * balanced.delay_s
+    noise, lag = {}, {}
+    for prefer in ('smooth', 'balanced', 'fast'):
+        noise[prefer], lag[prefer] = noise_and_delay(prefer, BY_NAME[name], draws)
+    assert noise['smooth'] <= quiet * noise['balanced']
+    assert lag['smooth'] >= late * lag['balanced']
+    assert noise['fast'] >= loud * noise['balanced']
+    assert lag['fast'] <= early * lag['balanced']
+
+
+def noise_and_delay(prefer, signal, draws):
+    """Spread of the estimates of one instant with the counter at many angles, and their delay."""
+    steps = (np.arange(round(3.0 * signal.rate)) + 1.0) / signal.rate
+    position, velocity = signal.motion(steps)
+    joint, found = preferring(prefer).joint(quantum=signal.quantum), []
+    for number in range(draws):
+        random = np.random.default_rng(number)
+        angle = position + random.uniform(0.0, 2.0 * np.pi)
+        angle = angle + random.normal(0.0, signal.noise, len(position))
+        joint.reset()
+        stamps = np.rint(1e9 * steps).astype(np.int64) + START_NS
+        found.append(joint.run(stamps, encoder(angle, signal.counts)).velocity[steps >= SKIPPED])
+    late = steps >= SKIPPED
+    spread = np.sqrt(np.mean(np.var(found, axis=0, ddof=1)))
+    return spread, delay(steps[late], np.mean(found, axis=0), velocity[late])
 
 
 @pytest.mark.parametrize('prefer', ['smooth', 'fast'])

@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 from edge_encoder import DT, QUANTUM, joint, read, rms
+from edge_streams import streams
 from observer_cases import make, stamps, wrapped
 
-from benchmarks.streams import streams
 from estimator_pkg.estimate import TRACKING
 
 

@@ -17,7 +17,7 @@ PERIOD = 1e-3  # of the sensor [s]
 def _estimate(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (velocity, its standard deviation) of a joint at its defaults."""
     joint = Entry('edge', 'edge_adaptive').joint(wrap_period=0.0)
-    out = joint.run(START + np.rint(time * 1e9).astype(np.int64), angle, fast=False)
+    out = joint.run(START + np.rint(time * 1e9).astype(np.int64), angle)
     return out.velocity, out.velocity_stddev
 
 

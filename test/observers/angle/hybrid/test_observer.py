@@ -142,7 +142,7 @@ def test_algorithm_1_is_the_papers(name):
 def test_the_joint_runs_algorithm_1_on_every_sample():
     joint = make(form='paper', epsilon=0.1)
     y = wrapped(1.0 + 20.0 * 0.01 * np.arange(500) + 0.2 * np.sin(np.arange(500)))
-    out = joint.run(stamps(0.01 * np.arange(500)), y % TURN, fast=False)  # read in [0, 2 pi)
+    out = joint.run(stamps(0.01 * np.arange(500)), y % TURN)  # read in [0, 2 pi)
     state = (y[0], 0.0)
     for k in range(1, 500):
         state = algorithm_1(*state, y[k], 0.01, 60.0, 500.0, PHI['saw'])
@@ -193,10 +193,10 @@ def test_the_limit_is_told_in_numbers():
 def test_ramp_lag_is_the_specs_and_none_in_third_order():
     t = 0.01 * np.arange(400)
     y = wrapped(0.5 * 75.0 * t**2)
-    lag = 75.0 * t[-1] - make(form='paper', epsilon=0.1).run(stamps(t), y, fast=False).velocity[-1]
+    lag = 75.0 * t[-1] - make(form='paper', epsilon=0.1).run(stamps(t), y).velocity[-1]
     assert lag == pytest.approx(8.625, abs=1e-3)
     assert make(form='paper', epsilon=0.1).group_delay(0.01) == pytest.approx(0.115)
-    out = make(bandwidth_hz=1.5).run(stamps(t), y, fast=False)
+    out = make(bandwidth_hz=1.5).run(stamps(t), y)
     assert out.velocity[-1] == pytest.approx(75.0 * t[-1], abs=1e-6)
     assert out.acceleration[-1] == pytest.approx(75.0, abs=1e-5)
 
@@ -205,7 +205,7 @@ def test_ramp_lag_is_the_specs_and_none_in_third_order():
 def test_group_delay_of_the_robust_second_order_is_its_ramp_lag(dt):
     joint = make(order=2, bandwidth_hz=2.0)
     t = dt * np.arange(round(4.0 / dt))
-    out = joint.run(stamps(t), 0.5 * 0.1 * t**2, fast=False)
+    out = joint.run(stamps(t), 0.5 * 0.1 * t**2)
     assert 0.1 * t[-1] - out.velocity[-1] == pytest.approx(0.1 * joint.group_delay(dt), rel=1e-3)
 
 
@@ -247,5 +247,5 @@ def test_noise_gains_are_the_power_of_the_impulse_response(gains, dt):
 
 def test_velocity_noise_of_algorithm_1_is_the_specs():
     joint = make(form='paper', epsilon=0.1, noise=1e-3)
-    joint.run(stamps(0.01 * np.arange(100)), 1e-9 * np.arange(100), fast=False)
+    joint.run(stamps(0.01 * np.arange(100)), 1e-9 * np.arange(100))
     assert joint.stddev()[1] / 1e-3 == pytest.approx(5.5048, abs=1e-4)

@@ -56,7 +56,7 @@ def test_third_order_is_set_on_the_reading_before_it_is_half_a_turn_off(name):
     t = 1e-3 * np.arange(6000)
     speed = np.interp(t, (0.0, 2.0, 2.1, 6.0), (10.0, 10.0, -20.0, -20.0))
     angle = np.concatenate(((0.0,), np.cumsum(0.5 * (speed[1:] + speed[:-1])) * 1e-3))
-    out = make(bandwidth_hz=0.5, injection=name).run(stamps(t), wrapped(angle), fast=False)
+    out = make(bandwidth_hz=0.5, injection=name).run(stamps(t), wrapped(angle))
     off = np.abs(wrapped(out.position - angle))
     assert np.max(off) < math.pi - MARGIN
     slips = np.flatnonzero((off[:-1] > 2.9) & (off[1:] < 1e-9))
@@ -146,7 +146,7 @@ def test_injections_differ_at_large_errors_as_in_figure_4():
     speed = np.interp(t, (0.0, 2.0, 2.05, 8.0), (10.0, 10.0, -20.0, -20.0))
     angle = np.concatenate(((0.0,), np.cumsum(0.5 * (speed[1:] + speed[:-1])) * 1e-3))
     for name, expected in {'tan': 8.104, 'saw': 8.227, 'sat': 12.498, 'sin': 13.992}.items():
-        out = make(order=2, epsilon=0.7, injection=name).run(stamps(t), wrapped(angle), fast=False)
+        out = make(order=2, epsilon=0.7, injection=name).run(stamps(t), wrapped(angle))
         assert math.sqrt(np.mean((out.velocity - speed)[2000:] ** 2)) == pytest.approx(
             expected, rel=0.04
         ), name
@@ -158,7 +158,7 @@ def test_no_false_lock_where_the_wrapped_innovation_has_one():
     speed = 150.0 * (1.0 - np.exp(-t / 0.5))
     angle = 150.0 * (t - 0.5 * (1.0 - np.exp(-t / 0.5)))
     paper, robust = (
-        make(form=form, order=2, epsilon=0.4).run(stamps(t), wrapped(angle), fast=False)
+        make(form=form, order=2, epsilon=0.4).run(stamps(t), wrapped(angle))
         for form in ('paper', 'robust')
     )
     assert abs(speed - paper.velocity)[-1] == pytest.approx(104.8, abs=0.5)
@@ -170,9 +170,9 @@ def test_the_speed_limit_holds():
     t = 0.01 * np.arange(200)
     for order in (2, 3):
         joint = make(order=order, max_speed=5.0)
-        out = joint.run(stamps(t), wrapped(8.0 * t), fast=False)
+        out = joint.run(stamps(t), wrapped(8.0 * t))
         assert np.max(np.abs(out.velocity)) <= 5.0
-        out = make(order=order, max_speed=5.0).run(stamps(t), wrapped(4.0 * t), fast=False)
+        out = make(order=order, max_speed=5.0).run(stamps(t), wrapped(4.0 * t))
         assert out.velocity[-1] == pytest.approx(4.0)
 
 
@@ -184,7 +184,7 @@ def test_no_acceleration_winds_up_at_the_speed_limit(bandwidth, settled):
     t = 0.01 * np.arange(1000)
     speed = np.interp(t, (0.0, 1.0, 2.0, 4.0, 5.0, 10.0), (3.0, 3.0, 8.0, 8.0, 3.0, 3.0))
     angle = np.concatenate(((0.0,), np.cumsum(0.5 * (speed[1:] + speed[:-1])) * 0.01))
-    out = make(max_speed=5.0, bandwidth_hz=bandwidth).run(stamps(t), wrapped(angle), fast=False)
+    out = make(max_speed=5.0, bandwidth_hz=bandwidth).run(stamps(t), wrapped(angle))
     assert np.max(out.velocity) == 5.0
     assert np.max(np.abs(out.acceleration[250:400])) < 1.0
     late = (out.velocity > 4.9) & (t > 4.0)
@@ -196,7 +196,7 @@ def test_a_gap_re_initialises_the_position_and_keeps_the_speed():
     t = np.concatenate((0.01 * np.arange(200), 0.01 * np.arange(240, 340)))
     angle = 150.0 * t
     joint = make(bandwidth_hz=5.0)
-    out = joint.run(stamps(t), wrapped(angle), fast=False)
+    out = joint.run(stamps(t), wrapped(angle))
     assert joint.events() == {'gap': 1}
     assert out.velocity[199:] == pytest.approx(150.0, abs=1e-5)
     assert wrapped(out.position - angle)[199:] == pytest.approx(0.0, abs=1e-6)
@@ -207,7 +207,7 @@ def test_a_gap_re_initialises_the_position_and_keeps_the_speed():
 def test_a_gap_after_which_the_speed_is_another():
     t = np.concatenate((0.01 * np.arange(200), 0.01 * np.arange(300, 400)))
     angle = np.where(t < 2.5, 150.0 * t, -40.0 * t)
-    out = make().run(stamps(t), wrapped(angle), fast=False)
+    out = make().run(stamps(t), wrapped(angle))
     wrong = np.abs(out.velocity[200:] + 40.0) > 4.0
     assert not wrong[8:].any()
     assert not np.any(wrong & (out.status[200:] == TRACKING))
@@ -219,7 +219,7 @@ def test_a_reading_that_skips_and_stays_does_not_kick_the_speed(order):
     """2 rad at once, as where a belt jumps: the speed is held, and a new start finds it again."""
     t = 1e-3 * np.arange(2000)
     angle = 5.0 * t + np.where(t > 1.0, 2.0, 0.0)
-    out = make(order=order).run(stamps(t), wrapped(angle), fast=False)
+    out = make(order=order).run(stamps(t), wrapped(angle))
     assert out.velocity[500:] == pytest.approx(5.0, abs=1e-3)
     assert wrapped(out.position - angle)[-500:] == pytest.approx(0.0, abs=1e-6)
 
@@ -263,7 +263,7 @@ def test_streams_of_the_spec(name):
         angle[500] += float(name.split()[1])
     joint = make(order=2, epsilon=0.1, quantum=quantum)
     joint.set_settings(dataclasses.replace(joint.settings, timeout=2.0))
-    out = joint.run(stamps(stamped), wrapped(angle), fast=False)
+    out = joint.run(stamps(stamped), wrapped(angle))
     error = (out.velocity - 150.0)[(times > 2.0) & (out.verdict < DUPLICATE)]
     largest, rms = STREAMS[name]
     assert 0.5 * largest < np.max(np.abs(error)) < 1.5 * largest
@@ -279,7 +279,7 @@ def test_other_periods(period):
     t = 1e-3 * np.arange(2000)
     speed = 20.0 * period / TURN
     for gains in ({}, {'injection': 'tan', 'order': 2}, {'form': 'paper', 'bandwidth_hz': 10.0}):
-        out = make(period=period, **gains).run(stamps(t), (speed * t) % period, fast=False)
+        out = make(period=period, **gains).run(stamps(t), (speed * t) % period)
         assert out.velocity[-1] == pytest.approx(speed, rel=1e-6)
         assert out.status[-1] == TRACKING
         assert np.all((out.position >= 0.0) & (out.position < period))
@@ -289,11 +289,11 @@ def test_other_periods(period):
 def test_a_joint_without_a_circle_is_linear(order, lag):
     t = 1e-3 * np.arange(1000)
     position = 50.0 + 30.0 * np.sin(3.0 * t)  # metres; nothing wraps
-    out = make(period=0.0, order=order).run(stamps(t), position, fast=False)
+    out = make(period=0.0, order=order).run(stamps(t), position)
     assert out.velocity[500:] == pytest.approx((90.0 * np.cos(3.0 * t))[500:], abs=lag)
     assert out.position[500:] == pytest.approx(position[500:], abs=1e-2 * lag)
     jump = np.where(np.arange(1000) < 500, 0.0, 10.0)
-    out = make(period=0.0, order=order).run(stamps(t), jump, fast=False)
+    out = make(period=0.0, order=order).run(stamps(t), jump)
     assert out.velocity[500] > 100.0  # followed at once: here it is no outlier
 
 
@@ -309,7 +309,7 @@ def test_gains_change_live_without_losing_the_state():
         assert joint.estimate()[1] == pytest.approx(40.0, abs=1e-6)
         assert joint.estimate()[3] == TRACKING
     slow = make(bandwidth_hz=5.0)
-    slow.run(stamps(t), y, fast=False)
+    slow.run(stamps(t), y)
     assert joint.stddev()[0] >= 0.0
     now, then = joint.channel.track.coefficients, slow.channel.track.coefficients
     assert (now.alpha, now.beta, now.gamma) == (then.alpha, then.beta, then.gamma)
@@ -325,8 +325,7 @@ def low_speed(angle, **gains):
     y = np.floor(angle / QUANTUM) * QUANTUM
     ns = stamps(1e-3 * np.arange(len(y)))
     return tuple(
-        make(low_speed_bound=bound, **gains).run(ns, wrapped(y), fast=False).velocity
-        for bound in (True, False)
+        make(low_speed_bound=bound, **gains).run(ns, wrapped(y)).velocity for bound in (True, False)
     )
 
 

@@ -1,29 +1,22 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated streams of many kinds, on which one observer may surprise who is used to another.
+"""Simulated streams on which two observers of an angle are compared.
 
-    python -m benchmarks accuracy --part streams
-
-Seven rates, four motions and four kinds of reading; and what readings suffer on their way (filters,
-repeats, rounding, jitter, glitches) at 1 kHz. All at two phases of the sampling: at phase 0 the
-corners of the motion are at samples. No quantum is given, and every observer has its defaults.
+Seven rates, four motions, readings with and without quantisation and noise; and at 1 kHz what
+drivers do to readings.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.signals import SKIPPED, START_NS, Samples, constant, encoder, sine, trapezoid
-from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.text import fixed, markdown, number, table
-from estimator_pkg.progress import progress
-from estimator_pkg.sensor.guard import DUPLICATE
+from benchmarks.signals import START_NS, Samples, constant, encoder, sine, trapezoid
 
 Array = NDArray[Any]
 
@@ -39,8 +32,6 @@ TURN = 2.0 * math.pi
 QUANTUM = TURN / 4096
 START = 0.3  # [rad]
 CUTOFF = 30.0  # [Hz] of the low-pass
-MAIN, RIVAL = 'edge_adaptive', 'hybrid_angle'
-MOST = 1.25  # of the rival's error
 
 
 class Stream(NamedTuple):
@@ -120,49 +111,3 @@ def _low_passed(reading: Array, rate: float) -> Array:
 
 def _samples(time: Array, angle: NDArray[Any], velocity: NDArray[Any]) -> Samples:
     return Samples(START_NS + np.rint(time * 1e9).astype(np.int64), angle, velocity)
-
-
-def run(names: Iterable[str] = (MAIN, RIVAL), *, fast: bool | None = None) -> list[dict[str, Any]]:
-    """Return one row per stream: rms error per observer [rad/s], and ratio of the first two."""
-    entries = [Entry(name, name) for name in names]
-    joints: dict[tuple[str, float], Any] = {}
-    rows = []
-    every = [(phase, each) for phase in PHASES for each in streams(phase)]
-    with progress('streams', len(every)) as advance:
-        for phase, each in every:
-            row: dict[str, Any] = {'stream': each.name, 'phase': phase}
-            for entry in entries:
-                key = (entry.label, each.period)
-                if key not in joints:
-                    joints[key] = entry.joint(wrap_period=each.period)
-                row[entry.label] = _error(joints[key], each.samples, fast)
-            first, second = (row[entry.label] for entry in entries[:2])
-            rows.append({**row, 'ratio': first / max(second, 1e-9)})
-            advance(1)
-    return rows
-
-
-def _error(joint: Any, samples: Samples, fast: bool | None) -> float:
-    joint.reset()
-    out = joint.run(samples.stamps, samples.angle, fast=fast)
-    counted = (samples.stamps - samples.stamps[0]) * 1e-9 >= SKIPPED
-    counted &= out.verdict < DUPLICATE
-    return float(np.sqrt(np.mean((out.velocity - samples.velocity)[counted] ** 2)))
-
-
-def describe(rows: list[dict[str, Any]], as_markdown: bool = False) -> str:
-    """Return the summary and every stream on which the first observer is worse."""
-    ratios = np.array([row['ratio'] for row in rows])
-    worse = sorted((row for row in rows if row['ratio'] > 1.0), key=lambda row: -row['ratio'])
-    lines = [
-        (row['stream'], f'{row["phase"]:g}', number(row[MAIN], 3), number(row[RIVAL], 3))
-        + (fixed(row['ratio'], 2),)
-        for row in worse
-    ]
-    mean = float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-6)))))
-    return (
-        f'{MAIN} over {RIVAL} on {len(rows)} streams: {fixed(mean, 3)} in the geometric mean, '
-        f'above 1 on {len(worse)}, above {MOST:g} on {int(np.sum(ratios > MOST))}; '
-        'velocity rms [rad/s] where it is worse\n\n'
-        + (markdown if as_markdown else table)(('stream', 'phase', MAIN, RIVAL, 'ratio'), lines)
-    )
