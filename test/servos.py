@@ -64,7 +64,7 @@ def feed(made, angles, inputs, dt=1e-3, start_ns=10**18):
     stamps = start_ns + np.rint(
         np.concatenate([[0.0], np.cumsum(np.broadcast_to(dt, len(inputs)))]) * 1e9
     ).astype(np.int64)
-    return made.run(stamps, angles, np.concatenate([[0.0], inputs]), fast=fast), stamps
+    return made.run(stamps, angles, np.concatenate([[0.0], inputs])), stamps
 
 
 def excited(count, hold=200, seed=1, size=5.0):

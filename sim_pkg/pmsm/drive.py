@@ -122,6 +122,7 @@ def advance(
     Parameters
     ----------
     read : measured current [A]. angle, omega, forced : from the feedback, see `sensored`.
+    reference, acceleration, load : shape (n,). samples, truth : the rows of `Record`, shape (n m,).
     """
     period, dc, dead, offset = control.period, control.dc_voltage, parts.dead, parts.offset
     if forced != 0.0:

@@ -181,6 +181,7 @@ def along(
     Parameters
     ----------
     start : state at either end of the stretch, relative to its cell.
+    gaps, centres, sites, messages : shape (count + 1,), (count,), (2 count,), (9 count,).
     """
     log_z, way = 0.0, -1
     x = Motion()
@@ -208,6 +209,10 @@ def filtered(
     """Fill the sites from the readings before each, in one pass; return the same logarithm.
 
     It is the product of the probabilities of each cell after those before it: a rough guess.
+
+    Parameters
+    ----------
+    gaps, centres, sites : shape (count + 1,), (count,), (2 count,).
     """
     log_z = 0.0
     x = Motion()
