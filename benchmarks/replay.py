@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks import outside
 from benchmarks.signals import RATE, START_NS, encoder, sine
 from benchmarks.update import MAIN
 from estimator_pkg.bags.writer import BagWriter
@@ -32,10 +33,8 @@ from estimator_pkg.progress import progress
 
 MESSAGES = 1_000_000
 JOINTS = 7
-ROUNDS = 2
 READ_FACTOR = 3.0  # required speed of reading and estimating over rosbags' reading
 WRITE_FACTOR = 1.0  # the same with --out
-FLAT = 1.1  # largest ratio of peak memory at full length to that at a quarter of it
 CHUNK = 10_000
 
 PEER = """
@@ -97,7 +96,7 @@ def run_process(code: str, *arguments: str) -> Cost:
     """
     begun = time.perf_counter()
     words = [sys.executable, '-c', WEIGHED + code, *arguments]
-    done = subprocess.run(words, capture_output=True, text=True, errors='replace')
+    done = subprocess.run(words, capture_output=True, text=True, errors='replace', **outside())
     wall = time.perf_counter() - begun
     if done.returncode:
         lines = done.stderr.strip().splitlines()
@@ -106,7 +105,7 @@ def run_process(code: str, *arguments: str) -> Cost:
     return Cost(wall, cpu, 1.024e-3 * memory)
 
 
-def replays(messages: int = MESSAGES, rounds: int = ROUNDS) -> list[dict[str, Any]]:
+def replays(messages: int = MESSAGES, rounds: int = 2) -> list[dict[str, Any]]:
     """Return messages per second of CPU with and without --out, compared with rosbags; memory."""
     if not Path('/proc/self/status').exists():
         return [not_run('replay', 'this platform does not report the memory of a process')]
@@ -150,5 +149,5 @@ def replays(messages: int = MESSAGES, rounds: int = ROUNDS) -> list[dict[str, An
     full = max(cost.memory for cost in costs['with'])
     rows.append(row(f'peak memory with --out, {messages} messages', full, 'MB'))
     rows.append(row(f'peak memory with --out, {messages // 4} messages', short.memory, 'MB'))
-    rows.append(row('peak memory, four times the length', full / short.memory, 'times', limit=FLAT))
+    rows.append(row('peak memory, four times the length', full / short.memory, 'times', limit=1.1))
     return rows

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -15,19 +14,20 @@ from contextlib import contextmanager
 
 import psutil
 
+from benchmarks import outside
 from estimator_pkg.errors import UserError
 from estimator_pkg.ros.runtime import prepare_environment
 
 JOINTS = 7  # in each message
 MODULE = 'estimator_pkg.nodes.executables {}'
 NULL = 'null_node'
-# The observer nodes with input joint_states, and the parameters that they need for these joints.
+# The observer nodes with input joint_states, and the arguments that they need for these joints.
 # `mechanical_observer` and `switched_observer` take one of the joints, the others all.
 NODES: dict[str, tuple[str, ...]] = {
     'joint_observer': (),
     'adaptive_observer': (),
-    'mechanical_observer': ('joints:=[joint_0]',),
-    'switched_observer': ('joints:=[joint_0]',),
+    'mechanical_observer': ('--ros-args', '-p', 'joints:=[joint_0]'),
+    'switched_observer': ('--ros-args', '-p', 'joints:=[joint_0]'),
 }
 
 
@@ -40,20 +40,17 @@ def process(
 ) -> Iterator[subprocess.Popen]:
     """Run a role of `roles`, or 'node' for `module`, as a process that ends with the block."""
     prepare_environment()
-    environment = {
-        **os.environ,
-        'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
+    where = outside()
+    where['env'] |= {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     program = (
         ['-m', *module.split()] if words == ('node',) else ['-m', 'benchmarks.live.roles', *words]
     )
     child = subprocess.Popen(
         [sys.executable, *program, *extra],
-        env=environment,
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
+        **where,
     )
     try:
         yield child
@@ -74,10 +71,7 @@ def observer(name: str, domain: int) -> Iterator[subprocess.Popen]:
         with process('null', domain=domain) as child:
             yield child
         return
-    extra = ['--ros-args'] if NODES[name] else []
-    for value in NODES[name]:
-        extra += ['-p', value]
-    with process('node', domain=domain, extra=tuple(extra), module=MODULE.format(name)) as child:
+    with process('node', domain=domain, extra=NODES[name], module=MODULE.format(name)) as child:
         yield child
 
 

@@ -6,12 +6,15 @@
 import contextlib
 import json
 import math
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import estimator_pkg
 from benchmarks import __main__ as command
 from benchmarks import accuracy, live, replay, update
 from benchmarks.__main__ import main
@@ -22,6 +25,7 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import timing
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 
+ROOT = Path(__file__).resolve().parents[2]
 QUANTUM = 2.0 * math.pi / COUNTS
 SHORT = tuple(Signal(s.name, s.summary, s.motion, s.jitter, s.dropped) for s in SIGNALS[1:2])
 
@@ -222,6 +226,17 @@ def test_the_bag_of_the_replay_is_a_stream_of_joint_states(tmp_path):
 def test_a_failing_process_is_one_line():
     with pytest.raises(UserError, match='failed: ValueError: so it is'):
         replay.run_process('raise ValueError("so it is")')
+
+
+def test_what_is_measured_is_the_installed_package():
+    """`python -m benchmarks` finds the checkout first, whose package has no engine."""
+    found = f'sys.path.insert(0, {str(ROOT)!r}); import benchmarks, estimator_pkg as found'
+    code = f'import sys; {found}; print(found.__file__)'
+    words = [sys.executable, '-c', code]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == estimator_pkg.__file__
+    with pytest.raises(UserError, match=re.escape(f'ValueError: {estimator_pkg.__file__}')):
+        replay.run_process('import estimator_pkg as found; raise ValueError(found.__file__)')
 
 
 def test_a_process_is_weighed():
