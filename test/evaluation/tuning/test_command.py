@@ -162,7 +162,7 @@ def test_on_a_recording_it_is_as_good_as_the_grid():
             (
                 sum(
                     costs(
-                        measure(record.seen, 'hybrid_angle', each, False),
+                        measure(record.seen, 'hybrid_angle', each),
                         record.seen,
                         PREFERENCES['balanced'],
                     ).values()
@@ -610,7 +610,7 @@ def test_without_a_name_only_a_better_observer_replaces_the_default(monkeypatch)
         )
         each = [{'joint': joint, 'gains': {}, 'default_point': point} for joint in joints]
         groups = {joint: [record] for joint in joints}
-        return any_observer.against_default(each, groups, [], tuning, False)[0]
+        return any_observer.against_default(each, groups, [], tuning)[0]
 
     assert replaces('a') and replaces('a', 'b')
     assert not replaces('b') and not replaces('a', 'c')
