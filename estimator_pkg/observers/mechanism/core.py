@@ -6,9 +6,9 @@
 A measurement is the vector of all positions. The input is the vector of forces and torques that
 acted from the previous sample to this one. An observer adds two functions, and imports those here:
 
-    advance(model, core, work, coefficients, design, before, moved, measurement, known_input)
+    advance(model, state, coefficients, design, measurement, known_input)
         Set `work.after`, the core state after one sample: `before` is the previous measurement,
-        `moved` the wrapped change since then. Return False where the model is not valid.
+        `work.moved` the wrapped change since then. Return False where the model is not valid.
     carry(model, core, work, design, at)
         Set the velocities v at the positions `at` after samples without input or measurement.
 
@@ -123,15 +123,7 @@ def step(
     if not is_finite(observer.model.INPUTS, known_input):
         trouble = NO_INPUT
     elif not observer.advance(
-        observer.model,
-        core,
-        work,
-        coefficients,
-        design,
-        state.before,
-        work.moved,
-        measurement,
-        known_input,
+        observer.model, state, coefficients, design, measurement, known_input
     ):
         trouble = OUT_OF_DOMAIN
     elif not (is_finite(n, work.after.e) and is_finite(n, work.after.v)):
@@ -257,15 +249,16 @@ def go_on(model: Any, state: State, design: Design, measurement: Vector) -> None
         follow(state.conventions[i], measurement[i], design.periods[i])
 
 
-def place(model: Any, at: Vector, design: Design, before: Vector, moved: Vector, e: Vector) -> None:
-    """Set the positions at which a step evaluates the model."""
+def place(model: Any, state: State, design: Design) -> None:
+    """Set the positions `work.at` at which a step evaluates the model."""
+    work = state.work
     for i in range(model.JOINTS):
         if not design.at_measurement:
-            at[i] = before[i] + e[i]
+            work.at[i] = state.before[i] + state.core.e[i]
         elif design.linear_hold:
-            at[i] = before[i] + 0.5 * moved[i]
+            work.at[i] = state.before[i] + 0.5 * work.moved[i]
         else:
-            at[i] = before[i]
+            work.at[i] = state.before[i]
 
 
 def walk(
@@ -302,18 +295,8 @@ def walk(
                 state.before[i] = measured[(k - 1) * n + i]
                 work.now[i] = measured[k * n + i] if part == parts - 1 else state.before[i]
                 work.moved[i] = work.now[i] - state.before[i]
-            good = observer.advance(
-                observer.model,
-                core,
-                work,
-                coefficients,
-                design,
-                state.before,
-                work.moved,
-                work.now,
-                work.given,
-            )
-            if good:
+            model = observer.model
+            if observer.advance(model, state, coefficients, design, work.now, work.given):
                 core.take(work.after)
         for i in range(n):
             if single:

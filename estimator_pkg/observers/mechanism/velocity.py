@@ -107,12 +107,9 @@ def brake(model: Any, work: Work, design: Design, v: Vector, u: Vector, h: float
 
 def advance(
     model: Any,
-    core: Core,
-    work: Work,
+    state: State,
     coefficients: Coefficients,
     design: Design,
-    before: Vector,
-    moved: Vector,
     measurement: Vector,
     known_input: Vector,
 ) -> bool:
@@ -120,8 +117,9 @@ def advance(
 
     qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)
     """
-    n, after, dt = model.JOINTS, work.after, coefficients.dt
-    place(model, work.at, design, before, moved, core.e)
+    n, core, work, dt = model.JOINTS, state.core, state.work, coefficients.dt
+    after, moved = work.after, work.moved
+    place(model, state, design)
     if not model.admits(design.values, work.at):
         return False
     after.take(core)
@@ -198,7 +196,10 @@ def linear_plan(
     ------
     UsageError : the error does not decay; the text is `complaint` with the slowest pole.
     """
-    matrices = matrices_over_range(mechanics, L, K, E, point)
+    places = [point]
+    if mechanics.damped:
+        places += [q for q, _ in check.random_states(mechanics)]
+    matrices = [linear_matrix(mechanics, L, K, E, q) for q in places]
     slowest, n = mechanical_gains.slowest_pole(matrices[0]), mechanics.degrees
     if slowest <= 0.0:
         raise UsageError(f'{complaint} (slowest pole {-slowest:+.3g} 1/s)')
@@ -221,39 +222,5 @@ def linear_plan(
         ),
         lag=float(np.max(np.diag(L) / np.diag(K))) if E is None else 0.0,
         linear=lambda at, power: (linear_matrix(mechanics, L, K, E, at), np.eye(n)),
-        describe=lambda dt: describe_linear(L, K, matrices, dt),
+        describe=lambda dt: mechanical_gains.describe_loop(L, K, matrices, dt),
     )
-
-
-def matrices_over_range(
-    mechanics: Mechanics, L: Array, K: Array, E: Array | None, point: Array
-) -> list[Array]:
-    """Return the error systems [1/s], shape (m, m), at `point`; with damping, over the range."""
-    places = [point]
-    if mechanics.damped:
-        places += [q for q, _ in check.random_states(mechanics)]
-    return [linear_matrix(mechanics, L, K, E, q) for q in places]
-
-
-def describe_linear(L: Array, K: Array, matrices: list[Array], dt: float) -> dict[str, Any]:
-    """Return properties of these gains by name; `gains.MEANINGS` has their titles and units.
-
-    Parameters
-    ----------
-    L, K : gains [1/s, 1/s^2], shape (n, n).
-    matrices : error systems [1/s], shape (m, m), from `matrices_over_range`.
-    dt : sample time [s].
-    """
-    return {
-        'L': L.tolist(),
-        'K': K.tolist(),
-        'poles': sorted(
-            (complex(pole) for pole in np.linalg.eigvals(matrices[0])),
-            key=lambda pole: (pole.real, pole.imag),
-        ),
-        'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(L))).tolist(),
-        'slowest_pole_over_range': min(map(mechanical_gains.slowest_pole, matrices)),
-        'dt_K': (dt * np.diag(K)).tolist(),
-        'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(L))),
-        'longest_euler_dt': mechanical_gains.longest_euler(matrices),
-    }
