@@ -14,8 +14,6 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING, Estimate
 from estimator_pkg.observers.adaptive import observer as adaptive
-from estimator_pkg.observers.adaptive.filter import feed as filtered
-from estimator_pkg.observers.adaptive.filter import rows, series
 from estimator_pkg.observers.adaptive.law import ADAPTING, FROZEN, GATED, INIT
 from estimator_pkg.observers.adaptive.observer import Gains
 from estimator_pkg.observers.adaptive.structure import structure
@@ -109,30 +107,6 @@ def test_vectors_of_the_recursion(form):
             # the reference prints ten digits
             assert out.position == pytest.approx(position, rel=2e-9, abs=1e-15)
             assert state.theta == pytest.approx(theta, rel=2e-9)
-
-
-def test_the_paper_form_keeps_the_matrix_regressor():
-    """The rows of Upsilon that are not stored are those of (11), filtered entry by entry."""
-    a = [-22.0, -120.0]
-    matrix = np.array([[-22.0, 1.0], [-120.0, 0.0]])
-    f, g0, g1 = series(a, 12.0, 0.01)
-    columns = list(zip(*rows(f, a)))
-    e = expm(
-        np.block(
-            [
-                [matrix * 0.01, np.eye(2) * 0.01, np.zeros((2, 2))],
-                [np.zeros((2, 4)), np.eye(2)],
-                [np.zeros((2, 6))],
-            ]
-        )
-    )
-    transition, held, rising = e[:2, :2], e[:2, 2:4], e[:2, 4:]
-    whole, row = np.zeros((2, 2)), [0.0, 0.0]
-    random = np.random.default_rng(1)
-    for y, change in random.normal(size=(200, 2)):
-        whole = transition @ whole + held * y + rising * change
-        filtered(row, columns, g0, g1, y, change)
-    assert np.allclose(rows(row, a), whole, rtol=1e-11, atol=1e-13)
 
 
 @pytest.mark.long

@@ -22,7 +22,7 @@ from estimator_pkg.engine.calls import Memory
 from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.angle.kalman import Coefficients, Core, Design, noise_gains
 from estimator_pkg.observers.maths import covariance
-from estimator_pkg.observers.maths.covariance import Covariance, steady_gains_2
+from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.sensor.scatter import FINEST, Scatter, begin_scatter, follow_scatter
 
 DT = 1e-3
@@ -96,13 +96,6 @@ def test_equals_a_textbook_filter_with_jittered_stamps(order):
     expected = textbook(at, measured, order, density, 1e-6)
     np.testing.assert_allclose(out.velocity[30:], expected[30:], atol=2e-3)  # the priors differ
     np.testing.assert_allclose(out.velocity[200:], expected[200:], atol=1e-6)
-
-
-@orders
-def test_process_noise_is_the_integral(order):
-    ours = upper(of_noise(order, 7.0, 0.013), order)
-    rows, columns = np.triu_indices(order)
-    np.testing.assert_allclose(ours, 7.0 * process_noise(order, 0.013)[rows, columns], rtol=1e-12)
 
 
 @pytest.mark.parametrize('speed', [-300.0, -10.0, 0.0, 10.0, 300.0])
@@ -225,15 +218,6 @@ def test_readings_without_noise_leave_the_filter_stable(order, rate, noise):
         assert np.all(error < 0.05 * np.max(np.abs(velocity)))
 
 
-@given(st.floats(-2.0, 8.0))
-def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
-    density, dt = 10.0**exponent, 0.02
-    p, q = of_line(2, dt), of_noise(2, density, dt)
-    for _ in range(2_000):
-        covariance.update_2(p, q, dt, 1.0)
-    assert steady_gains_2(density, dt) == pytest.approx((p.p00, p.p01 * dt), rel=1e-9)
-
-
 def noise_gains_of(order, *gains):
     """Those of a filter with these gains at DT, after its second sample."""
     core, coefficients, design = Core(), Coefficients(), Design()
@@ -279,26 +263,6 @@ def test_noise_is_seen_through_fast_motion(noise):
     assert estimated(measured) == pytest.approx(noise, rel=0.15)
 
 
-def test_noise_gains_of_unstable_gains_are_those_after_the_third_sample():
-    """A first sample time that is far too long leaves such gains for some samples."""
-    for alpha, beta, gamma in ((1.0, 2.2, 0.5), (0.6, 3.3, 0.5), (0.3, 0.1, 0.9)):
-        gain = alpha, beta / DT, gamma / DT**2
-        expected = (alpha, pytest.approx((2.0 - 6.0 * beta * (1.0 - beta)) / DT**2), 6.0)
-        assert noise_gains_of(3, *gain) == expected
-        if gamma == 0.5:
-            assert noise_gains_of(2, *gain) == expected
-
-
-def test_noise_is_seen_only_where_sample_times_differ_little():
-    """Each second one is longer: 1.9 times as long is used, 2.1 times as long is not."""
-    for longer, used in ((1.9, True), (2.1, False)):
-        scatter = Scatter()
-        begin_scatter(scatter, 0.0)
-        for k, value in enumerate(np.random.default_rng(3).normal(0.0, 1e-3, 500).tolist()):
-            follow_scatter(scatter, value, DT * (longer if k % 2 else 1.0), 6.3)
-        assert (scatter.count > 100.0) == used
-
-
 @pytest.mark.parametrize('speed', [0.02, 0.3, 3.0, 30.0])
 def test_quantisation_counts_as_its_uniform_noise(speed):
     quantum = 2.0 * math.pi / 4096
@@ -339,12 +303,3 @@ def test_noise_not_given_costs_little(order):
             out = make('kalman', {**MODELS[order], **given_noise}).run(stamps(8000), measured)
             rms.append(np.sqrt(np.mean((out.velocity - truth)[1000:] ** 2)))
         assert rms[1] < 1.1 * rms[0]
-
-
-def test_bandwidth_goes_before_the_density():
-    gains = {'bandwidth_hz': 20.0, 'noise': 1e-3}
-    measured = wrapped(np.random.default_rng(6).normal(0.0, 1e-3, 500))
-    outs = [
-        make('kalman', {**gains, 'jerk_psd': psd}).run(stamps(500), measured) for psd in (1.0, 1e6)
-    ]
-    np.testing.assert_array_equal(outs[0].velocity, outs[1].velocity)

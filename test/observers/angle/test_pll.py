@@ -14,12 +14,7 @@ from scipy.linalg import solve_discrete_lyapunov
 from test_frequency_response import placed, transition
 
 from estimator_pkg.estimate import INITIALISING, TRACKING
-from estimator_pkg.observers.maths.tracking import (
-    matched,
-    natural_frequency,
-    noise_of_three,
-    noise_of_two,
-)
+from estimator_pkg.observers.maths.tracking import matched, natural_frequency, noise_of_three
 
 poles = st.floats(0.01, 0.995)
 
@@ -29,24 +24,6 @@ poles = st.floats(0.01, 0.995)
 )
 def test_natural_frequency_of_the_dampings_with_a_closed_form(damping, factor):
     assert natural_frequency(10.0, damping) == pytest.approx(20.0 * math.pi / factor, rel=1e-12)
-
-
-@given(st.floats(0.2, 10.0))
-def test_natural_frequency_puts_3_db_at_the_bandwidth(damping):
-    w0, w = natural_frequency(1.0, damping), 2.0 * math.pi
-    response = w0**2 / complex(w0**2 - w**2, 2.0 * damping * w0 * w)
-    assert abs(response) == pytest.approx(math.sqrt(0.5), rel=1e-9)
-
-
-@given(st.floats(0.1, 1e3), st.floats(-1e6, 1.0), st.floats(1e-4, 1.0))
-def test_matched_poles_are_the_continuous_ones(decay, part, dt):
-    square = part * decay * decay * 0.99 if part > 0.0 else part
-    alpha, beta = matched(decay, square, dt)
-    expected = np.exp(
-        np.array([-decay + np.sqrt(complex(square)), -decay - np.sqrt(complex(square))]) * dt
-    )
-    assert alpha == pytest.approx(1.0 - np.prod(expected).real, rel=1e-9, abs=1e-12)
-    assert beta == pytest.approx(np.prod(1.0 - expected).real, rel=1e-6, abs=1e-12)
 
 
 def test_matched_gains_of_a_slow_loop_keep_their_digits():
@@ -66,12 +43,6 @@ def exact(gain, dt):
     keep = np.eye(order) - np.outer(gain, np.eye(order)[0])
     p = solve_discrete_lyapunov(keep @ f, np.outer(gain, gain))
     return p[0, 0], p[1, 1] / dt**2, (f @ p @ f.T)[0, 0] + 1.0
-
-
-@given(poles, poles, st.floats(1e-4, 1.0))
-def test_noise_of_two_is_the_lyapunov_solution(one, other, dt):
-    gain = placed([one, other], dt)
-    assert noise_of_two(gain[0], gain[1] * dt, dt) == pytest.approx(exact(gain, dt), rel=1e-5)
 
 
 @given(poles, poles, poles, st.floats(1e-4, 1.0))

@@ -25,7 +25,6 @@ from estimator_pkg.observers.angle.super_twisting.observer import (
     Core,
     Gains,
 )
-from estimator_pkg.observers.maths.twisting import implicit_step, injections
 
 BOUND = {1: 25.0, 2: 150.0, 3: 1000.0}  # of the test signal's acceleration, jerk, snap
 
@@ -85,20 +84,6 @@ def test_vectors(form, order, expected):
     for sample, value in zip((1, 2, 3, 10, 100, 1000), expected):
         tolerance = 1e-6 if sample <= 10 else 1e-3 * max(1.0, abs(value))
         assert v[sample] == pytest.approx(value, abs=tolerance), sample
-
-
-@pytest.mark.parametrize('error', [0.0, 1e-9, 0.3, 2.0])
-def test_what_is_injected_opposes_the_error_alike_on_both_sides(error):
-    """gain sqrt|e| and alpha, with the sign of e; the implicit step never leaves more than e."""
-    for sign in (1.0, -1.0):
-        assert injections(sign * error, 3.0, 5.0) == pytest.approx(
-            (sign * 3.0 * math.sqrt(error), sign * 5.0 * (error > 0.0))
-        )
-        left, second = implicit_step(sign * error, 0.01, 3.0, 5.0)
-        assert 0.0 <= sign * left <= error and 0.0 <= sign * second <= 5.0
-        if error > 0.01:  # e = left + h (gain sqrt(left) + h alpha)
-            whole = sign * left + 0.01 * (3.0 * math.sqrt(sign * left) + 0.01 * 5.0)
-            assert whole == pytest.approx(error) and second == sign * 5.0
 
 
 TABLE = {  # (form, order): largest velocity error from 5 s on at h = 0.1, 1, 5, 10, 20 ms
@@ -273,32 +258,3 @@ def test_interval_covers_after_a_large_transient(outlier):
     later = (number > 1000) & ((number - 1000) % 500 > 150)
     error = np.abs(out.velocity - math.pi * np.cos(math.pi * time))[later]
     assert 0.92 <= np.mean(error < 1.96 * out.velocity_stddev[later]) <= 0.97
-
-
-def test_beyond_the_table_the_noise_gains_are_those_of_its_end():
-    design, dt = super_twisting.design(Gains(order=3), Circle(0.0)), 1e-3
-
-    def at(place):
-        """The gains at this place of the table: the speed of the error dynamics in samples."""
-        speed = 10.0 ** (tables.TABLE_FROM + tables.TABLE_STEP * place)
-        return tables.noise_gains_at((dt * design.scale / speed) ** 8, dt, design)
-
-    last = tables.TABLE - 1
-    assert at(-0.5) == at(-5.0) == pytest.approx(at(1e-6), rel=1e-4)
-    assert at(last + 0.5) == at(last + 9.0) == pytest.approx(at(last - 0.002), rel=1e-3)
-    for inside in (0.5, last - 0.5):
-        for here, below, above in zip(at(inside), at(inside - 0.5), at(inside + 0.4999)):
-            assert min(below, above) <= here <= max(below, above)
-        # as the filter of that speed has them
-        s = 10.0 ** (tables.TABLE_FROM + tables.TABLE_STEP * inside)
-        k = tables.matched(3, s, design.roots)
-        assert at(inside)[0] == pytest.approx(_position_variance(k), rel=2e-2)
-
-
-def _position_variance(k):
-    """Of the position per unit variance of the readings, of the filter with these gains."""
-    chain = np.array([[1.0, 1.0, 0.5, 1.0 / 6.0], [0, 1, 1, 0.5], [0, 0, 1, 1], [0, 0, 0, 1]])
-    gain = np.array(k)[:, None]
-    kept = (np.eye(4) - gain @ np.array([[1.0, 0.0, 0.0, 0.0]])) @ chain
-    found = np.linalg.solve(np.eye(16) - np.kron(kept, kept), (gain @ gain.T).ravel())
-    return found[0]

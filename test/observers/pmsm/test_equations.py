@@ -9,15 +9,13 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm, solve_discrete_lyapunov
+from scipy.linalg import expm
 
 from estimator_pkg.observers.maths.clarke import clarke, phases
-from estimator_pkg.observers.pmsm import identifier
 from estimator_pkg.observers.pmsm.drive import Sample
-from estimator_pkg.observers.pmsm.equations import emf, flux_linkage, reflect, rotor_angle
+from estimator_pkg.observers.pmsm.equations import emf, reflect
 from estimator_pkg.observers.pmsm.identifier import credible, shift, solve
-from estimator_pkg.observers.pmsm.noise import noise_gains
-from estimator_pkg.observers.pmsm.scheme import advance, exponential, prepare_scheme, turned_emf
+from estimator_pkg.observers.pmsm.scheme import advance, exponential, prepare_scheme
 from estimator_pkg.observers.pmsm.state import Design, Registers, Scheme
 from sim_pkg.reproduce.pmsm.reference import core_of, flow, vectors_of
 
@@ -178,21 +176,6 @@ def test_a_runaway_frame_stays_finite():
     assert all(math.isfinite(abs(value)) for value in (*vectors_of(core), x))
 
 
-def test_the_integral_of_a_turning_emf_is_exact():
-    for turn in (1e-7, 0.3, -2.5):
-        before, omega = 3.0 * unit(20.0), turn / 1e-4
-        now = before * cmath.exp(1j * turn)
-        *area, turned = turned_emf(before.real, before.imag, now.real, now.imag, 1e-4)
-        assert turned == pytest.approx(turn, rel=1e-6)
-        assert abs(complex(*area) - (now - before) / (1j * omega)) < 1e-9
-    assert turned_emf(0.0, 0.0, 0.0, 0.0, 1e-4) == (0.0, 0.0, 0.0)
-
-
-def test_a_back_emf_that_begins_has_not_turned():
-    zero = emf(core_of(0j, 0j, 1.0 + 0j))  # without -0.0
-    assert turned_emf(*zero, 3.0, -2.0, 1e-4)[2] == 0.0
-
-
 def ticks(omega, period, count=5, noise=0.0, seed=1):
     """Registers after `count` ticks of exact data at constant speed."""
     random = np.random.default_rng(seed)
@@ -206,37 +189,10 @@ def ticks(omega, period, count=5, noise=0.0, seed=1):
     return registers
 
 
-@pytest.mark.parametrize('omega', [1000.0, -1000.0, 2513.27])
-def test_least_squares_finds_the_flux_and_the_sign(omega):
-    registers = ticks(omega, 5e-3 if omega < 2000.0 else 4e-3)
-    assert solve(registers, 2)[0] == pytest.approx(math.copysign(1.0 / FLUX, omega), rel=1e-9)
-
-
 def gated(registers, lowest=200.0, highest=1500.0, least_emf=0.2):
     design = Design()
     design.periods, design.xi_low, design.xi_high = 2, lowest, highest
     return credible(registers, design, *solve(registers, 2), least_emf)
-
-
-@pytest.mark.parametrize(
-    ('gate', 'tight'),
-    [
-        ('', 0.0),
-        ('CHORD', 1.3),
-        ('REST', 1e-4),
-        ('lowest', 600.0),
-        ('highest', 500.0),
-        ('least_emf', 2.0),
-    ],
-)
-def test_each_gate_refuses_what_it_is_for(gate, tight, monkeypatch):
-    """Sound data passes all gates; then one of them is drawn tight."""
-    found, more = ticks(1000.0, 5e-3, noise=0.05), {}
-    if gate.isupper():
-        monkeypatch.setattr(identifier, gate, tight)
-    elif gate:
-        more = {gate: tight}
-    assert gated(found, **more) == (gate == '')
 
 
 def test_the_gates_refuse_whole_turns_per_tick():
@@ -245,37 +201,6 @@ def test_the_gates_refuse_whole_turns_per_tick():
         found = ticks(2.0 * math.pi / 5e-3, 5e-3, noise=0.01, seed=seed)
         assert not gated(found)
     assert abs(solve(found, 2)[0] - 1.0 / FLUX) > 270.0
-
-
-@pytest.mark.parametrize('omega', [0.0, 4000.0])
-def test_noise_gains_solve_the_lyapunov_equation(omega):
-    s, design = scheme_of(5e-5), Design()
-    design.inductance, design.k_p, design.k_i = L, K_P, K_I
-    # state (i, h, n): the noise of the sample before is remembered
-    turn = 1j * omega
-    a = np.array(
-        [
-            [s.e11, s.e12, s.ia - s.idd - turn * (s.iw - s.idw)],
-            [s.e21, s.e22, s.ha - s.hdd - turn * (s.hw - s.hdw)],
-            [0.0, 0.0, 0.0],
-        ]
-    )
-    b = np.array([[s.idd - turn * s.idw], [s.hdd - turn * s.hdw], [1.0]])
-    p = solve_discrete_lyapunov(a, b @ b.conj().T).real
-    of_h, of_innovation, of_integral = noise_gains(design, s, omega)
-    assert of_h == pytest.approx(p[1, 1], rel=1e-9)
-    assert of_innovation == pytest.approx(p[0, 0] + 1.0 - 2.0 * p[0, 2], rel=1e-9)
-    way = np.array([1.0, -K_P / K_I]) * L
-    assert of_integral == pytest.approx(way @ p[:2, :2] @ way, rel=1e-9)
-
-
-def test_outputs():
-    core = core_of(0j, 0j, unit(30.0))
-    for core.x, degrees in ((500.0, 30.0), (-500.0, -150.0)):
-        assert rotor_angle(core) == pytest.approx(math.radians(degrees))
-    assert flux_linkage(500.0, 1e-3, 4e-3) == 1.0 / 500.0
-    assert flux_linkage(0.0, 1e-3, 4e-3) == 4e-3
-    assert flux_linkage(-1e9, 1e-3, 4e-3) == 1e-3
 
 
 def test_clarke_is_amplitude_invariant_and_drops_the_common_part():

@@ -123,10 +123,3 @@ def test_the_second_filter_is_a_kalman_filter_of_its_own_density():
 
 def entries(p):
     return p.p00, p.p01, p.p02, p.p11, p.p12, p.p22
-
-
-def test_the_variance_follows_from_equal_shares_of_noise_and_jerk():
-    assert under_test.ratios(1.0) == pytest.approx((1.0, 1.0, 1.0))
-    _, _, speed = under_test.ratios(8.0)
-    assert speed == pytest.approx(0.5 * (math.sqrt(8.0) + 1.0 / math.sqrt(8.0)))
-    assert under_test.ratios(0.125)[2] == pytest.approx(speed)

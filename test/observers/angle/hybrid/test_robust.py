@@ -94,30 +94,6 @@ def fitted(dt, readings, order):
     return position, velocity
 
 
-@pytest.mark.parametrize('order', [2, 3])
-def test_a_start_is_least_squares_over_all_readings(order):
-    """Until the gains of the expanding memory have come down to the steady ones; anew after a
-    reading that is off by more than an eighth of a turn, from the one before it on.
-    """
-    dt = 1e-3
-    inner = Inner(dt, order=order, epsilon=0.05)
-    readings = 0.1 + 3.0 * dt * np.arange(20)
-    readings += 1e-3 * np.random.default_rng(1).standard_normal(20)
-    readings[8:] += 1.0
-    inner.put(last=readings[0])
-    first = 0
-    for k, reading in enumerate(readings[1:].tolist(), 1):
-        innovation = inner.correct(reading)
-        if k == 8:
-            assert innovation == pytest.approx(1.0, abs=0.02)
-        if k in (8, 9):  # that of 1000 rad/s, and back
-            first = k - 1
-        position, velocity = fitted(dt, readings[first : k + 1], order)
-        assert inner.core.position == pytest.approx(position, abs=1e-12)
-        assert inner.core.velocity == pytest.approx(velocity, abs=1e-8)
-    assert inner.core.phase == 20 - first  # it still starts
-
-
 @pytest.mark.parametrize('dt, held', [(1e-3, 20), (0.02, 3)])
 @pytest.mark.parametrize('order', [2, 3])
 def test_after_readings_that_stay_astray_it_starts_from_the_newest_two(order, dt, held):
@@ -318,60 +294,6 @@ def test_gains_change_live_without_losing_the_state():
 # --- the low-speed bound ----------------------------------------------------------------------
 
 QUANTUM = TURN / 4096
-
-
-def low_speed(angle, **gains):
-    """(bounded, free) velocities [rad/s] of this quantised angle [rad] at 1 kHz."""
-    y = np.floor(angle / QUANTUM) * QUANTUM
-    ns = stamps(1e-3 * np.arange(len(y)))
-    return tuple(
-        make(low_speed_bound=bound, **gains).run(ns, wrapped(y)).velocity for bound in (True, False)
-    )
-
-
-@pytest.mark.parametrize('quantum', [QUANTUM, 0.0])
-def test_a_standing_reading_bounds_the_speed(quantum):
-    """|v| <= (size of the last change, at least one quantum) / time since it."""
-    t = 1e-3 * np.arange(4000)
-    angle = np.where(t < 2.0, 0.3 * t, 0.6)
-    bounded, free = low_speed(angle, quantum=quantum, bandwidth_hz=2.0)
-    y = np.floor(angle / QUANTUM)
-    since = last = 0.0
-    cut = 0
-    for k in range(1, 4000):
-        if y[k] != y[k - 1]:
-            since, last = 0.0, abs(y[k] - y[k - 1]) * QUANTUM
-        else:
-            since += 1e-3
-        if since > 0.008 and last > 0.0:
-            assert abs(bounded[k]) <= max(last, quantum) / since * (1.0 + 1e-9)
-        cut += bounded[k] != free[k]
-    assert cut > 100
-    assert np.max(np.abs(free[2020:]) - 2.0 * np.abs(bounded[2020:])) > 0.0
-
-
-def test_a_stream_that_repeats_every_second_sample_is_not_slowed():
-    for hold in (2, 10):
-        angle = 3.0 * 1e-3 * (np.arange(4000) // hold * hold)
-        bounded, free = low_speed(angle, quantum=QUANTUM, bandwidth_hz=5.0)
-        np.testing.assert_array_equal(bounded, free)
-
-
-@pytest.mark.parametrize('noise', [None, 3.0 * QUANTUM])
-@pytest.mark.long
-def test_the_bound_is_off_where_the_noise_exceeds_a_quantum(noise):
-    random = np.random.default_rng(9)
-    angle = 3.0 * 1e-3 * np.arange(20_000) + random.normal(0.0, 3.0 * QUANTUM, 20_000)
-    for quantum in (QUANTUM, 0.0):
-        bounded, free = low_speed(angle, quantum=quantum, noise=noise)
-        assert np.mean(bounded[500:] != free[500:]) < 1e-3
-
-
-def test_the_bound_never_reaches_the_state():
-    t = 1e-3 * np.arange(3000)
-    angle = np.where(t < 1.5, 0.02 * t, 0.03 + 20.0 * (t - 1.5))
-    bounded, free = low_speed(angle, quantum=QUANTUM, bandwidth_hz=2.0)
-    np.testing.assert_array_equal(bounded[1600:], free[1600:])
 
 
 # --- plain and compiled -----------------------------------------------------------------------
