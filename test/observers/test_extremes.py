@@ -118,12 +118,6 @@ def test_kalman_beyond_nyquist_has_its_deviation_from_the_first_samples_on(model
     assert math.isfinite(joint.group_delay(0.01))
 
 
-@pytest.mark.parametrize('tau', [1e9, 1e15, 1e25])
-def test_steady_gains_of_a_joint_that_may_do_anything(tau):
-    """alpha to 1, beta to what the sampled double integrator's zero leaves: 3 - sqrt(3)."""
-    assert steady_gains_2(tau, 1.0) == pytest.approx((1.0, 3.0 - math.sqrt(3.0)), rel=1e-4)
-
-
 @pytest.mark.parametrize(
     'order, k',
     [

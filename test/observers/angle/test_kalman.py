@@ -218,31 +218,6 @@ def test_readings_without_noise_leave_the_filter_stable(order, rate, noise):
         assert np.all(error < 0.05 * np.max(np.abs(velocity)))
 
 
-def noise_gains_of(order, *gains):
-    """Those of a filter with these gains at DT, after its second sample."""
-    core, coefficients, design = Core(), Coefficients(), Design()
-    core.started, coefficients.dt, design.order = True, DT, order
-    core.p.p00, core.p.p01, core.p.p02 = gains
-    return noise_gains(core, coefficients, design)
-
-
-def test_noise_gains_of_any_stable_gains_solve_the_lyapunov_equation():
-    """Live changes of the bandwidth pass through gains that no steady filter has."""
-    random, stable = np.random.default_rng(5), 0
-    f = np.array([[1.0, DT, 0.5 * DT**2], [0.0, 1.0, DT], [0.0, 0.0, 1.0]])
-    while stable < 200:
-        alpha, beta, gamma = random.uniform(0.0, (2.0, 4.0, 4.0))
-        gain = np.array([alpha, beta / DT, gamma / DT**2])
-        kept = (np.eye(3) - np.outer(gain, [1.0, 0.0, 0.0])) @ f
-        if np.max(np.abs(np.linalg.eigvals(kept))) > 0.98:
-            continue
-        stable += 1
-        p = solve_discrete_lyapunov(kept, np.outer(gain, gain))
-        found = noise_gains_of(3, *gain.tolist())
-        expected = p[0, 0], p[1, 1], 1.0 + (f @ p @ f.T)[0, 0]
-        assert found == pytest.approx(expected, rel=1e-6)
-
-
 # The noise that is not given
 
 

@@ -405,21 +405,6 @@ def test_the_noise_of_the_velocity_is_as_computed():
     assert math.sqrt(observed.state.powers[0]) == pytest.approx(1e-6, rel=0.4)
 
 
-@pytest.mark.parametrize('length', [1, 2, 3, 5])
-def test_all_poles_are_in_one_place(length):
-    of_all = pole(length, 20.0)
-    for dt in (1e-4, 1e-2):
-        made_at = correction(length, of_all, dt)
-        gains, factors = made_at.gains, made_at.factors
-        n = length + 1
-        a = np.array([[factors[j - i] if j >= i else 0.0 for j in range(n)] for i in range(n)])
-        kept = np.eye(n)
-        kept[:, 0] -= gains
-        scale = np.diag([dt**i for i in range(n)])
-        wanted = np.poly([math.exp(-of_all * dt)] * n)
-        assert np.poly(scale @ kept @ a @ np.linalg.inv(scale)) == pytest.approx(wanted, abs=1e-9)
-
-
 def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():
     settings = build(DrivenSettings, {'wrap_period': 0.0})
     system = SwitchedJoint(OBSERVER, build(Gains, {'model': 'example', 'noise': 1e-4}), settings)
