@@ -18,7 +18,6 @@ from estimator_pkg.estimate import MISCONFIGURED
 from estimator_pkg.observers.angle.hybrid import observer as hybrid
 from estimator_pkg.observers.angle.hybrid import robust
 from estimator_pkg.observers.angle.hybrid.state import Coefficients
-from estimator_pkg.observers.maths.covariance import steady_gains_2
 from estimator_pkg.parameters import build, declared
 
 NAMES = [name for name in angle_observers() if name not in UNTUNED]

@@ -14,13 +14,12 @@ from engine_build import build
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from observer_cases import make, stamps, wrapped
-from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
+from scipy.linalg import solve_discrete_are
 from test_frequency_response import transition
 
 import estimator_pkg
 from estimator_pkg.engine.calls import Memory
 from estimator_pkg.estimate import TRACKING
-from estimator_pkg.observers.angle.kalman import Coefficients, Core, Design, noise_gains
 from estimator_pkg.observers.maths import covariance
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.sensor.scatter import FINEST, Scatter, begin_scatter, follow_scatter

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from observer_cases import make, stamps, wrapped
 from scipy.linalg import solve_discrete_lyapunov
 from test_frequency_response import placed, transition
 
-from estimator_pkg.estimate import INITIALISING, TRACKING
 from estimator_pkg.observers.maths.tracking import matched, natural_frequency, noise_of_three
 
 poles = st.floats(0.01, 0.995)

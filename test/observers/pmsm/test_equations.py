@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from estimator_pkg.observers.maths.clarke import clarke, phases
@@ -94,76 +93,6 @@ def sample_of(current, voltage):
     sample.i_alpha, sample.i_beta = current.real, current.imag
     sample.u_alpha, sample.u_beta = voltage.real, voltage.imag
     return sample
-
-
-@pytest.fixture
-def one_step_errors():
-    """Errors of (i, h, z, x) after one sample of dt against a fine solution of (16)."""
-    omega = 2200.0
-    z, i, h, x = unit(20.0), 0.5 - 1.0j, -0.6 - 3.9j, 500.0
-
-    def current(t):
-        return 4.0j * cmath.exp(1j * omega * t)
-
-    def voltage(t):
-        return 4.5j * cmath.exp(1j * (omega * t + 0.1))
-
-    def slope(t, s):
-        found = flow(
-            complex(s[0], s[1]),
-            complex(s[2], s[3]),
-            complex(s[4], s[5]),
-            s[6],
-            current(t),
-            voltage(t),
-            R,
-            L,
-            K_P,
-            K_I,
-            K_ETA,
-            GAMMA,
-        )
-        return [
-            found[0].real,
-            found[0].imag,
-            found[1].real,
-            found[1].imag,
-            found[2].real,
-            found[2].imag,
-            found[3],
-        ]
-
-    def of(dt):
-        exact = solve_ivp(
-            slope,
-            (0.0, dt),
-            [i.real, i.imag, h.real, h.imag, z.real, z.imag, x],
-            rtol=1e-12,
-            atol=1e-13,
-        ).y[:, -1]
-        half = 0.5 * omega * dt
-        mean = voltage(0.5 * dt) * math.sin(half) / half
-        core = core_of(i, h, z, current(0.0))
-        x_after, _ = advance(
-            core, scheme_of(dt), sample_of(current(dt), mean), x, K_ETA, GAMMA, 0.0
-        )
-        ours = *vectors_of(core), x_after
-        return np.array(
-            [
-                abs(ours[0] - complex(exact[0], exact[1])),
-                abs(ours[1] - complex(exact[2], exact[3])),
-                abs(ours[2] - complex(exact[4], exact[5])),
-                abs(ours[3] - exact[6]),
-            ]
-        )
-
-    return of
-
-
-def test_scheme_x_solves_the_flow_to_second_order(one_step_errors):
-    coarse, fine = one_step_errors(5e-5), one_step_errors(1.25e-5)
-    assert np.all(coarse < [5e-2, 1e-2, 1e-2, 2e-2])
-    assert np.all(fine < coarse / 16.0)  # a local error of third order: 64
 
 
 def test_a_runaway_frame_stays_finite():

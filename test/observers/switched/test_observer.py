@@ -21,7 +21,6 @@ from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import check, load, trajectory
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.observers.switched.state import Deviation
-from estimator_pkg.observers.switched.velocity import correction, pole
 from estimator_pkg.parameters import build
 from sim_pkg.reproduce.hybrid_discrete.runs import Observed
 

@@ -12,7 +12,6 @@ from observer_cases import make, stamps, wrapped
 
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
 from estimator_pkg.sensor.guard import REPEATED
-from sim_pkg.joints import profiles
 
 
 @pytest.mark.parametrize('counts', [1.01, 0.99, 0.51, 0.335, 1.49, 100.02, 130.67, 20.26])

@@ -11,14 +11,6 @@ import pytest
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, START_NS, encoder
 from estimator_pkg.evaluation.compare.delay import delay
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.observers.angle.edge import preference as under_test
-from estimator_pkg.observers.angle.edge.covariance import (
-    Coefficients,
-    predict_covariance,
-    set_covariance,
-)
-from estimator_pkg.observers.angle.edge.observer import Design, prepare
-from estimator_pkg.observers.maths.covariance import Covariance
 
 BY_NAME = {signal.name: signal for signal in SIGNALS + FURTHER}
 QUANTUM = 2.0 * math.pi / 4096

@@ -103,28 +103,6 @@ def test_the_joint_runs_algorithm_1_on_every_sample():
         assert out.velocity[k] == pytest.approx(state[1], rel=1e-7, abs=1e-7)
 
 
-def tan_ends_on_an_alias(start):
-    inner = Inner(0.01, form='paper', injection='tan', epsilon=0.1)
-    for _ in range(600):
-        inner.correct(start)
-    return abs(inner.core.velocity) > 1.0
-
-
-@pytest.mark.long
-def test_tan_sampled_ends_on_an_alias_from_8_of_360_angles():
-    starts = wrapped(np.radians(np.arange(360) + 0.5))
-    assert sum(map(tan_ends_on_an_alias, starts.tolist())) == 8
-
-
-def test_the_stability_limit_is_the_specs():
-    joint = make(form='paper', epsilon=0.1)
-    assert joint.longest_dt / 0.1 == pytest.approx(0.29666, abs=1e-5)
-    assert make(form='paper', epsilon=0.1, k1=5.0, k2=6.0).longest_dt / 0.1 == pytest.approx(
-        1.0 / 3.0, abs=1e-6
-    )
-    assert make().longest_dt == make(order=2).longest_dt == math.inf
-
-
 @pytest.mark.parametrize('k1, k2', [(6.0, 5.0), (5.0, 6.0), (1.0, 1.0), (2.0, 10.0)])
 def test_the_stability_limit_is_where_a_pole_leaves_the_unit_circle(k1, k2):
     limit = make(form='paper', epsilon=0.1, k1=k1, k2=k2).longest_dt / 0.1
@@ -142,17 +120,6 @@ def test_the_limit_is_told_in_numbers():
     bandwidth = float(told.rpartition(' ')[2].rstrip(')'))
     assert make(form='paper', bandwidth_hz=0.999 * bandwidth).limit(0.01) is None
     assert make(form='paper', bandwidth_hz=1.001 * bandwidth).limit(0.01) is not None
-
-
-def test_ramp_lag_is_the_specs_and_none_in_third_order():
-    t = 0.01 * np.arange(400)
-    y = wrapped(0.5 * 75.0 * t**2)
-    lag = 75.0 * t[-1] - make(form='paper', epsilon=0.1).run(stamps(t), y).velocity[-1]
-    assert lag == pytest.approx(8.625, abs=1e-3)
-    assert make(form='paper', epsilon=0.1).group_delay(0.01) == pytest.approx(0.115)
-    out = make(bandwidth_hz=1.5).run(stamps(t), y)
-    assert out.velocity[-1] == pytest.approx(75.0 * t[-1], abs=1e-6)
-    assert out.acceleration[-1] == pytest.approx(75.0, abs=1e-5)
 
 
 # --- noise ------------------------------------------------------------------------------------
