@@ -32,6 +32,7 @@ from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.models.mechanics import Mechanics, Vector
 from estimator_pkg.observers.mechanism.algebra import is_beyond, is_finite
+from estimator_pkg.observers.mechanism.gains import longest_euler, longest_exact, slowest_pole
 from estimator_pkg.observers.mechanism.noise import Noise, NoiseGains
 from estimator_pkg.observers.mechanism.parameters import (
     EXACT,
@@ -437,10 +438,10 @@ def made_plan(
     mechanics: Mechanics,
     circle: Any,
     *,
-    matrices: dict[str, Any],
-    slowest: float,
-    longest: float,
-    lag: float,
+    fields: dict[str, Any],
+    systems: list[Array] | None = None,
+    slowest: float = 0.0,
+    lag: float = 0.0,
     linear: Callable[[Array, Array], tuple[Array, Array]],
     describe: Callable[[float], dict[str, Any]],
     noise: Callable[[Array, Array, float], NoiseGains] | None = None,
@@ -449,9 +450,10 @@ def made_plan(
 
     Parameters
     ----------
-    matrices : fields of `Design` that the observer sets, shape (n, n) each.
-    slowest : slowest pole at the operating point [1/s], positive.
-    longest, lag : as in `Design`. linear, describe, noise : as in `Plan`.
+    fields : of `Design`, that the observer sets; matrices have the shape (n, n).
+    systems : error systems x' = A x [1/s], the first at the operating point.
+    slowest : slowest pole at the operating point [1/s], if there are none.
+    lag : as in `Design`. linear, describe, noise : as in `Plan`.
     """
     n = mechanics.degrees
     made: Design = enlarge(Design(), n)
@@ -466,10 +468,13 @@ def made_plan(
         made.periods[index], made.unwrap[index] = float(each.period), bool(each.unwrap)
         made.outside[index] = OUTSIDE * each.period if each.period > 0.0 else math.inf
         made.one[index][index] = 1.0
+    made.longest, made.lag = math.inf, float(lag)
+    if systems is not None:
+        slowest = slowest_pole(systems[0])
+        made.longest = longest_euler(systems) if made.paper else longest_exact(systems, n)
     made.settle = float(SETTLED / slowest) if slowest > 0.0 else math.inf
     made.lost_after = max(LOST_AFTER, min(made.settle, 10.0 * LOST_AFTER))
-    made.longest, made.lag = float(longest), float(lag)
-    for name, value in matrices.items():
+    for name, value in fields.items():
         if isinstance(value, np.ndarray):
             for index, row in enumerate(value.tolist()):
                 if isinstance(row, list):

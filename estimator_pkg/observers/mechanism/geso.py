@@ -59,7 +59,6 @@ from estimator_pkg.observers.mechanism.flow import flow
 from estimator_pkg.observers.mechanism.friction import resist
 from estimator_pkg.observers.mechanism.gains import Tuning
 from estimator_pkg.observers.mechanism.parameters import (
-    PAPER,
     LoopGains,
     MechanicalGains,
     gain_matrix,
@@ -287,20 +286,8 @@ def plan(gains: Gains, circle: Any) -> Plan:
         gains,
         mechanics,
         circle,
-        matrices={
-            'L': tuned.L,
-            'Gamma': tuned.Gamma,
-            'P0': tuned.P0,
-            'E': tuned.E,
-            'simple': bool(simple),
-            'disturbed': disturbed,
-        },
-        slowest=mechanical_gains.slowest_pole(matrices[0]),
-        longest=(
-            mechanical_gains.longest_euler(matrices)
-            if gains.form == PAPER
-            else mechanical_gains.longest_exact(matrices, n)
-        ),
+        fields={**tuned._asdict(), 'simple': bool(simple), 'disturbed': disturbed},
+        systems=matrices,
         lag=0.0 if disturbed else float(np.max(np.diag(tuned.L) / np.diag(K))),
         linear=linear,
         describe=describe,

@@ -53,7 +53,7 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     walk,
 )
 from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
-from estimator_pkg.observers.mechanism.noise import NoiseGains
+from estimator_pkg.observers.mechanism.noise import NoiseGains, per_noise, variances
 from estimator_pkg.observers.mechanism.parameters import (
     LINEAR,
     PAPER,
@@ -157,27 +157,11 @@ def noise_variances(
         remnant[rows] = turn @ pair.remnant @ turn
     shown = np.hstack([eye, zeros, eye])  # error of the estimate: offset plus noise of y
     speeds = np.hstack([zeros, eye, zeros])
-
-    def variances(rows: Array, covariance: Array) -> Array:
-        found: Array = np.einsum('ij,jk,ik->i', rows, covariance, rows)
-        return found
-
-    per_noise = np.zeros((3, n, n))
-    for joint in range(n):
-        came = arrival[:, joint]
-        covariance = steady_covariance(transition, came[:, None] * came)
-        per_noise[0, :, joint] = variances(shown, covariance)
-        per_noise[1, :, joint] = variances(speeds, covariance)
-        per_noise[2, :, joint] = variances(seen, covariance) + of_noise[:, joint] ** 2
+    outputs = shown, speeds, seen
+    of_position, of_velocity, of_innovation = per_noise(transition, arrival, outputs)
     chatter = steady_covariance(transition, remnant)
-    return NoiseGains(
-        per_noise[0],
-        per_noise[1],
-        per_noise[2],
-        variances(shown, chatter),
-        variances(speeds, chatter),
-        variances(seen, chatter),
-    )
+    own = (variances(rows, chatter) for rows in outputs)
+    return NoiseGains(of_position, of_velocity, of_innovation + of_noise**2, *own)
 
 
 SUPER_TWISTING, UNIFORM = 'super_twisting', 'uniform'
@@ -319,7 +303,7 @@ def plan(gains: Gains, circle: Any) -> Plan:
         gains,
         mechanics,
         circle,
-        matrices={
+        fields={
             'first': first,
             'second': second,
             'm1': design.m1,
@@ -327,8 +311,6 @@ def plan(gains: Gains, circle: Any) -> Plan:
             'uniform': design.uniform,
         },
         slowest=4.0 * float(np.min(acceleration_limit)),
-        longest=math.inf,
-        lag=0.0,
         linear=linear,
         describe=describe,
         noise=noise,
