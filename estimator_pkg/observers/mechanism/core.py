@@ -296,8 +296,7 @@ def walk(
                 state.before[i] = measured[(k - 1) * n + i]
                 work.now[i] = measured[k * n + i] if part == parts - 1 else state.before[i]
                 work.moved[i] = work.now[i] - state.before[i]
-            model = observer.model
-            if observer.advance(model, state, coefficients, design, work.now, work.given):
+            if observer.advance(observer.model, state, coefficients, design, work.now, work.given):
                 core.take(work.after)
         for i in range(n):
             if single:
