@@ -22,7 +22,6 @@ from estimator_pkg.engine.calls import Memory
 from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.maths import covariance
 from estimator_pkg.observers.maths.covariance import Covariance
-from estimator_pkg.sensor.scatter import FINEST, Scatter, begin_scatter, follow_scatter
 
 DT = 1e-3
 MODELS = {2: {'model': 'constant_velocity'}, 3: {}}
@@ -218,50 +217,6 @@ def test_readings_without_noise_leave_the_filter_stable(order, rate, noise):
 
 
 # The noise that is not given
-
-
-def estimated(measured, dt=DT, at=None):
-    scatter = Scatter()
-    begin_scatter(scatter, float(measured[0]))
-    for i, value in enumerate(measured[1:].tolist(), 1):
-        passed = dt if at is None else (at[i] - at[i - 1]) * 1e-9
-        follow_scatter(scatter, value, passed, 2.0 * math.pi)
-    return math.sqrt(scatter.variance)
-
-
-@pytest.mark.parametrize('noise', [1e-5, 1e-4, 1e-3, 1e-2])
-def test_noise_is_seen_through_fast_motion(noise):
-    t = np.arange(6000) * DT
-    motion = 2.0 * np.sin(2.0 * math.pi * 3.0 * t) + 30.0 * t  # 700 rad/s^2, 13 000 rad/s^3
-    measured = wrapped(motion + np.random.default_rng(2).normal(0.0, noise, len(t)))
-    assert estimated(measured) == pytest.approx(noise, rel=0.15)
-
-
-@pytest.mark.parametrize('speed', [0.02, 0.3, 3.0, 30.0])
-def test_quantisation_counts_as_its_uniform_noise(speed):
-    quantum = 2.0 * math.pi / 4096
-    # the turning speed varies a little, or the pattern of edges would repeat
-    angle = speed * np.arange(40_000) * DT + 0.3 * np.sin(np.arange(40_000) * 1e-4 * speed)
-    measured = wrapped(np.rint(angle / quantum) * quantum)
-    assert estimated(measured) == pytest.approx(quantum / math.sqrt(12.0), rel=0.35)
-
-
-def test_sampling_jitter_is_not_taken_for_noise():
-    """At 50 rad/s a jitter of 0.2 ms is 10 mrad; in it, 700 rad/s^2."""
-    at = stamps(6000, DT, 2e-4)
-    t = (at - at[0]) * 1e-9
-    motion = 50.0 * t + 2.0 * np.sin(6.0 * math.pi * t)
-    measured = wrapped(motion + np.random.default_rng(3).normal(0.0, 3e-5, 6000))
-    assert estimated(measured, at=at) == pytest.approx(3e-5, rel=0.25)
-
-
-def test_outliers_and_rest_do_not_spoil_the_noise():
-    measured = np.random.default_rng(4).normal(0.0, 1e-3, 4000)
-    measured[2000::400] += 2.0
-    assert estimated(measured) == pytest.approx(1e-3, rel=0.5)
-    still = np.concatenate((measured[:2000], np.full(5000, 0.5)))
-    assert estimated(still) == pytest.approx(1e-3, rel=0.2)  # no reading tells anything new
-    assert estimated(np.arange(2000) * 1e-3) >= math.sqrt(FINEST)
 
 
 @orders

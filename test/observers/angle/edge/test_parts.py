@@ -102,13 +102,6 @@ def test_no_constant_speed_looks_like_a_vibration():
                 assert edge_sensor.vibration(sensed(angles[:count], quantum=quantum)[0]) == 0.0
 
 
-def test_noise_is_no_vibration():
-    random = np.random.default_rng(8)
-    for _ in range(30):
-        sensor, _ = sensed(0.05 * random.normal(size=200), quantum=1e-3)
-        assert edge_sensor.vibration(sensor) == 0.0
-
-
 def sways(deviations):
     """The mean of `follow_sway` after each of the deviations."""
     sway, means = Sway(), []
@@ -154,14 +147,3 @@ def test_a_measurement_far_finer_than_the_prediction_leaves_a_covariance():
         assert 0.0 < p.p00 <= r * (1.0 + 1e-12)
         assert p.p11 * p.p00 >= p.p01 * p.p01 * (1.0 - 1e-12)
         assert p.p22 * p.p00 >= p.p02 * p.p02 * (1.0 - 1e-12)
-
-
-def test_clean_floats_are_no_counts():
-    """Steps that are no multiples of each other, and do not scatter, show no counter."""
-    t = np.arange(4000) * 1e-4
-    _, steps = sensed(0.3 + np.cumsum(1e-5 + 4e-8 * np.arange(4000)), quantum=0.0)
-    found = edge_quantum.quantum_of(steps, 0.0)
-    assert found < 1e-6  # a tenth of the smallest step
-    coarse = np.floor((0.3 + 2.0 * t + 3.0 * t * t) / 1e-4) * 1e-4  # a counter that accelerates
-    _, steps = sensed(coarse, quantum=0.0)
-    assert edge_quantum.quantum_of(steps, 0.0) == pytest.approx(1e-4)
