@@ -201,6 +201,7 @@ def describe(
     matrices = [error_matrix(mechanics, tuning, q, disturbed) for q in (point, *configurations)]
     found = {
         'operating_point': point.tolist(),
+        'L': tuning.L.tolist(),
         'Gamma': tuning.Gamma.tolist(),
         **describe_loop(tuning.L, K, matrices, dt),
     }
