@@ -24,16 +24,11 @@ POINTS = 200  # quantiles of half a Gaussian, over which the injections are aver
 
 
 class Describing(NamedTuple):
-    """The statistical linearisation of a pair of injections.
+    """The statistical linearisation of a pair of injections."""
 
-    position, velocity : gains of the two injections. For an implicit step, `position` is the gain
-        from the innovation to the offset after the step.
-    remnant : covariance of the remnants, shape (2, 2).
-    """
-
-    position: float
-    velocity: float
-    remnant: Array
+    position: float  # gain of the first; of an implicit step: to the offset after it
+    velocity: float  # gain of the second
+    remnant: Array  # covariance of the remnants, shape (2, 2)
 
 
 @lru_cache

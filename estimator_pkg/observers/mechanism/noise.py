@@ -68,18 +68,12 @@ def discrete(
 
 
 class NoiseGains(NamedTuple):
-    """Variances of an observer in steady state; infinite where it is unstable.
+    """Variances of an observer in steady state; infinite where it is unstable."""
 
-    position, velocity, innovation : variances per noise variance, shape (n, n): row i, column j for
-        position i and noise of measurement j.
-    own_position, own_velocity, own_innovation : variances without noise, from the chattering of a
-        sliding mode, shape (n,).
-    """
-
-    position: Array
+    position: Array  # per noise variance, shape (n, n): row i for position i, column j for noise j
     velocity: Array
     innovation: Array
-    own_position: Array
+    own_position: Array  # without noise, from the chattering of a sliding mode, shape (n,)
     own_velocity: Array
     own_innovation: Array
 
