@@ -11,6 +11,7 @@ import pytest
 from scipy.linalg import expm
 
 from estimator_pkg.observers.maths.clarke import clarke, phases
+from estimator_pkg.observers.pmsm import identifier
 from estimator_pkg.observers.pmsm.drive import Sample
 from estimator_pkg.observers.pmsm.equations import emf, reflect
 from estimator_pkg.observers.pmsm.identifier import credible, shift, solve
@@ -122,6 +123,27 @@ def gated(registers, lowest=200.0, highest=1500.0, least_emf=0.2):
     design = Design()
     design.periods, design.xi_low, design.xi_high = 2, lowest, highest
     return credible(registers, design, *solve(registers, 2), least_emf)
+
+
+@pytest.mark.parametrize(
+    ('gate', 'tight'),
+    [
+        ('', 0.0),
+        ('CHORD', 1.3),
+        ('REST', 1e-4),
+        ('lowest', 600.0),
+        ('highest', 500.0),
+        ('least_emf', 2.0),
+    ],
+)
+def test_each_gate_refuses_what_it_is_for(gate, tight, monkeypatch):
+    """Sound data passes all gates; then one of them is drawn tight."""
+    found, more = ticks(1000.0, 5e-3, noise=0.05), {}
+    if gate.isupper():
+        monkeypatch.setattr(identifier, gate, tight)
+    elif gate:
+        more = {gate: tight}
+    assert gated(found, **more) == (gate == '')
 
 
 def test_the_gates_refuse_whole_turns_per_tick():
