@@ -15,7 +15,7 @@ from estimator_pkg.observers.pmsm import identifier
 from estimator_pkg.observers.pmsm.drive import Sample
 from estimator_pkg.observers.pmsm.equations import emf, reflect
 from estimator_pkg.observers.pmsm.identifier import credible, shift, solve
-from estimator_pkg.observers.pmsm.scheme import advance, exponential, prepare_scheme
+from estimator_pkg.observers.pmsm.scheme import advance, exponential, prepare_scheme, turned_emf
 from estimator_pkg.observers.pmsm.state import Design, Registers, Scheme
 from sim_pkg.reproduce.pmsm.reference import core_of, flow, vectors_of
 
@@ -104,6 +104,16 @@ def test_a_runaway_frame_stays_finite():
         now = sample_of(20.0 * unit(100.0 * (k + 1)), 5.0 + 0j)
         x, speed = advance(core, scheme, now, x, K_ETA, GAMMA, 0.0)
     assert all(math.isfinite(abs(value)) for value in (*vectors_of(core), x))
+
+
+def test_the_integral_of_a_turning_emf_is_exact():
+    for turn in (1e-7, 0.3, -2.5):
+        before, omega = 3.0 * unit(20.0), turn / 1e-4
+        now = before * cmath.exp(1j * turn)
+        *area, turned = turned_emf(before.real, before.imag, now.real, now.imag, 1e-4)
+        assert turned == pytest.approx(turn, rel=1e-6)
+        assert abs(complex(*area) - (now - before) / (1j * omega)) < 1e-9
+    assert turned_emf(0.0, 0.0, 0.0, 0.0, 1e-4) == (0.0, 0.0, 0.0)
 
 
 def ticks(omega, period, count=5, noise=0.0, seed=1):
