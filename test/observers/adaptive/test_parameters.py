@@ -13,7 +13,9 @@ from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.identified import load as load_file
 from estimator_pkg.driver.identified import save
 from estimator_pkg.errors import UsageError
+from estimator_pkg.observers.adaptive.evidence import FEWEST, MOST, Evidence, judge
 from estimator_pkg.observers.adaptive.observer import OBSERVER
+from estimator_pkg.observers.adaptive.state import Sums
 
 TRUE = {'b/J': 2.0, 'k/J': 5.0, 'Kv/J': 30.0}
 DT = 2e-3
@@ -224,6 +226,33 @@ def test_deviations_do_not_depend_on_how_the_samples_come():
         assert named(one)[name].value == named(other)[name].value
         # blocks end where a piece of a batch does
         assert named(one)[name].stddev == pytest.approx(named(other)[name].stddev, rel=0.3)
+
+
+def test_blocks_merge_and_forget():
+    random = np.random.default_rng(1)
+    rows = random.normal(size=(4000, 2))
+    targets = rows @ (3.0, -1.0) + 0.1 * random.normal(size=4000)
+    whole, forgetting = Evidence(100.0), Evidence(100.0, memory=1.0)
+    matrix, vector = np.zeros((2, 2)), np.zeros(2)
+    for k, (psi, target) in enumerate(zip(rows, targets)):
+        matrix, vector = matrix + np.outer(psi, psi), vector + psi * target
+        sums = Sums()
+        sums.matrix, sums.vector = [[matrix[0, 0]], [*matrix[1]]], [*vector]
+        sums.count, sums.of_e, sums.of_bend = k + 1.0, 0.01 * (k + 1.0), 10.0 * (k + 1.0)
+        whole.look(0.01 * (k + 1), sums)
+        forgetting.look(0.01 * (k + 1), sums)
+    assert FEWEST <= len(whole.blocks) < MOST and whole.length > whole.shortest
+    assert len(forgetting.blocks) <= 16
+    zero = np.zeros(2)
+    said = judge(whole, np.linalg.solve(matrix, vector), zero, zero, 0.01, 9.0)
+    # independent errors: the jackknife is the textbook's formula
+    assert np.sqrt(np.diag(said.covariance)) == pytest.approx(
+        0.1 * np.sqrt(np.diag(np.linalg.inv(matrix))), rel=0.5
+    )
+    assert said.noise_only and np.all(said.hidden == 0.0)
+    assert judge(Evidence(100.0), zero, zero, zero, 0.01, 9.0) is None
+    whole.look(0.0, sums)
+    assert not whole.blocks
 
 
 @pytest.mark.long

@@ -24,6 +24,17 @@ def test_natural_frequency_of_the_dampings_with_a_closed_form(damping, factor):
     assert natural_frequency(10.0, damping) == pytest.approx(20.0 * math.pi / factor, rel=1e-12)
 
 
+@given(st.floats(0.1, 1e3), st.floats(-1e6, 1.0), st.floats(1e-4, 1.0))
+def test_matched_poles_are_the_continuous_ones(decay, part, dt):
+    square = part * decay * decay * 0.99 if part > 0.0 else part
+    alpha, beta = matched(decay, square, dt)
+    expected = np.exp(
+        np.array([-decay + np.sqrt(complex(square)), -decay - np.sqrt(complex(square))]) * dt
+    )
+    assert alpha == pytest.approx(1.0 - np.prod(expected).real, rel=1e-9, abs=1e-12)
+    assert beta == pytest.approx(np.prod(1.0 - expected).real, rel=1e-6, abs=1e-12)
+
+
 def test_matched_gains_of_a_slow_loop_keep_their_digits():
     """0.001 Hz at 100 kHz: alpha and beta by their series, 1 - z would have lost eight digits."""
     w, dt = 2.0 * math.pi * 1e-3, 1e-5

@@ -116,6 +116,11 @@ def test_the_integral_of_a_turning_emf_is_exact():
     assert turned_emf(0.0, 0.0, 0.0, 0.0, 1e-4) == (0.0, 0.0, 0.0)
 
 
+def test_a_back_emf_that_begins_has_not_turned():
+    zero = emf(core_of(0j, 0j, 1.0 + 0j))  # without -0.0
+    assert turned_emf(*zero, 3.0, -2.0, 1e-4)[2] == 0.0
+
+
 def ticks(omega, period, count=5, noise=0.0, seed=1):
     """Registers after `count` ticks of exact data at constant speed."""
     random = np.random.default_rng(seed)
