@@ -72,6 +72,15 @@ def solved(matrix, x):
     return x
 
 
+@pytest.mark.parametrize('size', (1, 2, 3, 6))
+def test_algebra_solves(size):
+    random = np.random.default_rng(size)
+    root = random.normal(size=(size, size))
+    matrix, x = root @ root.T + np.eye(size), random.normal(size=size)
+    found = solved(matrix.tolist(), x.tolist())
+    np.testing.assert_allclose(matrix @ np.array(found), x, atol=1e-12)
+
+
 STEPS = [
     each
     for each in itertools.product(NAMES, (*MODELS, 'two_links'), ('exact', 'paper'))

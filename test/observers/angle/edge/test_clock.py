@@ -3,13 +3,105 @@
 
 """The clock of the edge-aware observer: which stamps and which repeated readings it believes."""
 
+import math
+
 import pytest
 
 from estimator_pkg.circle import Circle
 from estimator_pkg.observers.angle.edge import observer
+from estimator_pkg.observers.angle.edge.clock import (
+    ODD,
+    UNEVEN,
+    Clock,
+    begin_clock,
+    elapsed,
+    is_repeat,
+)
+from estimator_pkg.observers.angle.edge.constants import MEMORY, SIGMAS
+from estimator_pkg.observers.angle.edge.covariance import set_covariance
+from estimator_pkg.observers.angle.edge.motion import Motion
+from estimator_pkg.observers.angle.edge.sensor import Sensor
+from estimator_pkg.observers.maths.covariance import Covariance
 
 PACE = 1e-3
 QUANTUM = 1e-3
+NOISE = 2e-6
+KNOWN = (1e-6, 0.9e-3, 0.0, 1.0, 0.0, 0.0)  # covariance in which angle and speed err together
+
+
+def at(uneven, dt, moved, v):
+    """The time that is taken to have passed, and the clock after it."""
+    clock, motion, p, sensor = Clock(), Motion(), Covariance(), Sensor()
+    clock.uneven, motion.velocity = uneven, v
+    sensor.quantum, sensor.noise, sensor.pace = QUANTUM, NOISE, PACE
+    set_covariance(p, *KNOWN)
+    return elapsed(clock, dt, moved, motion, p, sensor), clock
+
+
+@pytest.mark.parametrize('part, lies', [(0.98, False), (1.02, True)])
+def test_a_stamp_is_doubted_beyond_a_quantum_and_three_sigmas_of_the_prediction(part, lies):
+    dt = 2.0 * PACE
+    p00, p01, _, p11, _, _ = KNOWN
+    bound = QUANTUM + SIGMAS * math.sqrt(p00 + 2.0 * p01 * dt + p11 * dt * dt + NOISE)
+    way = part * bound  # in a mean sample time, which is what the reading moved by
+    taken, clock = at(0.02, dt, way, way / PACE)
+    assert (taken, clock.late) == ((PACE, dt - PACE) if lies else (dt, 0.0))
+
+
+def test_unevenness_is_the_mean_deviation_of_the_sample_times_that_are_taken():
+    uneven, far = 0.1, 100.0 * QUANTUM
+    kept = 1.0 - 1.0 / MEMORY
+    _, clock = at(uneven, 1.3 * PACE, 1.3 * far, far / PACE)
+    assert clock.uneven == pytest.approx(kept * uneven + 0.3 / MEMORY)
+    # the stamp lies: the mean sample time is taken, which deviates by nothing
+    _, clock = at(uneven, 1.9 * PACE, far, far / PACE)
+    assert clock.late == pytest.approx(0.9 * PACE)
+    assert clock.uneven == pytest.approx(kept * uneven)
+
+
+def test_an_even_stream_is_looked_at_no_more_unless_a_stamp_is_late():
+    uneven = 0.9 * UNEVEN / ODD
+    assert at(uneven, PACE, 0.0, 0.0)[1].uneven == 0.0
+    way = 100.0 * QUANTUM
+    taken, clock = at(uneven, 1.5 * PACE, way, way / PACE)
+    assert (taken, clock.late) == (PACE, pytest.approx(0.5 * PACE))
+    assert clock.uneven == UNEVEN / ODD
+
+
+@pytest.mark.parametrize('paces, known', [(MEMORY - 1.0, True), (MEMORY + 1.0, False)])
+def test_a_stamp_that_is_late_by_more_than_the_memory_makes_the_clock_unknown(paces, known):
+    way, dt = 100.0 * QUANTUM, (1.0 + paces) * PACE
+    taken, clock = at(0.02, dt, way, way / PACE)
+    if known:
+        assert (taken, clock.late) == (PACE, pytest.approx(paces * PACE))
+    else:
+        unknown = Clock()
+        begin_clock(unknown)
+        assert (taken, repr(clock)) == (dt, repr(unknown))
+
+
+def repeats(v, p11, held=0.0, longest=0.0, a=0.0):
+    """True if the observer takes an unchanged reading for an old one."""
+    clock, motion, p = Clock(), Motion(), Covariance()
+    clock.held, clock.longest = held, longest
+    motion.velocity, motion.acceleration, p.p11 = v, a, p11
+    return is_repeat(clock, motion, p, PACE, True, PACE)
+
+
+def test_a_repeated_reading_is_old_only_if_the_shaft_surely_moves_on():
+    v = 100.0
+    sure, unsure = (v / SIGMAS / 1.01) ** 2, (v / SIGMAS * 1.01) ** 2
+    assert repeats(v, sure) and repeats(-v, sure)
+    assert not repeats(v, unsure)
+    assert not repeats(v, sure, a=-0.26 * v / PACE)  # about to stop
+
+
+def test_one_repeat_is_held_and_twice_the_longest_after_which_the_shaft_had_moved_on():
+    v, sure = 100.0, 1.0
+    assert not repeats(v, sure, held=0.6 * PACE)
+    assert repeats(v, sure, held=2.4 * PACE, longest=PACE)
+    assert not repeats(v, sure, held=2.6 * PACE, longest=PACE)
+    assert not repeats(v, sure, held=MEMORY * PACE, longest=1.0)
 
 
 def test_a_shaft_that_stops_soon_after_a_start_is_seen_to_stop():

@@ -89,6 +89,16 @@ def function(name):
     return injection
 
 
+def test_values_are_the_papers():
+    sin, tan, saw, sat = map(function, ('sin', 'tan', 'saw', 'sat'))
+    assert sin(1.0, TURN, 1.0) == pytest.approx(math.sin(1.0))
+    assert tan(1.0, TURN, 1.0) == pytest.approx(2.0 * math.tan(0.5))
+    assert saw(4.0, TURN, 1.0) == pytest.approx(4.0 - TURN)
+    assert sat(0.4, TURN, 1.0) == pytest.approx(0.4)
+    assert sat(2.0, TURN, 1.0) == 1.0
+    assert sat(-2.0, TURN, 0.03) == -0.03
+
+
 @pytest.mark.parametrize('name', injections.NAMES)
 def test_built_in_ones_keep_assumption_1(name):
     found = function(name)

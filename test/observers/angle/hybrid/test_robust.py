@@ -81,6 +81,34 @@ def test_third_order_never_puts_the_position_past_the_measurement():
     assert capped > 300
 
 
+def fitted(dt, readings, order):
+    """(position, velocity) at the newest reading of the parabola, or line, of least squares."""
+    times = dt * np.arange(1 - len(readings), 1)
+    *_, velocity, position = np.polyfit(times, readings, min(order - 1, len(readings) - 1))
+    return position, velocity
+
+
+@pytest.mark.parametrize('dt, held', [(1e-3, 20), (0.02, 3)])
+@pytest.mark.parametrize('order', [2, 3])
+def test_after_readings_that_stay_astray_it_starts_from_the_newest_two(order, dt, held):
+    """For 20 ms and three samples it holds the speed, in case they are outliers."""
+    inner = Inner(dt, order=order, epsilon=0.2)
+    position, speed, random = 0.4, 2.0, np.random.default_rng(2)
+    inner.put(last=position, velocity=speed, phase=0.0)
+    readings = [position]
+    for k in range(1, held + 6):
+        readings.append(position + (speed + 1.5 * (k > 1)) * dt * k + 1.2)
+        readings[-1] += 1e-3 * random.standard_normal()
+        innovation = inner.correct(readings[-1])
+        assert math.isinf(innovation) == (k == held + 1)
+        if k <= held:
+            assert inner.core.velocity == speed
+        else:
+            expected = fitted(dt, readings[held:], order)
+            now = inner.core.position, inner.core.velocity
+            assert now == pytest.approx(expected, abs=1e-8)
+
+
 # --- starts -----------------------------------------------------------------------------------
 
 
