@@ -56,8 +56,23 @@ def arguments(described):
     return described[1 : described.index(')')].split(', ')
 
 
+BRANCHES = (  # of the equations, that no variant takes
+    {'order': 2, 'k1': 1.0, 'k2': 1.0, 'injection': 'sin'},
+    {'k1': 7.0, 'k2': 14.0, 'k3': 8.0, 'injection': 'tan', 'noise': 1e-3, 'max_speed': 60.0},
+    {'k1': 4.0, 'k2': 6.0, 'k3': 4.0, 'injection': 'sat', 'M': 0.02},
+    {'order': 2, 'bandwidth_hz': 4.0},
+    {'form': 'paper', 'injection': 'tan', 'bandwidth_hz': 5.0},
+)
+
+
 @pytest.mark.long
-@each_variant
+@pytest.mark.parametrize(
+    'variant',
+    [
+        *variants(),
+        *(pytest.param(('hybrid_angle', each), marks=pytest.mark.slow) for each in BRANCHES),
+    ],
+)
 def test_plain_equals_the_engine_per_sample(variant):
     for seed in (1, 2):
         seen = set()

@@ -18,8 +18,6 @@ from estimator_pkg.estimate import MISCONFIGURED
 from estimator_pkg.observers.angle.hybrid import observer as hybrid
 from estimator_pkg.observers.angle.hybrid import robust
 from estimator_pkg.observers.angle.hybrid.state import Coefficients
-from estimator_pkg.observers.angle.super_twisting.gains import matched, roots_of
-from estimator_pkg.observers.maths.covariance import steady_gains_2
 from estimator_pkg.parameters import build, declared
 
 NAMES = [name for name in angle_observers() if name not in UNTUNED]
@@ -119,12 +117,6 @@ def test_kalman_beyond_nyquist_has_its_deviation_from_the_first_samples_on(model
     assert math.isfinite(joint.group_delay(0.01))
 
 
-@pytest.mark.parametrize('tau', [1e9, 1e15, 1e25])
-def test_steady_gains_of_a_joint_that_may_do_anything(tau):
-    """alpha to 1, beta to what the sampled double integrator's zero leaves: 3 - sqrt(3)."""
-    assert steady_gains_2(tau, 1.0) == pytest.approx((1.0, 3.0 - math.sqrt(3.0)), rel=1e-4)
-
-
 @pytest.mark.parametrize(
     'order, k',
     [
@@ -155,15 +147,6 @@ def sampled(design, dt):
     return coefficients
 
 
-def test_general_poles_and_the_triple_one_agree():
-    design, general = hybrid_design(bandwidth_hz=20.0), hybrid_design(bandwidth_hz=20.0)
-    general.triple = False
-    for dt in (1e-5, 1e-3, 0.02, 1.0):
-        one, other = sampled(design, dt), sampled(general, dt)
-        for name in Coefficients.fields:
-            assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-9), name
-
-
 @pytest.mark.parametrize(
     'gains',
     [
@@ -176,15 +159,6 @@ def test_general_poles_and_the_triple_one_agree():
 def test_hybrid_gains_that_never_settle_are_refused(gains):
     with pytest.raises(UsageError, match=r'k1 = .*hardly damped'):
         make('hybrid_angle', gains)
-
-
-def test_super_twisting_far_from_its_bound_keeps_its_gains():
-    """At a speed s of the error dynamics the gains are those of the continuous design: 1.5 s and
-    1.1 s^2, however small s is.
-    """
-    for s in (1e-4, 1e-9, 1e-16):
-        k0, k1, k2, k3 = matched(1, s, roots_of(1))
-        assert (k0, k1) == pytest.approx((1.5 * s, 1.1 * s * s), rel=1e-3)
 
 
 def test_paper_form_beyond_its_limit_has_a_finite_deviation():

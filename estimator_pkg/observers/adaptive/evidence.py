@@ -114,20 +114,13 @@ class Evidence:
 
 
 class _Answer(NamedTuple):
-    """Least squares over all blocks.
+    """Least squares over all blocks."""
 
-    inverse : inverse of the normal matrix, shape (m, m).
-    own : the solution, shape (m,).
-    covariance : of the solution, by the jackknife, shape (m, m).
-    samples : number of samples.
-    slow_e, slow_bend : mean squares in the newer half of the blocks [rad^2].
-    """
-
-    inverse: Array
-    own: Array
-    covariance: Array
-    samples: float
-    slow_e: float
+    inverse: Array  # of the normal matrix, shape (m, m)
+    own: Array  # the solution, shape (m,)
+    covariance: Array  # of the solution, by the jackknife, shape (m, m)
+    samples: float  # number of samples
+    slow_e: float  # mean squares in the newer half of the blocks [rad^2]
     slow_bend: float
 
 
@@ -152,21 +145,15 @@ def _answer(blocks: list[Block], weights: Array) -> _Answer | None:
 
 
 class Verdict(NamedTuple):
-    """The assessment of the free parameters.
+    """The assessment of the free parameters."""
 
-    covariance : of theta, shape (m, m), including bias, sampling error and distance.
-    hidden : error of each parameter that would explain the unexplained motion by itself, shape
-        (m,); 0 if noise explains the innovation.
-    scale : value at which each parameter by itself would cause the whole acceleration, shape (m,).
-    explained : part of the acceleration's power that is predicted; noise counts as explained.
-    noise_only : measurement noise explains all of the innovation.
-    """
-
-    covariance: Array
+    covariance: Array  # of theta, shape (m, m), including bias, sampling error and distance
+    # error of each parameter that would explain the unexplained motion by itself, shape (m,); 0 if
+    # noise explains the innovation
     hidden: Array
-    scale: Array
-    explained: float
-    noise_only: bool
+    scale: Array  # value at which each parameter by itself would cause the acceleration, shape (m,)
+    explained: float  # part of the acceleration's power that is predicted, or noise
+    noise_only: bool  # measurement noise explains all of the innovation
 
 
 def judge(

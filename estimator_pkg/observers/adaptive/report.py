@@ -27,55 +27,42 @@ SURELY = 2.0  # standard deviations from which a sign is certain
 
 
 class Identified(NamedTuple):
-    """One parameter; `stddev` is 0 if the user has set the value.
-
-    trusted : the value can be used; see `Report.trusted`.
-    """
+    """One parameter."""
 
     name: str
     value: float
-    stddev: float
+    stddev: float  # 0 if the user has set the value
     unit: str
-    trusted: bool = True
+    trusted: bool = True  # the value can be used; see `Report.trusted`
 
 
 class Report(NamedTuple):
     """The state of the identification.
 
-    phase, reason : phase of the adaptation and why it is in this phase.
-    parameters : all identified parameters, entries of theta first, then physical ones.
-    names, theta : theta, as the parameter `theta` takes it.
-    trusted : for every free parameter, standard deviation and hidden error are small compared with
-        the value, or the parameter is nearly zero; the model predicts the acceleration, or noise
-        explains the rest; damping is not negative; inertia is positive if its sign is known.
-    why_not : the condition that is not met; '' if trusted. Part of `reason` too.
-    adapted : time spent adapting [s].
-    excitation : the value that the gate compares with its threshold: signal to noise, or the
-        smallest eigenvalue of the information matrix weighted by gamma.
-    explained : part of the acceleration's power that is predicted; nan: not known yet.
+    It is trusted if, for every free parameter, standard deviation and hidden error are small
+    compared with the value, or the parameter is nearly zero; the model predicts the acceleration,
+    or noise explains the rest; damping is not negative; inertia is positive if its sign is known.
     """
 
-    phase: str
-    reason: str
-    parameters: tuple[Identified, ...]
-    names: tuple[str, ...]
+    phase: str  # of the adaptation
+    reason: str  # why it is in this phase, and why the parameters are not trusted
+    parameters: tuple[Identified, ...]  # entries of theta first, then physical ones
+    names: tuple[str, ...]  # of theta, as the parameter `theta` takes it
     theta: tuple[float, ...]
     trusted: bool
-    adapted: float
+    adapted: float  # time spent adapting [s]
+    # the value that the gate compares with its threshold: signal to noise, or the smallest
+    # eigenvalue of the information matrix weighted by gamma
     excitation: float
-    why_not: str = ''
-    explained: float = math.nan
+    why_not: str = ''  # the condition that is not met; '' if trusted
+    explained: float = math.nan  # part of the acceleration's power that is predicted; nan: unknown
 
 
 class Origin(NamedTuple):
-    """The origin of parameters from a file.
+    """The origin of parameters from a file."""
 
-    stddev : standard deviations in the order of theta.
-    trusted : they were trusted when they were saved.
-    """
-
-    stddev: tuple[float, ...]
-    trusted: bool
+    stddev: tuple[float, ...]  # standard deviations in the order of theta
+    trusted: bool  # they were trusted when they were saved
 
 
 class _Free(NamedTuple):

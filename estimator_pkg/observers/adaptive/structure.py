@@ -22,32 +22,21 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Structure:
-    """The numbers that follow from the gains.
+    """The numbers that follow from the gains, for order n and m free parameters."""
 
-    names : of all parameters, in the order of theta; m of them are free.
-    observer, model : first columns of A_c - K C and of A_c, shape (n,).
-    injection : K, shape (n,).
-    free : indices of the free parameters in theta.
-    fixed : theta with zeros for the free parameters.
-    start, low, high : initial values and bounds of the free parameters, shape (m,).
-    gamma : Gamma, shape (m, m).
-    variance : diagonal of the initial P of least squares, shape (m,).
-    slowest, fastest : magnitudes of the slowest and fastest observer pole [1/s].
-    """
-
-    names: tuple[str, ...]
-    observer: tuple[float, ...]
-    model: tuple[float, ...]
-    injection: tuple[float, ...]
-    free: tuple[int, ...]
-    fixed: tuple[float, ...]
-    start: tuple[float, ...]
-    low: tuple[float, ...]
+    names: tuple[str, ...]  # of all parameters, in the order of theta
+    observer: tuple[float, ...]  # first column of A_c - K C, shape (n,)
+    model: tuple[float, ...]  # first column of A_c, shape (n,)
+    injection: tuple[float, ...]  # K, shape (n,)
+    free: tuple[int, ...]  # indices of the free parameters in theta
+    fixed: tuple[float, ...]  # theta with zeros for the free parameters
+    start: tuple[float, ...]  # initial values of the free parameters, shape (m,)
+    low: tuple[float, ...]  # their bounds
     high: tuple[float, ...]
-    gamma: Matrix
-    variance: tuple[float, ...]
-    slowest: float
-    fastest: float
+    gamma: Matrix  # Gamma, shape (m, m)
+    variance: tuple[float, ...]  # diagonal of the initial P of least squares, shape (m,)
+    slowest: float  # magnitude of the slowest observer pole [1/s]
+    fastest: float  # of the fastest
 
 
 def structure(gains: Any) -> Structure:

@@ -24,16 +24,11 @@ POINTS = 200  # quantiles of half a Gaussian, over which the injections are aver
 
 
 class Describing(NamedTuple):
-    """The statistical linearisation of a pair of injections.
+    """The statistical linearisation of a pair of injections."""
 
-    position, velocity : gains of the two injections. For an implicit step, `position` is the gain
-        from the innovation to the offset after the step.
-    remnant : covariance of the remnants, shape (2, 2).
-    """
-
-    position: float
-    velocity: float
-    remnant: Array
+    position: float  # gain of the first; of an implicit step: to the offset after it
+    velocity: float  # gain of the second
+    remnant: Array  # covariance of the remnants, shape (2, 2)
 
 
 @lru_cache
@@ -43,33 +38,18 @@ def _half() -> tuple[float, ...]:
     return tuple(inverse(0.5 + 0.5 * (k + 0.5) / POINTS) for k in range(POINTS))
 
 
-def describing(
-    inject: Callable[..., tuple[float, float]],
-    first: float,
-    second: float,
-    m1: float,
-    m2: float,
-    dt: float,
-    size: float,
-    *,
-    implicit: bool,
-) -> Describing:
+def describing(inject: Callable[[float], tuple[float, float]], size: float) -> Describing:
     """Return the describing function of `inject` for innovations of standard deviation `size`.
 
     Parameters
     ----------
-    inject : (e, first, second, m1, m2) -> the two injections; for an implicit step
-        (e, dt, first, second, m1, m2) -> the offset after the step, and the second injection.
-    first, second, m1, m2 : gains that are passed on to `inject`.
-    dt : sample time [s], used if `implicit`.
+    inject : (e) -> the two injections; for an implicit step (e) -> the offset after the step, and
+        the second injection.
     size : standard deviation of the innovation [rad or m].
     """
     points = np.array(_half())
     points *= size / np.sqrt(np.mean(points**2))
-    if implicit:
-        found = np.array([inject(e, dt, first, second, m1, m2) for e in points.tolist()])
-    else:
-        found = np.array([inject(e, first, second, m1, m2) for e in points.tolist()])
+    found = np.array([inject(e) for e in points.tolist()])
     gains = points @ found / np.sum(points**2)
     left = found - points[:, None] * gains
     position, velocity = gains.tolist()

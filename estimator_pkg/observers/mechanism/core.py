@@ -6,9 +6,9 @@
 A measurement is the vector of all positions. The input is the vector of forces and torques that
 acted from the previous sample to this one. An observer adds two functions, and imports those here:
 
-    advance(model, core, work, coefficients, design, before, moved, measurement, known_input)
+    advance(model, state, coefficients, design, measurement, known_input)
         Set `work.after`, the core state after one sample: `before` is the previous measurement,
-        `moved` the wrapped change since then. Return False where the model is not valid.
+        `work.moved` the wrapped change since then. Return False where the model is not valid.
     carry(model, core, work, design, at)
         Set the velocities v at the positions `at` after samples without input or measurement.
 
@@ -32,6 +32,7 @@ from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.models.mechanics import Mechanics, Vector
 from estimator_pkg.observers.mechanism.algebra import is_beyond, is_finite
+from estimator_pkg.observers.mechanism.gains import longest_euler, longest_exact, slowest_pole
 from estimator_pkg.observers.mechanism.noise import Noise, NoiseGains
 from estimator_pkg.observers.mechanism.parameters import (
     EXACT,
@@ -123,15 +124,7 @@ def step(
     if not is_finite(observer.model.INPUTS, known_input):
         trouble = NO_INPUT
     elif not observer.advance(
-        observer.model,
-        core,
-        work,
-        coefficients,
-        design,
-        state.before,
-        work.moved,
-        measurement,
-        known_input,
+        observer.model, state, coefficients, design, measurement, known_input
     ):
         trouble = OUT_OF_DOMAIN
     elif not (is_finite(n, work.after.e) and is_finite(n, work.after.v)):
@@ -257,15 +250,16 @@ def go_on(model: Any, state: State, design: Design, measurement: Vector) -> None
         follow(state.conventions[i], measurement[i], design.periods[i])
 
 
-def place(model: Any, at: Vector, design: Design, before: Vector, moved: Vector, e: Vector) -> None:
-    """Set the positions at which a step evaluates the model."""
+def place(model: Any, state: State, design: Design) -> None:
+    """Set the positions `work.at` at which a step evaluates the model."""
+    work = state.work
     for i in range(model.JOINTS):
         if not design.at_measurement:
-            at[i] = before[i] + e[i]
+            work.at[i] = state.before[i] + state.core.e[i]
         elif design.linear_hold:
-            at[i] = before[i] + 0.5 * moved[i]
+            work.at[i] = state.before[i] + 0.5 * work.moved[i]
         else:
-            at[i] = before[i]
+            work.at[i] = state.before[i]
 
 
 def walk(
@@ -302,18 +296,7 @@ def walk(
                 state.before[i] = measured[(k - 1) * n + i]
                 work.now[i] = measured[k * n + i] if part == parts - 1 else state.before[i]
                 work.moved[i] = work.now[i] - state.before[i]
-            good = observer.advance(
-                observer.model,
-                core,
-                work,
-                coefficients,
-                design,
-                state.before,
-                work.moved,
-                work.now,
-                work.given,
-            )
-            if good:
+            if observer.advance(observer.model, state, coefficients, design, work.now, work.given):
                 core.take(work.after)
         for i in range(n):
             if single:
@@ -454,10 +437,10 @@ def made_plan(
     mechanics: Mechanics,
     circle: Any,
     *,
-    matrices: dict[str, Any],
-    slowest: float,
-    longest: float,
-    lag: float,
+    fields: dict[str, Any],
+    systems: list[Array] | None = None,
+    slowest: float = 0.0,
+    lag: float = 0.0,
     linear: Callable[[Array, Array], tuple[Array, Array]],
     describe: Callable[[float], dict[str, Any]],
     noise: Callable[[Array, Array, float], NoiseGains] | None = None,
@@ -466,9 +449,10 @@ def made_plan(
 
     Parameters
     ----------
-    matrices : fields of `Design` that the observer sets, shape (n, n) each.
-    slowest : slowest pole at the operating point [1/s], positive.
-    longest, lag : as in `Design`. linear, describe, noise : as in `Plan`.
+    fields : of `Design`, that the observer sets; matrices have the shape (n, n).
+    systems : error systems x' = A x [1/s], the first at the operating point.
+    slowest : slowest pole at the operating point [1/s], if there are none.
+    lag : as in `Design`. linear, describe, noise : as in `Plan`.
     """
     n = mechanics.degrees
     made: Design = enlarge(Design(), n)
@@ -483,10 +467,13 @@ def made_plan(
         made.periods[index], made.unwrap[index] = float(each.period), bool(each.unwrap)
         made.outside[index] = OUTSIDE * each.period if each.period > 0.0 else math.inf
         made.one[index][index] = 1.0
+    made.longest, made.lag = math.inf, float(lag)
+    if systems is not None:
+        slowest = slowest_pole(systems[0])
+        made.longest = longest_euler(systems) if made.paper else longest_exact(systems, n)
     made.settle = float(SETTLED / slowest) if slowest > 0.0 else math.inf
     made.lost_after = max(LOST_AFTER, min(made.settle, 10.0 * LOST_AFTER))
-    made.longest, made.lag = float(longest), float(lag)
-    for name, value in matrices.items():
+    for name, value in fields.items():
         if isinstance(value, np.ndarray):
             for index, row in enumerate(value.tolist()):
                 if isinstance(row, list):

@@ -40,12 +40,7 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     walk,
 )
 from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
-from estimator_pkg.observers.mechanism.parameters import (
-    BandwidthGains,
-    MechanicalGains,
-    model_of,
-    operating_point,
-)
+from estimator_pkg.observers.mechanism.parameters import BandwidthGains, MechanicalGains
 from estimator_pkg.observers.mechanism.state import Coefficients, Design, State  # noqa: F401
 from estimator_pkg.observers.mechanism.velocity import SLIDING, advance, linear_plan  # noqa: F401  (its functions too)
 from estimator_pkg.parameters import parameter
@@ -72,34 +67,24 @@ class Gains(MechanicalGains, BandwidthGains):
     )
 
 
-def tune(gains: Gains) -> tuple[float, float, float]:
-    """Return the gains h1/eps [1/s], h2/eps^2 [1/s^2], h3/eps^3 [1/s^3]; raises UsageError."""
+def tune(gains: Gains, n: int) -> tuple[Array, Array, Array]:
+    """Return h1/eps [1/s], h2/eps^2 [1/s^2], h3/eps^3 [1/s^3], shape (n, n); raises UsageError."""
     h, epsilon = gains.h, gains.epsilon
     if h is None:
         h, epsilon = TRIPLE, RATIO / (2.0 * np.pi * gains.bandwidth_hz)
     if len(h) != 3:
         raise UsageError(f"parameter 'h' has {len(h)} numbers: 'ehgo' takes 3, h1, h2 and h3")
-    return h[0] / epsilon, h[1] / epsilon**2, h[2] / epsilon**3
+    eye = np.eye(n)
+    return h[0] / epsilon * eye, h[1] / epsilon**2 * eye, h[2] / epsilon**3 * eye
 
 
 def plan(gains: Gains, circle: Any) -> Plan:
     """Return what these gains imply; raises UserError, UsageError."""
-    mechanics = model_of(gains)
-    point = operating_point(gains, mechanics)
-    eye = np.eye(mechanics.degrees)
-    L, K, E = (gain * eye for gain in tune(gains))
-    return linear_plan(
-        sys.modules[__name__],
-        gains,
-        mechanics,
-        circle,
-        L,
-        K,
-        E,
-        point,
+    complaint = (
         "the gains 'h' do not make the error decay: every root of s^3 + h1 s^2 + h2 s + h3 needs a "
-        'negative real part',
+        'negative real part'
     )
+    return linear_plan(sys.modules[__name__], gains, circle, complaint)
 
 
 OBSERVER = Observer(

@@ -162,6 +162,28 @@ def guaranteed_rate(L: Array, Gamma: Array, k0: float, k1: float, k2: float) -> 
     return Guarantee(d2, c1, c3, c4, c4 / c3)
 
 
+def describe_loop(L: Array, K: Array, matrices: list[Array], dt: float) -> dict[str, Any]:
+    """Return properties of these gains by name; `MEANINGS` has their titles and units.
+
+    Parameters
+    ----------
+    L, K : gains [1/s, 1/s^2], shape (n, n).
+    matrices : error systems [1/s], shape (m, m): at the operating point, then over the range.
+    dt : sample time [s].
+    """
+    poles = map(complex, np.linalg.eigvals(matrices[0]))
+    return {
+        'L': L.tolist(),
+        'K': K.tolist(),
+        'poles': sorted(poles, key=lambda pole: (pole.real, pole.imag)),
+        'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(L))).tolist(),
+        'slowest_pole_over_range': min(map(slowest_pole, matrices)),
+        'dt_K': (dt * np.diag(K)).tolist(),
+        'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(L))),
+        'longest_euler_dt': longest_euler(matrices),
+    }
+
+
 def describe(
     mechanics: Mechanics, tuning: Tuning, point: Array, dt: float, *, disturbed: bool
 ) -> dict[str, Any]:
@@ -181,16 +203,7 @@ def describe(
         'operating_point': point.tolist(),
         'L': tuning.L.tolist(),
         'Gamma': tuning.Gamma.tolist(),
-        'K': K.tolist(),
-        'poles': sorted(
-            (complex(pole) for pole in np.linalg.eigvals(matrices[0])),
-            key=lambda pole: (pole.real, pole.imag),
-        ),
-        'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(tuning.L))).tolist(),
-        'slowest_pole_over_range': min(slowest_pole(matrix) for matrix in matrices),
-        'dt_K': (dt * np.diag(K)).tolist(),
-        'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(tuning.L))),
-        'longest_euler_dt': longest_euler(matrices),
+        **describe_loop(tuning.L, K, matrices, dt),
     }
     # the proposition applies to (11): L + L^T > 0 and no disturbance state
     if not disturbed and np.allclose(tuning.P0, np.eye(len(tuning.P0))):

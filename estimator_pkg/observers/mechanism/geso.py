@@ -59,14 +59,13 @@ from estimator_pkg.observers.mechanism.flow import flow
 from estimator_pkg.observers.mechanism.friction import resist
 from estimator_pkg.observers.mechanism.gains import Tuning
 from estimator_pkg.observers.mechanism.parameters import (
-    PAPER,
     LoopGains,
     MechanicalGains,
     gain_matrix,
     model_of,
     operating_point,
 )
-from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work  # noqa: F401
+from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
@@ -147,25 +146,23 @@ def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
 
 def advance(
     model: Any,
-    core: Core,
-    work: Work,
+    state: State,
     coefficients: Coefficients,
     design: Design,
-    before: Vector,
-    moved: Vector,
     measurement: Vector,
     known_input: Vector,
 ) -> bool:
     """Set `work.after`, the state after one sample; return False where the model is not valid."""
-    n, values, after, at = model.JOINTS, design.values, work.after, work.at
-    place(model, at, design, before, moved, core.e)
+    n, values, core, work = model.JOINTS, design.values, state.core, state.work
+    after, at, moved = work.after, work.at, work.moved
+    place(model, state, design)
     if not model.admits(values, at):
         return False
     after.take(core)
     model.factors(work.calm, work.psi, values, at)
     set_gain(model, work, design)
     if design.paper:
-        move_by_euler(model, core, work, coefficients.dt, design, moved, known_input)
+        move_by_euler(model, state, coefficients.dt, design, known_input)
     else:
         if design.dry:
             model.inertia(work.mass, values, at)
@@ -212,17 +209,10 @@ def set_damping(model: Any, work: Work, design: Design) -> None:
                 work.w[i][j] = 0.0
 
 
-def move_by_euler(
-    model: Any,
-    core: Core,
-    work: Work,
-    dt: float,
-    design: Design,
-    moved: Vector,
-    known_input: Vector,
-) -> None:
+def move_by_euler(model: Any, state: State, dt: float, design: Design, known_input: Vector) -> None:
     """Advance by forward Euler of (11)."""
-    n, after = model.JOINTS, work.after
+    n, core, work = model.JOINTS, state.core, state.work
+    after = work.after
     model.force(work.force, design.values, work.at, core.v, known_input)
     if design.damped:
         model.damping(work.damping, design.values, work.at)
@@ -236,7 +226,7 @@ def move_by_euler(
             of_L += design.L[i][k] * core.e[k]
             of_b += work.b[i][k] * core.e[k]
             of_w += work.w[i][k] * core.x[k]
-        after.e[i] = core.e[i] + dt * (of_p - of_L) - moved[i]
+        after.e[i] = core.e[i] + dt * (of_p - of_L) - work.moved[i]
         work.f[i] = work.f[i] - of_b - of_w
     if design.disturbed:
         turn(work.free, n, work.psi, core.d)
@@ -296,20 +286,8 @@ def plan(gains: Gains, circle: Any) -> Plan:
         gains,
         mechanics,
         circle,
-        matrices={
-            'L': tuned.L,
-            'Gamma': tuned.Gamma,
-            'P0': tuned.P0,
-            'E': tuned.E,
-            'simple': bool(simple),
-            'disturbed': disturbed,
-        },
-        slowest=mechanical_gains.slowest_pole(matrices[0]),
-        longest=(
-            mechanical_gains.longest_euler(matrices)
-            if gains.form == PAPER
-            else mechanical_gains.longest_exact(matrices, n)
-        ),
+        fields={**tuned._asdict(), 'simple': bool(simple), 'disturbed': disturbed},
+        systems=matrices,
         lag=0.0 if disturbed else float(np.max(np.diag(tuned.L) / np.diag(K))),
         linear=linear,
         describe=describe,

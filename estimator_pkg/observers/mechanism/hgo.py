@@ -40,13 +40,7 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     walk,
 )
 from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
-from estimator_pkg.observers.mechanism.parameters import (
-    LoopGains,
-    MechanicalGains,
-    gain_matrix,
-    model_of,
-    operating_point,
-)
+from estimator_pkg.observers.mechanism.parameters import LoopGains, MechanicalGains, gain_matrix
 from estimator_pkg.observers.mechanism.state import Coefficients, Design, State  # noqa: F401
 from estimator_pkg.observers.mechanism.velocity import SLIDING, advance, linear_plan  # noqa: F401  (its functions too)
 from estimator_pkg.parameters import parameter
@@ -110,20 +104,8 @@ def tune(gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
 
 def plan(gains: Gains, circle: Any) -> Plan:
     """Return what these gains imply; raises UserError, UsageError."""
-    mechanics = model_of(gains)
-    point = operating_point(gains, mechanics)
-    L, K, E = tune(gains, mechanics.degrees)
-    return linear_plan(
-        sys.modules[__name__],
-        gains,
-        mechanics,
-        circle,
-        L,
-        K,
-        E,
-        point,
-        "the error does not decay with these gains: 'L' and 'K' must be positive definite",
-    )
+    complaint = "the error does not decay with these gains: 'L' and 'K' must be positive definite"
+    return linear_plan(sys.modules[__name__], gains, circle, complaint)
 
 
 OBSERVER = Observer(

@@ -10,7 +10,7 @@ White noise gives a white innovation. An error of the model gives a slow one, m:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -68,18 +68,12 @@ def discrete(
 
 
 class NoiseGains(NamedTuple):
-    """Variances of an observer in steady state; infinite where it is unstable.
+    """Variances of an observer in steady state; infinite where it is unstable."""
 
-    position, velocity, innovation : variances per noise variance, shape (n, n): row i, column j for
-        position i and noise of measurement j.
-    own_position, own_velocity, own_innovation : variances without noise, from the chattering of a
-        sliding mode, shape (n,).
-    """
-
-    position: Array
+    position: Array  # per noise variance, shape (n, n): row i for position i, column j for noise j
     velocity: Array
     innovation: Array
-    own_position: Array
+    own_position: Array  # without noise, from the chattering of a sliding mode, shape (n,)
     own_velocity: Array
     own_innovation: Array
 
@@ -117,14 +111,24 @@ def noise_gains(
         [np.zeros((n, n)), shown, np.zeros((n, size - n - shown.shape[1])), np.zeros((n, n))]
     )
     offset = np.hstack([np.eye(n), np.zeros((n, size))])
-    gains = np.zeros((3, n, n))
-    for joint in range(n):
-        column = entering[:, joint : joint + 1]
-        covariance = steady_covariance(transition, column @ column.T)
-        for kind, rows in enumerate((inward, velocity, offset)):
-            gains[kind, :, joint] = np.einsum('ij,jk,ik->i', rows, covariance, rows)
-    of_position, of_velocity, of_innovation = gains
-    return NoiseGains(of_position, of_velocity, of_innovation, nothing, nothing, nothing)
+    gains = per_noise(transition, entering, (inward, velocity, offset))
+    return NoiseGains(*gains, nothing, nothing, nothing)
+
+
+def per_noise(transition: Array, entering: Array, outputs: Sequence[Array]) -> list[Array]:
+    """Return the variances of outputs per variance of the noise of each measurement.
+
+    The states z+ = transition z + entering n have white noises n, as many as positions; an output
+    is rows z. Row i, column j of a result, shape (n, n), is for row i and noise j.
+    """
+    states = [steady_covariance(transition, np.outer(each, each)) for each in entering.T]
+    return [np.stack([variances(rows, each) for each in states], axis=1) for rows in outputs]
+
+
+def variances(rows: Array, covariance: Array) -> Array:
+    """Return the variances of rows z, shape (n,), where z has this covariance."""
+    found: Array = np.einsum('ij,jk,ik->i', rows, covariance, rows)
+    return found
 
 
 class Noise:

@@ -21,6 +21,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     walk,
 )
 from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
-from estimator_pkg.observers.mechanism.noise import NoiseGains
+from estimator_pkg.observers.mechanism.noise import NoiseGains, per_noise, variances
 from estimator_pkg.observers.mechanism.parameters import (
     LINEAR,
     PAPER,
@@ -68,11 +69,6 @@ SLIDING = True  # d is the innovation
 NEWTON = 60  # most steps of Newton's method; from above it converges monotonically
 
 
-def twisting(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
-    """Return the two injections of super_twisting at e [rad or m]; see `injections`."""
-    return injections(e, first, second)
-
-
 def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
     """Return the two injections of uniform at e [rad or m]."""
     if e == 0.0:
@@ -86,20 +82,10 @@ def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tupl
     return -one, -two
 
 
-def implicit_twisting(
-    free: float, h: float, first: float, second: float, m1: float, m2: float
-) -> tuple[float, float]:
-    """Return (e, second injection) after an implicit step of h [s].
-
-    It solves e + h first sqrt|e| sgn e + h^2 second sgn e = free, with sgn 0 in [-1, 1].
-    """
-    return implicit_step(free, h, first, second)
-
-
 def implicit_uniform(
     free: float, h: float, first: float, second: float, m1: float, m2: float
 ) -> tuple[float, float]:
-    """Return the same as `implicit_twisting` for `uniform`, a quartic in sqrt|e|, by Newton."""
+    """Return the same as `implicit_step` for `uniform`, a quartic in sqrt|e|, by Newton."""
     size = abs(free)
     sliding = h * h * second * 0.5 * m1 * m1
     if size <= sliding:
@@ -171,27 +157,11 @@ def noise_variances(
         remnant[rows] = turn @ pair.remnant @ turn
     shown = np.hstack([eye, zeros, eye])  # error of the estimate: offset plus noise of y
     speeds = np.hstack([zeros, eye, zeros])
-
-    def variances(rows: Array, covariance: Array) -> Array:
-        found: Array = np.einsum('ij,jk,ik->i', rows, covariance, rows)
-        return found
-
-    per_noise = np.zeros((3, n, n))
-    for joint in range(n):
-        came = arrival[:, joint]
-        covariance = steady_covariance(transition, came[:, None] * came)
-        per_noise[0, :, joint] = variances(shown, covariance)
-        per_noise[1, :, joint] = variances(speeds, covariance)
-        per_noise[2, :, joint] = variances(seen, covariance) + of_noise[:, joint] ** 2
+    outputs = shown, speeds, seen
+    of_position, of_velocity, of_innovation = per_noise(transition, arrival, outputs)
     chatter = steady_covariance(transition, remnant)
-    return NoiseGains(
-        per_noise[0],
-        per_noise[1],
-        per_noise[2],
-        variances(shown, chatter),
-        variances(speeds, chatter),
-        variances(seen, chatter),
-    )
+    own = (variances(rows, chatter) for rows in outputs)
+    return NoiseGains(of_position, of_velocity, of_innovation + of_noise**2, *own)
 
 
 SUPER_TWISTING, UNIFORM = 'super_twisting', 'uniform'
@@ -233,18 +203,16 @@ class Gains(MechanicalGains):
 
 def advance(
     model: Any,
-    core: Core,
-    work: Work,
+    state: State,
     coefficients: Coefficients,
     design: Design,
-    before: Vector,
-    moved: Vector,
     measurement: Vector,
     known_input: Vector,
 ) -> bool:
     """Set `work.after`, the state after one sample; return False where the model is not valid."""
-    after, dt = work.after, coefficients.dt
-    place(model, work.at, design, before, moved, core.e)
+    core, work, dt = state.core, state.work, coefficients.dt
+    after, moved = work.after, work.moved
+    place(model, state, design)
     if not model.admits(design.values, work.at):
         return False
     if design.paper:
@@ -289,8 +257,10 @@ def plan(gains: Gains, circle: Any) -> Plan:
     """Return what these gains imply; raises UserError, UsageError."""
     mechanics = model_of(gains)
     n = mechanics.degrees
-    twists = gains.variant == SUPER_TWISTING
-    if twists:
+    design = Design()
+    design.m1, design.m2 = float(gains.mu1), float(gains.mu2)
+    design.uniform = gains.variant == UNIFORM
+    if not design.uniform:
         mu = np.array(per_joint('mu', gains.mu, n))
         first, second = FIRST * np.sqrt(mu), SECOND * mu
         acceleration_limit = second
@@ -300,52 +270,27 @@ def plan(gains: Gains, circle: Any) -> Plan:
         acceleration_limit = second * 0.5 * gains.mu1**2
     paper = gains.form == PAPER
     linear_hold = gains.hold == LINEAR and not paper
-    injections_of_one = twisting if twists else uniform
-    implicit_step_of_one = implicit_twisting if twists else implicit_uniform
+
+    def described(power: Array, dt: float) -> list[Describing]:
+        """Return a pair per position: of an implicit step of dt [s]; 0: of the injections."""
+        pairs = []
+        for a, b, square in zip(first.tolist(), second.tolist(), power.tolist()):
+            of_one = partial(inject, design=design, first=a, second=b)
+            if dt > 0.0:
+                of_one = partial(step_implicitly, h=dt, design=design, first=a, second=b)
+            pairs.append(describing(of_one, math.sqrt(max(square, SMALLEST))))
+        return pairs
 
     def noise(at: Array, power: Array, dt: float) -> NoiseGains:
         damped = linear_matrix(mechanics, np.eye(n), np.eye(n), None, at)[n:, n:]
-        of_one = injections_of_one if paper else implicit_step_of_one
-        pairs = [
-            describing(
-                of_one,
-                float(first[i]),
-                float(second[i]),
-                gains.mu1,
-                gains.mu2,
-                dt,
-                math.sqrt(max(float(power[i]), SMALLEST)),
-                implicit=not paper,
-            )
-            for i in range(n)
-        ]
+        pairs = described(power, 0.0 if paper else dt)
         return noise_variances(pairs, damped, dt, implicit=not paper, linear_hold=linear_hold)
 
     def linear(at: Array, power: Array) -> tuple[Array, Array]:
         """Return (A, V) with the describing functions at this innovation, in continuous time."""
-        pairs = [
-            describing(
-                injections_of_one,
-                float(first[i]),
-                float(second[i]),
-                gains.mu1,
-                gains.mu2,
-                1.0,
-                math.sqrt(max(float(power[i]), SMALLEST)),
-                implicit=False,
-            )
-            for i in range(n)
-        ]
-        return (
-            linear_matrix(
-                mechanics,
-                np.diag([pair.position for pair in pairs]),
-                np.diag([pair.velocity for pair in pairs]),
-                None,
-                at,
-            ),
-            np.eye(n),
-        )
+        pairs = described(power, 0.0)
+        L, K = (np.diag(column) for column in list(zip(*pairs))[:2])
+        return linear_matrix(mechanics, L, K, None, at), np.eye(n)
 
     def describe(dt: float) -> dict[str, Any]:
         return {
@@ -358,16 +303,14 @@ def plan(gains: Gains, circle: Any) -> Plan:
         gains,
         mechanics,
         circle,
-        matrices={
+        fields={
             'first': first,
             'second': second,
-            'm1': float(gains.mu1),
-            'm2': float(gains.mu2),
-            'uniform': not twists,
+            'm1': design.m1,
+            'm2': design.m2,
+            'uniform': design.uniform,
         },
         slowest=4.0 * float(np.min(acceleration_limit)),
-        longest=math.inf,
-        lag=0.0,
         linear=linear,
         describe=describe,
         noise=noise,

@@ -9,7 +9,6 @@ Their error contains C(q, vh) vh - C(q, v) v, which grows with the speed. GESO's
 
 from __future__ import annotations
 
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -43,7 +42,7 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
 from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
 from estimator_pkg.observers.mechanism.flow import flow
 from estimator_pkg.observers.mechanism.friction import resist
-from estimator_pkg.observers.mechanism.parameters import PAPER, MechanicalGains
+from estimator_pkg.observers.mechanism.parameters import model_of, operating_point
 from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work  # noqa: F401
 
 Array = NDArray[np.float64]
@@ -107,12 +106,9 @@ def brake(model: Any, work: Work, design: Design, v: Vector, u: Vector, h: float
 
 def advance(
     model: Any,
-    core: Core,
-    work: Work,
+    state: State,
     coefficients: Coefficients,
     design: Design,
-    before: Vector,
-    moved: Vector,
     measurement: Vector,
     known_input: Vector,
 ) -> bool:
@@ -120,8 +116,9 @@ def advance(
 
     qh' = vh + L e, vh' = model + K e (+ sigma, sigma' = E e)
     """
-    n, after, dt = model.JOINTS, work.after, coefficients.dt
-    place(model, work.at, design, before, moved, core.e)
+    n, core, work, dt = model.JOINTS, state.core, state.work, coefficients.dt
+    after, moved = work.after, work.moved
+    place(model, state, design)
     if not model.admits(design.values, work.at):
         return False
     after.take(core)
@@ -175,31 +172,21 @@ def linear_matrix(mechanics: Mechanics, L: Array, K: Array, E: Array | None, at:
     return matrix
 
 
-def linear_plan(
-    module: ModuleType,
-    gains: MechanicalGains,
-    mechanics: Mechanics,
-    circle: Any,
-    L: Array,
-    K: Array,
-    E: Array | None,
-    point: Array,
-    complaint: str,
-) -> Plan:
-    """Return what the gains of HGO (if E is None) or EHGO imply.
-
-    Parameters
-    ----------
-    module : that of the observer.
-    L, K, E : gains [1/s, 1/s^2, 1/s^3], shape (n, n).
-    point : operating point, shape (n,) [rad or m].
+def linear_plan(module: Any, gains: Any, circle: Any, complaint: str) -> Plan:
+    """Return what the gains of HGO or EHGO imply, whose `module` has `tune`.
 
     Raises
     ------
+    UserError : the model cannot work.
     UsageError : the error does not decay; the text is `complaint` with the slowest pole.
     """
-    matrices = matrices_over_range(mechanics, L, K, E, point)
-    slowest, n = mechanical_gains.slowest_pole(matrices[0]), mechanics.degrees
+    mechanics = model_of(gains)
+    L, K, E = module.tune(gains, mechanics.degrees)
+    places = [operating_point(gains, mechanics)]
+    if mechanics.damped:
+        places += [q for q, _ in check.random_states(mechanics)]
+    matrices = [linear_matrix(mechanics, L, K, E, q) for q in places]
+    slowest = mechanical_gains.slowest_pole(matrices[0])
     if slowest <= 0.0:
         raise UsageError(f'{complaint} (slowest pole {-slowest:+.3g} 1/s)')
     return made_plan(
@@ -207,53 +194,14 @@ def linear_plan(
         gains,
         mechanics,
         circle,
-        matrices={
+        fields={
             'L': L,
             'K': K,
-            'E': np.zeros((n, n)) if E is None else E,
+            'E': np.zeros_like(L) if E is None else E,
             'disturbed': E is not None,
         },
-        slowest=slowest,
-        longest=(
-            mechanical_gains.longest_euler(matrices)
-            if gains.form == PAPER
-            else mechanical_gains.longest_exact(matrices, n)
-        ),
+        systems=matrices,
         lag=float(np.max(np.diag(L) / np.diag(K))) if E is None else 0.0,
-        linear=lambda at, power: (linear_matrix(mechanics, L, K, E, at), np.eye(n)),
-        describe=lambda dt: describe_linear(L, K, matrices, dt),
+        linear=lambda at, power: (linear_matrix(mechanics, L, K, E, at), np.eye(len(L))),
+        describe=lambda dt: mechanical_gains.describe_loop(L, K, matrices, dt),
     )
-
-
-def matrices_over_range(
-    mechanics: Mechanics, L: Array, K: Array, E: Array | None, point: Array
-) -> list[Array]:
-    """Return the error systems [1/s], shape (m, m), at `point`; with damping, over the range."""
-    places = [point]
-    if mechanics.damped:
-        places += [q for q, _ in check.random_states(mechanics)]
-    return [linear_matrix(mechanics, L, K, E, q) for q in places]
-
-
-def describe_linear(L: Array, K: Array, matrices: list[Array], dt: float) -> dict[str, Any]:
-    """Return properties of these gains by name; `gains.MEANINGS` has their titles and units.
-
-    Parameters
-    ----------
-    L, K : gains [1/s, 1/s^2], shape (n, n).
-    matrices : error systems [1/s], shape (m, m), from `matrices_over_range`.
-    dt : sample time [s].
-    """
-    return {
-        'L': L.tolist(),
-        'K': K.tolist(),
-        'poles': sorted(
-            (complex(pole) for pole in np.linalg.eigvals(matrices[0])),
-            key=lambda pole: (pole.real, pole.imag),
-        ),
-        'noise_figure': (np.diag(K) ** 2 / (2.0 * np.diag(L))).tolist(),
-        'slowest_pole_over_range': min(map(mechanical_gains.slowest_pole, matrices)),
-        'dt_K': (dt * np.diag(K)).tolist(),
-        'dt_K_below_L': bool(np.all(dt * np.diag(K) < np.diag(L))),
-        'longest_euler_dt': mechanical_gains.longest_euler(matrices),
-    }

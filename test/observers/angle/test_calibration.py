@@ -14,19 +14,7 @@ from benchmarks.signals import Samples, encoder
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import TRACKING, Deviation
 from estimator_pkg.observers.angle.hybrid import observer
-from estimator_pkg.sensor.calibration import (
-    BROKEN,
-    CHANCE,
-    FEWEST,
-    LONGEST,
-    MOST,
-    SHORTEST,
-    Calibration,
-    averaged,
-    begin_calibration,
-    follow_calibration,
-    follow_noise,
-)
+from estimator_pkg.sensor.calibration import BROKEN, LONGEST, SHORTEST
 
 DT = 1e-3
 TURN = 2.0 * math.pi
@@ -47,12 +35,6 @@ def fast_sine(time):
 
 def constant(time):
     return 3.0 * time, np.full(len(time), 3.0)
-
-
-def begun():
-    calibration = Calibration()
-    begin_calibration(calibration)
-    return calibration
 
 
 def uncalibrated(joint, samples):
@@ -123,17 +105,6 @@ def test_readings_without_noise_that_turn_half_a_turn_between_instants():
     assert np.max(out.velocity_stddev[500:] / alone.velocity_stddev[500:]) < 1.2
 
 
-@pytest.mark.parametrize('changes, moves', [((1, 1, 1, 0), True), ((1, 1, 0, 0), False)])
-def test_instants_are_further_apart_where_less_than_three_of_four_changed(changes, moves):
-    calibration, readings = begun(), [0.0, 0.0]
-    for k in range(1, 16):
-        readings.append(readings[-1] + 1e-3 * changes[k % 4])
-        follow_calibration(
-            calibration, k * SHORTEST, *readings[:-4:-1], SHORTEST, SHORTEST, 0.0, 1.0, 0.0
-        )
-    assert calibration.spacing_ns == (SHORTEST if moves else 2 * SHORTEST)
-
-
 def test_it_is_learnt_whether_or_not_anyone_reads_it():
     samples = moving(fast_sine, 3000)
     read, unread = make('hybrid_angle', {}), make('hybrid_angle', {})
@@ -159,66 +130,6 @@ def test_instants_before_a_gap_or_a_jump_of_the_clock_are_void(ahead):
     assert joint.channel.track.calibration.due_ns > samples.stamps[-1]
     joint.update(int(samples.stamps[-1]) + round(ahead * 1e9), 0.1)
     assert joint.channel.track.calibration.due_ns == BROKEN
-
-
-@pytest.mark.parametrize('error', [0.0, 0.4, -1.5])
-def test_the_derivative_is_exact_for_a_polynomial_of_order_four(error):
-    """At uneven instants: what is left of the published speed is its own error."""
-    random, calibration = np.random.default_rng(1), begun()
-    passed, at = 10**6, 10**9
-    for _ in range(400):
-        at += round(4e6 + 4e6 * random.random())
-        t = (at - 10**9) * 1e-9
-        position = (((0.3 * t - 1.0) * t + 2.0) * t - 1.5) * t
-        speed = ((1.2 * t - 3.0) * t + 4.0) * t - 1.5
-        readings = position, position, position  # no step shows noise
-        follow_calibration(calibration, at, *readings, passed, passed, speed + error, 0.1, 0.0)
-        calibration.spacing_ns, calibration.waited, calibration.level = SHORTEST, 0, 0.0
-        calibration.variance = calibration.fourths = 1e-20  # the readings have no noise
-        calibration.quantum = 1e-9
-    assert calibration.mean == pytest.approx(max(FEWEST, (error / 0.1) ** 2), rel=0.02)
-    scale = math.sqrt(max(1.0, calibration.mean - CHANCE))
-    assert calibration.scale == pytest.approx(scale)
-
-
-@pytest.mark.parametrize('own, noise', [(1.0, 0.1), (4.0, 0.5), (4.0, 4.0), (30.0, 2.0)])
-def test_the_mean_square_is_that_of_the_errors_without_the_noise_of_the_readings(own, noise):
-    random = np.random.default_rng(4)
-    mean, means = 1.0, []
-    for error in random.normal(0.0, math.sqrt(own + noise), 60_000):
-        mean = averaged(mean, error, noise)
-        means.append(mean)
-    assert np.mean(means[1000:]) == pytest.approx(own, rel=0.15)
-
-
-@pytest.mark.parametrize('error', [math.nan, math.inf, 1e200])
-def test_errors_that_are_no_numbers_do_no_harm(error):
-    mean = 1.0
-    for noise in (0.0, 1.0, math.inf, 1e300):
-        mean = averaged(mean, error, noise)
-        assert FEWEST <= mean <= MOST
-
-
-def test_the_noise_of_white_readings_and_the_step_of_a_counter():
-    random = np.random.default_rng(2)
-    readings = 0.01 * np.arange(20_000) + random.normal(0.0, 1e-3, 20_000)
-    white, found = begun(), []
-    for a, b, c in zip(readings, readings[1:], readings[2:]):
-        follow_noise(white, c, c - b, b - a, 10**6, 10**6)
-        found.append(white.variance)
-    assert np.mean(found) == pytest.approx(1e-6, rel=0.05)
-    counts, counter = np.floor(13.27 * np.arange(200)) * 1.5e-3, begun()
-    for a, b, c in zip(counts, counts[1:], counts[2:]):
-        follow_noise(counter, c, c - b, b - a, 10**6, 10**6)
-    assert counter.quantum == pytest.approx(1.5e-3)
-
-
-def test_the_rounding_of_float32_is_no_quantum():
-    """Half of it is 2^-25 of a reading; steps of a few of these are noise, larger ones count."""
-    for move, quantum in ((1.5e-7, math.inf), (3e-7, 3e-7)):
-        calibration = begun()
-        follow_noise(calibration, 1.0 + move, move, 0.0, 10**6, 10**6)
-        assert calibration.quantum == quantum
 
 
 def test_the_spacing_grows_at_rest_and_shrinks_where_the_motion_shows():

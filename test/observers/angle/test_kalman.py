@@ -14,16 +14,14 @@ from engine_build import build
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from observer_cases import make, stamps, wrapped
-from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
+from scipy.linalg import solve_discrete_are
 from test_frequency_response import transition
 
 import estimator_pkg
 from estimator_pkg.engine.calls import Memory
 from estimator_pkg.estimate import TRACKING
-from estimator_pkg.observers.angle.kalman import Coefficients, Core, Design, noise_gains
 from estimator_pkg.observers.maths import covariance
-from estimator_pkg.observers.maths.covariance import Covariance, steady_gains_2
-from estimator_pkg.sensor.scatter import FINEST, Scatter, begin_scatter, follow_scatter
+from estimator_pkg.observers.maths.covariance import Covariance
 
 DT = 1e-3
 MODELS = {2: {'model': 'constant_velocity'}, 3: {}}
@@ -96,13 +94,6 @@ def test_equals_a_textbook_filter_with_jittered_stamps(order):
     expected = textbook(at, measured, order, density, 1e-6)
     np.testing.assert_allclose(out.velocity[30:], expected[30:], atol=2e-3)  # the priors differ
     np.testing.assert_allclose(out.velocity[200:], expected[200:], atol=1e-6)
-
-
-@orders
-def test_process_noise_is_the_integral(order):
-    ours = upper(of_noise(order, 7.0, 0.013), order)
-    rows, columns = np.triu_indices(order)
-    np.testing.assert_allclose(ours, 7.0 * process_noise(order, 0.013)[rows, columns], rtol=1e-12)
 
 
 @pytest.mark.parametrize('speed', [-300.0, -10.0, 0.0, 10.0, 300.0])
@@ -225,105 +216,7 @@ def test_readings_without_noise_leave_the_filter_stable(order, rate, noise):
         assert np.all(error < 0.05 * np.max(np.abs(velocity)))
 
 
-@given(st.floats(-2.0, 8.0))
-def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
-    density, dt = 10.0**exponent, 0.02
-    p, q = of_line(2, dt), of_noise(2, density, dt)
-    for _ in range(2_000):
-        covariance.update_2(p, q, dt, 1.0)
-    assert steady_gains_2(density, dt) == pytest.approx((p.p00, p.p01 * dt), rel=1e-9)
-
-
-def noise_gains_of(order, *gains):
-    """Those of a filter with these gains at DT, after its second sample."""
-    core, coefficients, design = Core(), Coefficients(), Design()
-    core.started, coefficients.dt, design.order = True, DT, order
-    core.p.p00, core.p.p01, core.p.p02 = gains
-    return noise_gains(core, coefficients, design)
-
-
-def test_noise_gains_of_any_stable_gains_solve_the_lyapunov_equation():
-    """Live changes of the bandwidth pass through gains that no steady filter has."""
-    random, stable = np.random.default_rng(5), 0
-    f = np.array([[1.0, DT, 0.5 * DT**2], [0.0, 1.0, DT], [0.0, 0.0, 1.0]])
-    while stable < 200:
-        alpha, beta, gamma = random.uniform(0.0, (2.0, 4.0, 4.0))
-        gain = np.array([alpha, beta / DT, gamma / DT**2])
-        kept = (np.eye(3) - np.outer(gain, [1.0, 0.0, 0.0])) @ f
-        if np.max(np.abs(np.linalg.eigvals(kept))) > 0.98:
-            continue
-        stable += 1
-        p = solve_discrete_lyapunov(kept, np.outer(gain, gain))
-        found = noise_gains_of(3, *gain.tolist())
-        expected = p[0, 0], p[1, 1], 1.0 + (f @ p @ f.T)[0, 0]
-        assert found == pytest.approx(expected, rel=1e-6)
-
-
 # The noise that is not given
-
-
-def estimated(measured, dt=DT, at=None):
-    scatter = Scatter()
-    begin_scatter(scatter, float(measured[0]))
-    for i, value in enumerate(measured[1:].tolist(), 1):
-        passed = dt if at is None else (at[i] - at[i - 1]) * 1e-9
-        follow_scatter(scatter, value, passed, 2.0 * math.pi)
-    return math.sqrt(scatter.variance)
-
-
-@pytest.mark.parametrize('noise', [1e-5, 1e-4, 1e-3, 1e-2])
-def test_noise_is_seen_through_fast_motion(noise):
-    t = np.arange(6000) * DT
-    motion = 2.0 * np.sin(2.0 * math.pi * 3.0 * t) + 30.0 * t  # 700 rad/s^2, 13 000 rad/s^3
-    measured = wrapped(motion + np.random.default_rng(2).normal(0.0, noise, len(t)))
-    assert estimated(measured) == pytest.approx(noise, rel=0.15)
-
-
-def test_noise_gains_of_unstable_gains_are_those_after_the_third_sample():
-    """A first sample time that is far too long leaves such gains for some samples."""
-    for alpha, beta, gamma in ((1.0, 2.2, 0.5), (0.6, 3.3, 0.5), (0.3, 0.1, 0.9)):
-        gain = alpha, beta / DT, gamma / DT**2
-        expected = (alpha, pytest.approx((2.0 - 6.0 * beta * (1.0 - beta)) / DT**2), 6.0)
-        assert noise_gains_of(3, *gain) == expected
-        if gamma == 0.5:
-            assert noise_gains_of(2, *gain) == expected
-
-
-def test_noise_is_seen_only_where_sample_times_differ_little():
-    """Each second one is longer: 1.9 times as long is used, 2.1 times as long is not."""
-    for longer, used in ((1.9, True), (2.1, False)):
-        scatter = Scatter()
-        begin_scatter(scatter, 0.0)
-        for k, value in enumerate(np.random.default_rng(3).normal(0.0, 1e-3, 500).tolist()):
-            follow_scatter(scatter, value, DT * (longer if k % 2 else 1.0), 6.3)
-        assert (scatter.count > 100.0) == used
-
-
-@pytest.mark.parametrize('speed', [0.02, 0.3, 3.0, 30.0])
-def test_quantisation_counts_as_its_uniform_noise(speed):
-    quantum = 2.0 * math.pi / 4096
-    # the turning speed varies a little, or the pattern of edges would repeat
-    angle = speed * np.arange(40_000) * DT + 0.3 * np.sin(np.arange(40_000) * 1e-4 * speed)
-    measured = wrapped(np.rint(angle / quantum) * quantum)
-    assert estimated(measured) == pytest.approx(quantum / math.sqrt(12.0), rel=0.35)
-
-
-def test_sampling_jitter_is_not_taken_for_noise():
-    """At 50 rad/s a jitter of 0.2 ms is 10 mrad; in it, 700 rad/s^2."""
-    at = stamps(6000, DT, 2e-4)
-    t = (at - at[0]) * 1e-9
-    motion = 50.0 * t + 2.0 * np.sin(6.0 * math.pi * t)
-    measured = wrapped(motion + np.random.default_rng(3).normal(0.0, 3e-5, 6000))
-    assert estimated(measured, at=at) == pytest.approx(3e-5, rel=0.25)
-
-
-def test_outliers_and_rest_do_not_spoil_the_noise():
-    measured = np.random.default_rng(4).normal(0.0, 1e-3, 4000)
-    measured[2000::400] += 2.0
-    assert estimated(measured) == pytest.approx(1e-3, rel=0.5)
-    still = np.concatenate((measured[:2000], np.full(5000, 0.5)))
-    assert estimated(still) == pytest.approx(1e-3, rel=0.2)  # no reading tells anything new
-    assert estimated(np.arange(2000) * 1e-3) >= math.sqrt(FINEST)
 
 
 @orders
@@ -339,12 +232,3 @@ def test_noise_not_given_costs_little(order):
             out = make('kalman', {**MODELS[order], **given_noise}).run(stamps(8000), measured)
             rms.append(np.sqrt(np.mean((out.velocity - truth)[1000:] ** 2)))
         assert rms[1] < 1.1 * rms[0]
-
-
-def test_bandwidth_goes_before_the_density():
-    gains = {'bandwidth_hz': 20.0, 'noise': 1e-3}
-    measured = wrapped(np.random.default_rng(6).normal(0.0, 1e-3, 500))
-    outs = [
-        make('kalman', {**gains, 'jerk_psd': psd}).run(stamps(500), measured) for psd in (1.0, 1e6)
-    ]
-    np.testing.assert_array_equal(outs[0].velocity, outs[1].velocity)

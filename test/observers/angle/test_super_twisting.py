@@ -25,7 +25,6 @@ from estimator_pkg.observers.angle.super_twisting.observer import (
     Core,
     Gains,
 )
-from estimator_pkg.observers.maths.twisting import implicit_step, injections
 
 BOUND = {1: 25.0, 2: 150.0, 3: 1000.0}  # of the test signal's acceleration, jerk, snap
 
@@ -85,112 +84,6 @@ def test_vectors(form, order, expected):
     for sample, value in zip((1, 2, 3, 10, 100, 1000), expected):
         tolerance = 1e-6 if sample <= 10 else 1e-3 * max(1.0, abs(value))
         assert v[sample] == pytest.approx(value, abs=tolerance), sample
-
-
-@pytest.mark.parametrize('error', [0.0, 1e-9, 0.3, 2.0])
-def test_what_is_injected_opposes_the_error_alike_on_both_sides(error):
-    """gain sqrt|e| and alpha, with the sign of e; the implicit step never leaves more than e."""
-    for sign in (1.0, -1.0):
-        assert injections(sign * error, 3.0, 5.0) == pytest.approx(
-            (sign * 3.0 * math.sqrt(error), sign * 5.0 * (error > 0.0))
-        )
-        left, second = implicit_step(sign * error, 0.01, 3.0, 5.0)
-        assert 0.0 <= sign * left <= error and 0.0 <= sign * second <= 5.0
-        if error > 0.01:  # e = left + h (gain sqrt(left) + h alpha)
-            whole = sign * left + 0.01 * (3.0 * math.sqrt(sign * left) + 0.01 * 5.0)
-            assert whole == pytest.approx(error) and second == sign * 5.0
-
-
-TABLE = {  # (form, order): largest velocity error from 5 s on at h = 0.1, 1, 5, 10, 20 ms
-    ('explicit', 1): (0.00823, 0.0805, 0.331, 0.605, 1.54),
-    ('implicit', 1): (0.00106, 0.0106, 0.0531, 0.106, 0.212),
-    ('matching', 1): (0.00955, 0.0940, 0.417, 0.743, 1.26),
-    ('taylor', 2): (9.8e-6, 9.3e-4, 0.0256, 0.0967, 0.398),
-    ('matching', 2): (6.2e-5, 5.2e-3, 0.0779, 0.218, 0.561),
-    ('taylor', 3): (1.6e-8, 1.5e-5, 1.7e-3, 0.0148, 0.134),
-    ('matching', 3): (3.7e-6, 1.2e-3, 0.0351, 0.134, 0.641),
-}
-QUICK = ('explicit', 1), ('implicit', 1), ('taylor', 3)
-TOLERANCE = {'implicit': 0.01, 'matching': 0.05, 'taylor': 0.25, 'explicit': 0.25}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    'form, order',
-    [pytest.param(*each, marks=() if each in QUICK else pytest.mark.slow) for each in TABLE],
-)
-def test_table_of_errors(form, order):
-    for dt, expected in zip((1e-4, 1e-3, 5e-3, 1e-2, 2e-2), TABLE[form, order]):
-        t = np.arange(0, round(15.0 / dt) + 1) * dt  # the signal repeats after 10 s
-        position, velocity, _ = signal(t)
-        v, _ = predictions(form, order, dt, position)
-        error = np.max(np.abs(v - velocity)[t >= 5.0])
-        assert error == pytest.approx(expected, rel=TOLERANCE[form]), (dt, error)
-
-
-@pytest.mark.parametrize(
-    'form, order, at_rest',
-    [
-        ('explicit', 1, 0.0275),
-        ('implicit', 1, 0.0),
-        ('matching', 1, 0.0),
-        ('matching', 2, 0.0),
-        ('matching', 3, 0.0),
-    ],
-)
-def test_at_rest_only_the_explicit_form_chatters(form, order, at_rest):
-    measured = np.concatenate([signal(np.arange(0, 2000) * 1e-3)[0], np.full(8000, 0.3)])
-    v, _ = predictions(form, order, 1e-3, measured)
-    assert np.max(np.abs(v[-2000:])) == pytest.approx(at_rest, abs=1e-9 if not at_rest else 1e-3)
-
-
-@pytest.mark.parametrize(
-    'counts, order, velocity_rms, acceleration_rms',
-    [
-        (4096, 1, 0.096, None),
-        (4096, 2, 0.045, 2.6),
-        (4096, 3, 0.045, 2.0),
-        (65536, 2, 0.0078, 1.0),
-        (65536, 3, 0.0062, 0.51),
-    ],
-)
-def test_quantised_signal(counts, order, velocity_rms, acceleration_rms):
-    t = np.arange(0, 20001) * 1e-3
-    position, velocity, acceleration = signal(t)
-    quantum = 2.0 * math.pi / counts
-    v, a = predictions('matching', order, 1e-3, np.round(position / quantum) * quantum)
-    kept = t >= 5.0
-    assert np.sqrt(np.mean((v - velocity)[kept] ** 2)) == pytest.approx(velocity_rms, rel=0.25)
-    if acceleration_rms:
-        assert np.sqrt(np.mean((a - acceleration)[kept] ** 2)) == pytest.approx(
-            acceleration_rms, rel=0.25
-        )
-
-
-@pytest.mark.parametrize(
-    'bound, exact, quantised',
-    [
-        (2.5, 4.9, 4.9),
-        (10, 2.06, 2.18),
-        (15, 0.64, 0.79),
-        (21, 0.0106, 0.217),
-        (25, 0.0106, 0.236),
-        (50, 0.0106, 0.298),
-        (100, 0.0106, 0.370),
-        (400, 0.0106, 0.750),
-    ],
-)
-def test_bound_set_wrong(bound, exact, quantised):
-    t = np.arange(0, 20001) * 1e-3
-    position, velocity, _ = signal(t)
-    quantum = 2.0 * math.pi / 4096
-    kept = t >= 5.0
-    for measured, expected in (
-        (position, exact),
-        (np.round(position / quantum) * quantum, quantised),
-    ):
-        v, _ = predictions('implicit', 1, 1e-3, measured, bound=float(bound))
-        assert np.max(np.abs(v - velocity)[kept]) == pytest.approx(expected, rel=0.25)
 
 
 @pytest.mark.parametrize('order', [1, 2, 3])
@@ -273,32 +166,3 @@ def test_interval_covers_after_a_large_transient(outlier):
     later = (number > 1000) & ((number - 1000) % 500 > 150)
     error = np.abs(out.velocity - math.pi * np.cos(math.pi * time))[later]
     assert 0.92 <= np.mean(error < 1.96 * out.velocity_stddev[later]) <= 0.97
-
-
-def test_beyond_the_table_the_noise_gains_are_those_of_its_end():
-    design, dt = super_twisting.design(Gains(order=3), Circle(0.0)), 1e-3
-
-    def at(place):
-        """The gains at this place of the table: the speed of the error dynamics in samples."""
-        speed = 10.0 ** (tables.TABLE_FROM + tables.TABLE_STEP * place)
-        return tables.noise_gains_at((dt * design.scale / speed) ** 8, dt, design)
-
-    last = tables.TABLE - 1
-    assert at(-0.5) == at(-5.0) == pytest.approx(at(1e-6), rel=1e-4)
-    assert at(last + 0.5) == at(last + 9.0) == pytest.approx(at(last - 0.002), rel=1e-3)
-    for inside in (0.5, last - 0.5):
-        for here, below, above in zip(at(inside), at(inside - 0.5), at(inside + 0.4999)):
-            assert min(below, above) <= here <= max(below, above)
-        # as the filter of that speed has them
-        s = 10.0 ** (tables.TABLE_FROM + tables.TABLE_STEP * inside)
-        k = tables.matched(3, s, design.roots)
-        assert at(inside)[0] == pytest.approx(_position_variance(k), rel=2e-2)
-
-
-def _position_variance(k):
-    """Of the position per unit variance of the readings, of the filter with these gains."""
-    chain = np.array([[1.0, 1.0, 0.5, 1.0 / 6.0], [0, 1, 1, 0.5], [0, 0, 1, 1], [0, 0, 0, 1]])
-    gain = np.array(k)[:, None]
-    kept = (np.eye(4) - gain @ np.array([[1.0, 0.0, 0.0, 0.0]])) @ chain
-    found = np.linalg.solve(np.eye(16) - np.kron(kept, kept), (gain @ gain.T).ravel())
-    return found[0]

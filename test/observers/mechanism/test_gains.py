@@ -64,21 +64,6 @@ def test_geso_of_a_curved_mechanism_offers_hgo():
     assert made('hgo', model='own_models:TwoLinks').mechanics.degrees == 2
 
 
-def test_remark_5_needs_its_weight():
-    """-L Hurwitz and not positive: without P0 the printed injection is unstable, with it stable."""
-    L, calm = np.array([[-0.5, 2.0], [-2.0, 1.0]]), np.diag([10.0, 1.0])
-    P0 = mechanical_gains.lyapunov_weight(L)
-    assert np.linalg.eigvalsh(P0 @ L + L.T @ P0)[0] > 0.0
-
-    def worst(weight):
-        return -mechanical_gains.slowest_pole(
-            np.block([[-L, calm], [-calm.T @ weight, np.zeros((2, 2))]])
-        )
-
-    assert worst(np.eye(2)) > 0.2 and worst(P0) < -0.1
-    np.testing.assert_array_equal(mechanical_gains.lyapunov_weight(np.diag([3.0, 4.0])), np.eye(2))
-
-
 def test_guaranteed_rate_holds_and_the_printed_one_does_not():
     """Proposition 4.1 with b = 0.9: dW/dt <= -c4 |e|^2 with k0; with k1 in its place it fails."""
     mechanics = load('cart_pendulum', FAST)

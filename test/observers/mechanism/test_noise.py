@@ -3,30 +3,27 @@
 
 """Sliding modes step by step; standard deviations of every observer of mechanisms."""
 
-import math
-
 import numpy as np
 import pytest
 from mechanism_runs import NAMES, begun, driven, made, stepped
 
 from estimator_pkg.observers.mechanism import smo
-from estimator_pkg.observers.mechanism.noise import exponential
+from estimator_pkg.observers.mechanism.state import Design
 
 # Sliding modes
 
 
-@pytest.mark.parametrize(
-    'step, inject', [(smo.implicit_twisting, smo.twisting), (smo.implicit_uniform, smo.uniform)]
-)
+@pytest.mark.parametrize('uniform', (False, True))
 @pytest.mark.parametrize('free', (-2.0, -1e-3, 1e-9, 0.3))
-def test_implicit_step_solves_its_equation(step, inject, free):
-    h, first, second, m1, m2 = 1e-2, 1.5, 2.2, 1.86, 0.303
-    e, two = step(free, h, first, second, m1, m2)
+def test_implicit_step_solves_its_equation(uniform, free):
+    h, first, second, design = 1e-2, 1.5, 2.2, Design()
+    design.uniform, design.m1, design.m2 = uniform, 1.86, 0.303
+    e, two = smo.step_implicitly(free, h, design, first, second)
     if e == 0.0:
-        held = second if step is smo.implicit_twisting else second * 0.5 * m1 * m1
+        held = second * 0.5 * design.m1 * design.m1 if uniform else second
         assert abs(two) <= held and h * h * two == pytest.approx(free)
         return
-    one, again = inject(e, first, second, m1, m2)
+    one, again = smo.inject(e, design, first, second)
     assert again == pytest.approx(two)
     assert e + h * one + h * h * two == pytest.approx(free, rel=1e-9)
 
@@ -103,20 +100,6 @@ def test_stddev_of_sliding_modes_holds_from_weak_to_strong(values):
     reported = plan.deviations(state, coefficients)
     assert reported[1][0] == pytest.approx(np.std(velocities[8000:]), rel=0.12)
     assert reported[0][0] == pytest.approx(np.std(positions[8000:]), rel=0.12)
-
-
-def test_noise_law():
-    """var(vh) = s^2 dt K^2 / (2 L) where K dt << L << 1/dt."""
-    plan = made('hgo', model='single_joint', L=[20.0], K=[100.0], noise=[1e-3])
-    dt = 1e-4
-    reported = plan.deviations(*begun(plan, dt, (0.0,)))[1][0]
-    assert reported == pytest.approx(1e-3 * math.sqrt(dt * 100.0**2 / 40.0), rel=0.01)
-
-
-def test_exponential():
-    expm = pytest.importorskip('scipy.linalg').expm
-    matrix = np.random.default_rng(1).normal(size=(6, 6)) * 3.0
-    np.testing.assert_allclose(exponential(matrix), expm(matrix), rtol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,6 @@ from estimator_pkg.estimate import TRACKING
 from estimator_pkg.models.load import load
 from estimator_pkg.observers.mechanism.algebra import solve
 from estimator_pkg.observers.mechanism.flow import flow
-from estimator_pkg.observers.mechanism.friction import stopping
 from estimator_pkg.observers.mechanism.motion import Motion
 from estimator_pkg.observers.mechanism.noise import discrete
 from estimator_pkg.observers.mechanism.state import Core, Work, enlarge
@@ -369,20 +368,3 @@ def test_plain_and_engine_are_equal_where_friction_stops_a_joint(name, model, nu
     vars(module).update({**vars(plan.module), '__name__': 'unknown to the engine'})
     plain = dataclasses.replace(plan, module=module)
     np.testing.assert_array_equal(plain.velocities(plan.state(), readings, inputs, 0.01), found)
-
-
-@pytest.mark.parametrize(
-    'force, free, late, v, wanted',
-    (
-        (-1.0, 0.0, -1.0, 0.01, (0.0, 100.0)),  # stops it: as a viscous force of the same size
-        (1.0, 0.0, 1.0, -0.01, (0.0, 100.0)),
-        (-0.2, 0.8, -0.2, 0.01, (0.8, 100.0)),  # holds it against what drives it
-        (1.0, 2.0, 1.0, 0.01, (1.0, 0.0)),  # does not
-        (-1.0, 0.0, -1.0, 1.0, (-1.0, 0.0)),
-        (1.0, 0.0, 1.0, 0.01, (1.0, 0.0)),  # drives it
-        (0.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
-        (-0.7, 0.3, -0.7, 1e-12, (0.3, 300.0)),
-    ),
-)  # a plain sign: it rests whatever the size
-def test_friction_that_stops_a_joint_counts_as_viscous(force, free, late, v, wanted):
-    assert stopping(force, free, late, v, 1.0, 0.1) == pytest.approx(wanted)

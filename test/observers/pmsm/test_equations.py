@@ -8,15 +8,13 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.linalg import expm, solve_discrete_lyapunov
+from scipy.linalg import expm
 
 from estimator_pkg.observers.maths.clarke import clarke, phases
 from estimator_pkg.observers.pmsm import identifier
 from estimator_pkg.observers.pmsm.drive import Sample
-from estimator_pkg.observers.pmsm.equations import emf, flux_linkage, reflect, rotor_angle
+from estimator_pkg.observers.pmsm.equations import emf, reflect
 from estimator_pkg.observers.pmsm.identifier import credible, shift, solve
-from estimator_pkg.observers.pmsm.noise import noise_gains
 from estimator_pkg.observers.pmsm.scheme import advance, exponential, prepare_scheme, turned_emf
 from estimator_pkg.observers.pmsm.state import Design, Registers, Scheme
 from sim_pkg.reproduce.pmsm.reference import core_of, flow, vectors_of
@@ -98,76 +96,6 @@ def sample_of(current, voltage):
     return sample
 
 
-@pytest.fixture
-def one_step_errors():
-    """Errors of (i, h, z, x) after one sample of dt against a fine solution of (16)."""
-    omega = 2200.0
-    z, i, h, x = unit(20.0), 0.5 - 1.0j, -0.6 - 3.9j, 500.0
-
-    def current(t):
-        return 4.0j * cmath.exp(1j * omega * t)
-
-    def voltage(t):
-        return 4.5j * cmath.exp(1j * (omega * t + 0.1))
-
-    def slope(t, s):
-        found = flow(
-            complex(s[0], s[1]),
-            complex(s[2], s[3]),
-            complex(s[4], s[5]),
-            s[6],
-            current(t),
-            voltage(t),
-            R,
-            L,
-            K_P,
-            K_I,
-            K_ETA,
-            GAMMA,
-        )
-        return [
-            found[0].real,
-            found[0].imag,
-            found[1].real,
-            found[1].imag,
-            found[2].real,
-            found[2].imag,
-            found[3],
-        ]
-
-    def of(dt):
-        exact = solve_ivp(
-            slope,
-            (0.0, dt),
-            [i.real, i.imag, h.real, h.imag, z.real, z.imag, x],
-            rtol=1e-12,
-            atol=1e-13,
-        ).y[:, -1]
-        half = 0.5 * omega * dt
-        mean = voltage(0.5 * dt) * math.sin(half) / half
-        core = core_of(i, h, z, current(0.0))
-        x_after, _ = advance(
-            core, scheme_of(dt), sample_of(current(dt), mean), x, K_ETA, GAMMA, 0.0
-        )
-        ours = *vectors_of(core), x_after
-        return np.array(
-            [
-                abs(ours[0] - complex(exact[0], exact[1])),
-                abs(ours[1] - complex(exact[2], exact[3])),
-                abs(ours[2] - complex(exact[4], exact[5])),
-                abs(ours[3] - exact[6]),
-            ]
-        )
-
-    return of
-
-
-def test_scheme_x_solves_the_flow_to_second_order(one_step_errors):
-    coarse, fine = one_step_errors(5e-5), one_step_errors(1.25e-5)
-    assert np.all(coarse < [5e-2, 1e-2, 1e-2, 2e-2])
-    assert np.all(fine < coarse / 16.0)  # a local error of third order: 64
-
-
 def test_a_runaway_frame_stays_finite():
     scheme = scheme_of(5e-4)
     core, x = core_of(0j, 5.0 + 5.0j, 1.0 + 0.0j), 2500.0
@@ -206,12 +134,6 @@ def ticks(omega, period, count=5, noise=0.0, seed=1):
     return registers
 
 
-@pytest.mark.parametrize('omega', [1000.0, -1000.0, 2513.27])
-def test_least_squares_finds_the_flux_and_the_sign(omega):
-    registers = ticks(omega, 5e-3 if omega < 2000.0 else 4e-3)
-    assert solve(registers, 2)[0] == pytest.approx(math.copysign(1.0 / FLUX, omega), rel=1e-9)
-
-
 def gated(registers, lowest=200.0, highest=1500.0, least_emf=0.2):
     design = Design()
     design.periods, design.xi_low, design.xi_high = 2, lowest, highest
@@ -245,37 +167,6 @@ def test_the_gates_refuse_whole_turns_per_tick():
         found = ticks(2.0 * math.pi / 5e-3, 5e-3, noise=0.01, seed=seed)
         assert not gated(found)
     assert abs(solve(found, 2)[0] - 1.0 / FLUX) > 270.0
-
-
-@pytest.mark.parametrize('omega', [0.0, 4000.0])
-def test_noise_gains_solve_the_lyapunov_equation(omega):
-    s, design = scheme_of(5e-5), Design()
-    design.inductance, design.k_p, design.k_i = L, K_P, K_I
-    # state (i, h, n): the noise of the sample before is remembered
-    turn = 1j * omega
-    a = np.array(
-        [
-            [s.e11, s.e12, s.ia - s.idd - turn * (s.iw - s.idw)],
-            [s.e21, s.e22, s.ha - s.hdd - turn * (s.hw - s.hdw)],
-            [0.0, 0.0, 0.0],
-        ]
-    )
-    b = np.array([[s.idd - turn * s.idw], [s.hdd - turn * s.hdw], [1.0]])
-    p = solve_discrete_lyapunov(a, b @ b.conj().T).real
-    of_h, of_innovation, of_integral = noise_gains(design, s, omega)
-    assert of_h == pytest.approx(p[1, 1], rel=1e-9)
-    assert of_innovation == pytest.approx(p[0, 0] + 1.0 - 2.0 * p[0, 2], rel=1e-9)
-    way = np.array([1.0, -K_P / K_I]) * L
-    assert of_integral == pytest.approx(way @ p[:2, :2] @ way, rel=1e-9)
-
-
-def test_outputs():
-    core = core_of(0j, 0j, unit(30.0))
-    for core.x, degrees in ((500.0, 30.0), (-500.0, -150.0)):
-        assert rotor_angle(core) == pytest.approx(math.radians(degrees))
-    assert flux_linkage(500.0, 1e-3, 4e-3) == 1.0 / 500.0
-    assert flux_linkage(0.0, 1e-3, 4e-3) == 4e-3
-    assert flux_linkage(-1e9, 1e-3, 4e-3) == 1e-3
 
 
 def test_clarke_is_amplitude_invariant_and_drops_the_common_part():

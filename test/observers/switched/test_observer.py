@@ -21,7 +21,6 @@ from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import check, load, trajectory
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.observers.switched.state import Deviation
-from estimator_pkg.observers.switched.velocity import correction, pole
 from estimator_pkg.parameters import build
 from sim_pkg.reproduce.hybrid_discrete.runs import Observed
 
@@ -403,21 +402,6 @@ def test_the_noise_of_the_velocity_is_as_computed():
     stddev = np.std(np.array(found)[500:], axis=0) / 1e-6
     assert stddev[:2] == pytest.approx([math.sqrt(position), math.sqrt(velocity)], rel=0.1)
     assert math.sqrt(observed.state.powers[0]) == pytest.approx(1e-6, rel=0.4)
-
-
-@pytest.mark.parametrize('length', [1, 2, 3, 5])
-def test_all_poles_are_in_one_place(length):
-    of_all = pole(length, 20.0)
-    for dt in (1e-4, 1e-2):
-        made_at = correction(length, of_all, dt)
-        gains, factors = made_at.gains, made_at.factors
-        n = length + 1
-        a = np.array([[factors[j - i] if j >= i else 0.0 for j in range(n)] for i in range(n)])
-        kept = np.eye(n)
-        kept[:, 0] -= gains
-        scale = np.diag([dt**i for i in range(n)])
-        wanted = np.poly([math.exp(-of_all * dt)] * n)
-        assert np.poly(scale @ kept @ a @ np.linalg.inv(scale)) == pytest.approx(wanted, abs=1e-9)
 
 
 def test_the_bank_gives_positions_velocities_and_deviations_of_all_joints():

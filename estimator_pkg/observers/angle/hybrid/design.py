@@ -27,20 +27,12 @@ LEAST_DECAY = 1e-6  # of the slowest pole, in the fastest
 
 
 class Continuous(NamedTuple):
-    """A continuous design.
+    """A continuous design."""
 
-    Attributes
-    ----------
-    k : (k1, k2) or (k1, k2, k3).
-    epsilon : high-gain scale [s].
-    poles : of the error, shape (order,), rad/s, all with positive real part (-s).
-    bandwidth_hz : -3 dB frequency from true to estimated velocity [Hz].
-    """
-
-    k: tuple[float, ...]
-    epsilon: float
-    poles: tuple[complex, ...]
-    bandwidth_hz: float
+    k: tuple[float, ...]  # (k1, k2) or (k1, k2, k3)
+    epsilon: float  # high-gain scale [s]
+    poles: tuple[complex, ...]  # of the error [rad/s], all with positive real part (-s)
+    bandwidth_hz: float  # -3 dB frequency from true to estimated velocity [Hz]
 
     @property
     def slowest(self) -> float:

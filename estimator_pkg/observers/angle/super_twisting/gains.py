@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Annotated
 
 import numpy as np
@@ -177,15 +177,11 @@ def implicit_table() -> tuple[tuple[float, ...], ...]:
     chain = np.array([[1.0, 1.0], [0.0, 1.0]])
     turned = np.diag([-1.0, 1.0])  # what is left of an error has not moved the position
 
-    def step(
-        error: float, h: float, gain: float, alpha: float, *unused: float
-    ) -> tuple[float, float]:
-        return implicit_step(error, h, gain, alpha)
-
     rows = []
     for point in range(TABLE):
         s = 10.0 ** (TABLE_FROM + TABLE_STEP * point)
-        found = describing(step, first * s, second * s * s, 0.0, 0.0, 1.0, 1.0, implicit=True)
+        inject = partial(implicit_step, h=1.0, gain=first * s, alpha=second * s * s)
+        found = describing(inject, 1.0)
         gain = np.array([1.0 - found.position, found.velocity])
         kept = np.eye(2)
         kept[:, 0] -= gain

@@ -3,12 +3,9 @@
 
 """The edge-aware adaptive observer on the columns of the benchmark: one setting for all."""
 
-import math
-
 import numpy as np
 import pytest
 from edge_encoder import DT, QUANTUM
-from observer_cases import make, wrapped
 
 from benchmarks import accuracy as bench_accuracy
 from benchmarks.signals import FURTHER, SIGNALS
@@ -114,32 +111,3 @@ def test_the_interval_score_is_least_for_the_right_width():
     for wrong in (0.1, 0.4):
         worse = bench_accuracy.interval_score(error, np.full(len(error), wrong))
         assert worse[2] > 1.1 * score
-
-
-@pytest.mark.parametrize('seed', range(30))
-def test_no_stream_breaks_it(seed):
-    """Any quantum, noise, speed, sample times and outliers: finite numbers, a valid covariance."""
-    random = np.random.default_rng(seed)
-    count = 400
-    quantum = 10.0 ** random.uniform(-6.0, -1.0)
-    t = np.cumsum(np.where(random.random(count) < 0.1, 10.0 ** random.uniform(-5.0, -1.0), DT))
-    angle = 10.0 ** random.uniform(-4.0, 3.0) * t + random.normal(
-        size=count
-    ) * 10.0 ** random.uniform(-6.0, -1.0)
-    angle = np.floor(angle / quantum) * quantum
-    struck = random.random(count) < 0.03
-    angle[struck] += random.normal(size=struck.sum()) * 10.0 ** random.uniform(-3.0, 1.0)
-    angle[200:240] = angle[200]
-    given = float(random.choice([0.0, quantum, 4.0 * quantum, quantum / 8.0]))
-    one = make('edge_adaptive', {'quantum': given})
-    for stamp, value in zip(
-        (np.rint(t * 1e9).astype(np.int64) + 10**18).tolist(), wrapped(angle).tolist()
-    ):
-        one.update(stamp, value)
-        assert all(math.isfinite(number) for number in one.estimate())
-        sigma = one.stddev()
-        assert min(sigma) > 0.0
-        state = one.state
-        if given > 0.0 or state.convention.low < state.convention.high:  # a step was seen
-            assert max(sigma) < math.inf
-        assert min(state.p.p00, state.p.p11, state.p.p22) >= 0.0

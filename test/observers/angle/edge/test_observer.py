@@ -12,7 +12,6 @@ from observer_cases import make, stamps, wrapped
 
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
 from estimator_pkg.sensor.guard import REPEATED
-from sim_pkg.joints import profiles
 
 
 @pytest.mark.parametrize('counts', [1.01, 0.99, 0.51, 0.335, 1.49, 100.02, 130.67, 20.26])
@@ -263,14 +262,6 @@ def test_a_stream_that_repeats_every_second_reading_is_followed(speed):
     assert np.all(np.abs(out.velocity[1500::2] - speed) < 0.01 * speed)
 
 
-def test_a_sudden_stop_is_seen():
-    angle = 5.0 * np.minimum(np.arange(4000) * DT, 2.0)
-    out = run(angle)
-    assert abs(out.velocity[2010]) < 0.3
-    assert np.max(np.abs(out.velocity[2030:])) < 0.1
-    assert np.all(out.velocity[3900:] < 1e-3)
-
-
 def test_prismatic_and_multi_turn_readings_are_followed_without_wrapping():
     angle = 40.0 * np.arange(3000) * DT
     for period in (0.0, 2.0 * math.pi):
@@ -327,42 +318,6 @@ def test_no_stream_makes_it_fail_or_say_what_is_no_number():
         assert np.count_nonzero(used) > 100
         assert np.all(np.isfinite(out.velocity[used])), seed
         assert np.all(out.velocity_stddev[used] >= 0.0), seed
-
-
-STARTS = {
-    'steps': lambda t: profiles.steps(8.0, 40.0, 0.5)(t),
-    'trapezoid': lambda t: profiles.trapezoid(10.0, 50.0, 1.0)(t),
-    'trapezoid at once': lambda t: profiles.trapezoid(10.0, 0.0, 0.5)(t),
-    'slow': lambda t: profiles.trapezoid(1.0, 2.0, 1.0)(t),
-    'sine': lambda t: profiles.sine(5.0, 0.3)(t),
-    'slow sine': lambda t: profiles.sine(0.1, 0.3)(t),
-    'constant': lambda t: profiles.constant(10.0)(t),
-    'chirp': lambda t: profiles.chirp(5.0, 0.3, 5.0, 20.0)(t),
-    'figure 4': lambda t: profiles.figure_4()(t),
-    'figure 6': lambda t: profiles.figure_6(0.15)(t),
-}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('known', [True, False])
-@pytest.mark.parametrize('name', STARTS)
-def test_sigma_covers_every_start_from_the_first_changed_reading_on(name, known):
-    for phase in (0.0, 0.3e-3, 0.77e-3):
-        t = np.arange(5000) * DT
-        angle, velocity, _ = STARTS[name](t + phase)
-        reading = read(angle)
-        out = make('edge_adaptive', {'quantum': QUANTUM} if known else {}).run(
-            stamps(len(t)), reading
-        )
-        assert np.min(out.velocity_stddev[1:]) > 0.0
-        changed = np.diff(reading, prepend=reading[0]) != 0.0
-        moving = velocity != 0.0
-        for start in np.flatnonzero(moving & ~np.roll(moving, 1) | (moving & (t == 0.0))):
-            first = start + np.argmax(changed[start:])
-            span = slice(first, start + 200)
-            shown = (out.status[span] == TRACKING) | (out.status[span] == COASTING)
-            error = np.abs(out.velocity - velocity)[span][shown]
-            assert np.all(error < 5.0 * out.velocity_stddev[span][shown]), (phase, t[start])
 
 
 def test_without_a_quantum_nothing_is_known_until_the_first_step():

@@ -11,14 +11,6 @@ import pytest
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, START_NS, encoder
 from estimator_pkg.evaluation.compare.delay import delay
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.observers.angle.edge import preference as under_test
-from estimator_pkg.observers.angle.edge.covariance import (
-    Coefficients,
-    predict_covariance,
-    set_covariance,
-)
-from estimator_pkg.observers.angle.edge.observer import Design, prepare
-from estimator_pkg.observers.maths.covariance import Covariance
 
 BY_NAME = {signal.name: signal for signal in SIGNALS + FURTHER}
 QUANTUM = 2.0 * math.pi / 4096
@@ -90,43 +82,3 @@ def test_a_change_while_it_runs_leaves_the_first_filter_alone():
     assert np.max(np.abs(found - straight.velocity)) < 0.5
     for part in (slice(500), slice(901, None)):
         np.testing.assert_array_equal(found[part], straight.velocity[part])
-
-
-def test_the_second_filter_is_a_kalman_filter_of_its_own_density():
-    # the first one takes a whole cell of variance R as S = P00 + R, f = P00/S ... 1 - f = R/S
-    coefficients, first, other = Coefficients(), Covariance(), under_test.Other()
-    prepare(coefficients, Design(), 1e-3)
-    set_covariance(first, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1.0)
-    own = np.array([[2e-6, 1e-5, 1e-4], [1e-5, 4e-3, 1e-2], [1e-4, 1e-2, 3.0]])
-    set_covariance(other.p, *own[np.triu_indices(3)].tolist())
-    x = np.array([1e-4, -2e-2, 0.3])
-    other.apart, (other.x, other.v, other.a) = True, x.tolist()
-    noise, d = 5e-7, 3e-4
-    f = 1.0 / (1.0 + 2.0 * noise / (first.p00 + noise))
-    s = first.p00 + noise
-    gain = np.array([first.p00, first.p01, first.p02]) / s
-    under_test.inform_other(other, first, s, d, 1.0 - f, True, 0.0, False, math.log(8.0))
-    # by the book: a measurement of variance S/f - P00, d/f from the first filter
-    r = s / f - first.p00
-    book = own[:, 0] / (own[0, 0] + r)
-    assert (other.x, other.v, other.a) == pytest.approx(x + book * (d / f - x[0]) - gain * d)
-    wanted = own - np.outer(book, own[0])
-    assert entries(other.p) == pytest.approx(wanted[np.triu_indices(3)])
-    # and one sample later it has moved as the first one, with its own density
-    later, v = Covariance(), other.v + other.a * 1e-3
-    later.take(other.p)
-    predict_covariance(later, 2.0, coefficients)
-    under_test.predict_other(other, first, 2.0, coefficients, 0.0, 0.01)
-    assert entries(other.p) == entries(later)
-    assert other.v == pytest.approx(v)
-
-
-def entries(p):
-    return p.p00, p.p01, p.p02, p.p11, p.p12, p.p22
-
-
-def test_the_variance_follows_from_equal_shares_of_noise_and_jerk():
-    assert under_test.ratios(1.0) == pytest.approx((1.0, 1.0, 1.0))
-    _, _, speed = under_test.ratios(8.0)
-    assert speed == pytest.approx(0.5 * (math.sqrt(8.0) + 1.0 / math.sqrt(8.0)))
-    assert under_test.ratios(0.125)[2] == pytest.approx(speed)

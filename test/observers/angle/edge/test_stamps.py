@@ -46,26 +46,6 @@ def delayed(t, every, delay, burst):
     return stamps(1)[0] + np.rint(late * 1e9).astype(np.int64)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('delay', [1e-3, 2e-3, 4e-3])
-@pytest.mark.parametrize('burst', [True, False])
-@pytest.mark.parametrize('known', [True, False])
-def test_a_late_stamp_is_no_motion(delay, burst, known):
-    quantum, rate = 3.8e-4, 667.0
-    t = np.arange(int(8.0 * rate)) / rate
-    w = 2.0 * math.pi * 0.8
-    reading, velocity = read(4.0 * np.sin(w * t), quantum), 4.0 * w * np.cos(w * t)
-    at = delayed(t, 500, delay, burst)
-    error = {}
-    for name in ('edge_adaptive', 'kalman'):
-        gains = {'quantum': quantum} if known or name == 'kalman' else {}
-        out = make(name, gains).run(at, reading)
-        used = (t > 1.0) & (out.verdict < 5)
-        error[name] = (out.velocity - velocity)[used]
-    assert np.max(np.abs(error['edge_adaptive'])) < 0.2  # it was 176 rad/s
-    assert rms(error['edge_adaptive']) < 1.1 * rms(error['kalman'])
-
-
 def randomly_late(t, random, delay, jitter):
     """Stamps [s], one in 300 late by half of `delay` to all of it, those behind it pushed on."""
     late = t + random.uniform(-jitter, jitter, len(t))

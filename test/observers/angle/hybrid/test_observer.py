@@ -27,52 +27,6 @@ def test_epsilon_follows_from_the_bandwidth_and_goes_before_it():
 
 
 @pytest.mark.parametrize(
-    'gains',
-    [
-        {},
-        {'order': 2},
-        {'k1': 4.0, 'k2': 6.0, 'k3': 4.0},
-        {'order': 2, 'k1': 1.0, 'k2': 1.0},
-        {'k1': 7.0, 'k2': 14.0, 'k3': 8.0},
-    ],
-)
-def test_the_velocity_is_3_db_down_at_the_bandwidth(gains):
-    design = design_of(OBSERVER.gains(bandwidth_hz=12.0, **gains))
-    s = 2j * math.pi * 12.0 * design.epsilon
-    below = np.polyval(design.k[1:], s)  # order 2: k2; order 3: k2 s + k3
-    assert abs(below / np.polyval((1.0, *design.k), s)) == pytest.approx(math.sqrt(0.5))
-
-
-@pytest.mark.parametrize(
-    'gains, poles',
-    [
-        ({'order': 2}, (1.0, 5.0)),
-        ({}, (1.0, 1.0, 1.0)),
-        ({'order': 2, 'k1': 2.0, 'k2': 2.0}, (1.0 + 1.0j, 1.0 - 1.0j)),
-        ({'k1': 7.0, 'k2': 14.0, 'k3': 8.0}, (1.0, 2.0, 4.0)),
-        ({'k1': 4.0, 'k2': 6.0, 'k3': 4.0}, (2.0, 1.0 + 1.0j, 1.0 - 1.0j)),
-    ],
-)
-@pytest.mark.parametrize('dt', [1e-4, 0.01, 0.3])
-def test_the_robust_form_has_the_poles_of_the_continuous_design(gains, poles, dt):
-    epsilon = 0.05
-    got = Inner(dt, epsilon=epsilon, **gains).coefficients
-    if gains.get('order') == 2:
-        alpha, beta = got.alpha, got.beta * dt
-        polynomial = (1.0, alpha + beta - 2.0, 1.0 - alpha)
-    else:
-        alpha, beta, gamma = got.alpha, got.beta * dt, got.gamma * dt * dt
-        polynomial = (
-            1.0,
-            alpha + beta + 0.5 * gamma - 3.0,
-            3.0 - 2.0 * alpha - beta + 0.5 * gamma,
-            alpha - 1.0,
-        )
-    expected = np.poly(np.exp(-np.array(poles) / epsilon * dt)).real
-    assert polynomial == pytest.approx(expected, abs=1e-12)
-
-
-@pytest.mark.parametrize(
     'gains, reason',
     [
         ({'form': 'paper', 'order': 3}, "form 'paper' is of second order"),
@@ -149,28 +103,6 @@ def test_the_joint_runs_algorithm_1_on_every_sample():
         assert out.velocity[k] == pytest.approx(state[1], rel=1e-7, abs=1e-7)
 
 
-def tan_ends_on_an_alias(start):
-    inner = Inner(0.01, form='paper', injection='tan', epsilon=0.1)
-    for _ in range(600):
-        inner.correct(start)
-    return abs(inner.core.velocity) > 1.0
-
-
-@pytest.mark.long
-def test_tan_sampled_ends_on_an_alias_from_8_of_360_angles():
-    starts = wrapped(np.radians(np.arange(360) + 0.5))
-    assert sum(map(tan_ends_on_an_alias, starts.tolist())) == 8
-
-
-def test_the_stability_limit_is_the_specs():
-    joint = make(form='paper', epsilon=0.1)
-    assert joint.longest_dt / 0.1 == pytest.approx(0.29666, abs=1e-5)
-    assert make(form='paper', epsilon=0.1, k1=5.0, k2=6.0).longest_dt / 0.1 == pytest.approx(
-        1.0 / 3.0, abs=1e-6
-    )
-    assert make().longest_dt == make(order=2).longest_dt == math.inf
-
-
 @pytest.mark.parametrize('k1, k2', [(6.0, 5.0), (5.0, 6.0), (1.0, 1.0), (2.0, 10.0)])
 def test_the_stability_limit_is_where_a_pole_leaves_the_unit_circle(k1, k2):
     limit = make(form='paper', epsilon=0.1, k1=k1, k2=k2).longest_dt / 0.1
@@ -190,62 +122,4 @@ def test_the_limit_is_told_in_numbers():
     assert make(form='paper', bandwidth_hz=1.001 * bandwidth).limit(0.01) is not None
 
 
-def test_ramp_lag_is_the_specs_and_none_in_third_order():
-    t = 0.01 * np.arange(400)
-    y = wrapped(0.5 * 75.0 * t**2)
-    lag = 75.0 * t[-1] - make(form='paper', epsilon=0.1).run(stamps(t), y).velocity[-1]
-    assert lag == pytest.approx(8.625, abs=1e-3)
-    assert make(form='paper', epsilon=0.1).group_delay(0.01) == pytest.approx(0.115)
-    out = make(bandwidth_hz=1.5).run(stamps(t), y)
-    assert out.velocity[-1] == pytest.approx(75.0 * t[-1], abs=1e-6)
-    assert out.acceleration[-1] == pytest.approx(75.0, abs=1e-5)
-
-
-@pytest.mark.parametrize('dt', [1e-3, 0.01, 0.05])
-def test_group_delay_of_the_robust_second_order_is_its_ramp_lag(dt):
-    joint = make(order=2, bandwidth_hz=2.0)
-    t = dt * np.arange(round(4.0 / dt))
-    out = joint.run(stamps(t), 0.5 * 0.1 * t**2)
-    assert 0.1 * t[-1] - out.velocity[-1] == pytest.approx(0.1 * joint.group_delay(dt), rel=1e-3)
-
-
 # --- noise ------------------------------------------------------------------------------------
-
-
-def response_power(inner):
-    """Powers of position, velocity and innovation after a unit impulse in the measurement."""
-    total, scale = np.zeros(3), 1e-6  # small: no jump, no wrap
-    for k in range(20_000):
-        innovation = inner.correct(scale if k == 0 else 0.0)
-        now = np.square(
-            (inner.core.position / scale, inner.core.velocity / scale, innovation / scale)
-        )
-        total += now
-        if k > 50 and np.all(now < 1e-14 * total):
-            break
-    return total
-
-
-@pytest.mark.parametrize('dt', [1e-3, 0.01, 0.2])
-@pytest.mark.parametrize(
-    'gains',
-    [
-        {},
-        {'order': 2},
-        {'order': 2, 'k1': 1.0, 'k2': 1.0},
-        {'k1': 7.0, 'k2': 14.0, 'k3': 8.0},
-        {'k1': 4.0, 'k2': 6.0, 'k3': 4.0},
-        {'form': 'paper'},
-    ],
-)
-def test_noise_gains_are_the_power_of_the_impulse_response(gains, dt):
-    epsilon = 0.05 if gains.get('form') != 'paper' else 5.0 * dt
-    inner = Inner(dt, epsilon=epsilon, **gains)
-    inner.core.phase = 0.0  # steady
-    assert inner.noise_gains() == pytest.approx(response_power(inner), rel=1e-9)
-
-
-def test_velocity_noise_of_algorithm_1_is_the_specs():
-    joint = make(form='paper', epsilon=0.1, noise=1e-3)
-    joint.run(stamps(0.01 * np.arange(100)), 1e-9 * np.arange(100))
-    assert joint.stddev()[1] / 1e-3 == pytest.approx(5.5048, abs=1e-4)
