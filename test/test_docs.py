@@ -223,7 +223,7 @@ def test_modules_and_nodes_in_the_documentation_exist():
     text = ''.join(page.read_text() for page in pages())
     for module in set(re.findall(r'python -m ([\w.]+)', text)):
         assert importlib.util.find_spec(module) is not None, module
-    for script in set(re.findall(r'python ((?:test|bags)/\w+\.py)', text)):
+    for script in set(re.findall(r'python ((?:test|bags)/[\w/]+\.py)', text)):
         assert (ROOT / script).is_file(), script
     scripts = {point.name for point in entry_points(group='console_scripts')}
     for node in set(re.findall(r'ros2 run velocity_estimator (\w+)', text)):

@@ -3,7 +3,7 @@
 
 """Starts of a stream: which messages does a node leave unanswered that a relay next to it gets?
 
-python test/stream_starts.py COUNT [ORDER ...]
+python test/support/stream_starts.py COUNT [ORDER ...]
 
 Every start has three new processes: the node, a relay (a bare subscription that notes what it gets)
 and a publisher, which publishes at 1 kHz as soon as its publisher has matched both.
