@@ -328,29 +328,6 @@ def test_phases_with_a_neutral_are_reported(probe):
         drive.says('the phase currents do not sum to zero')
 
 
-def test_pairs_live_equal_batches_live(probe):
-    measured, _ = batches(0.1, profile='constant')
-    with node('pmsm_batches'), Drive(probe, 'pmsm_batches') as drive:
-        drive.feed(encoded(measured))
-        expected = drive.estimates
-    with (
-        node('pmsm_pairs', input='current_voltage', frame='abc'),
-        Drive(probe, 'pmsm_pairs', vectors=True) as drive,
-    ):
-        for which, raw in vectors(measured, shift=1000, frame='abc'):
-            drive.publishers[which].publish(raw)
-            if which:
-                due = len(drive.estimates) + 1
-                drive.probe.until(lambda due=due: len(drive.estimates) >= due)
-        found = {estimate.stamp_ns: estimate for estimate in drive.estimates}
-        assert len(drive.estimates) == 500
-    assert estimated(expected[-1]) and found[expected[-1].stamp_ns].frame_id == 'stator'
-    for estimate in expected:
-        assert found[estimate.stamp_ns].names == estimate.names
-        velocities = found[estimate.stamp_ns].velocities
-        assert velocities == pytest.approx(estimate.velocities, rel=1e-9, nan_ok=True)
-
-
 def test_gains_change_live_and_reset_starts_again(probe):
     from rcl_interfaces.srv import SetParametersAtomically
     from rclpy.parameter import Parameter

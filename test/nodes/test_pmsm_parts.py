@@ -316,11 +316,6 @@ def test_the_servo_suits_node_and_simulator():
     assert all(getattr(gains, name) == node[name] == simulator[name] for name in MOTOR)
 
 
-def test_no_name_is_declared_twice():
-    names = [*declared(DriveSettings), *declared(JointSettings), *declared(Gains)]
-    assert len(names) == len(set(names))
-
-
 def test_without_tolerance_a_nanosecond_apart_is_no_pair():
     pairs = Pairs(0)
     assert pairs.put(VOLTAGE, BEGIN, (1.0, 2.0)) == []
