@@ -42,9 +42,10 @@ def test_a_limit_refuses_new_names_and_never_named_ones():
     assert one.joint('a').used == 4
     one.forget('x')  # named: its place was no place of the limit's
     assert one.joint('c') is None and one.refused == 6
+    assert one.joint('x') is not None  # it has a place in any case
     one.forget('a')
     assert one.expired == 2 and one.joint('c') is not None and one.joint('e') is None
-    assert list(one.joints) == ['b', 'c']
+    assert list(one.joints) == ['b', 'x', 'c']
     again = bank(only=('a', 'b', 'c'), most=1)
     moved(again, ('a', 'b', 'c', 'd'), 1)
     assert list(again.joints) == ['a', 'b', 'c'] and again.refused == 0  # all are named

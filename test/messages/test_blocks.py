@@ -107,6 +107,20 @@ def test_blocks_decode_as_single_messages_do(raws, many):
     assert not found
 
 
+def test_padding_that_differs_makes_no_other_group():
+    # three characters and the terminator fill four bytes; 'base' leaves three bytes of padding
+    raws = []
+    for i in range(20):
+        raw = bytearray(Encoder().encode(10**9 + i, 'base', ['a', 'bb'], [1.0 * i, 2.0]))
+        at = raw.index(b'base') + 5
+        raw[at : at + 3] = bytes([i, 255 - i, 7 * i])
+        raws.append(bytes(raw))
+    groups, malformed = decode_block(block_of(raws))
+    assert len(groups) == 1
+    assert not malformed
+    assert groups[0].arrays[0][:, 0].tolist() == [1.0 * i for i in range(20)]
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     stamps=st.lists(st.integers(-(10**9), 2**31 * 10**9 - 1), min_size=1, max_size=10),
