@@ -100,6 +100,11 @@ def test_steps_visit_every_level_with_the_given_acceleration(acceleration):
     assert set(np.unique(slope)) == ({0.0} if acceleration == 0.0 else {-25.0, 0.0, 25.0})
 
 
+def test_velocity_at_a_jump_is_the_later_one():
+    profile = pieces([(1.0, 2.0, 2.0), (1.0, 5.0, 5.0)])
+    np.testing.assert_array_equal(profile(np.array([1.0 - 1e-9, 1.0]))[1], [2.0, 5.0])
+
+
 @pytest.mark.long
 def test_chirp_sweeps_between_its_frequencies_and_back():
     profile = chirp(1.0, 0.5, 8.0, 10.0)
@@ -148,6 +153,13 @@ def test_random_motion_keeps_to_its_band_and_rms():
     for low in (0.0, 0.5, 1.0, 1.5):  # and fills it
         part = spectrum[(frequency >= low) & (frequency < low + 0.5)].sum() / spectrum.sum()
         assert part == pytest.approx(0.25, abs=0.05)
+
+
+def test_random_motion_follows_from_its_seed():
+    time = np.linspace(0.0, 5.0, 100)
+    same = [motion('random', seed=4)(time)[0] for _ in range(2)]
+    np.testing.assert_array_equal(*same)
+    assert np.abs(motion('random', seed=5)(time)[0] - same[0]).max() > 0.1
 
 
 def test_every_profile_parameter_matters():

@@ -22,7 +22,7 @@ from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.inverter import dead_time_error, edges, switch
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.plant import electric, move, resisting
-from sim_pkg.pmsm.profiles import NAMES, Profile, named
+from sim_pkg.pmsm.profiles import NAMES, P1, Profile, named
 from sim_pkg.pmsm.sensorless import RUNNING, Sensorless
 from sim_pkg.reproduce.pmsm.observer import design_of, first_state, judge, run_log
 
@@ -236,3 +236,7 @@ def test_the_controller_runs_on_the_observer(forced):
     assert np.abs(errors).max() < math.radians(2.0)
     assert truth[0] == pytest.approx(speed * RPM, rel=0.03)
     assert feedback.seen.status == TRACKING
+
+
+def test_p1_is_that_of_the_specification():
+    assert sum(part for part, _, _ in P1) == pytest.approx(0.70)
