@@ -40,13 +40,6 @@ def observers():
     return found
 
 
-def hooks():
-    spec = importlib.util.spec_from_file_location('docs_hooks', DOCS / 'tools' / 'hooks.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.parametrize('name', observers())
 def test_every_observer_has_a_page(name):
     text = (DOCS / 'observers' / f'{name}.md').read_text()
@@ -301,16 +294,6 @@ def test_words_that_people_search_for_lead_to_the_answer(site, word):
         if token.startswith(word)  # the search adds an asterisk
     }
     assert SEARCHED[word] in found, sorted(found)
-
-
-def test_formulas_are_typeset_as_they_are_meant():
-    typeset = hooks().typeset
-    bars = typeset(r'\lvert e \rvert^2')
-    assert bars.count('fence="true"') == 2 and '<msup><mrow><mo' in bars  # not the bar is squared
-    assert '<mo form="prefix"' in typeset(r'\operatorname{wrap}(y)')
-    assert '<mover accent="true">' in typeset(r'\dot q')
-    inline = hooks().on_page_markdown('the variance $`q^2/12`$ of', page=None)
-    assert inline.startswith('the variance <span><math') and '$' not in inline
 
 
 @pytest.mark.page

@@ -7,7 +7,6 @@ import filecmp
 import itertools
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +23,6 @@ from sim_pkg.joints.profiles import make_profile
 from sim_pkg.joints.sensor import random_stream
 from sim_pkg.simulate import START_NS, write_bag
 
-ROOT = Path(__file__).parents[2]
 FAULTS = {
     'profile': 'random',
     'noise': 0.002,
