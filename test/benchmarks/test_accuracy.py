@@ -74,6 +74,34 @@ def test_accuracy_measures_the_errors_of_the_observer():
 # ---------------------------------------------------------------- timing
 
 
+@pytest.mark.long
+def test_sides_are_interleaved_and_the_first_round_does_not_count():
+    order = []
+
+    def side(name):
+        def run(number):
+            order.append((name, number))
+            return float(number)
+
+        return run
+
+    times = timing.interleave({'a': side('a'), 'b': side('b')}, 2)
+    assert order == [('a', 0), ('b', 0), ('a', 1), ('b', 1), ('a', 2), ('b', 2)]
+    assert times == {'a': [1.0, 2.0], 'b': [1.0, 2.0]}
+
+
+def test_a_ratio_is_taken_round_by_round():
+    assert timing.ratio([2.0, 40.0, 6.0], [1.0, 10.0, 3.0]) == 2.0
+
+
+def test_limits_work_both_ways():
+    assert timing.row('x', 2.0, 'us', limit=2.5)['ok'] is True
+    assert timing.row('x', 3.0, 'us', limit=2.5)['ok'] is False
+    assert timing.row('x', 3.0, 'times', limit=2.5, at_least=True)['ok'] is True
+    assert timing.row('x', 3.0, 'us')['ok'] is None
+    assert timing.not_run('x', 'why')['ok'] is None
+
+
 # ---------------------------------------------------------------- speed
 
 
