@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator_pkg.messages import layouts
-from estimator_pkg.messages.block import from_messages
+from estimator_pkg.messages.block import compact, from_messages, join, rows
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 from estimator_pkg.messages.joint_state_block import decode_block, encode_block
@@ -135,3 +135,24 @@ def test_blocks_encode_as_single_messages_do(stamps, names, frame):
     single = Encoder().encode
     for row, stamp, position, velocity in zip(rows, stamps, positions, velocities):
         assert row.tobytes() == single(stamp, frame, names, position.tolist(), velocity.tolist())
+
+
+def test_blocks_are_joined_sorted_and_cut_without_losing_a_byte():
+    raws = [b'one', b'', b'three', b'4']
+    first = from_messages([0, 1, 0, 1], [5, 3, 3, 9], [1, 2, 3, 4], raws)
+    both = join([first.take(np.array([2, 0])), first, from_messages([], [], [], [])])
+    assert both.log_ns.tolist() == [3, 5, 5, 3, 3, 9] and both.topic.tolist() == [0, 0, 0, 1, 0, 1]
+    assert both.publish_ns.tolist() == [3, 1, 1, 2, 3, 4]
+
+    def texts(found):
+        return [bytes(found.data[a:b]) for a, b in zip(found.start, found.end)]
+
+    assert texts(both) == [b'three', b'one', *raws]
+    ordered = both.in_log_order()
+    assert texts(ordered) == [b'three', b'', b'three', b'one', b'one', b'4']
+    assert ordered.in_log_order() is ordered
+    part = compact(first.take(np.array([3, 2])))
+    assert texts(part) == [b'4', b'three'] and bytes(part.data) == b'three4'
+    assert len(compact(first.take(np.array([], int))).data) == 0
+    assert rows(first.data, np.array([0, 3]), 3).tobytes() == b'onethr'
+    assert rows(first.data, np.array([], int), 3).shape == (0, 3)
