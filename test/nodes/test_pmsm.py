@@ -397,23 +397,6 @@ def test_a_change_while_20_khz_stream_loses_nothing(probe):
     assert set(np.diff(stamps)) == {50_000}
 
 
-@pytest.mark.parametrize(
-    ('values', 'said'),
-    [
-        ({}, 'pmsm needs the motor data resistance, inductance, flux, pole_pairs'),
-        ({**MOTOR, 'flux': -1.0}, "'flux' = -1 is outside"),
-        ({**MOTOR, 'pole_pairs': 0}, "'pole_pairs' = 0 is outside"),
-        ({**MOTOR, 'observer': 'kalman'}, 'does not use currents and voltages'),
-        ({**MOTOR, 'observer': 'pmsn'}, "did you mean 'pmsm'?"),
-    ],
-)
-def test_a_start_that_cannot_work_is_one_line(values, said):
-    with node('pmsm_refused', params=None, **values) as process:
-        assert process.ends() == 2
-        lines = [line for line in process.output.splitlines() if line]
-        assert len(lines) == 1 and said in lines[0], lines
-
-
 def test_the_simulator_live_is_the_simulated_one(probe):
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from std_msgs.msg import Float64MultiArray

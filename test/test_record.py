@@ -1,0 +1,51 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the author of an observer is told about a wrong record; test/engine has its three forms."""
+
+from types import ModuleType
+from typing import Annotated
+
+import pytest
+
+from estimator_pkg.record import record
+
+
+@record
+class Track:
+    """Generic over the observer."""
+
+    state: 'observer.State'  # noqa: F821
+
+
+@pytest.mark.parametrize(
+    ('hint', 'message'),
+    [
+        (str, 'is no number, record or Annotated'),
+        (list[str], 'is no number, record or Annotated'),
+        (Annotated[list[float], 0], r'write Annotated\[list\[float\], N\], an int N > 0'),
+        (Annotated[list[float], 2.5], 'an int N > 0'),
+        (Annotated[float, 2], 'is no vector'),
+        (Annotated[list[float], 2, 2], 'is no vector'),
+        (Annotated[list[str], 2], 'is no number, record'),
+    ],
+)
+def test_a_field_that_c_does_not_have_is_refused(hint, message):
+    with pytest.raises(TypeError, match=rf'Bad.x: .*{message}'):
+        record(type('Bad', (), {'__annotations__': {'x': hint}}))
+
+
+@pytest.mark.parametrize('body', [{}, {'__annotations__': {'x': float}, 'x': 1.0}])
+def test_values_and_methods_are_refused(body):
+    with pytest.raises(TypeError, match='record Bad has fields only, without values'):
+        record(type('Bad', (), body))
+
+
+def test_a_generic_record_is_one_class_for_each_module():
+    with pytest.raises(TypeError, match=r'observer.State is not known: use .of\(module\)'):
+        Track()
+    line, curve = ModuleType('line'), ModuleType('curve')
+    line.State = curve.State = record(type('State', (), {'__annotations__': {'x': list[float]}}))
+    assert Track.of(line) is Track.of(line) is not Track.of(curve)
+    with pytest.raises(TypeError, match='a list without a length is for plain Python only'):
+        Track.of(line).dtype  # noqa: B018
