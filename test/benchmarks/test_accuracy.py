@@ -37,6 +37,17 @@ def test_velocity_is_the_derivative_of_what_the_encoder_reads(signal):
     assert np.max(np.abs(turned - travelled)) < 2.1 * QUANTUM
 
 
+def test_jitter_and_drops_are_as_declared_and_repeatable():
+    by_name = {signal.name: signal for signal in SIGNALS}
+    off = np.diff(by_name['jitter'].samples(duration=20.0).stamps) * 1e-6 - 1.0
+    assert 0.7 < np.max(np.abs(off)) <= 0.8  # two neighbours, each off by up to 0.4
+    drops = by_name['drops'].samples(duration=20.0)
+    assert len(drops.stamps) == pytest.approx(18_000, rel=0.02)
+    again = by_name['drops'].samples(duration=20.0)
+    assert all(np.array_equal(a, b) for a, b in zip(drops, again))
+    assert not np.array_equal(drops.stamps, by_name['drops'].samples(2, 20.0).stamps)
+
+
 # ---------------------------------------------------------------- accuracy
 
 
