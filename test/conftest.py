@@ -47,7 +47,7 @@ BEGIN_WITH_DDS = 3  # workers, see `scope`
 USES_DDS = re.compile(r'^import dds$|\bprobe\b', re.MULTILINE)
 
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):  # old and new
-    os.environ.setdefault(name, str(Path(__file__).parent / 'discovery.xml'))
+    os.environ.setdefault(name, str(Path(__file__).parent / 'support/discovery.xml'))
 
 
 def pytest_itemcollected(item):

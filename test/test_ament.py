@@ -72,28 +72,6 @@ def test_linter_on_a_part(linter):
         assert_clean(linter, *(word for word in CHECKS[linter] if word not in CODE), *PART)
 
 
-def test_ruff_checks_what_flake8_does():
-    """Those of spaces and blank lines are among its previews; `make check` has those of names."""
-    rules = ['--preview', '--select', 'E,W,F', '--ignore', 'E203']
-    done = subprocess.run(
-        [sys.executable, '-m', 'ruff', 'check', *rules, *CODE],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout
-
-
-@pytest.mark.parametrize('linter', CHECKS)
-def test_a_linter_finds_a_fault(linter, tmp_path):
-    wrong = tmp_path / 'wrong.py'
-    wrong.write_text('import os\n\n\ndef speed():\n    """It is\n    fast."""\n')
-    options = [word for word in CHECKS[linter] if not (ROOT / word).exists() or word == 'setup.cfg']
-    options = [str(ROOT / word) if word == 'setup.cfg' else word for word in options]
-    code, _ = checked(linter, *options, wrong, folder=tmp_path)
-    assert code != 0
-
-
 def test_the_licence_in_full():
     """In a checkout ament_copyright looks at LICENSE and CONTRIBUTING.md, too."""
     if not (ROOT / '.git').exists():

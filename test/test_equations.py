@@ -36,26 +36,3 @@ def found_in(text: str) -> list[str]:
 @pytest.mark.parametrize('path', FILES, ids=lambda path: f'{path.parent.name}-{path.stem}')
 def test_fields_are_called_by_name(path):
     assert found_in(path.read_text()) == []
-
-
-def test_numbers_are_found():
-    assert found_in('x = state[2]\ny = self._track[STATE]\nz = design[10][1]\nw = rows[k]') == [
-        'x = state[2]',
-        'y = self._track[STATE]',
-        'z = design[10][1]',
-    ]
-
-
-def test_all_families_are_looked_at():
-    assert {path.parent.name for path in FILES} >= {
-        'adaptive',
-        'angle',
-        'driver',
-        'edge',
-        'hybrid',
-        'maths',
-        'mechanism',
-        'pmsm',
-        'super_twisting',
-        'switched',
-    }

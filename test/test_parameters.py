@@ -10,14 +10,11 @@ from dataclasses import dataclass
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from observer_cases import angle_observers, found
 
 from estimator_pkg import observers, params_file, streams, yaml_text
-from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.models.motor import MotorData
 from estimator_pkg.parameters import build, declared, parameter, parse_assignments
-from estimator_pkg.sensor.guard import GuardSettings
 
 
 @dataclass(frozen=True)
@@ -308,22 +305,3 @@ def test_admitted_values_are_said_for_people():
         'scale': '[1e-06, 1]; 0.0: automatic',
         'names': "a list of texts; ['']: none",
     }
-
-
-@pytest.mark.parametrize(
-    'cls', [JointSettings, GuardSettings, *(observer.gains for observer in found().values())]
-)
-def test_every_declaring_class_declares_every_field(cls):
-    known = declared(cls)
-    assert set(known) == set(cls.__dataclass_fields__)
-    for name, one in known.items():
-        assert one.description.strip(), name
-        assert one.default is None or one.check(one.default) == one.default, name
-        assert one.kind in (float, int, bool, str, tuple, list), name
-
-
-def test_bandwidth_is_within_reach_of_every_observer_that_is_linear():
-    for name in angle_observers():
-        if name not in ('super_twisting', 'edge_adaptive'):
-            known = declared(observers.find(name).gains)['bandwidth_hz']
-            assert known.unit == 'Hz' and known.search and not known.structural

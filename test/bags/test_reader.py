@@ -215,17 +215,6 @@ def test_a_folder_whose_recorder_crashed_is_read(tmp_path, capsys):
     assert 'is not valid metadata' in capsys.readouterr().err
 
 
-def test_metadata_that_cannot_be_read_is_reported_once(tmp_path, capsys):
-    path = make.ours(tmp_path / 'bag', make.content(4))
-    (path / 'metadata.yaml').write_text('rosbag2_bagfile_information: [1, 2')
-    with open_bag(path) as bag:
-        assert bag.count == 6
-    assert capsys.readouterr().err == (
-        f'warning: {path / "metadata.yaml"} is not valid metadata: '
-        'reading the files in its folder\n'
-    )
-
-
 def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path, capsys):
     messages = make.content()
     path = make.mcap(

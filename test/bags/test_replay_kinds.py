@@ -8,9 +8,7 @@ import json
 import shlex
 from pathlib import Path
 
-import dds
 import pytest
-from answers import estimated
 
 from estimator_pkg import cli, observers, registry, streams
 from estimator_pkg.bags.definitions import jazzy
@@ -19,11 +17,11 @@ from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages import diagnostics
-from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
+from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.observers.angle import pll
 from estimator_pkg.streams.history import History
 
-STATES, EVENTS = '/joint_states', '/switch_event'
+STATES = '/joint_states'
 DRIVES = Path(__file__).resolve().parents[2] / 'bags' / 'simulated'
 MOTOR = ['resistance=0.06', 'inductance=33.75e-6', 'flux=1.9e-3', 'pole_pairs=7']
 
@@ -63,56 +61,6 @@ def gripper(tmp_path_factory):
 # ---------------------------------------------------------------- over DDS
 
 
-def subscribed(probe, kind, topic, depth=5000):
-    found = []
-    return found, probe.node.create_subscription(kind, topic, found.append, depth, raw=True)
-
-
-def test_adaptive_replay_equals_the_live_node(motor, probe, tmp_path):
-    """Bytes of estimates, standard deviations and identified parameters."""
-    from diagnostic_msgs.msg import DiagnosticArray
-    from sensor_msgs.msg import JointState
-
-    result = result_of(
-        tmp_path,
-        'replay',
-        motor,
-        '--observer',
-        'adaptive',
-        '--out',
-        tmp_path / 'out',
-        *settings('bandwidth_hz=6'),
-    )
-    deviations, first = subscribed(probe, JointState, '/adaptive_observer/estimate_stddev')
-    identified, second = subscribed(
-        probe, DiagnosticArray, '/adaptive_observer/identified_parameters'
-    )
-    with (
-        dds.NodeProcess(
-            'estimator_pkg.nodes.executables adaptive_observer',
-            *shlex.split('--ros-args -r joint_states:=/motor -p bandwidth_hz:=6.0'),
-        ),
-        dds.Observer(probe, '/adaptive_observer', '/motor') as node,
-    ):
-        node.connect()
-        probe.until(lambda: first.get_publisher_count() and second.get_publisher_count())
-        probe.spin(0.3)
-        node.feed(raws_of(motor, STATES))
-        probe.until(lambda: len(deviations) >= len(node.raw_answers))
-        replayed = raws_of(tmp_path / 'out', '/adaptive_observer/identified_parameters')
-        probe.until(lambda: len(identified) >= len(replayed))
-    for subscription in (first, second):
-        probe.node.destroy_subscription(subscription)
-    assert raws_of(tmp_path / 'out', '/adaptive_observer/estimate') == node.raw_answers
-    assert raws_of(tmp_path / 'out', '/adaptive_observer/estimate_stddev') == deviations
-    assert sum(bool(estimated(answer)) for answer in node.answers) > 500
-    # DDS fills a message up to four bytes
-    assert [raw + bytes(-len(raw) % 4) for raw in replayed] == identified
-    last = jazzy().deserialize_cdr(replayed[-1], diagnostics.TYPE).status[0]
-    shown = {item.key: item.value for item in last.values}
-    assert shown['state'] == result['joints']['joint']['identified']['state'] == 'ADAPTING'
-
-
 def test_identified_parameters_are_written_ten_times_a_second(motor, tmp_path):
     result = result_of(
         tmp_path, 'replay', motor, '--observer', 'adaptive', '--out', tmp_path / 'out'
@@ -128,67 +76,6 @@ def test_identified_parameters_are_written_ten_times_a_second(motor, tmp_path):
     )
     values = {item.key: item.value for item in last.values}
     assert float(values['b/J']) == pytest.approx(2.0, rel=0.1)
-
-
-def test_switched_replay_equals_the_live_node(gripper, probe, tmp_path):
-    """Bytes of estimates, standard deviations and discrete states, across the event."""
-    from sensor_msgs.msg import JointState
-
-    result = result_of(
-        tmp_path,
-        'replay',
-        gripper,
-        '--observer',
-        'switched',
-        '--out',
-        tmp_path / 'out',
-        *settings('quantum=9.6e-5'),
-    )
-    assert result['switch_events'] and set(result['switch_events']) <= {
-        'waiting',
-        'applied',
-        'late',
-    }
-    others = [
-        subscribed(probe, JointState, f'/switched_observer/{name}')
-        for name in ('estimate_stddev', 'discrete_state')
-    ]
-    event = probe.node.create_publisher(JointState, EVENTS, 10)
-    with (
-        dds.NodeProcess(
-            'estimator_pkg.nodes.executables switched_observer',
-            *shlex.split('--ros-args -r joint_states:=/gripper -p quantum:=9.6e-5'),
-        ),
-        dds.Observer(probe, '/switched_observer', '/gripper') as node,
-    ):
-        node.connect()
-        probe.until(
-            lambda: (
-                event.get_subscription_count()
-                and all(subscription.get_publisher_count() for _, subscription in others)
-            )
-        )
-        probe.spin(0.3)
-        with open_bag(gripper) as bag:
-            for message in bag.messages([STATES, EVENTS]):
-                if message.topic == STATES:
-                    node.feed([bytes(message.raw)])
-                else:  # it has been taken before the next sample comes
-                    event.publish(bytes(message.raw))
-                    probe.spin(0.3)
-        replayed = [
-            raws_of(tmp_path / 'out', f'/switched_observer/{name}')
-            for name in ('estimate', 'estimate_stddev', 'discrete_state')
-        ]
-        probe.until(lambda: len(others[1][0]) >= len(replayed[2]))
-    for _, subscription in others:
-        probe.node.destroy_subscription(subscription)
-    probe.node.destroy_publisher(event)
-    assert replayed == [node.raw_answers, *(found for found, _ in others)]
-    decode = Decoder().decode
-    before, after = decode(replayed[2][200]), decode(replayed[2][-1])
-    assert before.names[0] == after.names[0] and len(replayed[2]) > 800
-    assert abs(after.positions[0] / before.positions[0] - 1.0) > 0.2  # the load has changed
 
 
 # ---------------------------------------------------------------- evaluate equals replay

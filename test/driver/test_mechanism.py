@@ -15,7 +15,7 @@ from estimator_pkg import cli, observers
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series, with_velocity
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import COMMAND, Inputs
+from estimator_pkg.driver.efforts import COMMAND
 from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings
 from estimator_pkg.errors import UserError
 from estimator_pkg.estimate import COASTING, NOT_OBSERVABLE, TRACKING
@@ -31,25 +31,6 @@ def bank(source='joint_states', names=('m',), overrides=None, observer='geso', *
 
 
 # Inputs
-
-
-def test_an_input_is_averaged_over_the_interval_in_which_it_acted():
-    inputs = Inputs(1)
-    inputs.add(0, START, 1.0)
-    inputs.add(0, START + 2 * MS, 3.0)
-    inputs.add(0, START + 5 * MS, -1.0)
-    assert inputs.mean(START + MS, START + 3 * MS, 10**9) == (2.0,)
-    assert inputs.mean(START + 3 * MS, START + 4 * MS, 10**9) == (3.0,)
-    assert inputs.mean(START + 4 * MS, START + 8 * MS, 10**9) == (0.0,)
-
-
-def test_an_input_that_is_not_known_or_too_old_is_nan():
-    inputs = Inputs(2)
-    inputs.add(0, START, 1.0)
-    first, second = inputs.mean(START, START + MS, 10**9)
-    assert first == 1.0 and math.isnan(second)
-    assert math.isnan(inputs.mean(START - MS, START, 10**9)[0])
-    assert math.isnan(inputs.mean(START + 700 * MS, START + 701 * MS, 500 * MS)[0])
 
 
 @pytest.mark.parametrize('delay', (0.0, 0.005))

@@ -121,22 +121,6 @@ def test_padding_that_differs_makes_no_other_group():
     assert groups[0].arrays[0][:, 0].tolist() == [1.0 * i for i in range(20)]
 
 
-def test_regular_and_irregular_places_give_the_same_numbers():
-    raws = [Encoder().encode(10**9 + i, '', ['a'], [0.5 * i]) for i in range(30)]
-    regular = block_of(raws)
-    spaced = from_messages(
-        [0] * 60,
-        range(60),
-        range(60),
-        [raw for i, raw in enumerate(raws) for raw in (raw, b'x' * (i % 4))],
-    )
-    spaced = spaced.take(slice(0, None, 2))
-    for block in (regular, spaced):
-        (group,) = decode_block(block)[0]
-        assert group.arrays[0][:, 0].tolist() == [0.5 * i for i in range(30)]
-        assert group.stamps_ns.tolist() == [10**9 + i for i in range(30)]
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     stamps=st.lists(st.integers(-(10**9), 2**31 * 10**9 - 1), min_size=1, max_size=10),
@@ -151,20 +135,6 @@ def test_blocks_encode_as_single_messages_do(stamps, names, frame):
     single = Encoder().encode
     for row, stamp, position, velocity in zip(rows, stamps, positions, velocities):
         assert row.tobytes() == single(stamp, frame, names, position.tolist(), velocity.tolist())
-
-
-def test_an_empty_block_has_no_groups():
-    assert decode_block(block_of([])) == ([], [])
-
-
-def test_of_too_many_layouts_each_further_message_is_a_group():
-    raws = [
-        Encoder().encode(10**9 + i, f'frame {"x" * (i % 20)}', ['a'], [1.0 * i]) for i in range(60)
-    ]
-    groups, malformed = decode_block(block_of([b'', *raws]))
-    sizes = [len(group.rows) for group in groups]
-    assert malformed == [0]  # it is one of those that are tried
-    assert sizes == [3] * (layouts.MANY_LAYOUTS - 1) + [1] * (60 - 3 * (layouts.MANY_LAYOUTS - 1))
 
 
 def test_blocks_are_joined_sorted_and_cut_without_losing_a_byte():
@@ -186,17 +156,3 @@ def test_blocks_are_joined_sorted_and_cut_without_losing_a_byte():
     assert len(compact(first.take(np.array([], int))).data) == 0
     assert rows(first.data, np.array([0, 3]), 3).tobytes() == b'onethr'
     assert rows(first.data, np.array([], int), 3).shape == (0, 3)
-
-
-def test_ten_thousand_alike_are_one_group():
-    raws = [Encoder().encode(10**18 + i, 'base', ['a', 'b'], [1.0, 2.0]) for i in range(100)] * 100
-    groups, _ = decode_block(block_of(raws))
-    assert len(groups) == 1
-
-
-@pytest.mark.parametrize('count', [0, 1, 3])
-def test_numbers_of_any_kind(count):
-    data = np.frombuffer(struct.pack('<4xIHh', 7, 8, -9) * 3, np.uint8).reshape(3, -1)
-    assert layouts.numbers(data, 4, 1, '<u4')[:, 0].tolist() == [7] * 3
-    assert layouts.numbers(data, 10, 1, '<i2')[:, 0].tolist() == [-9] * 3
-    assert layouts.numbers(data, 0, count, '<i4').shape == (3, count)

@@ -3,7 +3,6 @@
 
 """The node adaptive_observer over real DDS: parameters, freezing, saving, starting frozen."""
 
-import math
 import shlex
 
 import dds
@@ -13,7 +12,6 @@ from answers import estimated, valid
 
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.identified import load, save
-from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.parameters import build
@@ -165,34 +163,6 @@ def test_saved_parameters_of_another_order_end_the_node(motor, tmp_path):
         assert 'Traceback' not in node.output
 
 
-@pytest.mark.parametrize(
-    'text',
-    [
-        '',
-        '[1',
-        'joints: {}',
-        'adaptive_parameters: 2',
-        'adaptive_parameters: 1\njoints: {a: {order: 2, a: [1.0]}}',
-        'adaptive_parameters: 1\njoints: {a: 3}',
-    ],
-)
-def test_damaged_files_are_refused(text, tmp_path):
-    (tmp_path / 'file.yaml').write_text(text)
-    with pytest.raises(UsageError):
-        load(str(tmp_path / 'file.yaml'))
-
-
-def test_saving_keeps_what_the_file_says_of_others(motor, tmp_path):
-    path = str(tmp_path / 'motor.yaml')
-    bank, _ = bank_of(motor[0])
-    save(path, bank)
-    bank.joints['other'] = bank.joints.pop('joint')
-    assert save(path, bank) == ['other']
-    assert set(load(path)) == {'joint', 'other'}
-    with pytest.raises(UserError, match='nothing is identified'):
-        save(path, AdaptiveBank(AdaptiveConfiguration(OBSERVER)))
-
-
 def test_a_joint_that_cannot_be_saved_does_not_expire(motor, tmp_path):
     folder = tmp_path / 'robot'
     folder.mkdir()
@@ -208,11 +178,3 @@ def test_a_joint_that_cannot_be_saved_does_not_expire(motor, tmp_path):
     assert stream.expire(['joint'])
     assert 'joint' not in stream.bank.joints and stream.notices() == []
     assert set(load(str(folder / 'motor.yaml'))) == {'joint'}
-
-
-def test_messages_without_effort_are_counted():
-    bank = AdaptiveBank(AdaptiveConfiguration(OBSERVER))
-    assert bank.take(10**18, ('a',), (0.1,), ()) is None
-    assert (bank.without_input, bank.mismatched) == (1, 1)
-    bank.take(10**18, ('a',), (0.1,), (math.nan,))
-    assert bank.joints['a'].dropped() == {'non_finite': 1}

@@ -175,7 +175,7 @@ def test_what_a_late_subscriber_gets_of_the_messages_before(
             raw=True,
         )
         probe.until(listener.get_publisher_count)
-        probe.spin(1.0)
+        probe.spin(0.5)
         return got
 
     with dds.NodeProcess(MODULE, *dds.ros_args(reliable, *parameters, remap=remap)) as process:

@@ -56,7 +56,11 @@ CASES = {
         'dc_motor', 'adaptive', 'estimate estimate_stddev identified_parameters'
     ),
     'switched_observer': Case(
-        'gripper', 'switched', 'estimate estimate_stddev discrete_state acceleration', seconds=3.0
+        'gripper',
+        'switched',
+        'estimate estimate_stddev discrete_state acceleration',
+        words=('rate=400',),
+        seconds=2.5,  # its event is at 2 s
     ),
     'pmsm_observer': Case(
         'pmsm',
@@ -164,7 +168,7 @@ def live(probe, node, file, bag, expected, types, times):
                     and any(each.get_subscription_count() for each in publishers.values())
                 )
             )
-            probe.spin(1.5)  # both sides of every connection
+            probe.spin(0.5)  # both sides of every connection
             estimates, before = found[f'/{node}/estimate'], None
             for topic, log_ns, raw in messages:
                 if topic not in publishers:

@@ -17,7 +17,6 @@ from estimator_pkg import observers
 from estimator_pkg.circle import wrap
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.estimate import TRACKING
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
 BEGIN = 1_700_000_000_000_000_000  # [ns]
@@ -62,19 +61,6 @@ def test_estimates_are_right_and_carry_the_stamp_of_the_measurement(live):
             assert -math.pi <= position < math.pi
             assert wrap(position - speed * i * 1e-3, TURN) == pytest.approx(0.0, abs=1e-6)
         assert answer.efforts == ()
-
-
-def test_joints_come_go_and_change_order(live):
-    live.feed(turning(live, ['one', 'two'], [1.0, 2.0], 300))
-    both = live.feed(turning(live, ['two', 'one'], [2.0, 1.0], 10, first=300))[-1]
-    assert both.names == ('two', 'one')
-    assert both.velocities == pytest.approx((2.0, 1.0), rel=1e-6)
-    alone = live.feed(turning(live, ['one'], [1.0], 10, first=310))[-1]
-    assert alone.names == ('one',) and alone.velocities == pytest.approx((1.0,), rel=1e-6)
-    more = live.feed(turning(live, ['three', 'one'], [3.0, 1.0], 300, first=320))
-    assert more[0].names == ('three', 'one')
-    assert estimated(more[0]) == ('one',)  # the new one settles first
-    assert more[-1].velocities == pytest.approx((3.0, 1.0), rel=1e-6)
 
 
 def joint_entry(report, name):
@@ -283,63 +269,4 @@ def test_automatic_parameters_can_be_set_and_left_to_the_node_again(live):
     assert live.get('gap_max') == 0.2  # the default, not gone
 
 
-def test_parameters_describe_themselves(live):
-    from rcl_interfaces.srv import DescribeParameters
-
-    names = ['bandwidth_hz', 'observer', 'joints']
-    answer = live.probe.call(
-        DescribeParameters,
-        '/joint_observer/describe_parameters',
-        DescribeParameters.Request(names=names),
-    )
-    gain, observer, joints = answer.descriptors
-    assert '[Hz]' in gain.description and gain.additional_constraints == '[0.001, 1e+06]'
-    assert gain.dynamic_typing and not gain.read_only
-    assert observer.read_only and joints.read_only
-
-
 # Outputs made only while somebody listens
-
-
-def test_standard_deviation_and_acceleration_while_subscribed(live):
-    from sensor_msgs.msg import JointState
-    from trajectory_msgs.msg import JointTrajectory
-
-    node, deviations, accelerations = live.probe.node, [], []
-    subscriptions = [
-        node.create_subscription(
-            JointState, '/joint_observer/estimate_stddev', deviations.append, 1000
-        ),
-        node.create_subscription(
-            JointTrajectory, '/joint_observer/acceleration', accelerations.append, 1000
-        ),
-    ]
-    try:
-        live.probe.until(lambda: all(each.get_publisher_count() for each in subscriptions))
-        live.probe.spin(0.5)  # the node looks ten times a second who listens
-        bank, samples = offline(), uneven(400)
-        answers = live.feed(
-            [
-                live.encode(BEGIN + i * MS, ['wide'], [sample], 'tool')
-                for i, sample in enumerate(samples)
-            ]
-        )
-        for i, sample in enumerate(samples):
-            estimate = bank.update(BEGIN + i * MS, ['wide'], [sample])
-        live.probe.until(
-            lambda: (
-                len(deviations) >= 400
-                and accelerations
-                and accelerations[-1].header == deviations[-1].header
-            )
-        )
-        (numbers,), joint = estimate.estimates, bank.joints['wide']
-        last, point = deviations[-1], accelerations[-1].points[0]
-        assert list(last.name) == ['wide'] == accelerations[-1].joint_names
-        assert last.header == accelerations[-1].header and last.header.frame_id == 'tool'
-        assert (last.position[0], last.velocity[0]) == joint.stddev()
-        assert point.accelerations[0] == numbers[2] and point.velocities[0] == numbers[1]
-        assert numbers[3] == TRACKING and answers[-1].velocities == (numbers[1],)
-    finally:
-        for subscription in subscriptions:
-            node.destroy_subscription(subscription)

@@ -15,9 +15,6 @@ import dds
 import pytest
 from stream_starts import Role
 
-from estimator_pkg import observers
-from estimator_pkg.driver.bank import Bank
-from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
@@ -236,30 +233,6 @@ def test_what_was_sent_before_the_first_message_is_lost(first, sent_ms, lost):
 
 
 # ---------------------------------------------------------------- names without end
-
-
-def test_joints_of_the_same_gains_have_states_of_their_own():
-    configuration = Configuration(
-        observers.find('hybrid_angle'), {}, {'b': {'bandwidth_hz': 7.0}, 'c': {'wrap_period': 0.0}}
-    )
-    bank = Bank(configuration)
-    bank.rehearse()
-    a, b, c, d = (bank.joint(name) for name in 'abcd')
-    assert b.gains.bandwidth_hz == 7.0 and c.settings.wrap_period == 0.0
-    bank.update(BEGIN, 'ad', (0.1, 0.2))
-    assert a.state != d.state and a.used == d.used == 1 and b.used == 0
-
-
-def test_beyond_the_most_new_names_are_refused_and_named_ones_are_not():
-    bank = Bank(
-        Configuration(observers.find('hybrid_angle'), {}, {'own': {'bandwidth_hz': 7.0}}), most=3
-    )
-    for k in range(10):
-        bank.update(BEGIN + k * MS, ('first', f'new_{k}'), (0.0, 0.0))
-    assert set(bank.joints) == {'first', 'new_0', 'new_1'}
-    assert bank.refused == 8 and bank.refused_name == 'new_9'
-    bank.update(BEGIN + 20 * MS, ('own',), (0.0,))
-    assert 'own' in bank.joints and bank.joints['first'].used == 10
 
 
 class Still:

@@ -17,8 +17,6 @@ from estimator_pkg import observers, params_file
 from estimator_pkg.driver.configuration import Configuration, SensorSettings
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError
-from estimator_pkg.messages.cdr import MalformedMessageError
-from estimator_pkg.messages.number import decoder
 from estimator_pkg.observers.angle.shared import AngleGains
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.ros.loss import Loss
@@ -99,12 +97,6 @@ def test_what_the_yaml_sets_suits_every_observer(observer):
     )
 
 
-def test_no_name_is_declared_twice():
-    for observer in angle_observers():
-        names = [*declared(AngleSettings), *declared(SensorSettings), *declared(observer.gains)]
-        assert len(names) == len(set(names)), observer.name
-
-
 # Settings
 
 
@@ -150,26 +142,6 @@ def test_raw_angles():
     counts = np.array([0, 1, 4095, -7])
     assert raw.angle(counts).tolist() == [raw.angle(int(count)) for count in counts]
     assert RawAngle(offset=1.0).angle(0.25) == 1.25 and RawAngle().quantum == 0.0
-
-
-@pytest.mark.parametrize(
-    ('kind', 'value', 'raw'),
-    [
-        ('Float64', 0.1, '0001 0000 9a9999999999b93f'),
-        ('Float32', 0.5, '0001 0000 0000003f'),
-        ('Int32', -2, '0001 0000 feffffff'),
-        ('Int64', -2, '0001 0000 feffffffffffffff'),
-        ('UInt16', 65534, '0001 0000 feff'),
-        ('Int32', 258, '0000 0000 00000102'),
-    ],
-)
-def test_numbers_from_bytes(kind, value, raw):
-    raw = bytes.fromhex(raw)
-    assert decoder(kind)(raw) == value
-    assert decoder(kind)(raw + b'\0\0') == value  # padding at the end
-    for wrong in (b'', raw[:-1], b'\x07' + raw[1:], raw[:1] + b'\x07' + raw[2:]):
-        with pytest.raises(MalformedMessageError):
-            decoder(kind)(wrong)
 
 
 # Loss

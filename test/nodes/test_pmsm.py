@@ -328,29 +328,6 @@ def test_phases_with_a_neutral_are_reported(probe):
         drive.says('the phase currents do not sum to zero')
 
 
-def test_pairs_live_equal_batches_live(probe):
-    measured, _ = batches(0.1, profile='constant')
-    with node('pmsm_batches'), Drive(probe, 'pmsm_batches') as drive:
-        drive.feed(encoded(measured))
-        expected = drive.estimates
-    with (
-        node('pmsm_pairs', input='current_voltage', frame='abc'),
-        Drive(probe, 'pmsm_pairs', vectors=True) as drive,
-    ):
-        for which, raw in vectors(measured, shift=1000, frame='abc'):
-            drive.publishers[which].publish(raw)
-            if which:
-                due = len(drive.estimates) + 1
-                drive.probe.until(lambda due=due: len(drive.estimates) >= due)
-        found = {estimate.stamp_ns: estimate for estimate in drive.estimates}
-        assert len(drive.estimates) == 500
-    assert estimated(expected[-1]) and found[expected[-1].stamp_ns].frame_id == 'stator'
-    for estimate in expected:
-        assert found[estimate.stamp_ns].names == estimate.names
-        velocities = found[estimate.stamp_ns].velocities
-        assert velocities == pytest.approx(estimate.velocities, rel=1e-9, nan_ok=True)
-
-
 def test_gains_change_live_and_reset_starts_again(probe):
     from rcl_interfaces.srv import SetParametersAtomically
     from rclpy.parameter import Parameter
@@ -418,23 +395,6 @@ def test_a_change_while_20_khz_stream_loses_nothing(probe):
     assert all(map(estimated, drive.estimates[20:]))
     stamps = np.concatenate([batch.stamps_ns for batch in drive.samples])
     assert set(np.diff(stamps)) == {50_000}
-
-
-@pytest.mark.parametrize(
-    ('values', 'said'),
-    [
-        ({}, 'pmsm needs the motor data resistance, inductance, flux, pole_pairs'),
-        ({**MOTOR, 'flux': -1.0}, "'flux' = -1 is outside"),
-        ({**MOTOR, 'pole_pairs': 0}, "'pole_pairs' = 0 is outside"),
-        ({**MOTOR, 'observer': 'kalman'}, 'does not use currents and voltages'),
-        ({**MOTOR, 'observer': 'pmsn'}, "did you mean 'pmsm'?"),
-    ],
-)
-def test_a_start_that_cannot_work_is_one_line(values, said):
-    with node('pmsm_refused', params=None, **values) as process:
-        assert process.ends() == 2
-        lines = [line for line in process.output.splitlines() if line]
-        assert len(lines) == 1 and said in lines[0], lines
 
 
 def test_the_simulator_live_is_the_simulated_one(probe):

@@ -23,6 +23,7 @@ from estimator_pkg.observers.pmsm.observer import Gains
 from estimator_pkg.parameters import build, declared
 from estimator_pkg.streams.drive import DriveSettings, DriveStream
 from sim_pkg.contract import RunSettings
+from sim_pkg.joints.encoder import EncoderParameters
 from sim_pkg.pmsm.simulator import PmsmSimulatorParameters, Source
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -286,6 +287,7 @@ def test_the_large_currents_of_a_start_are_soon_forgotten():
     [
         ('pmsm_observer', (DriveSettings, Gains, JointSettings)),
         ('pmsm_sim', (RunSettings, PmsmSimulatorParameters)),
+        ('encoder_sim', (RunSettings, EncoderParameters)),
     ],
 )
 def test_config_teaches_every_parameter_with_its_default(name, classes):
@@ -314,11 +316,6 @@ def test_the_servo_suits_node_and_simulator():
     assert build(PmsmSimulatorParameters, simulator).resistance == simulator['resistance']
     gains, _ = Configuration(observers.find('pmsm'), node).for_joint('')
     assert all(getattr(gains, name) == node[name] == simulator[name] for name in MOTOR)
-
-
-def test_no_name_is_declared_twice():
-    names = [*declared(DriveSettings), *declared(JointSettings), *declared(Gains)]
-    assert len(names) == len(set(names))
 
 
 def test_without_tolerance_a_nanosecond_apart_is_no_pair():

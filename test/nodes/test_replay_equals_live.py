@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The same messages through the real node over real DDS, through replay and the driver."""
+"""The same messages through the real node over real DDS and through replay."""
 
 import math
 import shlex
@@ -9,12 +9,9 @@ from collections import Counter
 
 import dds
 import pytest
-from answers import valid
 
-from estimator_pkg import cli, observers, params_file
+from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.driver.bank import Bank
-from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
@@ -97,7 +94,7 @@ def odd_messages(raw):
 
 
 @pytest.mark.parametrize('observer', SETS)
-def test_replay_and_driver_equal_the_live_node(observer, recording, probe, tmp_path):
+def test_replay_equals_the_live_node(observer, recording, probe, tmp_path):
     bag, raws = recording
     file = tmp_path / 'params.yaml'
     file.write_text(f'/**:\n  ros__parameters:\n    observer: {observer}\n    {SETS[observer]}\n')
@@ -121,35 +118,7 @@ def test_replay_and_driver_equal_the_live_node(observer, recording, probe, tmp_p
             (f'/{observer}/estimate_stddev', deviations),
         ):
             assert [bytes(message.raw) for message in replayed.messages([topic])] == made
-
-    common, overrides = params_file.split(params_file.load(file, observer))
-    only = common.pop('joints', ())
-    common.pop('observer')
-    bank = Bank(Configuration(observers.find(observer), common, overrides), only)
-    decode, published = Decoder().decode, 0
-    answers = iter(zip(map(decode, live), map(decode, deviations)))
-    for raw in raws:
-        measured = decode(raw)
-        taken = bank.update(measured.stamp_ns, measured.names, measured.positions)
-        if taken is None or not any(taken.estimates):
-            continue  # no sample of it was used, so it is not answered
-        answer, deviation = next(answers)
-        assert (answer.stamp_ns, answer.frame_id) == (measured.stamp_ns, measured.frame_id)
-        assert answer.names == deviation.names == tuple(taken.names)
-        found = valid(taken)
-        assert [
-            each
-            for each in zip(answer.names, answer.positions, answer.velocities)
-            if math.isfinite(each[2])
-        ] == [(name, *estimate[:2]) for name, estimate in found]
-        assert [
-            each
-            for each in zip(deviation.names, deviation.positions, deviation.velocities)
-            if math.isfinite(each[2])
-        ] == [(name, *bank.joints[name].stddev()) for name, _ in found]
-        published += len(found)
-    assert published > len(raws) // 2  # there was something to compare
-    assert next(answers, None) is None
+        assert len(live) > len(raws) // 2  # there was something to compare
 
 
 def run_live(name, file, raws, unanswered, probe):

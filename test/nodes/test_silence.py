@@ -19,7 +19,8 @@ from pathlib import Path
 import pytest
 
 if __name__ == '__main__':
-    sys.path.insert(0, str(Path(__file__).parents[1]))
+    TEST = Path(__file__).parents[1]
+    sys.path[:0] = [str(TEST), str(TEST / 'support')]
     import conftest  # noqa: F401  the profile of discovery
 
 import dds

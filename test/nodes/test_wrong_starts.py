@@ -3,6 +3,7 @@
 
 """What nodes of model-based observers say to a wrong start: one line, at once."""
 
+import math
 import signal
 import subprocess
 import sys
@@ -25,6 +26,7 @@ KIND_OF = {
     'pmsm': 'drive',
 }
 OWN = 'own_models:'
+HYBRID = {'observer': 'hybrid_angle'}
 MOTOR = {'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 EXECUTABLES = [
     ('mechanical', 'input:=torque'),
@@ -42,6 +44,14 @@ WRONG = {
         ({'qos_overrides./joint_states.subscription.depth': 0}, "'joint_states': depth 0 is out"),
         ({'qos_overrides./joint_states.subscription.depth': 10**10}, 'is outside [1, '),
         ({'qos_overrides./joint_states.subscription.depth': 'many'}, "depth' to 'many'"),
+        ({'qos_overrides./joint_states.subscription.reliability': 'relyable'}, 'relyable'),
+        ({**HYBRID, 'bandwidth_hz': -3.0}, "'bandwidth_hz' = -3 is outside [0.001, 1e+06]"),
+        ({**HYBRID, 'noise': math.nan}, "parameter 'noise' must be finite, not nan"),
+        ({'per_joint.a.gap_max': 'long'}, "parameter 'per_joint.a.gap_max' must be a number"),
+        ({'observer': 'hybrid_angel'}, "did you mean 'hybrid_angle'?"),
+        ({'observer': 'geso'}, 'run the node mechanical_observer'),
+        ({'input': 'angle', 'angle_type': 'Int32'}, "set 'counts_per_revolution'"),
+        ({**HYBRID, 'order': 3, 'form': 'paper'}, "form 'paper' is of second order"),
     ],
     'mechanical': [
         ({'mechanisms': ['']}, "'mechanisms' is empty"),
@@ -81,7 +91,11 @@ WRONG = {
     'pmsm': [
         (MOTOR, 'needs the motor data resistance'),
         ({**MOTOR, 'resistance': 0.0}, "'resistance' = 0 is outside"),
+        ({**MOTOR, 'resistance': 0.06, 'flux': -1.0}, "'flux' = -1 is outside"),
+        ({**MOTOR, 'resistance': 0.06, 'pole_pairs': 0}, "'pole_pairs' = 0 is outside"),
         ({**MOTOR, 'resistance': 0.06, 'observer': 'geso'}, 'currents and voltages'),
+        ({**MOTOR, 'resistance': 0.06, 'observer': 'kalman'}, 'currents and voltages'),
+        ({**MOTOR, 'resistance': 0.06, 'observer': 'pmsn'}, "did you mean 'pmsm'?"),
     ],
 }
 CASES = [(node, *case) for node, cases in WRONG.items() for case in cases]

@@ -7,24 +7,22 @@ import filecmp
 import itertools
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from estimator_pkg import cli, params_file
+from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import Reader, Writer
 from estimator_pkg.messages.joint_state import Decoder
-from estimator_pkg.parameters import build, declared
+from estimator_pkg.parameters import build
 from sim_pkg.contract import Message, RunSettings, Simulator, Topic
 from sim_pkg.joints.encoder import SIMULATOR, EncoderParameters
 from sim_pkg.joints.profiles import make_profile
 from sim_pkg.joints.sensor import random_stream
 from sim_pkg.simulate import START_NS, write_bag
 
-ROOT = Path(__file__).parents[2]
 FAULTS = {
     'profile': 'random',
     'noise': 0.002,
@@ -360,19 +358,6 @@ def test_a_simulator_with_stamps_inside_its_data_fits_the_contract(tmp_path):
     reader = Reader(bytes(message.raw))
     assert reader.numbers('I', 2) == (0, 0)
     assert reader.doubles()[:4] == (1e9, 19e6, 1e9, 19.1e6)
-
-
-def test_config_teaches_every_parameter_with_its_default():
-    path = ROOT / 'config/encoder_sim.yaml'
-    values = params_file.load(path, 'encoder_sim')
-    known = {**declared(RunSettings), **declared(EncoderParameters)}
-    assert set(values) == set(known)
-    for name, parameter in known.items():
-        assert parameter.check(values[name]) == parameter.default, name
-    lines = path.read_text().splitlines()
-    for number, line in enumerate(lines):  # every key stands below its sentence
-        if line.startswith('    ') and not line.lstrip().startswith('#'):
-            assert lines[number - 1].startswith('    # '), line
 
 
 def test_defaults_are_their_own_valid_values():

@@ -3,7 +3,7 @@
 
 """The standard deviation beside an estimate: right at constant speed, measured in motion.
 
-    PYTHONPATH=test python test/observers/angle/test_stddev.py
+    PYTHONPATH=test/support python test/observers/angle/test_stddev.py
 
 prints the table of docs/coverage.md: what the 95 % interval covers in motion. A test compares both.
 """
@@ -189,7 +189,9 @@ def test_table_of_coverage_is_current(variant):
         for line in TABLE.read_text().splitlines()
         if line.startswith(f'| {described(variant)} |')
     ]
-    assert len(lines) == 1, 'PYTHONPATH=test python test/observers/angle/test_stddev.py prints it'
+    assert len(lines) == 1, (
+        'PYTHONPATH=test/support python test/observers/angle/test_stddev.py prints it'
+    )
     written = [float(number) / 100.0 for number in re.findall(r'([\d.]+) %', lines[0])]
     assert written == pytest.approx(measured_row(variant), abs=0.02)
 

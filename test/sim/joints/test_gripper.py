@@ -12,7 +12,7 @@ from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.models import gripper as model
 from estimator_pkg.observers.switched.observer import OBSERVER
 from estimator_pkg.parameters import build
-from sim_pkg.joints.gripper import SIMULATOR, Gripper, GripperParameters
+from sim_pkg.joints.gripper import SIMULATOR, GripperParameters
 
 
 def messages(duration, seed=1, **values):
@@ -20,13 +20,6 @@ def messages(duration, seed=1, **values):
     for chunk in SIMULATOR.generate(build(GripperParameters, values), duration, seed):
         for message in chunk:
             yield message.due_ns, message.topic, decode(message.encode(10**18))
-
-
-def test_loads_are_those_of_the_model():
-    plant = Gripper(GripperParameters())
-    assert plant.discrete(1.9) == pytest.approx(model.OPEN)
-    assert plant.discrete(2.0) == pytest.approx(model.CLOSED)
-    assert plant.discrete(4.0) == pytest.approx(model.OPEN)
 
 
 @pytest.mark.long
@@ -86,36 +79,3 @@ def test_the_observer_on_the_stream():
         before = np.sqrt(np.mean(errors[(times > event - 0.5) & (times <= event)] ** 2))
         after = np.sqrt(np.mean(errors[(times > event) & (times <= event + 0.5)] ** 2))
         assert after < 2.0 * before
-
-
-@pytest.mark.long
-def test_events_late_past_and_out_of_order():
-    joint = SwitchedJoint(OBSERVER, build(OBSERVER.gains, {}), JointSettings())
-    ms = 10**6
-    assert joint.event(10**18, 'close') == 'no_sample_yet'
-    for i in range(1000):
-        joint.update(10**18 + i * ms, (0.3,), (0.0,))
-    now = 10**18 + 999 * ms
-    before = repr(joint.state)
-    assert joint.event(now - 200 * ms, 'close') == 'past'
-    assert repr(joint.state) == before
-    assert joint.event(now - 20 * ms, 'close') == 'late'
-    assert joint.discrete()[2] is False
-    assert joint.state.age == 0.0
-    assert joint.event(now - 30 * ms, 'open') == 'out_of_order'
-    assert joint.event(now - 20 * ms, 'open') == 'out_of_order'
-    assert joint.event(now, 'open') == 'applied'
-    assert joint.event(now + 3 * ms + 1, 'close') == 'waiting'
-    ages = []
-    for i in range(1000, 1006):
-        joint.update(10**18 + i * ms, (0.3,), (0.0,))
-        ages.append(round(1e3 * joint.state.age))
-    assert ages == [1, 2, 3, 1, 2, 3]
-    assert dict(joint.event_counts) == {
-        'no_sample_yet': 1,
-        'past': 1,
-        'late': 1,
-        'out_of_order': 2,
-        'applied': 1,
-        'waiting': 1,
-    }

@@ -13,12 +13,10 @@ from sim_pkg.joints.profiles import (
     NAMES,
     ProfileParameters,
     chirp,
-    constant,
     figure_4,
     figure_6,
     make_profile,
     pieces,
-    sine,
     smooth_random,
     steps,
     trapezoid,
@@ -77,17 +75,6 @@ def test_start_ratio_and_mean_velocity():
     assert position[0] == 2.0
     assert velocity[0] == pytest.approx(0.5 * (3.0 + 4.0 * 2.0 * math.pi * 0.3))
     assert position[1] == pytest.approx(2.0 + 0.5 * 30.0, abs=1e-9)  # three whole periods
-
-
-def test_constant_and_sine():
-    position, velocity, acceleration = constant(-3.0)(np.array([0.0, 2.0, 1e5]))
-    np.testing.assert_allclose(position, [0.0, -6.0, -3e5], rtol=1e-15)
-    np.testing.assert_array_equal(velocity, [-3.0] * 3)
-    np.testing.assert_array_equal(acceleration, [0.0] * 3)
-    position, velocity, acceleration = sine(2.0, 0.5)(np.array([0.0, 0.5]))
-    np.testing.assert_allclose(position, [0.0, 2.0])
-    np.testing.assert_allclose(velocity, [2.0 * math.pi, 0.0], atol=1e-12)
-    np.testing.assert_allclose(acceleration, [0.0, -2.0 * math.pi**2])
 
 
 def test_trapezoid_goes_there_and_back():

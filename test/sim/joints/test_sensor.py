@@ -10,7 +10,7 @@ import pytest
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import build
-from sim_pkg.joints.sensor import TURN, AngleSensor, Episodes, Line, SensorParameters, written
+from sim_pkg.joints.sensor import TURN, AngleSensor, Line, SensorParameters
 
 COUNT = 40_000
 
@@ -54,10 +54,6 @@ def about(rate, count=COUNT):
     return pytest.approx(rate, abs=5.0 * math.sqrt(rate * (1.0 - rate) / count))
 
 
-def test_without_faults_the_angle_is_read_as_it_is():
-    np.testing.assert_array_equal(read(ramp(), **clean()), ramp())
-
-
 @pytest.mark.parametrize('counts', [7, 1000, 4096, 16384])
 def test_quantisation_rounds_down_to_whole_counts(counts):
     angle = ramp(-3.0)
@@ -95,12 +91,6 @@ def test_raw_counts_are_whole_and_in_one_turn():
     assert set(reading) == set(range(1000))
     angles = read(ramp(-40.0), counts_per_revolution=1000, convention='unsigned')
     np.testing.assert_allclose(reading * TURN / 1000, angles, atol=1e-12)
-
-
-def test_lower_edge_of_signed_is_exactly_minus_pi():
-    """An observer takes anything below -pi for a multi-turn reading."""
-    for counts in (10, 50, 100, 200, 1000, 4096):
-        assert written(np.array([counts / 2]), counts, 'signed')[0] == -math.pi
 
 
 def test_noise_has_its_standard_deviation_and_is_white():
@@ -275,11 +265,6 @@ def test_line_faults_draw_independently(fault, other):
         np.testing.assert_array_equal(both[fault], alone[fault])
 
 
-def test_raising_a_rate_keeps_the_samples_that_were_struck():
-    few, many = carry(dropped=0.02)[3] == 0, carry(dropped=0.1)[3] == 0
-    assert many[few].all()
-
-
 @pytest.mark.long
 def test_chunks_do_not_matter():
     values = {**VALUE_FAULTS, 'counts_per_revolution': 1024}
@@ -290,20 +275,6 @@ def test_chunks_do_not_matter():
         carry(chunk=1000, count=10_000, **LINE_FAULTS), carry(chunk=8, count=10_000, **LINE_FAULTS)
     ):
         np.testing.assert_array_equal(one, other)
-
-
-def test_seeds_and_joints_differ():
-    values = clean(noise=0.01)
-    np.testing.assert_array_equal(read(ramp(), **values), read(ramp(), **values))
-    for other in (read(ramp(), seed=2, **values), read(ramp(), joint=1, **values)):
-        assert np.abs(np.corrcoef(other - ramp(), read(ramp(), **values) - ramp())[0, 1]) < 0.03
-
-
-def test_episode_is_at_least_one_sample():
-    ends = Episodes(np.random.default_rng(1), 0.01, 0.0, 0.001).ends(0, 10_000)
-    assert (ends > 0).mean() == pytest.approx(0.1, abs=0.02)
-    struck = np.flatnonzero(ends)
-    np.testing.assert_array_equal(ends[struck], struck + 1)
 
 
 @pytest.mark.parametrize(

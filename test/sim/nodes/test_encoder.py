@@ -23,9 +23,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Int32
 
-from estimator_pkg.messages.cdr import Reader
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.nodes.ros_parameters import ros_values
 from estimator_pkg.parameters import build
@@ -214,25 +212,6 @@ def test_live_run_equals_the_simulated_one(listener):
     reported = {pair.key: pair.value for pair in reports[-1].values}
     assert 0 < int(reported['messages']) <= len(wanted) + 2000
     assert f'{len(wanted) + 2000} messages, ' in said
-
-
-def test_raw_counts_live_in_a_namespace(listener):
-    listener.subscribe(Int32, '/robot/angle', RELIABLE)
-    values = {'convention': 'raw_counts', 'counts_per_revolution': 1000, 'rate': 500.0}
-    with encoder_sim(
-        '-r',
-        '__ns:=/robot',
-        *reliable('/robot/angle'),
-        duration=0.5,
-        wait_for_subscribers=1,
-        **values,
-    ) as process:
-        assert listener.spin(lambda: process.poll() is not None)
-        listener.drain()
-        assert ended(process)[0] == 0
-    got = [Reader(raw).number('i') for raw, _ in listener.heard['/robot/angle']]
-    assert got == [Reader(raw).number('i') for raw in simulated(0.5, 1, **values)['angle']]
-    assert len(set(got)) > 100
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

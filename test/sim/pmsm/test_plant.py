@@ -18,11 +18,10 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.parameters import build, declared
-from sim_pkg.pmsm.control import current_control, speed_control
-from sim_pkg.pmsm.drive import Drive, quantised
-from sim_pkg.pmsm.inverter import dead_time_error, edges, limited, switch
+from sim_pkg.pmsm.drive import Drive
+from sim_pkg.pmsm.inverter import dead_time_error, edges, switch
 from sim_pkg.pmsm.parameters import PmsmParameters
-from sim_pkg.pmsm.plant import electric, move, resisting, torque
+from sim_pkg.pmsm.plant import electric, move, resisting
 from sim_pkg.pmsm.profiles import NAMES, P1, Profile, named
 from sim_pkg.pmsm.sensorless import RUNNING, Sensorless
 from sim_pkg.reproduce.pmsm.observer import design_of, first_state, judge, run_log
@@ -80,15 +79,6 @@ def test_a_load_does_not_drive_a_rotor_at_rest():
     assert speed == 0.0 and theta == 0.3
 
 
-def test_torque_balances_power():
-    """Electrical power into the back-EMF is mechanical power: 3/2 Re(e conj(i)) = T w."""
-    current, theta, speed = 3.0 + 4.0j, 1.1, 200.0
-    e = 1j * 7 * speed * PLANT.flux * np.exp(1j * theta)
-    assert torque(current, theta, PLANT) * speed == pytest.approx(
-        1.5 * (e * current.conjugate()).real
-    )
-
-
 def test_the_bridge_makes_the_mean_voltage():
     """The current after a switched period is that of the mean voltage, but for the ripple."""
     voltage = 4.0 + 3.0j
@@ -114,28 +104,6 @@ def test_dead_time_takes_the_same_from_edges_and_mean():
     )
     # i_a > 0 > i_b, i_c: 4/3 of V_dc t_d/T along a
     assert dead_time_error(5.0 + 0j, 24.0, part) == pytest.approx(24.0 * part * 4.0 / 3.0)
-
-
-def test_limits_and_quantisation():
-    assert limited(3.0 + 4.0j, 24.0) == 3.0 + 4.0j
-    assert abs(limited(30.0 + 40.0j, 24.0)) == pytest.approx(24.0 / math.sqrt(3.0))
-    assert quantised(1.26, 0.5, 60.0) == 1.5
-    assert quantised(99.0, 0.5, 60.0) == 60.0
-    assert quantised(1.26, 0.0, 60.0) == 1.26
-
-
-def test_a_command_is_turned_to_the_middle_of_its_period():
-    control = PmsmParameters().control()
-    voltage, _ = current_control(0j, 0.0, 0.4, 4000.0, 0j, control)
-    assert voltage == pytest.approx(4000.0j * 1.9e-3 * np.exp(1j * (0.4 + 1.5 * 4000.0 * 5e-5)))
-
-
-def test_speed_control_stops_integrating_at_the_limit():
-    control = PmsmParameters().control()
-    assert speed_control(1000.0, 0.0, 0.0, 0.1, control) == (30.0, 0.1)
-    assert speed_control(-1000.0, 0.0, 0.0, 0.1, control) == (-30.0, 0.1)
-    i_q, integral = speed_control(101.0, 0.0, 100.0, 0.1, control)
-    assert 0.1 / control.torque_constant < i_q < 30.0 and integral > 0.1
 
 
 @pytest.mark.parametrize('name', NAMES)

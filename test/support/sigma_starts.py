@@ -3,9 +3,9 @@
 
 """The standard deviation where motion begins: how many of it the error is, and how soon it is calm.
 
-    python test/sigma_starts.py
+    python test/support/sigma_starts.py
 
-prints the table of every angle observer; `test_sigma_starts.py` tests a part of it.
+prints the table of every angle observer; `test_starts.py` tests a part of it.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 
 """Starts of a stream: which messages does a node leave unanswered that a relay next to it gets?
 
-python test/stream_starts.py COUNT [ORDER ...]
-
 Every start has three new processes: the node, a relay (a bare subscription that notes what it gets)
 and a publisher, which publishes at 1 kHz as soon as its publisher has matched both.
 """
@@ -120,28 +118,3 @@ def start(probe: Any, order: str, node: str = 'joint_observer') -> dict[str, int
         'received': received,
         'counted': counted,
     }
-
-
-def main(count: int, orders: list[str]) -> None:
-    """Print what came of `count` starts of each order."""
-    probe = dds.Probe()
-    try:
-        for order in orders:
-            worse = 0
-            for k in range(count):
-                began = time.monotonic()
-                found = start(probe, order)
-                worse += found['missed'] > 0
-                print(f'{order} {k}: {found}, {time.monotonic() - began:.1f} s', flush=True)
-            print(
-                f'{order}: in {worse} of {count} starts the node lost what the relay got',
-                flush=True,
-            )
-    finally:
-        probe.close()
-
-
-if __name__ == '__main__':
-    import conftest  # noqa: F401  the profile of discovery
-
-    main(int(sys.argv[1]), sys.argv[2:] or list(ORDERS))

@@ -3,8 +3,9 @@
 
 """The processes next to a node: a publisher and a relay at the start of a stream, and a flood.
 
-python test/stream_roles.py publish TOPIC     python test/stream_roles.py relay TOPIC
-python test/stream_roles.py flood KIND RATE JOINTS
+python test/support/stream_roles.py publish TOPIC
+python test/support/stream_roles.py relay TOPIC
+python test/support/stream_roles.py flood KIND RATE JOINTS
 
 Publisher and relay go on when they read a line, and all end when they have read another one.
 """
