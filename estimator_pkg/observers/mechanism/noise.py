@@ -198,11 +198,9 @@ class Noise:
         n = self._mechanics.degrees
         squares = list(state.squares)[:n]
         power = [max(each, 1e-300) for each in squares]
-        sizes = (
-            ()
-            if self._of_size is None
-            else tuple(round(0.5 * math.log(each) / GRID) for each in power)
-        )
+        sizes: tuple[int, ...] = ()
+        if self._of_size is not None:
+            sizes = tuple(round(0.5 * math.log(each) / GRID) for each in power)
         kept = self._gains(
             tuple(round(at / each) for at, each in zip(state.before, self._spacing)),
             sizes,
