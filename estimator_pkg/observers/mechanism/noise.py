@@ -111,8 +111,9 @@ def noise_gains(
         [np.zeros((n, n)), shown, np.zeros((n, size - n - shown.shape[1])), np.zeros((n, n))]
     )
     offset = np.hstack([np.eye(n), np.zeros((n, size))])
-    gains = per_noise(transition, entering, (inward, velocity, offset))
-    return NoiseGains(*gains, nothing, nothing, nothing)
+    outputs = inward, velocity, offset
+    of_position, of_velocity, of_innovation = per_noise(transition, entering, outputs)
+    return NoiseGains(of_position, of_velocity, of_innovation, nothing, nothing, nothing)
 
 
 def per_noise(transition: Array, entering: Array, outputs: Sequence[Array]) -> list[Array]:
