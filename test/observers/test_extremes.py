@@ -147,6 +147,15 @@ def sampled(design, dt):
     return coefficients
 
 
+def test_general_poles_and_the_triple_one_agree():
+    design, general = hybrid_design(bandwidth_hz=20.0), hybrid_design(bandwidth_hz=20.0)
+    general.triple = False
+    for dt in (1e-5, 1e-3, 0.02, 1.0):
+        one, other = sampled(design, dt), sampled(general, dt)
+        for name in Coefficients.fields:
+            assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-9), name
+
+
 @pytest.mark.parametrize(
     'gains',
     [

@@ -55,6 +55,3 @@ class Inner:
     def correct(self, reading):
         """Take a reading; return the innovation."""
         return observer.correct(self.core, self.coefficients, self.design, reading)
-
-    def noise_gains(self):
-        return observer.noise_gains(self.core, self.coefficients, self.design)

@@ -8,20 +8,10 @@ import math
 import numpy as np
 from scipy.linalg import expm
 
-from estimator_pkg.circle import Circle
 from estimator_pkg.driver.adaptive import AdaptiveJoint
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.observers.adaptive import observer as adaptive
 from estimator_pkg.observers.adaptive.observer import OBSERVER, Gains
 from estimator_pkg.parameters import build
-
-
-def lcg(seed, count):
-    values = []
-    for _ in range(count):
-        seed = (1664525 * seed + 1013904223) % 2**32
-        values.append(math.sqrt(3.0) * (2.0 * seed / 2**32 - 1.0))
-    return np.array(values)
 
 
 def servo(damping, stiffness, gain, u, dt, load=0.0, start=(0.0, 0.0)):
@@ -44,15 +34,6 @@ def servo(damping, stiffness, gain, u, dt, load=0.0, start=(0.0, 0.0)):
         found.append(x[:2].copy())
     angle, velocity = np.array(found).T
     return angle, velocity
-
-
-def begun(gains, angle, dt):
-    """(state, coefficients, design) after the first sample."""
-    design, coefficients = adaptive.design(gains, Circle(0.0)), adaptive.Coefficients()
-    adaptive.prepare(coefficients, design, dt)
-    state = adaptive.State()
-    adaptive.start(adaptive, state, design, float(angle))
-    return state, coefficients, design
 
 
 def joint(period=2.0 * math.pi, **gains):

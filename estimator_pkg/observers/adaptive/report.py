@@ -103,11 +103,9 @@ def report(
         theta[place] = min(max(value, low), high)
     adapted = state.adapted
     supplied = adapted == 0.0 and gains.theta is not None
-    verdict = (
-        None
-        if supplied or evidence is None
-        else _verdict(gains, made, theta, design, state, dt, evidence)
-    )
+    verdict = None
+    if evidence is not None and not supplied:
+        verdict = _verdict(gains, made, theta, design, state, dt, evidence)
     covariance = _whole(made, verdict, supplied, origin)
     sigma = np.sqrt(np.diag(covariance))
     ratios = physical(made.names, made.model)

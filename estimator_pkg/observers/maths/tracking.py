@@ -16,13 +16,9 @@ import math
 def bandwidth_ratio(damping: float) -> float:
     """Return the -3 dB frequency of w0^2/(s^2 + 2 damping w0 s + w0^2), over w0."""
     middle = 1.0 - 2.0 * damping * damping
+    root = math.hypot(middle, 1.0)
     # the root of u^2 - 2 middle u - 1 that is positive, without a difference of large numbers
-    power = (
-        middle + math.hypot(middle, 1.0)
-        if middle > 0.0
-        else 1.0 / (math.hypot(middle, 1.0) - middle)
-    )
-    return math.sqrt(power)
+    return math.sqrt(middle + root if middle > 0.0 else 1.0 / (root - middle))
 
 
 def natural_frequency(bandwidth_hz: float, damping: float) -> float:

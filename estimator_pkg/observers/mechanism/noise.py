@@ -111,8 +111,9 @@ def noise_gains(
         [np.zeros((n, n)), shown, np.zeros((n, size - n - shown.shape[1])), np.zeros((n, n))]
     )
     offset = np.hstack([np.eye(n), np.zeros((n, size))])
-    gains = per_noise(transition, entering, (inward, velocity, offset))
-    return NoiseGains(*gains, nothing, nothing, nothing)
+    outputs = inward, velocity, offset
+    of_position, of_velocity, of_innovation = per_noise(transition, entering, outputs)
+    return NoiseGains(of_position, of_velocity, of_innovation, nothing, nothing, nothing)
 
 
 def per_noise(transition: Array, entering: Array, outputs: Sequence[Array]) -> list[Array]:
@@ -198,11 +199,9 @@ class Noise:
         n = self._mechanics.degrees
         squares = list(state.squares)[:n]
         power = [max(each, 1e-300) for each in squares]
-        sizes = (
-            ()
-            if self._of_size is None
-            else tuple(round(0.5 * math.log(each) / GRID) for each in power)
-        )
+        sizes: tuple[int, ...] = ()
+        if self._of_size is not None:
+            sizes = tuple(round(0.5 * math.log(each) / GRID) for each in power)
         kept = self._gains(
             tuple(round(at / each) for at, each in zip(state.before, self._spacing)),
             sizes,

@@ -14,7 +14,17 @@ from benchmarks.signals import Samples, encoder
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import TRACKING, Deviation
 from estimator_pkg.observers.angle.hybrid import observer
-from estimator_pkg.sensor.calibration import BROKEN, LONGEST, SHORTEST
+from estimator_pkg.sensor.calibration import (
+    BROKEN,
+    FEWEST,
+    LONGEST,
+    MOST,
+    SHORTEST,
+    Calibration,
+    averaged,
+    begin_calibration,
+    follow_noise,
+)
 
 DT = 1e-3
 TURN = 2.0 * math.pi
@@ -35,6 +45,12 @@ def fast_sine(time):
 
 def constant(time):
     return 3.0 * time, np.full(len(time), 3.0)
+
+
+def begun():
+    calibration = Calibration()
+    begin_calibration(calibration)
+    return calibration
 
 
 def uncalibrated(joint, samples):
@@ -130,6 +146,22 @@ def test_instants_before_a_gap_or_a_jump_of_the_clock_are_void(ahead):
     assert joint.channel.track.calibration.due_ns > samples.stamps[-1]
     joint.update(int(samples.stamps[-1]) + round(ahead * 1e9), 0.1)
     assert joint.channel.track.calibration.due_ns == BROKEN
+
+
+@pytest.mark.parametrize('error', [math.nan, math.inf, 1e200])
+def test_errors_that_are_no_numbers_do_no_harm(error):
+    mean = 1.0
+    for noise in (0.0, 1.0, math.inf, 1e300):
+        mean = averaged(mean, error, noise)
+        assert FEWEST <= mean <= MOST
+
+
+def test_the_rounding_of_float32_is_no_quantum():
+    """Half of it is 2^-25 of a reading; steps of a few of these are noise, larger ones count."""
+    for move, quantum in ((1.5e-7, math.inf), (3e-7, 3e-7)):
+        calibration = begun()
+        follow_noise(calibration, 1.0 + move, move, 0.0, 10**6, 10**6)
+        assert calibration.quantum == quantum
 
 
 def test_the_spacing_grows_at_rest_and_shrinks_where_the_motion_shows():

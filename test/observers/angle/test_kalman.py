@@ -20,8 +20,9 @@ from test_frequency_response import transition
 import estimator_pkg
 from estimator_pkg.engine.calls import Memory
 from estimator_pkg.estimate import TRACKING
+from estimator_pkg.observers.angle.kalman import Coefficients, Core, Design, noise_gains
 from estimator_pkg.observers.maths import covariance
-from estimator_pkg.observers.maths.covariance import Covariance
+from estimator_pkg.observers.maths.covariance import Covariance, steady_gains_2
 
 DT = 1e-3
 MODELS = {2: {'model': 'constant_velocity'}, 3: {}}
@@ -214,6 +215,33 @@ def test_readings_without_noise_leave_the_filter_stable(order, rate, noise):
         found = make('kalman', {**MODELS[order], 'noise': noise}, wrap_period=0.0).run(at, angle)
         error = np.abs(found.velocity - velocity)[20:]
         assert np.all(error < 0.05 * np.max(np.abs(velocity)))
+
+
+@given(st.floats(-2.0, 8.0))
+def test_steady_gains_of_constant_velocity_are_those_it_converges_to(exponent):
+    density, dt = 10.0**exponent, 0.02
+    p, q = of_line(2, dt), of_noise(2, density, dt)
+    for _ in range(2_000):
+        covariance.update_2(p, q, dt, 1.0)
+    assert steady_gains_2(density, dt) == pytest.approx((p.p00, p.p01 * dt), rel=1e-9)
+
+
+def noise_gains_of(order, *gains):
+    """Those of a filter with these gains at DT, after its second sample."""
+    core, coefficients, design = Core(), Coefficients(), Design()
+    core.started, coefficients.dt, design.order = True, DT, order
+    core.p.p00, core.p.p01, core.p.p02 = gains
+    return noise_gains(core, coefficients, design)
+
+
+def test_noise_gains_of_unstable_gains_are_those_after_the_third_sample():
+    """A first sample time that is far too long leaves such gains for some samples."""
+    for alpha, beta, gamma in ((1.0, 2.2, 0.5), (0.6, 3.3, 0.5), (0.3, 0.1, 0.9)):
+        gain = alpha, beta / DT, gamma / DT**2
+        expected = (alpha, pytest.approx((2.0 - 6.0 * beta * (1.0 - beta)) / DT**2), 6.0)
+        assert noise_gains_of(3, *gain) == expected
+        if gamma == 0.5:
+            assert noise_gains_of(2, *gain) == expected
 
 
 # The noise that is not given

@@ -10,6 +10,7 @@ import pytest
 from observer_cases import label, make, stamps, tunable_variants, variants, wrapped
 
 from estimator_pkg.estimate import Estimate
+from estimator_pkg.observers.angle.shared import low_speed_bound
 
 QUANTUM = 2.0 * math.pi / 4096
 DT = 1e-3
@@ -43,6 +44,16 @@ def since_change(measured):
     for i in range(1, len(measured)):
         count[i] = count[i - 1] + 1 if measured[i] == measured[i - 1] else 0
     return count
+
+
+def test_bound_is_the_last_change_over_the_time_since():
+    assert low_speed_bound(2e-3, 0.1, 1e-3, 0.0) == pytest.approx(0.02)
+    assert low_speed_bound(2e-3, 0.1, 5e-3, 0.0) == pytest.approx(0.05)  # at least a quantum
+    assert low_speed_bound(2e-3, 0.0, 5e-3, 0.0) == math.inf  # it just changed
+    assert low_speed_bound(2e-3, 1.0, 0.0, 0.0) == math.inf  # no quantum is known
+    assert low_speed_bound(2e-3, 0.1, 1e-3, 1.01e-6) == math.inf  # noise beyond a quantum
+    assert low_speed_bound(2e-3, 0.1, 1e-3, 1e-8) == pytest.approx(0.024)  # held back by 4 sigma
+    assert low_speed_bound(2e-3, 0.1, 1e-3, 0.99e-6) < math.inf
 
 
 def stop_and_go():

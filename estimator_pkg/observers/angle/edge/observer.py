@@ -430,10 +430,8 @@ def learn_sensor(state: State, design: Design) -> None:
     """Learn quantum, noise and vibration, in the readings as they came, without a correction."""
     reading, sensor, steps, convention = state.reading, state.sensor, state.steps, state.convention
     quantum, change, last = sensor.quantum, reading.change, convention.last
-    reading.first, reading.counted = (
-        change != 0.0 and convention.low == convention.high,
-        change + reading.further,
-    )
+    reading.first = change != 0.0 and convention.low == convention.high
+    reading.counted = change + reading.further
     if change != 0.0 and shows_quantum(steps, reading.counted, sensor.size, sensor.since, quantum):
         extent = abs(reading.angle) + abs(last)
         if is_residue(reading.counted, extent, design.quantum, quantum, reading.first):

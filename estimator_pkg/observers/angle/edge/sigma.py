@@ -38,12 +38,8 @@ def deviation(
 ) -> None:
     """Set one standard deviation of position and velocity, the latter times `scale`."""
     motion, p, band, sensor, doubt = state.motion, state.p, state.band, state.sensor, state.doubt
-    convention, quantum, dt, speed = (
-        state.convention,
-        sensor.quantum,
-        coefficients.dt,
-        motion.velocity,
-    )
+    convention, quantum = state.convention, sensor.quantum
+    dt, speed = coefficients.dt, motion.velocity
     if design.quantum == 0.0 and convention.low == convention.high:  # nothing moved: no quantum
         out.position = out.velocity = math.inf
         return

@@ -180,9 +180,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     restarts, lag = not made.paper, LAG_2 if made.order == 2 else LAG_3
     if made.paper:
         _set_paper(made, gains, continuous)
-        lag = (
-            LAG_2 * made.l1 / made.l2 * continuous.slowest
-        )  # the lag behind a ramp, times the pace
+        lag = LAG_2 * made.l1 / made.l2 * continuous.slowest  # behind a ramp, times the pace
     else:
         _set_robust(made, gains, continuous, period)
     set_shared(made.shared, gains, circle, SETTLING / continuous.slowest, lag, restarts)

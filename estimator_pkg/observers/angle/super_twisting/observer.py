@@ -324,11 +324,8 @@ def design(gains: Gains, circle: Circle) -> Design:
             "form 'implicit' exists for order 1 only (of higher order it would bias "
             "or chatter): use 'matching'"
         )
-    made.form, made.order, made.scale = (
-        FORMS.index(gains.form),
-        order,
-        gains.bound ** (1.0 / (order + 1)),
-    )
+    made.form, made.order = FORMS.index(gains.form), order
+    made.scale = gains.bound ** (1.0 / (order + 1))
     made.c1, made.c2, made.c3, made.c4 = COEFFICIENTS[order] + (0.0,) * (3 - order)
     made.roots = roots_of(order)
     if made.form == IMPLICIT or order == 3:

@@ -9,13 +9,18 @@ import numpy as np
 import pytest
 
 from estimator_pkg.observers.angle.edge import bandwidth as edge_bandwidth
+from estimator_pkg.observers.angle.edge import constants as edge_constants
 from estimator_pkg.observers.angle.edge import covariance as edge_covariance
+from estimator_pkg.observers.angle.edge import observer as edge_observer
 from estimator_pkg.observers.angle.edge import quantum as edge_quantum
 from estimator_pkg.observers.angle.edge import sensor as edge_sensor
-from estimator_pkg.observers.angle.edge.bandwidth import Sway
+from estimator_pkg.observers.angle.edge import start as edge_start
+from estimator_pkg.observers.angle.edge.bandwidth import Band, Sway
 from estimator_pkg.observers.angle.edge.interval import within
 from estimator_pkg.observers.angle.edge.sensor import Sensor
 from estimator_pkg.observers.maths.covariance import Covariance
+
+Q = 1.0
 
 
 @pytest.mark.parametrize(
@@ -147,3 +152,48 @@ def test_a_measurement_far_finer_than_the_prediction_leaves_a_covariance():
         assert 0.0 < p.p00 <= r * (1.0 + 1e-12)
         assert p.p11 * p.p00 >= p.p01 * p.p01 * (1.0 - 1e-12)
         assert p.p22 * p.p00 >= p.p02 * p.p02 * (1.0 - 1e-12)
+
+
+def test_a_shaft_that_stood_is_a_straight_line_from_its_cell_to_the_edge():
+    p, finer, band = Covariance(), Covariance(), Band()
+    edge_start.stand(p, band, Q)
+    edge_start.stand(finer, band, 0.1 * Q)
+    blur, floor, long = edge_constants.BLUR, Q * Q / 12.0, edge_constants.LONGEST
+    expected = (blur * blur, 0.0, 0.0, floor / long**2, 0.0, floor / long**4)
+    assert values(p) == pytest.approx(expected)
+    assert values(finer) == pytest.approx([0.01 * each for each in values(p)])
+
+
+def begun_state(design, reading=7.0):
+    state = edge_observer.State()
+    edge_observer.start(edge_observer, state, design, reading)
+    return state
+
+
+@pytest.mark.parametrize('jump', [0.6, -0.6, 3e-8])
+def test_a_jump_that_lasts_is_the_quantum_whatever_was_read_before(jump):
+    design, p = edge_observer.Design(), Covariance()
+    state = begun_state(design)
+    state.steps.jump = jump
+    edge_observer.believe_jump(state, design, 7.0, 1e-3)
+    assert edge_quantum.quantum_of(state.steps, 0.0) == state.sensor.quantum == abs(jump)
+    assert state.motion.angle == 7.0 - 0.5 * jump  # at the edge
+    edge_start.stand(p, Band(), abs(jump))
+    assert values(state.p) == values(p)
+
+
+@pytest.mark.parametrize('part, starts', [(0.68, False), (0.72, True)])
+def test_a_shaft_of_which_less_than_a_cell_is_known_may_start(part, starts):
+    def stirs(first=False, **sensor):
+        design = made(edge_observer.Design, quantum=Q)
+        state = begun_state(design)
+        state.p.p00, state.p.p11, state.p.p22 = part * Q * Q / 12.0, 1.0, 1.0
+        state.reading.rested, state.reading.first = 1.0, first
+        for name, value in sensor.items():
+            setattr(state.sensor, name, value)
+        edge_observer.stir(state, design, 1e-3)
+        return state.doubt.to_settle == edge_start.UNSURE
+
+    assert stirs() is starts
+    assert stirs(first=True)  # the first of all
+    assert not stirs(first=True, noise=1.01 * edge_constants.PLAIN * Q * Q)
