@@ -3,6 +3,7 @@
 
 """Bags that are written: whole or not at all, and as other tools want them."""
 
+import io
 import subprocess
 import sys
 
@@ -70,6 +71,30 @@ def test_the_mcap_library_finds_no_fault(tmp_path):
     assert all(index.compression == 'zstd' for index in summary.chunk_indexes)
     with open(path, 'rb') as stream:  # in the order of the file, without any index
         assert len(list(NonSeekingReader(stream, validate_crcs=True).iter_messages())) == 400
+
+
+def test_message_indices_point_at_their_messages(tmp_path):
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Chunk, Message, MessageIndex
+    from mcap.stream_reader import get_chunk_data_stream
+
+    messages = make.content(30)
+    path = make.ours(tmp_path / 'bag', messages) / 'bag_0.mcap'
+    with open(path, 'rb') as stream:
+        (index,) = make_reader(stream).get_summary().chunk_indexes
+        stream.seek(index.chunk_start_offset + 9)
+        unpacked, size = get_chunk_data_stream(Chunk.read(ReadDataStream(stream)))
+        data = unpacked.read(size)
+        found = []
+        for channel, offset in index.message_index_offsets.items():
+            stream.seek(offset + 9)
+            for time, at in MessageIndex.read(ReadDataStream(stream)).records:
+                assert data[at] == 5  # the opcode of a message
+                length = int.from_bytes(data[at + 1 : at + 9], 'little')
+                message = Message.read(ReadDataStream(io.BytesIO(data[at + 9 :])), length)
+                assert (message.channel_id, message.log_time) == (channel, time)
+                found.append((time, message.data))
+    assert sorted(found) == sorted((time, raw) for _, time, raw in messages)
 
 
 def test_metadata_are_those_of_jazzy(tmp_path):
