@@ -4,19 +4,14 @@
 """Words of parameters that YAML reads as something else: none of ours, and help with a user's."""
 
 import argparse
-import dataclasses
-import importlib
-import inspect
 import math
-import pkgutil
 import re
 from pathlib import Path
 
 import pytest
 import yaml
+from declaring import declaring
 
-import estimator_pkg
-import sim_pkg
 from estimator_pkg import params_file, registry, yaml_text
 from estimator_pkg.driver.efforts import DrivenSettings
 from estimator_pkg.errors import UsageError
@@ -39,27 +34,6 @@ YAML_1_1 = [
         r'<<|=',
     )
 ]
-
-
-def declaring():
-    """Every class of both packages that declares a parameter."""
-    found = {}
-    for package in (estimator_pkg, sim_pkg):
-        for info in pkgutil.walk_packages(package.__path__, f'{package.__name__}.'):
-            if info.name.endswith(('.launching', '__main__', '._engine')):
-                continue  # needs launch, which is not on PyPI; is no module
-            try:
-                module = importlib.import_module(info.name)
-            except ModuleNotFoundError as error:
-                if (error.name or '').partition('.')[0] in ('estimator_pkg', 'sim_pkg'):
-                    raise
-                continue
-            for _, cls in inspect.getmembers(module, inspect.isclass):
-                if dataclasses.is_dataclass(cls) and any(
-                    'parameter' in field.metadata for field in dataclasses.fields(cls)
-                ):
-                    found[f'{cls.__module__}.{cls.__qualname__}'] = cls
-    return found
 
 
 def test_no_choice_of_any_parameter_is_a_boolean_a_null_or_a_number():

@@ -14,7 +14,6 @@ import yaml
 
 from estimator_pkg import params_file, yaml_text
 from estimator_pkg.driver import identified as adaptive_file
-from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation.identify import command as identify
 from estimator_pkg.evaluation.tuning import output
 from estimator_pkg.observers.adaptive import observer as adaptive
@@ -136,30 +135,6 @@ def test_save_writes_names_as_names(name, tmp_path):
     holds_only(out.read_text(), ['adaptive_parameters', 'joints'])
     assert list(adaptive_file.load(str(out))) == [name]
     assert adaptive_file.save(str(out), bank) == [name]
-
-
-@pytest.mark.parametrize(
-    'text, said',
-    [
-        ('joints: [a, b]', "'joints' must map each joint's name"),
-        ('joints: 3', "'joints' must map"),
-        ('joints: {a: 3}', "of joint 'a' are damaged"),
-        ('joints: a', "'joints' must map"),
-        ('joints: {y: {order: true, a: [1.0], b: [1.0]}}', "of joint 'y' are damaged"),
-        ('joints: {a: {order: 1, a: [1.0], b: [1.0], stddev: [1.0]}}', "of joint 'a' are damaged"),
-        ('joints: {a: {order: 1, a: [1.0], b: [1.0], trusted: 3}}', "of joint 'a' are damaged"),
-        ('joints: !!python/name:os.system ""', 'contains no parameters'),
-        ('joints: {[a]: 1}', 'no para'),
-    ],
-)
-def test_a_wrong_parameters_file_is_one_line(text, said, tmp_path):
-    path = tmp_path / 'motor.yaml'
-    path.write_text(f'adaptive_parameters: 1\n{text}\n')
-    with pytest.raises(UsageError, match=said) as caught:
-        adaptive_file.load(str(path))
-    assert '\n' not in str(caught.value)
-    path.write_text('adaptive_parameters: 1\njoints:\n')
-    assert adaptive_file.load(str(path)) == {}
 
 
 RCL = """

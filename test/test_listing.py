@@ -4,17 +4,14 @@
 """The command list, and the tables of docs/parameters.md that it makes."""
 
 import dataclasses
-import importlib
 import json
-import pkgutil
 import re
 import shlex
 from pathlib import Path
 
 import pytest
+from declaring import declaring
 
-import estimator_pkg
-import sim_pkg
 from estimator_pkg import listing, observers, parameters, registry, streams
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
@@ -22,25 +19,6 @@ from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleStream
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs' / 'parameters.md'
-
-
-def declaring_classes():
-    """Every dataclass of ours with declared parameters, by its full name."""
-    found = {}
-    for package in (estimator_pkg, sim_pkg):
-        for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):
-            if module.name.endswith('._engine'):
-                continue  # the engine is no module
-            try:
-                names = vars(importlib.import_module(module.name))
-            except ImportError:
-                if '.nodes' not in module.name and '.ros.' not in module.name:
-                    raise  # these two need ROS, and declare nothing themselves
-                continue
-            for item in names.values():
-                if isinstance(item, type) and dataclasses.is_dataclass(item) and declared(item):
-                    found[f'{item.__module__}.{item.__qualname__}'] = item
-    return found
 
 
 def listed(capsys, *words):
@@ -219,7 +197,7 @@ def test_docs_are_as_the_code_declares(capsys):
 @pytest.mark.long
 def test_every_declared_parameter_has_a_row():
     rows = DOCS.read_text(encoding='utf-8').splitlines()
-    classes = declaring_classes()
+    classes = declaring()
     assert len(classes) > 6
     missing = [
         f'{name}.{parameter}'
@@ -234,8 +212,8 @@ def test_every_declared_parameter_has_a_row():
 
 @pytest.mark.long
 def test_every_declared_parameter_is_described():
-    for name, declaring in declaring_classes().items():
-        for parameter in declared(declaring).values():
+    for name, cls in declaring().items():
+        for parameter in declared(cls).values():
             where = f'{name}: {parameter.name}'
             assert parameter.description.strip(), where
             assert parameter.kind in listing.TYPE_NAMES, where
@@ -261,7 +239,7 @@ def test_the_page_of_parameters_begins_with_what_users_set(capsys):
         if row.startswith('| ')
         for name in re.findall(r'`([\w.]+)(?::[^`]*)?`', row)
     }
-    declared_names = {name for cls in declaring_classes().values() for name in declared(cls)}
+    declared_names = {name for cls in declaring().values() for name in declared(cls)}
     nodes = {stream.NODE for stream in streams.every()}
     assert {'quantum', 'wrap_period', 'prefer', 'no_estimate', 'pole_pairs'} <= set_first
     assert set_first <= declared_names | nodes

@@ -121,7 +121,7 @@ def test_evaluate_a_drive(tmp_path):
 
 
 def test_mechanical_stands_beside_angle_observers(tmp_path, capsys):
-    run('simulate', 'pendulum', '--duration', 6, '--set', 'rate=500', '--out', tmp_path / 'bag')
+    run('simulate', 'pendulum', '--duration', 3, '--set', 'rate=500', '--out', tmp_path / 'bag')
     params = tmp_path / 'params.yaml'
     params.write_text(
         '/**:\n  ros__parameters:\n    observer: geso\n    bandwidth_hz: 5.0\n'

@@ -3,6 +3,7 @@
 
 """Bags that are written: whole or not at all, and as other tools want them."""
 
+import io
 import subprocess
 import sys
 
@@ -21,6 +22,7 @@ from estimator_pkg.bags import qos
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.errors import UserError
+from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE
 
 HASH = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'  # as Jazzy has it
@@ -69,6 +71,30 @@ def test_the_mcap_library_finds_no_fault(tmp_path):
     assert all(index.compression == 'zstd' for index in summary.chunk_indexes)
     with open(path, 'rb') as stream:  # in the order of the file, without any index
         assert len(list(NonSeekingReader(stream, validate_crcs=True).iter_messages())) == 400
+
+
+def test_message_indices_point_at_their_messages(tmp_path):
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Chunk, Message, MessageIndex
+    from mcap.stream_reader import get_chunk_data_stream
+
+    messages = make.content(30)
+    path = make.ours(tmp_path / 'bag', messages) / 'bag_0.mcap'
+    with open(path, 'rb') as stream:
+        (index,) = make_reader(stream).get_summary().chunk_indexes
+        stream.seek(index.chunk_start_offset + 9)
+        unpacked, size = get_chunk_data_stream(Chunk.read(ReadDataStream(stream)))
+        data = unpacked.read(size)
+        found = []
+        for channel, offset in index.message_index_offsets.items():
+            stream.seek(offset + 9)
+            for time, at in MessageIndex.read(ReadDataStream(stream)).records:
+                assert data[at] == 5  # the opcode of a message
+                length = int.from_bytes(data[at + 1 : at + 9], 'little')
+                message = Message.read(ReadDataStream(io.BytesIO(data[at + 9 :])), length)
+                assert (message.channel_id, message.log_time) == (channel, time)
+                found.append((time, message.data))
+    assert sorted(found) == sorted((time, raw) for _, time, raw in messages)
 
 
 def test_metadata_are_those_of_jazzy(tmp_path):
@@ -155,6 +181,30 @@ def test_large_bags_have_several_chunks_in_order(tmp_path, monkeypatch):
     ]
     assert information['starting_time'] == {'nanoseconds_since_epoch': messages[0][1]}
     assert information['duration'] == {'nanoseconds': messages[-1][1] - messages[0][1]}
+
+
+def test_a_block_is_written_as_its_messages_are(tmp_path):
+    messages = make.content(50)
+    with BagWriter(tmp_path / 'bag') as bag:
+        number = {STATES: bag.add_topic(STATES, TYPE), OTHER: bag.add_topic(OTHER, TEXT)}
+        times = [log_ns for _, log_ns, _ in messages]
+        bag.write(STATES, START - 1, b'before')
+        bag.write_block(
+            from_messages(
+                [number[topic] for topic, _, _ in messages],
+                times,
+                times,
+                [raw for _, _, raw in messages],
+            )
+        )
+        assert bag.counts() == {STATES: 51, OTHER: 17}
+        bag.write(OTHER, START + 10**9, b'after')
+        assert bag.counts() == {STATES: 51, OTHER: 18}
+    assert [raw for _, _, _, raw in messages_of(tmp_path / 'bag')] == [
+        b'before',
+        *(raw for _, _, raw in messages),
+        b'after',
+    ]
 
 
 def test_a_bag_without_messages_is_a_bag(tmp_path):

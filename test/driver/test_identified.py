@@ -115,6 +115,9 @@ def test_damaged_entries_name_the_joint(tmp_path, change):
         ('adaptive_parameters: 2', 'contains no parameters of the adaptive observer'),
         ('{adaptive_parameters: 1, joints: [a]}', "'joints' must map each joint's name"),
         ('{adaptive_parameters: 1, joints: {a: 5}}', "joint 'a' are damaged"),
+        ('{adaptive_parameters: 1, joints: 3}', "'joints' must map each joint's name"),
+        ('{adaptive_parameters: 1, joints: {[a]: 1}}', 'contains no parameters'),
+        ('{adaptive_parameters: 1, joints: !!python/name:os.system ""}', 'contains no parameters'),
         (None, 'cannot read .*: No such file'),
     ],
 )
@@ -122,8 +125,9 @@ def test_other_files_are_refused(tmp_path, text, said):
     path = tmp_path / 'x.yaml'
     if text is not None:
         path.write_text(text)
-    with pytest.raises(UsageError, match=said):
+    with pytest.raises(UsageError, match=said) as caught:
         load(str(path))
+    assert '\n' not in str(caught.value)
 
 
 def test_entries_without_deviations_or_of_load_and_gravity_are_whole(tmp_path):
@@ -137,8 +141,9 @@ def test_entries_without_deviations_or_of_load_and_gravity_are_whole(tmp_path):
             yaml.safe_dump({'adaptive_parameters': 1, 'joints': {'a': {**GOOD, **more}}})
         )
         assert load(str(path)) == {'a': {**GOOD, **more}}
-    path.write_text('adaptive_parameters: 1')
-    assert load(str(path)) == {}
+    for nothing in ('', '\njoints:'):
+        path.write_text(f'adaptive_parameters: 1{nothing}')
+        assert load(str(path)) == {}
 
 
 @pytest.mark.parametrize('word', ['load', 'gravity'])

@@ -11,7 +11,7 @@ import pytest
 from answers import estimated, valid
 
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
-from estimator_pkg.driver.identified import load, save
+from estimator_pkg.driver.identified import load
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.parameters import build
@@ -149,18 +149,6 @@ def test_efforts_as_an_array_of_numbers(probe):
         refused = node.set(per_joint__right__input_scale=[1.0, 2.0])
         assert not refused.successful and "'right': 'input_scale' has 2 numbers" in refused.reason
         assert node.set(per_joint__right__input_scale=[2.0]).successful
-
-
-def test_saved_parameters_of_another_order_end_the_node(motor, tmp_path):
-    path = tmp_path / 'motor.yaml'
-    bank, _ = bank_of(motor[0])
-    assert save(str(path), bank) == ['joint']
-    with dds.NodeProcess(
-        MODULE, '--ros-args', '-p', f'parameters_file:={path}', '-p', 'order:=3'
-    ) as node:
-        assert node.ends() == 2
-        assert "joint 'joint' have order 2, but order is 3" in node.output
-        assert 'Traceback' not in node.output
 
 
 def test_a_joint_that_cannot_be_saved_does_not_expire(motor, tmp_path):

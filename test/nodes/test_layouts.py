@@ -97,13 +97,6 @@ def test_a_path_of_foxglove_is_a_number_in_a_topic(text):
     assert ends_in_a_number(CONTRACT[topic], parts)
 
 
-def test_what_is_not_in_the_messages_is_seen():
-    assert not ends_in_a_number(JOINT_STATE, [('speed', True)])
-    assert not ends_in_a_number(JOINT_STATE, [('velocity', False)])
-    assert not ends_in_a_number(JOINT_STATE, [('name', True)])
-    assert not ends_in_a_number(CONTRACT['/joint_observer/acceleration'], [('points', True)])
-
-
 def test_both_show_every_number_of_the_contract():
     wanted = set(CONTRACT) - {'/joint_observer/status', '/diagnostics'}
     assert {plotjuggler_path(text)[0] for text in CURVES} == wanted

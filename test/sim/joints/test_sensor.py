@@ -10,7 +10,7 @@ import pytest
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import build
-from sim_pkg.joints.sensor import TURN, AngleSensor, Line, SensorParameters
+from sim_pkg.joints.sensor import TURN, AngleSensor, Episodes, Line, SensorParameters, written
 
 COUNT = 40_000
 
@@ -290,3 +290,21 @@ def test_chunks_do_not_matter():
 def test_what_makes_no_sense_is_refused(values, said):
     with pytest.raises(UsageError, match=said):
         parameters(**values)
+
+
+def test_lower_edge_of_signed_is_exactly_minus_pi():
+    """An observer takes anything below -pi for a multi-turn reading."""
+    for counts in (10, 50, 100, 200, 1000, 4096):
+        assert written(np.array([counts / 2]), counts, 'signed')[0] == -math.pi
+
+
+def test_raising_a_rate_keeps_the_samples_that_were_struck():
+    few, many = carry(dropped=0.02)[3] == 0, carry(dropped=0.1)[3] == 0
+    assert many[few].all()
+
+
+def test_episode_is_at_least_one_sample():
+    ends = Episodes(np.random.default_rng(1), 0.01, 0.0, 0.001).ends(0, 10_000)
+    assert (ends > 0).mean() == pytest.approx(0.1, abs=0.02)
+    struck = np.flatnonzero(ends)
+    np.testing.assert_array_equal(ends[struck], struck + 1)

@@ -18,6 +18,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.parameters import build, declared
+from sim_pkg.pmsm.control import speed_control
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.inverter import dead_time_error, edges, switch
 from sim_pkg.pmsm.parameters import PmsmParameters
@@ -240,3 +241,11 @@ def test_the_controller_runs_on_the_observer(forced):
 
 def test_p1_is_that_of_the_specification():
     assert sum(part for part, _, _ in P1) == pytest.approx(0.70)
+
+
+def test_speed_control_stops_integrating_at_the_limit():
+    control = PmsmParameters().control()
+    assert speed_control(1000.0, 0.0, 0.0, 0.1, control) == (30.0, 0.1)
+    assert speed_control(-1000.0, 0.0, 0.0, 0.1, control) == (-30.0, 0.1)
+    i_q, integral = speed_control(101.0, 0.0, 100.0, 0.1, control)
+    assert 0.1 / control.torque_constant < i_q < 30.0 and integral > 0.1
