@@ -83,10 +83,6 @@ class Trace(NamedTuple):
         """True minus estimated velocity [rad/s]."""
         return self.true_velocity - self.velocity
 
-    def reset_times(self) -> Array:
-        """Return the times of the observer's J2 jumps [s]."""
-        return self.time[self.resets > 0] + STEP
-
 
 def simulate(
     kind: int,
@@ -219,17 +215,14 @@ def figure_4_values() -> Values:
         error = trace.velocity_error
         yield f'F4 RMS e2 [0,2) {name}', rms(error[early])
         yield f'F4 RMS e2 [2,8) {name}', rms(error[late])
-        yield f'F4 max |e1| [0,2) {name}', np.abs(trace.position_error[early]).max()
         astray = trace.time[np.abs(error) > 1.0]  # never empty: the error starts at 10 rad/s
         yield f'F4 settling {name}', astray[-1] + STEP - TURNS_AT
         yield f'F4 J2 resets {name}', trace.resets.sum()
-        yield f'F4 |int e2| [2,8) {name}', abs(error[late].sum() * STEP)
         yield (
             f'F4 max |xh2 - xh2 saw| [0,2) {name}',
             np.abs(trace.velocity - saw.velocity)[early].max(),
         )
     for name in ('sin', 'sat'):
-        yield f'F4 first J2 reset {name}', min(traces[name].reset_times(), default=np.nan)
         free = figure_4(name, margin=NO_RESET)
         yield (
             f'F4 max |e2| [7,8) without J2 {name}',

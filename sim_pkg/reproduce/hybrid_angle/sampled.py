@@ -68,10 +68,6 @@ class Alone:
         """Take a measurement [rad]; return the innovation [rad]."""
         return hybrid_angle.correct(self.core, self._coefficients, self.design, angle)
 
-    def noise_gains(self) -> tuple[float, float, float]:
-        """Return the variances of position, velocity and innovation per that of the readings."""
-        return hybrid_angle.noise_gains(self.core, self._coefficients, self.design)
-
 
 def algorithm_1(
     injection: str, angles: Numbers, periods: float | Numbers = PERIOD, **gains: float
@@ -87,26 +83,6 @@ def algorithm_1(
     """
     return _run(
         angles, periods, start=0.0, form='paper', injection=injection, **{**FIGURE_6, **gains}
-    )
-
-
-def robust(
-    injection: str,
-    angles: Numbers,
-    periods: float | Numbers = PERIOD,
-    *,
-    order: int = 2,
-    **gains: float,
-) -> Run:
-    """Run ``form: robust`` from the first sample; parameters and shapes as for `algorithm_1`."""
-    return _run(
-        angles,
-        periods,
-        start=None,
-        form='robust',
-        injection=injection,
-        order=order,
-        **{'epsilon': FIGURE_6['epsilon'], **gains},
     )
 
 

@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 
 RATE = 224.0  # Hz, of the laboratory
 UPRIGHT, HANGING = np.zeros(2), np.array([math.pi, 0.0])
-EHGO = (5.0, 5.0, 4.0)
 LQR = (104.0, 21.0, 20.0, 23.0)  # N per rad, m, rad/s, m/s
 L5 = np.array([[-0.5, 2.0], [-2.0, 1.0]])  # counterexample to Remark 5 as printed
 CALM5 = np.diag([10.0, 1.0])
@@ -108,15 +107,6 @@ def values() -> Values:
     yield 'A6', k1
     yield 'A7', radius(of_channel(50.0, k1), 1.0 / RATE)
     yield 'A8', radius(of_channel(50.0, k1), 2.0 / RATE)
-    for name, epsilon, dt in (
-        ('A9', 0.009, 1.0 / RATE),
-        ('A10', 0.0126, 2.0 / RATE),
-        ('A11', 0.025, 2.0 / RATE),
-    ):
-        yield (
-            name,
-            radius(of_channel(*(h / epsilon ** (order + 1) for order, h in enumerate(EHGO))), dt),
-        )
     yield 'A12', -mechanical_gains.slowest_pole(with_lqr(-1.0))
     yield 'A13', -mechanical_gains.slowest_pole(with_lqr(1.0))
     yield 'A14', remark_5(np.eye(2))
