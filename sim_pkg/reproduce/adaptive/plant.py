@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -159,7 +160,7 @@ def continuous(example: Example, inputs: Array, freeze: float = math.inf) -> Con
     edges = np.unique([0, *edges, min(len(inputs), round(min(freeze, 1e9) / STEP)), len(inputs)])
     time = np.arange(len(inputs) + 1) * STEP
     state, parts = np.zeros(16), []
-    for begin, end in zip(edges, edges[1:]):
+    for begin, end in pairwise(edges):
         at = time[begin : end + 1]
         arguments = float(inputs[begin]), bool(at[0] < freeze - 1e-9)
         found = solve_ivp(

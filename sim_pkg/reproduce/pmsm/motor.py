@@ -147,7 +147,7 @@ class Clock:
     def tick(
         self, i: complex, h: complex, z: complex, x: float, area: complex
     ) -> tuple[complex, complex, complex, float]:
-        """Return (i, h, z, x) after a tick; `area` is the integral of the back-EMF since the last."""
+        """Return (i, h, z, x) after a tick; `area` is the integral of the back-EMF before it."""
         self.count += 1
         count, registers = self.count, self.registers
         if self.kind >= ID_PRE:
