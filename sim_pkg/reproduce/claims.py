@@ -134,7 +134,7 @@ def _of(group: Sequence[tuple[str, float]], words: str) -> float:
 
 def _not_after(first: float, second: float) -> bool:
     """Return True if `first` is not later than `second` by more than SLACK [ms]; below 0: never."""
-    return second < 0.0 or 0.0 <= first <= second + SLACK
+    return first >= 0.0 and (second < 0.0 or first <= second + SLACK)
 
 
 SLACK = 1.0  # ms
