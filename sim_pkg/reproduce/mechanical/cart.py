@@ -29,7 +29,7 @@ from sim_pkg.reproduce.mechanical.runs import (
 
 Array = NDArray[np.float64]
 
-DT, COUNT, DROPPED, SEEDS = 1e-3, 15000, 1500, range(10)
+DT, COUNT, DROPPED, SEEDS = 1e-3, 15000, 1500, range(20)
 NOISE, QUANTA = 0.01, (2.0 * math.pi / 256.0, 1.0 / 500.0)
 START, SPEED = (0.5 * math.pi - 0.2, -0.1), (0.4, 0.35)
 

@@ -20,7 +20,7 @@ from sim_pkg.reproduce.mechanical.runs import METRICS, leg, make, metrics, move,
 
 Array = NDArray[np.float64]
 
-DT, COUNT, DROPPED, SEEDS = 1e-3, 25000, 10000, range(10)
+DT, COUNT, DROPPED, SEEDS = 1e-3, 25000, 10000, range(20)
 VARIANCE, QUANTA = 0.1, (1.0 / 500.0, 2.0 * math.pi / 256.0, 2.0 * math.pi / 256.0)
 START, GUESS = (2.2, 1.8, 0.4), (0.1, 0.2, 0.4)
 

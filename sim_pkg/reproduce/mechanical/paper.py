@@ -27,9 +27,9 @@ def _table(title: str, stem: str, columns: tuple[str, ...], names: tuple[str, ..
 
 TABLES = (
     _table(
-        'Table 1: cart-pendulum, simulated (mean of 10 seeds)', 'B4', OF_FIRST, tuple(cart.CASES)
+        'Table 1: cart-pendulum, simulated (mean of 20 seeds)', 'B4', OF_FIRST, tuple(cart.CASES)
     ),
-    _table('Table 2: robotic leg, simulated (median of 10 seeds)', 'C3', METRICS, tuple(leg.CASES)),
+    _table('Table 2: robotic leg, simulated (median of 20 seeds)', 'C3', METRICS, tuple(leg.CASES)),
     *(
         _table(
             f'Table 5: open loop, {words}-precision measurements', f'D3.{scenario}', lab.THREE, FIVE
@@ -94,7 +94,7 @@ REPRODUCTION = Reproduction(
             r'B4.HGOprinted',
             'the printed gains (3, 2) give another observer: (75, 1250) gives the printed errors',
         ),
-        (r'B4', 'Table 1 is one run with noise that is not published: ours is the mean of 10 runs'),
+        (r'B4', 'Table 1 is one run with noise that is not published: ours is the mean of 20 runs'),
         (
             r'C3.SMO',
             'unresolved in Table 2: gains k2 of about 0.8 and 0.27 would fit, 1.2 and 1.17 are '
@@ -105,7 +105,7 @@ REPRODUCTION = Reproduction(
             'the printed gains make channel 2 of Table 2 an open loop: its small error is that '
             'of two zeros compared',
         ),
-        (r'C3', 'Table 2 is one run with noise larger than the motion: ours is a median of 10'),
+        (r'C3', 'Table 2 is one run with noise larger than the motion: ours is a median of 20'),
         (r'D2', 'the chirp of 2.5 A gives 65 rad/s^2 and not 39: 1.25 A gives 38 (row D2.3)'),
         (
             r'D3.LPM.GESO80',
