@@ -19,7 +19,6 @@ from scipy.integrate import solve_ivp
 
 from estimator_pkg.circle import wrap
 from estimator_pkg.observers.angle.hybrid.injections import NAMES as FOUR
-from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.hybrid_angle.observer import (
     TURN,
@@ -34,6 +33,7 @@ Array = NDArray[np.floating[Any]]
 
 STEP = 1e-3  # of the rows [s]
 DURATION = 8.0  # duration of Figures 4 and 5 [s]
+COUNT = round(DURATION / STEP)
 NOISE_BOUND = math.radians(15.0)  # largest noise [rad]
 MARGIN = math.radians(5.0)  # delta_pi
 K1, K2 = 6.0, 5.0  # the paper's k_v and k_p
@@ -126,7 +126,7 @@ def simulate(
     accuracy = {'rtol': 1e-9, 'atol': 1e-10} if exact else {'rtol': 1e-4, 'atol': 1e-6}
     state, rows, reset_times = np.zeros(4), [], []
     reset_change, wrap_change, growth, rest = [], [], 0.0, 0.0
-    every = STEP * np.arange(round(DURATION / STEP) + 1)
+    every = STEP * np.arange(COUNT + 1)
     for begin, end in pairwise((0.0, TURNS_AT, SETTLES_AT, DURATION)):
         t = begin
         while t < end:
@@ -190,7 +190,7 @@ def figure_5(name: str) -> Trace:
 
     The paper states neither distribution nor bandwidth of the noise.
     """
-    noise = splitmix.uniforms(SEED, round(DURATION / STEP) + 1, NOISE_BOUND)
+    noise = np.random.default_rng(SEED).uniform(-NOISE_BOUND, NOISE_BOUND, COUNT + 1)
     return simulate(FOUR.index(name), observer_gains(K1, K2, 0.1), 0.03, True, noise)
 
 

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sim_pkg.joints import profiles
-from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, MARGIN, STEP, Trace, figure_4, figure_5
 from sim_pkg.reproduce.hybrid_angle.observer import injection
 from sim_pkg.reproduce.hybrid_angle.sampled import PERIOD, QUANTUM, algorithm_1, samples, wrapped
@@ -134,7 +133,7 @@ def sampled() -> Figure:
     (3000 rad/s^2) to separate the injections. The dirty derivative is that of the unwrapped angle.
     """
     time, velocity, exact = samples(profiles.figure_6(0.05), 8.0)
-    angles = wrapped(exact + splitmix.uniforms(1, len(time), 0.002), QUANTUM)
+    angles = wrapped(exact + np.random.default_rng(1).uniform(-0.002, 0.002, len(time)), QUANTUM)
     dirty = np.diff(np.unwrap(angles), prepend=angles[0]) / PERIOD
     estimates = {name: algorithm_1(name, angles).velocity for name in FOUR}
     figure = Figure(figsize=(9.0, 7.0), layout='constrained')

@@ -4,7 +4,7 @@
 """The hybrid-angle paper: Figures 3 to 6, Lemma 1 and Theorem 2."""
 
 from sim_pkg.reproduce.contract import Reproduction, parts
-from sim_pkg.reproduce.hybrid_angle import continuous, sampled_rows
+from sim_pkg.reproduce.hybrid_angle import continuous, sampled
 
 REPRODUCTION = Reproduction(
     name='hybrid_angle',
@@ -16,8 +16,8 @@ REPRODUCTION = Reproduction(
             'F4': continuous.figure_4_values,
             'LY': continuous.lyapunov_values,
             'F5': continuous.figure_5_values,
-            'F6': sampled_rows.figure_6_values,
-            'stability': sampled_rows.stability_values,
+            'F6': sampled.figure_6_values,
+            'stability': sampled.stability_values,
         },
     ),
     figures='sim_pkg.reproduce.hybrid_angle.figures',

@@ -12,25 +12,10 @@ from observer_cases import make, stamps
 
 from estimator_pkg.observers.angle.hybrid import injections
 from sim_pkg.joints import profiles
-from sim_pkg.reproduce import splitmix
 from sim_pkg.reproduce.hybrid_angle import observer as continuous
 from sim_pkg.reproduce.hybrid_angle.sampled import FIGURE_6, PERIOD, Alone, algorithm_1, samples
 
 TURN = 2.0 * math.pi
-
-
-def test_splitmix_gives_the_published_numbers():
-    assert splitmix.integers(1234567, 5).tolist() == [
-        6457827717110365317,
-        3203168211198807973,
-        9817491932198370423,
-        4593380528125082431,
-        16408922859458223821,
-    ]
-    values = splitmix.uniforms(3, 20_000, 0.5)
-    assert -0.5 <= values.min() < -0.499
-    assert 0.499 < values.max() < 0.5
-    assert abs(values.mean()) < 0.01
 
 
 @pytest.mark.parametrize('name', injections.NAMES)
