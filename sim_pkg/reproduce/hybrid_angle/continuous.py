@@ -93,30 +93,30 @@ def simulate(
     l1, l2 = gains
     values = [] if noise is None else noise.tolist()
 
-    def measured(t: float, state: Array) -> float:
+    def measured(t: float, x: Array) -> float:
         if noise is None:
-            return float(state[0])
+            return float(x[0])
         place = min(int(t / STEP), len(values) - 2)
         part = t / STEP - place
-        return float(state[0]) + values[place] + part * (values[place + 1] - values[place])
+        return float(x[0]) + values[place] + part * (values[place + 1] - values[place])
 
-    def slope(t: float, state: Array) -> tuple[float, ...]:
-        y, (_, position, velocity, _) = measured(t, state), state.tolist()
+    def slope(t: float, x: Array) -> tuple[float, ...]:
+        y, (_, position, velocity, _) = measured(t, x), x.tolist()
         spent = l1 * injection(kind, y - position, limit) ** 2
         return float(speed(t)), *flow(kind, position, velocity, y, l1, l2, limit), spent
 
-    def value(t: float, state: Array) -> float:
-        true, position, velocity, _ = state.tolist()
+    def value(t: float, x: Array) -> float:
+        true, position, velocity, _ = x.tolist()
         return lyapunov(kind, true - position, float(speed(t)) - velocity, l2, limit)
 
-    def plant_turns(t: float, state: Array) -> float:
-        return abs(measured(t, state)) - math.pi - MARGIN
+    def plant_turns(t: float, x: Array) -> float:
+        return abs(measured(t, x)) - math.pi - MARGIN
 
-    def observer_turns(_: float, state: Array) -> float:
-        return abs(float(state[1])) - math.pi - MARGIN
+    def observer_turns(_: float, x: Array) -> float:
+        return abs(float(x[1])) - math.pi - MARGIN
 
-    def resets_at(t: float, state: Array) -> float:
-        return abs(abs(measured(t, state) - float(state[1])) - math.pi) - MARGIN
+    def resets_at(t: float, x: Array) -> float:
+        return abs(abs(measured(t, x) - float(x[1])) - math.pi) - MARGIN
 
     events: list[Any] = [plant_turns, observer_turns, resets_at][: 3 if resets else 2]
     for event in events:
@@ -124,7 +124,7 @@ def simulate(
         event.direction = -1.0 if event is resets_at else 1.0
     exact = noise is None
     accuracy = {'rtol': 1e-9, 'atol': 1e-10} if exact else {'rtol': 1e-4, 'atol': 1e-6}
-    state, rows, reset_times = np.zeros(4), [], []
+    x, rows, reset_times = np.zeros(4), [], []
     reset_change, wrap_change, growth, rest = [], [], 0.0, 0.0
     every = STEP * np.arange(COUNT + 1)
     for begin, end in pairwise((0.0, TURNS_AT, SETTLES_AT, DURATION)):
@@ -132,7 +132,7 @@ def simulate(
         while t < end:
             at = every[(every >= t) & (every < end)]
             found = solve_ivp(
-                slope, (t, end), state, t_eval=np.append(at, end), events=events,
+                slope, (t, end), x, t_eval=np.append(at, end), events=events,
                 max_step=2.0 * STEP if exact else STEP,  # no step over J2
                 method='DOP853' if exact else 'RK45', **accuracy,
             )  # fmt: skip
@@ -144,22 +144,22 @@ def simulate(
             )
             inner = np.reshape(found.y, (4, -1))[:, : len(at)]
             rows += inner.T.tolist()
-            path = np.column_stack((state, inner, after)).T
+            path = np.column_stack((x, inner, after)).T
             stamps = np.array([t, *at[: len(inner.T)], last])
             if begin != TURNS_AT:
                 v = np.array([value(s, row) for s, row in zip(stamps, path)])
                 growth = max(growth, float(np.diff(v).max()))
                 rest = max(rest, float(np.ptp(v + path[:, 3])))
-            t, state, before = float(last), after.copy(), value(float(last), after)
+            t, x, before = float(last), after.copy(), value(float(last), after)
             for place in jumps:
                 if place == 2:
-                    state[1] = measured(t, state)
+                    x[1] = measured(t, x)
                     reset_times.append(t)
                 else:
-                    state[place] = first_jump(float(state[place]))
-                change = value(t, state) - before
+                    x[place] = first_jump(float(x[place]))
+                change = value(t, x) - before
                 (reset_change if place == 2 else wrap_change).append(change)
-                before = value(t, state)
+                before = value(t, x)
     table, time = np.array(rows), every[: len(rows)]
     y = [measured(t, row) for t, row in zip(time, table)]
     true = speed(time)
