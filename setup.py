@@ -26,6 +26,7 @@ EXTRAS = {
     ],
     'fast': [],  # accepted for one release
     'report': ['matplotlib>=3.8,<4', 'bokeh>=3.7,<4'],
+    'reproduce': ['scipy>=1.11,<2'],
     'tune': ['optuna>=4,<5'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],

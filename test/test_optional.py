@@ -146,7 +146,7 @@ def test_every_node_has_its_help_and_names_ros(module, main):
         ('bokeh', ('evaluate', 'BAG', '--observer', 'pll', '--html', 'OUT.html')),
         ('bokeh', ('doctor', 'BAG', '--html', 'OUT.html')),
         ('matplotlib', ('reproduce', 'adaptive', '--plot', 'OUT')),
-        ('rich', ('reproduce', 'hybrid_discrete', '--only', 'none')),
+        ('scipy', ('reproduce', 'pmsm')),
     ],
 )
 def test_a_missing_library_is_one_line_with_the_command(library, words, tmp_path):

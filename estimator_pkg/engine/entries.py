@@ -38,10 +38,6 @@ LOOPS = {  # functions of a module whose arguments are numbers, arrays and recor
     f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
     f'{SMOOTHER}.steps': ('backward', 'forward', 'likelihood'),
     'sim_pkg.pmsm.drive': ('run_sensored',),
-    'sim_pkg.reproduce.adaptive.plant': ('integrate', 'march'),
-    'sim_pkg.reproduce.hybrid_angle.continuous': ('simulate',),
-    'sim_pkg.reproduce.pmsm.reference': ('runge_kutta',),
-    'sim_pkg.reproduce.pmsm.schemes': ('sampled',),
 }
 
 

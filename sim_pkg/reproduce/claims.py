@@ -12,48 +12,64 @@ from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from typing import NamedTuple
 
-from sim_pkg.reproduce.contract import Row
-from sim_pkg.reproduce.table import number
+from sim_pkg.reproduce.contract import MISPRINT, OPEN, SPECIFIED, VECTOR, Reproduction, Row, Table
 
 NEAR = 0.1  # relative difference from a printed number that counts as agreement
 SIMILAR = 0.1  # relative spread of values that are called similar
 SLIGHT = 5.0  # a slight gain is below this [%]
-MISPRINT = re.compile(r'[\d.]+ \(for ([\d.]+)\)')
+CORRECTED = re.compile(r'[\d.]+ \(for ([\d.]+)\)')
 UNEXPLAINED = 'not explained'
 WIDTH = 80
 NAMED = 6  # ids that are listed with a reason
+LEGEND = 'ours, and in brackets what the paper prints; * does not agree with it'
+TITLES = {
+    SPECIFIED: 'the paper specifies everything',
+    OPEN: 'the paper leaves gains, start, input or machine open, and ours are assumed',
+    MISPRINT: 'misprints and ambiguities of the paper',
+    VECTOR: 'test vectors of ours',
+}
 
 
 class Claim(NamedTuple):
-    """A row with something printed: whether ours agrees, and why not ('' if it does)."""
+    """A row: whether it agrees with what the paper prints, and why not ('' if it does).
+
+    A row of which the paper prints nothing agrees if it is within its tolerance.
+    """
 
     row: Row
     agrees: bool
     why: str
 
     @property
-    def is_number(self) -> bool:
-        """True if the paper prints a number."""
-        return not isinstance(self.row.reference.paper, str)
+    def fails(self) -> bool:
+        """True if the value left its tolerance, or disagrees without a known reason."""
+        return not self.row.ok or self.why == UNEXPLAINED
 
     @property
     def printed(self) -> str:
-        """What the paper prints."""
+        """What the paper prints, as text; '' if nothing."""
         paper = self.row.reference.paper
-        return paper if isinstance(paper, str) else number(float(paper or 0.0))
+        return '' if paper is None else paper if isinstance(paper, str) else number(paper)
+
+    @property
+    def verdict(self) -> str:
+        """The last word of its line."""
+        if self.fails:
+            return 'FAILS'
+        return ('agrees' if self.agrees else 'no') if self.printed else 'ok'
 
 
-def printed_number(row: Row) -> float | None:
-    """Return the number that the paper prints or means; None for words."""
-    paper = row.reference.paper
-    if isinstance(paper, str):
-        found = MISPRINT.fullmatch(paper)
-        return float(found[1]) if found else None
-    return paper
+def number(value: float) -> str:
+    """Return a number as text for the tables: at most five digits."""
+    if not math.isfinite(value):
+        return str(value)
+    if value == int(value) and abs(value) < 1e6:
+        return f'{int(value)}'
+    return f'{value:.5g}' if abs(value) >= 1e-4 else f'{value:.2e}'
 
 
 def claims(rows: Sequence[Row], reasons: Sequence[tuple[str, str]]) -> list[Claim]:
-    """Return the rows with something printed, in order.
+    """Return the claims of all rows, in order.
 
     Parameters
     ----------
@@ -61,16 +77,10 @@ def claims(rows: Sequence[Row], reasons: Sequence[tuple[str, str]]) -> list[Clai
     """
     found = []
     for row in rows:
-        if row.reference.paper is None:
-            continue
         good = agrees(row, rows)
-        why = '' if good else _reason(row.reference.id, reasons)
-        found.append(Claim(row, good, why))
+        why = next((why for ids, why in reasons if re.match(ids, row.reference.id)), UNEXPLAINED)
+        found.append(Claim(row, good, '' if good else why))
     return found
-
-
-def _reason(name: str, reasons: Sequence[tuple[str, str]]) -> str:
-    return next((why for ids, why in reasons if re.match(ids, name)), UNEXPLAINED)
 
 
 def agrees(row: Row, rows: Sequence[Row]) -> bool:
@@ -79,15 +89,17 @@ def agrees(row: Row, rows: Sequence[Row]) -> bool:
     A number agrees within half a unit of its last printed digit, within the scatter that the
     tolerance of the row allows, or within 10 %.
     """
-    value, printed = row.value, printed_number(row)
+    value, paper = row.value, row.reference.paper
     if not math.isfinite(value):
         return False
-    if printed is None:
-        rule = WORDS.get(str(row.reference.paper))
+    if isinstance(paper, str) and (found := CORRECTED.fullmatch(paper)):
+        paper = float(found[1])
+    if paper is None or isinstance(paper, str):
+        rule = WORDS.get(str(paper))
         return row.ok if rule is None else rule(value, _beside(row, rows))
-    digit = Decimal(repr(printed)).normalize().as_tuple().exponent
-    half = 0.5 * 10.0 ** int(digit) if printed else row.reference.value
-    return abs(value - printed) <= max(half, row.reference.allowed, NEAR * abs(printed))
+    digit = Decimal(repr(paper)).normalize().as_tuple().exponent
+    half = 0.5 * 10.0 ** int(digit) if paper else row.reference.value
+    return abs(value - paper) <= max(half, row.reference.allowed, NEAR * abs(paper))
 
 
 def _beside(row: Row, rows: Sequence[Row]) -> list[tuple[str, float]]:
@@ -115,6 +127,17 @@ def _extreme(sign: float, same: str) -> Callable[[float, Sequence[tuple[str, flo
     )
 
 
+def _of(group: Sequence[tuple[str, float]], words: str) -> float:
+    """Return the value of which the paper says `words`; a negative one (never) if it is missing."""
+    return dict(group).get(words, -1.0)
+
+
+def _not_after(first: float, second: float) -> bool:
+    """Return True if `first` is not later than `second` by more than SLACK [ms]; below 0: never."""
+    return first >= 0.0 and (second < 0.0 or first <= second + SLACK)
+
+
+SLACK = 1.0  # ms
 WORDS: Mapping[str, Callable[[float, Sequence[tuple[str, float]]], bool]] = {
     'similar': _similar,
     'worst': _extreme(1.0, 'worst'),
@@ -124,75 +147,119 @@ WORDS: Mapping[str, Callable[[float, Sequence[tuple[str, float]]], bool]] = {
     'faster': _extreme(-1.0, 'faster'),
     'slight': lambda value, _: 0.0 <= value < SLIGHT,
     'none': lambda value, _: value == 0.0,
-    'below 0': lambda value, _: value < 0.0,
     'at most 0': lambda value, _: value <= 1e-6,
+    'below 0': lambda value, _: value < 0.0,
     'practically zero': lambda value, _: abs(value) < 1e-3,
     'Fig. 1a: before 40 s': lambda value, _: value < 40.0,
-    'Fig. 4: after a few steps': lambda value, _: abs(value) < 1e-3,
-    'significantly faster': lambda value, _: value == 0.0,
-    'consistently faster': lambda value, _: value == 0.0,
+    'below 500': lambda value, _: value < 500.0,
+    'coincide': lambda value, _: abs(value) < 0.05,
+    'found': lambda value, _: abs(value) < 0.01,
+    'falls': lambda value, _: value > 0.0,
+    'unstable': lambda value, _: value > 1.0,
+    'converges': lambda value, _: value < 0.5,
+    # settling times of observer (5), of (16) and of (16) with the identifier
+    'relatively slow': lambda value, group: _not_after(max(each for _, each in group), value),
+    'faster than (5)': lambda value, group: _not_after(value, _of(group, 'relatively slow')),
+    'faster than (16)': lambda value, group: _not_after(value, _of(group, 'faster than (5)')),
 }
 
 
-def text(found: Sequence[Claim]) -> list[str]:
-    """Return the claims as lines of 80 columns: those in words, the differences, the counts."""
-    lines = []
-    words = [claim for claim in found if not claim.is_number]
-    if words:
-        lines += _table('claims in words', words)
-    numbers = [claim for claim in found if claim.is_number]
-    if numbers and len(numbers) <= 2 * NAMED + 10:
-        lines += _table('printed numbers', numbers)
-    differing: dict[str, list[Claim]] = {}
-    for claim in found:
-        if not claim.agrees:
-            differing.setdefault(claim.why, []).append(claim)
-    if differing:
-        lines.append('does not agree, and why')
-    for why, those in differing.items():
-        ids = ', '.join(claim.row.reference.id for claim in those[:NAMED])
-        more = f' and {len(those) - NAMED} more' if len(those) > NAMED else ''
-        lines += _wrapped(f'{len(those)}: {why}', '  ')
-        lines += _wrapped(f'({ids}{more})', '     ')
-    if differing:
-        lines.append('')
-    for kind, some in (('printed numbers', numbers), ('claims in words', words)):
+def text(reproduction: Reproduction, found: Sequence[Claim]) -> list[str]:
+    """Return all rows as lines of 80 columns: tables, the other rows, the differences, counts."""
+    by_id = {claim.row.reference.id: claim for claim in found}
+    lines: list[str] = []
+    shown: set[str] = set()
+    for table in reproduction.tables:
+        ids = [name for names in table.body.values() for name in names if name]
+        if by_id.keys() >= set(ids):
+            shown.update(ids)
+            lines += ['', *_table(table, by_id)]
+    if shown:
+        lines = ['', LEGEND, *lines, *reproduction.extra()]
+    rest = [claim for claim in found if claim.row.reference.id not in shown]
+    if rest:
+        lines += ['', f'  {"row":<43} {"ours":>10}  {"the paper":<16} verdict']
+    for claim in rest:
+        name, ours = claim.row.reference.id, number(claim.row.value)
+        lines.append(f'  {name:<43} {ours:>10}  {claim.printed:<16} {claim.verdict}')
+    lines += ['', *_differences(found), *_failures(found)]
+    for basis, title in TITLES.items():
+        some = [claim for claim in found if claim.row.reference.basis == basis]
         if some:
-            lines += _wrapped(_count(kind, some), '')
+            lines += _wrapped(_count(title, some), '')
     return lines
 
 
-def _table(title: str, found: Sequence[Claim]) -> list[str]:
-    return [
-        title,
-        _line('row', 'ours', 'the paper', ''),
-        *(
-            _line(
-                claim.row.reference.id,
-                number(claim.row.value),
-                claim.printed,
-                'agrees' if claim.agrees else 'NO',
-            )
-            for claim in found
-        ),
-        '',
+def _differences(found: Sequence[Claim]) -> list[str]:
+    differing: dict[str, list[str]] = {}
+    for claim in found:
+        if not claim.agrees and claim.printed:
+            differing.setdefault(claim.why, []).append(claim.row.reference.id)
+    lines = ['does not agree, and why'] if differing else []
+    for why, ids in differing.items():
+        more = f' and {len(ids) - NAMED} more' if len(ids) > NAMED else ''
+        lines += _wrapped(f'{len(ids)}: {why}', '  ')
+        lines += _wrapped(f'({", ".join(ids[:NAMED])}{more})', '     ')
+    return [*lines, ''] if lines else []
+
+
+def _failures(found: Sequence[Claim]) -> list[str]:
+    lines = []
+    for row in (claim.row for claim in found if claim.fails):
+        reference = row.reference
+        bound = number(reference.value)
+        if reference.kind not in ('at most', 'at least'):
+            bound += f' +- {number(reference.allowed)}'
+        else:
+            bound = f'{reference.kind} {bound}'
+        words = f'failed: {reference.id} ({reference.what}) is {number(row.value)}, not {bound}'
+        lines += _wrapped(words, '')
+    return lines
+
+
+def _count(title: str, found: Sequence[Claim]) -> str:
+    printed = [claim for claim in found if claim.printed]
+    numbers = [claim for claim in printed if not isinstance(claim.row.reference.paper, str)]
+    said = []
+    for some, what in (
+        (numbers, 'printed numbers'),
+        ([claim for claim in printed if claim not in numbers], 'claims in words'),
+    ):
+        if some:
+            said.append(f'{sum(claim.agrees for claim in some)} of {len(some)} {what} agree')
+    if len(printed) < len(found):
+        rest = [claim for claim in found if not claim.printed]
+        kept = sum(not claim.fails for claim in rest)
+        said.append(f'{kept} of {len(rest)} rows without a printed value are within tolerance')
+    return f'{title[0].upper()}{title[1:]}: {"; ".join(said)}.'
+
+
+def _table(table: Table, by_id: Mapping[str, Claim]) -> list[str]:
+    def entry(name: str) -> str:
+        if not name:
+            return '-'
+        claim = by_id[name]
+        said = f' ({claim.printed})' if claim.printed else ''
+        return f'{claim.row.value:.4g}{said}' + ('' if claim.agrees else ' *')
+
+    body = {name: [entry(each) for each in ids] for name, ids in table.body.items()}
+    return layout(table.title, list(table.columns), body)
+
+
+def layout(title: str, columns: list[str], body: Mapping[str, list[str]]) -> list[str]:
+    """Return a table as lines; one of more than 80 columns in two halves."""
+    cells = [['', *columns], *([name, *entries] for name, entries in body.items())]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
+    if sum(widths) + 2 * len(widths) > WIDTH:
+        half = (len(columns) + 1) // 2
+        return [
+            *layout(title, columns[:half], {name: each[:half] for name, each in body.items()}),
+            *layout('', columns[half:], {name: each[half:] for name, each in body.items()}),
+        ]
+    return [title] * bool(title) + [
+        '  ' + '  '.join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()
+        for row in cells
     ]
-
-
-def _count(kind: str, found: Sequence[Claim]) -> str:
-    agree = sum(claim.agrees for claim in found)
-    what = kind if len(found) > 1 else kind.replace('claims', 'claim').replace('numbers', 'number')
-    said = f'{len(found)} {what}: {agree} agree{"s" * (agree == 1)} with the paper'
-    if agree == len(found):
-        return f'{said}.'
-    reasons = dict.fromkeys(claim.why for claim in found if not claim.agrees)
-    because = '; '.join(why.partition(': ')[0] for why in reasons)
-    other = len(found) - agree
-    return f'{said}, {other} do{"es" if other == 1 else ""} not, because: {because}.'
-
-
-def _line(name: str, ours: str, printed: str, agrees: str) -> str:
-    return f'  {name:<41} {ours:>10}  {printed:<17} {agrees}'.rstrip()
 
 
 def _wrapped(words: str, indent: str) -> list[str]:

@@ -1,10 +1,11 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The interface of a reproduction of a paper: rows with a reference and a tolerance, and figures.
+"""The interface of a reproduction of a paper: rows that can fail, tables and figures.
 
-The references are data: ``references.csv`` beside the code that computes the values of a paper.
-`Part.rows` raises KeyError if a value has no reference or a reference no value, so no row is lost.
+A row is a figure, a table or a claim of the paper. Its reference is data: ``references.csv`` beside
+the code that computes the values of a paper. `Part.rows` raises KeyError if a value has no
+reference or a reference no value, so no row is lost.
 """
 
 from __future__ import annotations
@@ -13,12 +14,12 @@ import csv
 import importlib
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from estimator_pkg.errors import UsageError, suggestion
 
@@ -28,6 +29,11 @@ EXACT = 'exact'  # value == reference
 AT_MOST = 'at most'  # value <= reference
 AT_LEAST = 'at least'  # value >= reference
 KINDS = (ABSOLUTE, PERCENT, EXACT, AT_MOST, AT_LEAST)
+SPECIFIED = 'specified'  # the paper gives everything that the row needs
+OPEN = 'open'  # gains, start, input or machine are not published: ours are assumed
+MISPRINT = 'misprint'  # explains a misprint or an ambiguity
+VECTOR = 'vector'  # a test vector of ours
+BASES = (SPECIFIED, OPEN, MISPRINT, VECTOR)
 DPI = 100  # resolution of the figures
 
 
@@ -43,6 +49,7 @@ class Reference:
     tolerance : in the unit of the value, or in % for `kind` PERCENT; unused by the other kinds.
     kind : one of KINDS.
     paper : what the paper prints: a number or its words; None if it prints neither.
+    basis : one of BASES.
     """
 
     id: str
@@ -51,10 +58,14 @@ class Reference:
     tolerance: float = 0.0
     kind: str = ABSOLUTE
     paper: float | str | None = None
+    basis: str = SPECIFIED
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(f"'{self.id}': kind '{self.kind}' is not one of {', '.join(KINDS)}")
+        for name, choices in (('kind', KINDS), ('basis', BASES)):
+            if (value := getattr(self, name)) not in choices:
+                raise ValueError(
+                    f"'{self.id}': {name} '{value}' is not one of {', '.join(choices)}"
+                )
 
     @property
     def allowed(self) -> float:
@@ -62,13 +73,6 @@ class Reference:
         if self.kind == PERCENT:
             return 0.01 * self.tolerance * abs(self.value)
         return self.tolerance if self.kind == ABSOLUTE else 0.0
-
-    @property
-    def tolerance_text(self) -> str:
-        """The tolerance as text."""
-        if self.kind == PERCENT:
-            return f'{self.tolerance:g} %'
-        return f'{self.tolerance:g}' if self.kind == ABSOLUTE else self.kind
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,7 @@ class Row:
             'tolerance': reference.allowed,
             'kind': reference.kind,
             'paper': reference.paper,
+            'basis': reference.basis,
             'ok': self.ok,
         }
 
@@ -136,14 +141,17 @@ class Part:
         if missing:
             raise KeyError(f'{self.name}: no value for {", ".join(missing)}')
 
-    @property
-    def printed(self) -> bool:
-        """True if the paper prints something of this part."""
-        return any(reference.paper is not None for reference in self.references)
-
     def concerns(self, prefix: str) -> bool:
         """Return True if an id of this part starts with `prefix`."""
         return any(reference.id.startswith(prefix) for reference in self.references)
+
+
+class Table(NamedTuple):
+    """A table in the paper's layout: ids of rows, by the name of its line."""
+
+    title: str
+    columns: tuple[str, ...]
+    body: dict[str, list[str]]
 
 
 @dataclass(frozen=True)
@@ -158,8 +166,8 @@ class Reproduction:
     figures : the module whose FIGURES maps file names to functions () -> figure. It is imported
         only for drawing, because it imports matplotlib.
     notes : lines printed below the table.
-    tables : (rows) -> the paper's own tables as lines, our results next to the printed numbers;
-        only those whose rows are all in `rows`.
+    tables : shown if all their rows were computed.
+    extra : lines that are printed with the tables and are no rows, such as measured times.
     reasons : (regular expression of ids, why ours are not what the paper prints).
     """
 
@@ -168,7 +176,8 @@ class Reproduction:
     parts: tuple[Part, ...]
     figures: str
     notes: tuple[str, ...] = field(default=())
-    tables: Callable[[Sequence[Row]], list[str]] = field(default=lambda rows: [])
+    tables: tuple[Table, ...] = field(default=())
+    extra: Callable[[], list[str]] = field(default=list)
     reasons: tuple[tuple[str, str], ...] = field(default=())
 
     def draw(self, folder: Path) -> list[Path]:
@@ -179,45 +188,33 @@ class Reproduction:
             make().savefig(paths[-1], dpi=DPI, pil_kwargs={'optimize': True})
         return paths
 
-    def references(self, prefix: str = '', printed: bool = False) -> list[Reference]:
+    def references(self, prefix: str = '') -> list[Reference]:
         """Return the references whose id starts with `prefix`, in the order of the table.
-
-        Parameters
-        ----------
-        printed : only of parts with something that the paper prints.
-        """
-        return [
-            reference
-            for part in self.parts
-            if not printed or part.printed
-            for reference in part.references
-            if reference.id.startswith(prefix)
-        ]
-
-    def rows(
-        self,
-        advance: Callable[[int], None] = lambda count: None,
-        prefix: str = '',
-        printed: bool = False,
-    ) -> Iterator[Row]:
-        """Yield the rows whose id starts with `prefix`; parts without such rows are not run.
-
-        Parameters
-        ----------
-        advance : called with 1 after each row that is yielded.
-        printed : run only parts with something that the paper prints.
 
         Raises
         ------
         UsageError : no id starts with `prefix`; the nearest part is suggested.
         """
-        if not self.references(prefix):
+        every = [reference for part in self.parts for reference in part.references]
+        found = [reference for reference in every if reference.id.startswith(prefix)]
+        if not found:
             names = [part.name for part in self.parts]
             raise UsageError(
                 f"no row of {self.name} starts with '{prefix}': {suggestion(prefix, names)}"
             )
+        return found
+
+    def rows(
+        self, advance: Callable[[int], None] = lambda count: None, prefix: str = ''
+    ) -> Iterator[Row]:
+        """Yield the rows whose id starts with `prefix`; parts without such rows are not run.
+
+        Parameters
+        ----------
+        advance : called with 1 after each row.
+        """
         for part in self.parts:
-            if not part.concerns(prefix) or (printed and not part.printed):
+            if not part.concerns(prefix):
                 continue
             order = {reference.id: place for place, reference in enumerate(part.references)}
             found = []
@@ -244,6 +241,7 @@ def references(paper: str) -> tuple[Reference, ...]:
             json.loads(row['tolerance']),
             row['kind'],
             _printed(row['paper']),
+            row['basis'],
         )
         for row in csv.DictReader(table.splitlines())
     )

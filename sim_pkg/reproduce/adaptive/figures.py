@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim_pkg.reproduce.adaptive.examples import FROZEN_FROM, NAMES, example_1, parallel
+from sim_pkg.reproduce.adaptive.examples import FROZEN_FROM, NAMES, example_1, identified, parallel
 from sim_pkg.reproduce.adaptive.plant import (
     IDENTIFICATION,
-    RK4_STEP,
+    STEP,
     VELOCITY,
     continuous,
     random_input,
@@ -42,11 +42,11 @@ def estimation() -> Figure:
 
 def identification() -> Figure:
     """Return Figure 2: the parameters, and the identified model next to the plant."""
-    run = continuous(IDENTIFICATION, random_input(IDENTIFICATION, RK4_STEP, 600.0))
-    inputs = random_input(IDENTIFICATION, RK4_STEP, 100.0, seed=999)
-    plant = response(IDENTIFICATION, inputs, RK4_STEP)[0]
+    run = identified()
+    inputs = random_input(IDENTIFICATION, STEP, 100.0, seed=999)
+    plant = response(IDENTIFICATION, inputs, STEP)
     model = parallel(run.theta[run.at(400.0)], inputs)
-    time = np.arange(len(plant)) * RK4_STEP
+    time = np.arange(len(plant)) * STEP
     figure = Figure(figsize=(8.0, 9.0), layout='constrained')
     first, second, third = figure.subplots(3, 1)
     for name, values in zip(NAMES, run.theta.T):

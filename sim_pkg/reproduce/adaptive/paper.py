@@ -1,31 +1,18 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The adaptive paper: Figures 1 and 2, tables A1 to A6 of its specification, the recordings."""
+"""The adaptive paper: Figures 1 and 2, and what it prints of its two examples."""
 
-from sim_pkg.reproduce.adaptive import examples, recorded, sampling
+from sim_pkg.reproduce.adaptive import examples
 from sim_pkg.reproduce.contract import Reproduction, parts
-
-PARTS = parts(
-    'adaptive',
-    {
-        'A1': examples.a1_values,
-        'A2': examples.a2_values,
-        'A6': examples.a6_values,
-        'A3': sampling.a3_values,
-        'A4': sampling.a4_values,
-        'A5': sampling.a5_values,
-        'recorded': recorded.values,
-    },
-)
-RECORDED = recorded.folder() is not None
 
 REPRODUCTION = Reproduction(
     name='adaptive',
     summary='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers',
-    parts=PARTS if RECORDED else PARTS[:-1],
+    parts=parts(
+        'adaptive', {'A1': examples.a1_values, 'A2': examples.a2_values, 'A6': examples.a6_values}
+    ),
     figures='sim_pkg.reproduce.adaptive.figures',
-    tables=recorded.table,
     reasons=(
         (
             r'A2 theta.* b1',
@@ -42,10 +29,5 @@ REPRODUCTION = Reproduction(
         'The inputs, the start values and the gains of example 4.1 are not published: ours are '
         'in sim_pkg/reproduce/adaptive/plant.py.',
         'Meaning of each row, misprints and findings: docs/papers/adaptive.md',
-        *(
-            ()
-            if RECORDED
-            else ('The recorded pendulum is skipped: the folder bags does not exist here.',)
-        ),
     ),
 )

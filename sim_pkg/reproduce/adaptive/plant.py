@@ -6,19 +6,17 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from estimator_pkg.engine.calls import run
-from estimator_pkg.observers.mechanism.noise import exponential
-from estimator_pkg.record import record
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim
 
 Array = NDArray[np.floating[Any]]
-Column = NDArray[np.float64]
 
-RK4_STEP = 1e-3  # step of the continuous-time reference [s]
+STEP = 1e-3  # of the rows in continuous time [s]
 
 
 class Example(NamedTuple):
@@ -85,119 +83,31 @@ def square(dt: float, duration: float) -> Array:
     )
 
 
-def march(count: int, angle: Column, speed: Column, e: Column, inputs: Column) -> None:
-    """Move the servo by the matrix e, shape (3, 3), in each of `count` steps."""
-    q, w = angle[0], speed[0]
-    for i in range(count):
-        u = inputs[i]
-        q, w = e[0] * q + e[1] * w + e[2] * u, e[3] * q + e[4] * w + e[5] * u
-        angle[i + 1], speed[i + 1] = q, w
-
-
-def response(example: Example, inputs: Array, dt: float, load: float = 0.0) -> tuple[Array, Array]:
-    """Return angle [rad] and velocity [rad/s] for a piecewise constant input (exact).
-
-    Both have shape (n + 1,).
+def response(example: Example, inputs: Array, dt: float) -> Array:
+    """Return the angle [rad] for a piecewise constant input, shape (n + 1,).
 
     Parameters
     ----------
     inputs : shape (n,), u of `Example`, each constant for one dt [s].
-    load : constant acceleration in addition to that of the input [rad/s^2].
     """
-    ratio = example.Kv / example.J
-    matrix = np.zeros((3, 3))
-    matrix[:2] = [[0.0, 1.0, 0.0], [-example.k / example.J, -example.b / example.J, 1.0]]
-    angle, speed = np.empty(len(inputs) + 1), np.empty(len(inputs) + 1)
-    angle[0] = speed[0] = 0.0
-    run(march, len(inputs), angle, speed, exponential(matrix * dt), ratio * inputs + load)
-    return angle, speed
+    matrix = [[0.0, 1.0], [-example.k / example.J, -example.b / example.J]]
+    return simulate(matrix, [[0.0], [example.Kv / example.J]], inputs, dt)
 
 
-SIZE = 16  # numbers of a state
-
-
-@record
-class Stages:
-    """A state and the stages of Runge-Kutta."""
-
-    s: Annotated[list[float], SIZE]
-    k1: Annotated[list[float], SIZE]
-    k2: Annotated[list[float], SIZE]
-    k3: Annotated[list[float], SIZE]
-    k4: Annotated[list[float], SIZE]
-    t: Annotated[list[float], SIZE]
-
-
-def flow(
-    s: list[float], u: float, p: Column, adapting: float, injecting: float, out: list[float]
-) -> None:
-    """Plant (36) and observer (11) to (13), literally: Upsilon is 2 x 4.
-
-    s : q, w; x1, x2; theta (4); Upsilon row by row (8).
-    p : k/J, b/J, Kv/J; a11, a21 of A_c; K (2); Gamma (4).
-    """
-    y, w, x1, x2 = s[0], s[1], s[2], s[3]
-    theta1, theta2, theta3, theta4 = s[4], s[5], s[6], s[7]
-    stiffness, damping, gain, a11, a21, k1, k2 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
-    out[0] = w
-    out[1] = -stiffness * y - damping * w + gain * u
-    e = y - x1
-    moved1 = moved2 = 0.0
-    for i in range(4):
-        rate = p[7 + i] * s[8 + i] * e
-        out[4 + i] = adapting * rate
-        moved1 += s[8 + i] * rate
-        moved2 += s[12 + i] * rate
-    out[2] = a11 * x1 + x2 + y * theta1 + u * theta3 + k1 * e + injecting * moved1
-    out[3] = a21 * x1 + y * theta2 + u * theta4 + k2 * e + injecting * moved2
-    for i in range(4):
-        out[8 + i] = (a11 - k1) * s[8 + i] + s[12 + i]
-        out[12 + i] = (a21 - k2) * s[8 + i]
-    out[8] += y
-    out[13] += y
-    out[10] += u
-    out[15] += u
-
-
-def integrate(
-    stages: Stages,
-    count: int,
-    inputs: Column,
-    p: Column,
-    adapting: Column,
-    injecting: Column,
-    h: float,
-    out: Column,
-) -> None:
-    """Move the state by `count` steps h; row i of `out`, (count + 1, SIZE), is before step i."""
-    s, t, k1, k2, k3, k4 = stages.s, stages.t, stages.k1, stages.k2, stages.k3, stages.k4
-    for n in range(SIZE):
-        out[n] = s[n]
-    for i in range(count):
-        u, g, j = inputs[i], adapting[i], injecting[i]
-        flow(s, u, p, g, j, k1)
-        for n in range(SIZE):
-            t[n] = s[n] + 0.5 * h * k1[n]
-        flow(t, u, p, g, j, k2)
-        for n in range(SIZE):
-            t[n] = s[n] + 0.5 * h * k2[n]
-        flow(t, u, p, g, j, k3)
-        for n in range(SIZE):
-            t[n] = s[n] + h * k3[n]
-        flow(t, u, p, g, j, k4)
-        for n in range(SIZE):
-            s[n] += h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n])
-            out[SIZE * (i + 1) + n] = s[n]
+def simulate(matrix: list[list[float]], gain: list[list[float]], inputs: Array, dt: float) -> Array:
+    """Return the first state of a linear system from rest, its input held for each dt [s]."""
+    held = np.append(inputs, 0.0)
+    system = matrix, gain, [[1.0, 0.0]], [[0.0]]
+    return lsim(system, held, dt * np.arange(len(held)), interp=False)[1]
 
 
 class Continuous(NamedTuple):
-    """A run in continuous time; row i at i times RK4_STEP.
+    """A run in continuous time; row i at i times STEP.
 
-    time [s], angle [rad], velocity, estimate by (38) [rad/s], theta of shape (n, 4).
+    time [s], velocity, estimate by (38) [rad/s], theta of shape (n, 4).
     """
 
     time: Array
-    angle: Array
     velocity: Array
     estimate: Array
     theta: Array
@@ -209,45 +119,58 @@ class Continuous(NamedTuple):
 
     def at(self, time: float) -> int:
         """Return the row at this time [s]."""
-        return round(time / RK4_STEP)
+        return round(time / STEP)
 
 
-def continuous(
-    example: Example,
-    inputs: Array,
-    *,
-    freeze: float = math.inf,
-    injection_stays: bool = False,
-    gamma: tuple[float, ...] | None = None,
-) -> Continuous:
-    """Simulate plant and observer together by Runge-Kutta 4, from zero; n + 1 rows.
+def continuous(example: Example, inputs: Array, freeze: float = math.inf) -> Continuous:
+    """Return plant (36) and observer (11) to (13), literally, from zero: n + 1 rows.
+
+    The state is q, w; x (2); theta (4); Upsilon, shape (2, 4), row by row.
 
     Parameters
     ----------
-    inputs : shape (n,), u of `Example`, each constant for one RK4_STEP.
+    inputs : shape (n,), u of `Example`, each constant for one STEP.
     freeze : when the parameter law stops [s].
-    injection_stays : keep the last term of (13) after `freeze`.
     """
-    model, observer = _column(example.model_poles), _column(example.observer_poles)
-    p = np.array(
-        [
-            example.k / example.J,
-            example.b / example.J,
-            example.Kv / example.J,
-            *model,
-            *(m - o for m, o in zip(model, observer)),
-            *(gamma or example.gamma),
-        ]
-    )
-    time = np.arange(len(inputs) + 1) * RK4_STEP
-    adapting = (time[:-1] < freeze - 1e-9).astype(float)
-    injecting = np.ones_like(adapting) if injection_stays else adapting
-    out, columns = np.empty((len(inputs) + 1, SIZE)), (inputs, p, adapting, injecting)
-    run(integrate, Stages(), len(inputs), *columns, RK4_STEP, out)
-    theta = out[:, 4:8].copy()
-    return Continuous(
-        time, out[:, 0], out[:, 1], out[:, 3] + (model[0] + theta[:, 0]) * out[:, 2], theta
-    )
+    a11, a21 = _column(example.model_poles)
+    o11, o21 = _column(example.observer_poles)
+    stiffness, damping, gain = (value / example.J for value in (example.k, example.b, example.Kv))
+    gamma = np.array(example.gamma)
+
+    def flow(t: float, s: Array, u: float, adapting: bool) -> Array:
+        y, w, x1, x2 = s[:4].tolist()
+        e, first, second = y - x1, s[8:12], s[12:]
+        rate = gamma * first * (e * adapting)
+        l1, l2, b1, b2 = s[4:8].tolist()
+        out = np.empty(16)
+        out[0] = w
+        out[1] = -stiffness * y - damping * w + gain * u
+        out[2] = a11 * x1 + x2 + y * l1 + u * b1 + (a11 - o11) * e + first @ rate
+        out[3] = a21 * x1 + y * l2 + u * b2 + (a21 - o21) * e + second @ rate
+        out[4:8] = rate
+        out[8:12] = o11 * first + second
+        out[12:] = o21 * first
+        out[8] += y
+        out[13] += y
+        out[10] += u
+        out[15] += u
+        return out
+
+    edges = np.flatnonzero(np.diff(inputs)) + 1
+    edges = np.unique([0, *edges, min(len(inputs), round(min(freeze, 1e9) / STEP)), len(inputs)])
+    time = np.arange(len(inputs) + 1) * STEP
+    state, parts = np.zeros(16), []
+    for begin, end in pairwise(edges):
+        at = time[begin : end + 1]
+        arguments = float(inputs[begin]), bool(at[0] < freeze - 1e-9)
+        found = solve_ivp(
+            flow, (at[0], at[-1]), state, 'DOP853', at, args=arguments, rtol=1e-9, atol=1e-11
+        )
+        state = found.y[:, -1]
+        parts.append(found.y[:, :-1])
+    rows = np.column_stack((*parts, state)).T
+    theta = rows[:, 4:8]
+    return Continuous(time, rows[:, 1], rows[:, 3] + (a11 + theta[:, 0]) * rows[:, 2], theta)
 
 
 def _column(poles: tuple[float, float]) -> tuple[float, float]:

@@ -13,8 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sim_pkg.joints import profiles
-from sim_pkg.reproduce import splitmix
-from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, MARGIN, Trace, figure_4, figure_5
+from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, MARGIN, STEP, Trace, figure_4, figure_5
 from sim_pkg.reproduce.hybrid_angle.observer import injection
 from sim_pkg.reproduce.hybrid_angle.sampled import PERIOD, QUANTUM, algorithm_1, samples, wrapped
 
@@ -35,7 +34,7 @@ TRUTH: dict[str, Any] = {
 GREY = '#cfcfcf'
 SOFT = '#555555'
 BAND = '#e9e4d8'  # of the jump set J2
-THIN = 25  # every n-th integration step is drawn: 2.5 ms
+THIN = 2  # every n-th row is drawn: 2 ms
 
 
 def injection_curves() -> Figure:
@@ -73,7 +72,7 @@ def noise_free() -> Figure:
     for name, trace in traces.items():
         error.plot(trace.time[::THIN], trace.output_error[::THIN], **_line(name))
         value.plot(trace.time, trace.lyapunov, **_line(name))
-        at = np.flatnonzero(trace.resets > 0)
+        at = (np.array(trace.reset_times) / STEP).astype(int)
         value.plot(
             trace.time[at],
             trace.lyapunov[at],
@@ -105,7 +104,7 @@ def noisy() -> Figure:
     """Figure 5: with +-15 degrees of noise, epsilon 0.1 s, M = 0.03 rad."""
     figure = Figure(figsize=(8.0, 7.4), layout='constrained')
     velocity, error, steady = figure.subplots(3, 1, height_ratios=(1.25, 1.0, 1.0))
-    traces = {name: figure_5(name, seed=1) for name in FOUR}
+    traces = {name: figure_5(name) for name in FOUR}
     _velocities(velocity, traces)
     velocity.set_xlim(0.0, 8.0)
     for name, trace in traces.items():
@@ -134,7 +133,7 @@ def sampled() -> Figure:
     (3000 rad/s^2) to separate the injections. The dirty derivative is that of the unwrapped angle.
     """
     time, velocity, exact = samples(profiles.figure_6(0.05), 8.0)
-    angles = wrapped(exact + splitmix.uniforms(1, len(time), 0.002), QUANTUM)
+    angles = wrapped(exact + np.random.default_rng(1).uniform(-0.002, 0.002, len(time)), QUANTUM)
     dirty = np.diff(np.unwrap(angles), prepend=angles[0]) / PERIOD
     estimates = {name: algorithm_1(name, angles).velocity for name in FOUR}
     figure = Figure(figsize=(9.0, 7.0), layout='constrained')

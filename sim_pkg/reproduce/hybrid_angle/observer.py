@@ -3,9 +3,8 @@
 
 """The continuous-time hybrid observer (3) of Brentari et al. (2018): its flow and its jumps.
 
-Figures 4 and 5 integrate it; a node runs the sampled forms of `hybrid_angle`. Every function is
-in the subset that the engine has; all angles are on the circle of 2 pi. An injection is `kind`, the
-index of its name in `injections.NAMES`.
+Figures 4 and 5 integrate it; a node runs the sampled forms of `hybrid_angle`. All angles are on the
+circle of 2 pi. An injection is `kind`, the index of its name in `injections.NAMES`.
 
 References
 ----------
@@ -59,23 +58,9 @@ def flow(
     return velocity + l1 * corrected, l2 * corrected
 
 
-def in_first_jump_set(angle: float, margin: float) -> bool:
-    """Return True in J1 of (1d): `angle` [rad] is beyond pi by `margin` = delta_pi [rad]."""
-    return abs(angle) >= math.pi + margin
-
-
 def first_jump(angle: float) -> float:
     """Return h1 of (1c): one turn back. The plant and the observer's position share it."""
     return angle - TURN if angle > 0.0 else angle + TURN
-
-
-def in_second_jump_set(error: float, margin: float) -> bool:
-    """Return True in J2 of (3b): the output error [rad] is within `margin` [rad] of half a turn.
-
-    The second jump map h2 needs no function: the estimated position becomes the measurement, the
-    estimated velocity stays.
-    """
-    return abs(abs(error) - math.pi) <= margin
 
 
 def potential(kind: int, error: float, limit: float) -> float:

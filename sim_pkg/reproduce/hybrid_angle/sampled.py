@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Runs the sampled forms of the project's own `hybrid_angle` over measured angles.
+"""Algorithm 1 at 100 Hz: Figure 6 (rows F6), and what Theorem 2 and line 3 need.
 
 Only the observer's core runs. The paper has no guard, no restart after a lost lock and no low-speed
 bound, which the driver adds to every observer.
@@ -20,8 +20,9 @@ from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.observers.angle.hybrid import observer as hybrid_angle
 from estimator_pkg.observers.angle.hybrid.state import Coefficients, Core
 from estimator_pkg.parameters import build
-from sim_pkg.joints.profiles import Profile
-from sim_pkg.reproduce.hybrid_angle.continuous import K1, K2, MARGIN
+from sim_pkg.joints import profiles
+from sim_pkg.reproduce.contract import Values
+from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, K1, K2, MARGIN, rms
 
 Array = NDArray[np.floating[Any]]
 Numbers = Sequence[float] | Array
@@ -68,10 +69,6 @@ class Alone:
         """Take a measurement [rad]; return the innovation [rad]."""
         return hybrid_angle.correct(self.core, self._coefficients, self.design, angle)
 
-    def noise_gains(self) -> tuple[float, float, float]:
-        """Return the variances of position, velocity and innovation per that of the readings."""
-        return hybrid_angle.noise_gains(self.core, self._coefficients, self.design)
-
 
 def algorithm_1(
     injection: str, angles: Numbers, periods: float | Numbers = PERIOD, **gains: float
@@ -87,26 +84,6 @@ def algorithm_1(
     """
     return _run(
         angles, periods, start=0.0, form='paper', injection=injection, **{**FIGURE_6, **gains}
-    )
-
-
-def robust(
-    injection: str,
-    angles: Numbers,
-    periods: float | Numbers = PERIOD,
-    *,
-    order: int = 2,
-    **gains: float,
-) -> Run:
-    """Run ``form: robust`` from the first sample; parameters and shapes as for `algorithm_1`."""
-    return _run(
-        angles,
-        periods,
-        start=None,
-        form='robust',
-        injection=injection,
-        order=order,
-        **{'epsilon': FIGURE_6['epsilon'], **gains},
     )
 
 
@@ -137,7 +114,7 @@ def wrapped(angles: Numbers, quantum: float = 0.0) -> Array:
 
 
 def samples(
-    profile: Profile, duration: float, *, start: float = 0.0, quantum: float = 0.0
+    profile: profiles.Profile, duration: float, *, start: float = 0.0, quantum: float = 0.0
 ) -> tuple[Array, Array, Array]:
     """Sample a motion every PERIOD.
 
@@ -158,3 +135,45 @@ def rows(start: float, end: float) -> slice:
 def error_of(run: Run, velocity: Array) -> Array:
     """Return true minus estimated velocity [rad/s], shape (n,)."""
     return velocity - run.velocity
+
+
+START = 0.3  # angle of the shaft before the run-up [rad]
+DECAYS = (0.15, 0.05)  # time constants of the run-down [s]: 1000 and 3000 rad/s^2
+
+
+def figure_6_values() -> Values:
+    """Rows F6, of Figure 6."""
+    for name in FOUR:
+        resets = 0
+        for decay in DECAYS:
+            motion = profiles.figure_6(decay)
+            _, velocity, angles = samples(motion, 8.0, start=START)
+            run = algorithm_1(name, angles)
+            error = error_of(run, velocity)
+            resets += int(run.resets.sum())
+            yield f'F6 RMS e2 [5,6) td={decay:g} {name}', rms(error[rows(5, 6)])
+            if decay == DECAYS[0]:
+                yield f'F6 RMS e2 [0,2) {name}', rms(error[rows(0, 2)])
+                yield f'F6 mean xh2 [4,5) {name}', run.velocity[rows(4, 5)].mean()
+        yield f'F6 J2 resets {name}', resets
+
+
+def stability_values() -> Values:
+    """Rows on Theorem 2 and on line 3 of Algorithm 1."""
+    _, velocity, angles = samples(profiles.constant(10.0), 6.0)
+    converged = error_of(algorithm_1('saw', angles, epsilon=0.0340), velocity)
+    yield 'stability saw eps=0.0340 |e2| at 6 s', abs(converged[-1])
+    yield 'stability order of line 3: position bias', unpredicted_bias(150.0)
+
+
+def unpredicted_bias(speed: float) -> float:
+    """Return the position error [rad] at `speed` [rad/s] if line 3 compares before predicting.
+
+    Adding T times the observer's own speed to the measurement has the same effect as that line; the
+    estimate is then compared with the true angle.
+    """
+    alone = Alone(form='paper', **FIGURE_6)
+    for place in range(600):
+        angle = speed * place * PERIOD
+        alone.correct(angle + PERIOD * alone.core.velocity)
+    return float(wrapped([angle - alone.core.position])[0])

@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim_pkg.reproduce.adaptive.plant import Array
-from sim_pkg.reproduce.hybrid_discrete.runs import example
+from sim_pkg.reproduce.hybrid_discrete.runs import Array, example
 
 STEP = 1e-3  # [s]
 UNTIL = 10.0  # [s]

@@ -1,27 +1,25 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The hybrid observer on the paper's example and on the gripper joint, without the driver."""
+"""The hybrid observer on the paper's example, without the driver."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator_pkg.circle import Circle
-from estimator_pkg.models import gripper
 from estimator_pkg.models.switched import SwitchedModel, load, trajectory
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.observers.switched.stages import chains
 from estimator_pkg.observers.switched.state import Coefficients, Estimate, State
-from sim_pkg.reproduce.adaptive.plant import Array, lcg
 
-EVENTS = 40  # periods of 0.5 s
-GRIPS_AT = 2.0  # [s]
+Array = NDArray[np.float64]
+
+EVENTS = 20  # periods of 0.5 s
 
 
 class Observed:
@@ -108,38 +106,20 @@ class Run(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def plant(
-    dt: float, start: tuple[float, ...] = (), events: int = EVENTS
-) -> tuple[SwitchedModel, Array, Array, Array]:
-    """Return (model, times, states, Z) of the example, sampled every dt [s]; `start` sets Z(0).
+def plant(dt: float, events: int = EVENTS) -> tuple[SwitchedModel, Array, Array, Array]:
+    """Return (model, times, states, Z) of the example, sampled every dt [s].
 
     The arrays have shape (n,) [s], (n, 4) and (n, 3).
     """
     model = load('example')
-    if start:
-        model = replace(model, start=(model.start[0], start))
     return (model, *trajectory(model, events, step=dt))
 
 
 @lru_cache(maxsize=8)
-def example(
-    dt: float,
-    noise: float = 0.0,
-    start: tuple[float, ...] = (),
-    events: int = EVENTS,
-    **changes: Any,
-) -> Run:
-    """Run the observer on the example.
-
-    Parameters
-    ----------
-    noise : amplitude of uniform noise on both outputs.
-    start, events : as in `plant`.
-    """
-    model, times, states, z = plant(dt, start, events)
+def example(dt: float, events: int = EVENTS, **changes: Any) -> Run:
+    """Run the observer on the example, with these gains changed."""
+    model, times, states, z = plant(dt, events)
     measured = states[:, [0, 2]]
-    if noise:
-        measured = measured + noise / math.sqrt(3.0) * lcg(777, measured.size).reshape(-1, 2)
     rows = [tuple(row) for row in measured.tolist()]
     gains = Gains(model='example', settle=0.0, **{'discrete': 'inversion', **changes})
     observed = Observed(gains, Circle(0.0), dt, rows[0])
@@ -170,66 +150,3 @@ def example(
         z[::per_period],
         np.array(z_hat),
     )
-
-
-class Grip(NamedTuple):
-    """A run on the gripper joint, 1 kHz, load gripped at GRIPS_AT.
-
-    z : (n, 3), converged : (n,), velocity_error : (n,) [rad/s]; row i at i ms.
-    """
-
-    z: Array
-    converged: Array
-    velocity_error: Array
-
-
-@lru_cache
-def _gripper_plant() -> tuple[Array, list[tuple[float, ...]]]:
-    dt, count = 1e-3, 4000
-    x, states, torques = np.array(gripper.MODEL.start[0]), [], []
-    for i in range(count + 1):
-        states.append(x)
-        z = gripper.OPEN if i * dt < GRIPS_AT - 1e-9 else gripper.CLOSED
-        u = gripper.torque((i + 0.5) * dt)
-        torques.append(u)
-
-        def slope(at: Array, z: tuple = z, u: tuple = u) -> Array:
-            return np.array(gripper.dynamics(at.tolist(), z, u))
-
-        k1 = slope(x)
-        k2 = slope(x + 0.5 * dt * k1)
-        k3 = slope(x + 0.5 * dt * k2)
-        x = x + dt / 6.0 * (k1 + 2.0 * (k2 + k3) + slope(x + dt * k3))
-    return np.array(states), torques
-
-
-@lru_cache
-def grip(counts: int, mode: str = 'close', virtual: float = 0.0, **changes: Any) -> Grip:
-    """Run the observer on the gripper joint.
-
-    Parameters
-    ----------
-    counts : counts per revolution of the encoder; 0: exact.
-    mode : name of the event at GRIPS_AT.
-    virtual : time between events without effect, for the inversion [s]; 0: none.
-    """
-    states, torques = _gripper_plant()
-    angles = states[:, 0]
-    if counts:
-        quantum = 2.0 * math.pi / counts
-        angles = np.round(angles / quantum) * quantum
-        changes['quantum'] = quantum
-    observed = Observed(Gains(**changes), Circle(), 1e-3, (float(angles[0]),))
-    found: list[tuple[float, ...]] = [(0.0,) * 3]
-    converged, errors = [False], [0.0]
-    for i, angle in enumerate(angles[1:].tolist(), start=1):
-        observed.step((angle,), torques[i - 1])
-        z, _, is_converged = observed.discrete()
-        found.append(z)
-        converged.append(is_converged)
-        errors.append(observed.estimate().velocity[0] - states[i, 1])
-        if i == round(GRIPS_AT * 1e3):
-            observed.jump(mode)
-        elif virtual and i % round(virtual * 1e3) == 0:
-            observed.jump('same')
-    return Grip(np.array(found), np.array(converged), np.array(errors))

@@ -10,21 +10,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.models import cart_pendulum, check
+from estimator_pkg.models import cart_pendulum
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
-from estimator_pkg.observers.mechanism.gains import Tuning
 from sim_pkg.reproduce.contract import Values
-from sim_pkg.reproduce.mechanical.runs import leg, normalised
 
 Array = NDArray[np.float64]
 
 RATE = 224.0  # Hz, of the laboratory
 UPRIGHT, HANGING = np.zeros(2), np.array([math.pi, 0.0])
-EHGO = (5.0, 5.0, 4.0)
 LQR = (104.0, 21.0, 20.0, 23.0)  # N per rad, m, rad/s, m/s
 L5 = np.array([[-0.5, 2.0], [-2.0, 1.0]])  # counterexample to Remark 5 as printed
 CALM5 = np.diag([10.0, 1.0])
-LEG_POINT = np.array([2.2, 1.8, 0.4])
 
 
 def radius(matrix: Array, dt: float) -> float:
@@ -77,46 +73,11 @@ def remark_5(weight: Array) -> float:
 
 def values() -> Values:
     """Rows A."""
-    cart = normalised()
-    random = np.random.default_rng(0)
-    rest = 0.0
-    for angle in random.uniform(-math.pi, math.pi, 50):
-        q = np.array([angle, 0.0])
-        psi = cart.factors(q)[1]
-        rest = max(rest, float(np.max(np.abs(psi @ psi.T @ cart.inertia(q) - np.eye(2)))))
-    yield 'A1', rest
-    states = check.random_states(leg())
-    yield 'A2', max(check.linear_residual(leg(), q, v)[0] for q, v in states)
-    rest = 0.0
-    for q, _ in states:
-        calm, psi = leg().factors(q)
-        rest = max(rest, float(np.max(np.abs(calm - np.linalg.inv(psi.T @ leg().inertia(q))))))
-    yield 'A3', rest
-    tuned = Tuning(
-        np.diag([0.61, 0.9, 1.9]), np.diag([1.74, 4.9, 0.71]), np.eye(3), np.zeros((3, 3))
-    )
-    calm = leg().factors(LEG_POINT)[0]
-    yield 'A4', (calm @ tuned.Gamma @ calm.T)[1, 1]
-    yield (
-        'A5',
-        -mechanical_gains.slowest_pole(
-            mechanical_gains.error_matrix(leg(), tuned, LEG_POINT, False)
-        ),
-    )
     lab = cart_pendulum.build(cart_pendulum.Parameters())
     k1 = 400.0 * lab.factors(HANGING)[1][0, 0] ** 2
     yield 'A6', k1
     yield 'A7', radius(of_channel(50.0, k1), 1.0 / RATE)
     yield 'A8', radius(of_channel(50.0, k1), 2.0 / RATE)
-    for name, epsilon, dt in (
-        ('A9', 0.009, 1.0 / RATE),
-        ('A10', 0.0126, 2.0 / RATE),
-        ('A11', 0.025, 2.0 / RATE),
-    ):
-        yield (
-            name,
-            radius(of_channel(*(h / epsilon ** (order + 1) for order, h in enumerate(EHGO))), dt),
-        )
     yield 'A12', -mechanical_gains.slowest_pole(with_lqr(-1.0))
     yield 'A13', -mechanical_gains.slowest_pole(with_lqr(1.0))
     yield 'A14', remark_5(np.eye(2))

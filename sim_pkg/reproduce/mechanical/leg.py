@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Section 5.2: the robotic leg, three observers, Table 2 (rows C); retuned (rows H1).
+"""Section 5.2: the robotic leg, three observers, Table 2 (rows C).
 
 Arrays have shape (COUNT, 3): positions [m, rad, rad], velocities [m/s, rad/s, rad/s].
 """
@@ -48,17 +48,17 @@ def run() -> tuple[Array, Array, Array]:
     return *move(leg(), START, (0.0,) * 3, inputs, DT, 4), inputs
 
 
-def measured(seed: int, variance: float = VARIANCE) -> Array:
+def measured(seed: int) -> Array:
     """Return the positions of `run`, noisy, then quantised."""
-    noise = np.random.default_rng(seed).standard_normal((COUNT, 3)) * math.sqrt(variance)
+    noise = np.random.default_rng(seed).standard_normal((COUNT, 3)) * math.sqrt(VARIANCE)
     return quantise(run()[0] + noise, QUANTA)
 
 
-def estimate(name: str, readings: Array, start: Any = GUESS) -> Array:
-    """Return velocities from readings; the estimate starts at `start`, shape (3,), at rest."""
+def estimate(name: str, readings: Array) -> Array:
+    """Return velocities from readings; the estimate starts at GUESS, at rest."""
     observer, gains = CASES[name]
     functions = make(observer, 'robotic_leg', {'margin': 1e-9}, **gains)
-    return observe(functions, readings, run()[2], DT, start=start)
+    return observe(functions, readings, run()[2], DT, start=GUESS)
 
 
 def values() -> Values:
@@ -66,41 +66,9 @@ def values() -> Values:
     q, v, _ = run()
     for joint in range(3):
         yield f'C1.{joint + 1}', q[-1, joint]
-        yield f'C2.{joint + 1}', 1e2 * math.sqrt(float(np.mean(v[DROPPED:, joint] ** 2)))
     for name in CASES:
         found = np.median(
             [metrics((estimate(name, measured(seed)) - v)[DROPPED:]) for seed in SEEDS], axis=0
         )
         for metric, value in zip(METRICS, found):
             yield f'C3.{name}.{metric}', value
-
-
-def retuned() -> dict[str, Any]:
-    """GESO with L of the HGO and Gamma for its K at the start."""
-    return {'L': [1.2, 2.0, 2.0], 'K': [3.9, 2.5, 1.3], 'operating_point': list(START)}
-
-
-def study_values() -> Values:
-    """Rows H1: the noise that scheduling on the measurement lets in."""
-    v = run()[1]
-    cases: dict[str, tuple[str, dict[str, Any]]] = {
-        'HGO': CASES['HGO'],
-        'GESO sched y': ('geso', retuned()),
-        'GESO sched qhat': ('geso', {**retuned(), 'schedule': 'estimate'}),
-    }
-    for variance in ('0.0001', '0.01'):
-        for name, (observer, gains) in cases.items():
-            functions = make(observer, 'robotic_leg', {'margin': 1e-9}, **gains)
-            found = np.median(
-                [
-                    metrics(
-                        (observe(functions, measured(seed, float(variance)), run()[2], DT) - v)[
-                            DROPPED:
-                        ]
-                    )
-                    for seed in range(6)
-                ],
-                axis=0,
-            )
-            yield f'H1.{variance}.{name}.1', found[1]
-            yield f'H1.{variance}.{name}.2', found[3]

@@ -61,7 +61,6 @@ def observe(
     dt: float,
     *,
     start: Any = None,
-    parts: int = 1,
     single: bool = False,
 ) -> Array:
     """Return estimated velocities, shape (N, n).
@@ -73,7 +72,7 @@ def observe(
     state = plan.state()
     if start is not None:
         state.core.e[: measured.shape[1]] = (np.asarray(start, float) - measured[0]).tolist()
-    return plan.velocities(state, measured, inputs, dt, parts, single)
+    return plan.velocities(state, measured, inputs, dt, 1, single)
 
 
 def move(
@@ -102,14 +101,14 @@ OF_FIRST = ('ME1e2', 'MSE1e4', 'ME2e2', 'MSE2e4')
 
 
 @lru_cache
-def normalised(b: float = 0.1) -> Mechanics:
+def normalised() -> Mechanics:
     """The cart-pendulum of section 5.1: a = m = 1."""
-    return cart_pendulum.build(cart_pendulum.Parameters(**cart_of(b)))
+    return cart_pendulum.build(cart_pendulum.Parameters(**cart_of()))
 
 
-def cart_of(b: float = 0.1) -> dict[str, float]:
+def cart_of() -> dict[str, float]:
     """Its numbers."""
-    return {'pendulum_inertia': 1.0, 'pendulum_moment': b, 'moving_mass': 1.0, 'gravity': 1.0}
+    return {'pendulum_inertia': 1.0, 'pendulum_moment': 0.1, 'moving_mass': 1.0, 'gravity': 1.0}
 
 
 @lru_cache

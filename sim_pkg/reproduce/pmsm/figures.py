@@ -6,31 +6,28 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
-from sim_pkg.reproduce.pmsm.continuous_rows import grid
-from sim_pkg.reproduce.pmsm.drive_rows import LOOPS, closed_loop
-from sim_pkg.reproduce.pmsm.reference import (
-    CONTINUOUS,
-    FLUX,
-    HYBRID,
-    ID_POST,
-    POLE_PAIRS,
-    STARTS,
-    errors,
-    reference_run,
-)
+from sim_pkg.pmsm.drive import Drive
+from sim_pkg.pmsm.parameters import PmsmParameters
+from sim_pkg.pmsm.profiles import Profile
+from sim_pkg.pmsm.sensorless import RUNNING, Sensorless
+from sim_pkg.reproduce.pmsm.motor import FLUX, POLE_PAIRS, errors
+from sim_pkg.reproduce.pmsm.observer import ROBUST, design_of
+from sim_pkg.reproduce.pmsm.paper import figure_2
 
 BLUE, RED, GREY, SOFT = '#1f6fb4', '#d1342f', '#cfcfcf', '#555555'
 CHI, K_ETA, GAMMA = 1.0, 1.5, 1.0  # of Figure 1, as printed
 ROWS = (
-    (CONTINUOUS, 'observer (5)'),
-    (HYBRID, 'observer (16)'),
-    (ID_POST, 'observer (16), (25), (26)'),
+    ('cont', 'observer (5)'),
+    ('hyb', 'observer (16)'),
+    ('id_post', 'observer (16), (25), (26)'),
 )
 LETTERS = ('adgj', 'behk', 'cfil')
 RPM = 30.0 / math.pi
@@ -38,25 +35,16 @@ RPM = 30.0 / math.pi
 Array = NDArray[np.float64]
 
 
-def reduced(angle: Array, xi: Array, step: float, steps: int) -> tuple[Array, Array]:
-    """Trajectories of (6) from (angle, xi error), by RK4; shape (steps + 1, n), angle unwrapped."""
+def reduced(angle: float, xi: float, duration: float) -> tuple[Array, Array]:
+    """Return a trajectory of (6) from (angle, xi error), shape (n,); backwards if duration < 0."""
 
-    def slope(state: Array) -> Array:
-        angle, xi = state
-        sine = np.sin(angle)
-        return np.array([CHI * xi - K_ETA * CHI * sine, -GAMMA * CHI * sine])
+    def slope(_: float, state: Array) -> tuple[float, float]:
+        sine = math.sin(state[0])
+        return CHI * state[1] - K_ETA * CHI * sine, -GAMMA * CHI * sine
 
-    state = np.array([angle, xi], dtype=float)
-    path = [state]
-    for _ in range(steps):
-        a = slope(state)
-        b = slope(state + 0.5 * step * a)
-        c = slope(state + 0.5 * step * b)
-        d = slope(state + step * c)
-        state = state + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-        path.append(state)
-    rows = np.array(path)
-    return rows[:, 0], rows[:, 1]
+    at = np.linspace(0.0, duration, 4000)
+    rows = solve_ivp(slope, (0.0, duration), (angle, xi), rtol=1e-8, atol=1e-9, t_eval=at).y
+    return rows[0], rows[1]
 
 
 def unstable_manifold() -> list[tuple[Array, Array]]:
@@ -70,8 +58,7 @@ def unstable_manifold() -> list[tuple[Array, Array]]:
     branches = []
     for sign in (1.0, -1.0):
         start = np.array([math.pi, 0.0]) + 1e-4 * sign * direction
-        angle, xi = reduced(start[:1], start[1:], -2e-3, 20000)
-        angle, xi = angle[:, 0], xi[:, 0]
+        angle, xi = reduced(start[0], start[1], -14.0)
         xi[np.abs(xi) > 4.2] = np.nan  # out of the picture
         branches.append((angle, xi))
     return branches
@@ -101,10 +88,7 @@ def phase_portrait() -> Figure:
         (-1.0, -1.0),
         (1.0, 1.0),
     ]
-    angles, xis = reduced(
-        np.array([a for a, _ in starts]), np.array([x for _, x in starts]), 5e-3, 6000
-    )
-    curves = [(angles[:, k], xis[:, k], BLUE, 0.8) for k in range(len(starts))]
+    curves = [(*reduced(angle, xi, 30.0), BLUE, 0.8) for angle, xi in starts]
     curves += [(angle, xi, RED, 1.8) for angle, xi in unstable_manifold()]
     for angle, xi, colour, width in curves:
         plane.plot(wrapped(angle), xi, color=colour, linewidth=width)
@@ -136,9 +120,8 @@ def transients() -> Figure:
     """Figure 2: speed, angle error, xi and back-EMF error for the three observers, start A."""
     figure = Figure(figsize=(8.0, 9.5), layout='constrained')
     panels = figure.subplots(4, 3, sharex=True, sharey='row').T
-    direction, eta0, xi0 = STARTS['A']
-    for row, (kind, name) in enumerate(ROWS):
-        run = reference_run(grid(direction), kind, eta0, xi0)
+    for row, (observer, name) in enumerate(ROWS):
+        run = figure_2(observer)
         wrong, time = errors(run), run.truth.time
         speed, angle, xi, emf = panels[row]
         speed.plot(time, np.abs(run.h) * run.x / POLE_PAIRS * RPM, color=RED, linewidth=0.9)
@@ -164,6 +147,61 @@ def transients() -> Figure:
         speed.set_title(f'{name} ({LETTERS[row][0]})', fontsize=9)
         emf.set_xlabel('time [s]', fontsize=9)
     return figure
+
+
+class Loop(NamedTuple):
+    """A drive on the observer's own angle and speed, one row per ms, shape (n,).
+
+    angle_error [deg], speed_error [%], speed and its reference [rpm], i_q [A]; running: True when
+    the observer controls the drive.
+    """
+
+    angle_error: NDArray[np.float64]
+    speed_error: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    reference: NDArray[np.float64]
+    i_q: NDArray[np.float64]
+    running: NDArray[np.bool_]
+
+
+# name: forced start, speed at the start [rpm], profile, time of the load step [s]
+LOOPS: dict[str, tuple[bool, float, Profile, float]] = {
+    'spinning 1000 rpm': (False, 1000.0, Profile([(1.0, 1000, 1000)]), 0.5),
+    'spinning 4000 rpm': (False, 4000.0, Profile([(1.0, 4000, 4000)]), 0.5),
+    'forced to 1500 rpm': (
+        True,
+        0.0,
+        Profile([(0.3, 700, 700), (0.2, 700, 1500), (0.5, 1500, 1500)]),
+        0.7,
+    ),
+}
+
+
+def closed_loop(name: str) -> Loop:
+    """Run one of LOOPS, with 0.1 A of noise and a load step of half the rated torque."""
+    forced, start, profile, step_time = LOOPS[name]
+    rated = PmsmParameters().rated_torque
+    parameters = PmsmParameters(current_noise=0.1, load_step=0.5 * rated, load_step_time=step_time)
+    feedback = Sensorless(design_of(**ROBUST), parameters, forced=forced)
+    drive = Drive(parameters, 3, feedback=feedback, profile=profile, start_speed=start / RPM)
+    per_row = round(1e-3 * 20000.0)
+    rows = []
+    for _ in range(round(profile.duration * 1e3)):
+        truth = drive.run(per_row).truth[-1]
+        wrong = math.degrees(math.remainder(feedback.angle - truth[1], 2.0 * math.pi))
+        speed = feedback.omega / parameters.pole_pairs
+        rows.append(
+            (
+                wrong,
+                100.0 * (speed / truth[0] - 1.0) if truth[0] else 0.0,
+                truth[0] * RPM,
+                truth[4] * RPM,
+                truth[3],
+                float(feedback.mode == RUNNING),
+            )
+        )
+    table = np.array(rows).T
+    return Loop(table[0], table[1], table[2], table[3], table[4], table[5] > 0.5)
 
 
 def loops() -> Figure:

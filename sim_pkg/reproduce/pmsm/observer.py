@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,22 +18,21 @@ from estimator_pkg.observers.pmsm.drive import Sample
 from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
 from estimator_pkg.observers.pmsm.watch import BLIND
-from sim_pkg.reproduce.pmsm.reference import (
+from sim_pkg.reproduce.pmsm.motor import (
     FLUX,
     GAMMA,
     INDUCTANCE,
     K_ETA,
     K_I,
     K_P,
+    LOG,
     POLE_PAIRS,
     RESISTANCE,
-    Errors,
     Run,
     Signals,
-    errors,
+    drive_samples,
     start_frame,
 )
-from sim_pkg.reproduce.pmsm.schemes import Samples
 
 observer = OBSERVER.module
 
@@ -169,62 +167,10 @@ def run_log(design: Design, samples: NDArray[np.float64], dt: float, state: Stat
     )
 
 
-def table_of(samples: Samples) -> NDArray[np.float64]:
-    """Return exact currents and mean voltages as rows, shape (n + 1, 4)."""
-    return np.column_stack(
-        (
-            samples.truth.current.real,
-            samples.truth.current.imag,
-            samples.mean.real,
-            samples.mean.imag,
-        )
-    )
-
-
-def observer_run(
-    design: Design, samples: Samples, rate: float, eta0_deg: float, xi0: float
-) -> tuple[Run, Errors]:
-    """Run the observer on exact samples; return it in the form of a reference run."""
-    truth = samples.truth
-    rows = table_of(samples)
+def observer_run(variant: str, direction: int, eta0_deg: float, xi0: float) -> Run:
+    """Run the observer `pmsm`, ``form: paper``, on exact samples of P1 at LOG Hz."""
+    truth, rows = drive_samples(direction)
+    design = design_of(variant=variant, **PAPER)
     z = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
-    log = run_log(design, rows, 1.0 / rate, start_state(design, rows[0], z, xi0))
-    later = Signals(
-        truth.time[1:], truth.theta[1:], truth.omega[1:], truth.current[1:], truth.voltage[1:]
-    )
-    run = Run(later, log.h, log.z, log.x, 0, 0)
-    return run, errors(run)
-
-
-class Verdict(NamedTuple):
-    """How correct a run's status was [ms].
-
-    wrong : time in TRACKING with an angle error of more than 10 degrees.
-    withheld : time in another status with a correct angle and a speed above 200 rpm.
-    tracking : total time; worst : largest angle error in TRACKING [deg].
-    """
-
-    wrong: float
-    withheld: float
-    tracking: float
-    worst: float
-
-
-def judge(log: Log, theta: NDArray[np.float64], speed: NDArray[np.float64], dt: float) -> Verdict:
-    """Compare a log with the true electrical angle [rad] and mechanical speed [rad/s].
-
-    Parameters
-    ----------
-    theta, speed : shape (n,), after each sample of the log. dt : sample time [s].
-    """
-    error = np.abs(np.angle(np.exp(1j * (log.angle - theta))))
-    tracking = log.status == TRACKING
-    good = error <= math.radians(10.0)
-    fast = np.abs(speed) > 200.0 * math.pi / 30.0
-    worst = math.degrees(float(error[tracking].max())) if tracking.any() else 0.0
-    return Verdict(
-        1e3 * dt * float((tracking & ~good).sum()),
-        1e3 * dt * float((~tracking & good & fast).sum()),
-        1e3 * dt * float(tracking.sum()),
-        worst,
-    )
+    log = run_log(design, rows, 1.0 / LOG, start_state(design, rows[0], z, xi0))
+    return Run(Signals(*(column[1:] for column in truth)), log.h, log.z, log.x, 0, 0)

@@ -17,7 +17,7 @@ from estimator_pkg.observers.pmsm.equations import emf, reflect
 from estimator_pkg.observers.pmsm.identifier import credible, shift, solve
 from estimator_pkg.observers.pmsm.scheme import advance, exponential, prepare_scheme, turned_emf
 from estimator_pkg.observers.pmsm.state import Design, Registers, Scheme
-from sim_pkg.reproduce.pmsm.reference import core_of, flow, vectors_of
+from sim_pkg.reproduce.pmsm.motor import core_of, flow, vectors_of
 
 R, L, FLUX = 0.06, 33.75e-6, 1.9e-3
 K_P, K_I, K_ETA, GAMMA = 2.18e4, 9.34e3, 95.7, 4582.0

@@ -48,8 +48,8 @@ from estimator_pkg.parameters import build as build_parameters
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.profiles import P1, Profile
+from sim_pkg.reproduce.pmsm.motor import core_of, signals
 from sim_pkg.reproduce.pmsm.observer import run_log, start_state
-from sim_pkg.reproduce.pmsm.reference import core_of, signals
 
 # ---- tuning ----------------------------------------------------------------------------------
 

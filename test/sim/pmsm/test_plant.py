@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from drive_status import judge
 from scipy.integrate import solve_ivp
 
 from estimator_pkg.circle import Circle
@@ -25,7 +26,7 @@ from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.plant import electric, move, resisting
 from sim_pkg.pmsm.profiles import NAMES, P1, Profile, named
 from sim_pkg.pmsm.sensorless import RUNNING, Sensorless
-from sim_pkg.reproduce.pmsm.observer import design_of, first_state, judge, run_log
+from sim_pkg.reproduce.pmsm.observer import design_of, first_state, run_log
 
 RPM = math.pi / 30.0
 PLANT = PmsmParameters(viscous=1e-5).plant()

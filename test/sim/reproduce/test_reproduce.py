@@ -1,0 +1,236 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The reproductions of all papers: every row, the claims, the figures, the command."""
+
+import importlib
+import json
+import math
+import re
+
+import pytest
+
+from estimator_pkg import cli
+from estimator_pkg.errors import UsageError
+from sim_pkg.reproduce import claims, contract
+from sim_pkg.reproduce.command import PAPERS
+from sim_pkg.reproduce.contract import AT_LEAST, AT_MOST, EXACT, PERCENT, Part, Reference, Row
+
+FIGURES = {'adaptive': 2, 'hybrid_angle': 4, 'hybrid_discrete': 3, 'mechanical': 10, 'pmsm': 3}
+
+
+def reproduction(paper):
+    """Return the reproduction of a paper."""
+    return importlib.import_module(f'sim_pkg.reproduce.{paper}.paper').REPRODUCTION
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('paper', PAPERS)
+def test_every_row_agrees_or_has_a_reason(paper, tmp_path, capsys):
+    """The whole command: no row fails, and no line is longer than a terminal."""
+    path = tmp_path / 'rows.json'
+    assert cli.main(['reproduce', paper, '--json', str(path)]) == 0, capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert 'failed' not in out and claims.UNEXPLAINED not in out
+    assert max(map(len, out.splitlines())) <= 80
+    for row in json.loads(path.read_text())['rows']:
+        assert {'id', 'value', 'reference', 'tolerance', 'paper', 'basis', 'ok'} <= set(row)
+        assert row['ok'] and (row['agrees'] or row['why'])
+
+
+@pytest.mark.parametrize('paper', PAPERS)
+def test_rows_are_unique_and_most_of_them_are_the_papers(paper):
+    """Own test vectors and bounds are the smaller part, and each table has its rows."""
+    found = reproduction(paper).references()
+    ids = [reference.id for reference in found]
+    assert len(set(ids)) == len(ids)
+    assert sum(each.basis == contract.VECTOR for each in found) <= 0.5 * len(found)
+    for table in reproduction(paper).tables:
+        assert {name for names in table.body.values() for name in names} <= set(ids)
+
+
+def test_what_a_paper_specifies_is_counted_apart_from_what_it_does_not():
+    found = reproduction('mechanical').references()
+    printed = [each for each in found if isinstance(each.paper, float | int)]
+    count = {basis: sum(each.basis == basis for each in printed) for basis in contract.BASES}
+    assert count == {'specified': 30, 'open': 37, 'misprint': 9, 'vector': 0}
+    rows = [Row(reference, reference.value) for reference in found]
+    text = ' '.join(
+        ' '.join(claims.text(reproduction('mechanical'), claims.claims(rows, (('', 'x'),)))).split()
+    )
+    assert re.search(r'paper specifies everything: \d+ of 30 printed numbers agree', text)
+    assert re.search(r'open, and ours are assumed: \d+ of 37 printed numbers agree', text)
+
+
+def test_pmsm_prints_times_and_final_errors_of_each_observer():
+    found = reproduction('pmsm').references()
+    rows = [Row(reference, reference.value) for reference in found]
+    text = '\n'.join(claims.text(reproduction('pmsm'), claims.claims(rows, ())))
+    assert '140 (relatively slow)' in text
+    assert '85 (faster than (5))' in text and '30.5 (faster than (16))' in text
+    assert '0.04275 (converges)' in text
+
+
+@pytest.mark.parametrize(
+    'words, values, agreeing',
+    [
+        (('relatively slow', 'faster than (5)', 'faster than (16)'), (140.0, 85.0, 30.0), 'abc'),
+        (('relatively slow', 'faster than (5)', 'faster than (16)'), (140.0, 85.0, 90.0), 'ab'),
+        (('relatively slow', 'faster than (5)', 'faster than (16)'), (80.0, 85.0, 30.0), 'c'),
+        (('relatively slow', 'faster than (5)', 'faster than (16)'), (-1.0, -1.0, 30.0), 'ac'),
+    ],
+)
+def test_an_observer_that_never_settles_is_not_faster(words, values, agreeing):
+    rows = [
+        Row(Reference(f'g {n}', '', v, 1.0, 'absolute', w), v)
+        for n, w, v in zip('abc', words, values)
+    ]
+    found = claims.claims(rows, (('', 'because'),))
+    assert ''.join(each.row.reference.id[-1] for each in found if each.agrees) == agreeing
+
+
+def test_an_unexplained_difference_fails():
+    row = Row(Reference('g a', '', 2.0, 0.1, 'absolute', 5.0), 2.0)
+    assert row.ok and claims.claims([row], ())[0].fails
+    assert not claims.claims([row], (('g', 'because'),))[0].fails
+
+
+@pytest.mark.parametrize(
+    'kind, tolerance, good, bad',
+    [
+        (contract.ABSOLUTE, 0.5, 10.5, 10.51),
+        (PERCENT, 1.0, 9.9, 9.89),
+        (EXACT, 0.0, 10, 10.0001),
+        (AT_MOST, 0.0, 10.0, 10.1),
+        (AT_LEAST, 0.0, 10.0, 9.9),
+    ],
+)
+def test_a_row_holds_exactly_up_to_its_tolerance(kind, tolerance, good, bad):
+    reference = Reference('x', 'what', 10.0, tolerance, kind)
+    assert Row(reference, good).ok
+    assert not Row(reference, bad).ok
+    assert not Row(reference, math.nan).ok
+    assert not Row(reference, math.inf).ok
+    assert not Row(reference, -math.inf).ok
+
+
+def test_no_row_gets_lost():
+    references = (Reference('p a', 'a', 1.0), Reference('p b', 'b', 2.0))
+    with pytest.raises(KeyError, match='p b'):
+        list(Part('p', references, lambda: iter([('p a', 1.0)])).rows())
+    with pytest.raises(KeyError, match='p c'):
+        list(Part('p', references, lambda: iter([('p c', 1.0)])).rows())
+
+
+def test_the_parts_divide_the_references_of_a_paper():
+    """A row of the file that no part computes is reported, and so are parts that share one."""
+    values = dict.fromkeys(part.name for part in reproduction('hybrid_angle').parts)
+    assert len(contract.parts('hybrid_angle', values)) == len(values)
+    with pytest.raises(ValueError, match='do not divide'):
+        contract.parts('hybrid_angle', {**values, 'F4 gain': None})
+    values.pop('F6')
+    with pytest.raises(ValueError, match='do not divide'):
+        contract.parts('hybrid_angle', values)
+
+
+def test_only_runs_the_parts_that_are_asked_for():
+    def never():
+        raise AssertionError('this part was not asked for')
+
+    parts = (
+        Part(
+            'p',
+            (Reference('p b', 'b', 2.0), Reference('p a', 'a', 1.0)),
+            lambda: iter([('p a', 1.0), ('p b', 2.0)]),
+        ),
+        Part('q', (Reference('q a', 'a', 1.0),), never),
+    )
+    found = contract.Reproduction('paper', 'summary', parts, '')
+    counted = []
+    rows = list(found.rows(counted.append, 'p'))
+    assert [row.reference.id for row in rows] == ['p b', 'p a']  # the order of the table
+    assert sum(counted) == 2
+    assert [row.reference.id for row in found.rows(prefix='p a')] == ['p a']
+    with pytest.raises(UsageError, match="starts with 'r'"):
+        found.references('r')
+
+
+def words(**values):
+    """Rows of one group: id's last word -> (what the paper says, value)."""
+    return [
+        Row(Reference(f'g {name}', '', value, 0.1, 'percent', said), value)
+        for name, (said, value) in values.items()
+    ]
+
+
+@pytest.mark.parametrize(
+    'rows, agreeing',
+    [
+        (words(a=('worst', 3.0), b=('best', 1.0), c=(None, 2.0)), 'ab'),
+        (words(a=('worst', 1.5), b=('best', 2.0), c=(None, 2.5)), ''),
+        (words(a=('similar', 1.0), b=('similar', 1.05)), 'ab'),
+        (words(a=('similar', 1.0), b=('similar', 1.5)), ''),
+        (words(a=('slower', 2.0), b=('faster', 1.0)), 'ab'),
+        (words(a=('slower', 1.0), b=('faster', 2.0)), ''),
+        (words(a=(15.7, 77.0), b=(2.0, 2.15), c=(0.3, 0.34)), 'bc'),
+        (words(a=('327.8 (for 3278)', 3300.0), b=('327.8 (for 3278)', 327.8)), 'a'),
+    ],
+)
+def test_a_claim_is_compared_with_our_value(rows, agreeing):
+    found = claims.claims(rows, (('g a', 'because'),))
+    good = {each.row.reference.id[-1] for each in found if each.agrees and each.printed}
+    assert good == set(agreeing)
+    assert all(bool(each.why) != each.agrees for each in found)
+
+
+def test_command_fails_when_a_row_fails(monkeypatch, capsys):
+    wrong = contract.Reproduction(
+        'hybrid_angle',
+        'summary',
+        (Part('p', (Reference('p a', 'the thing', 1.0, 0.1),), lambda: iter([('p a', 1.2)])),),
+        '',
+    )
+    monkeypatch.setattr('sim_pkg.reproduce.hybrid_angle.paper.REPRODUCTION', wrong)
+    assert cli.main(['reproduce', 'hybrid_angle']) == 1
+    out = capsys.readouterr().out
+    assert 'FAILS' in out
+    assert 'failed: p a (the thing) is 1.2, not 1 +- 0.1' in out
+
+
+@pytest.mark.parametrize(
+    'words, message',
+    [
+        (['hybrid_angel'], "did you mean 'hybrid_angle'?"),
+        (['hybrid_angle', '--only', 'F7'], "no row of hybrid_angle starts with 'F7'"),
+    ],
+)
+def test_command_says_what_is_wrong_in_one_line(words, message, capsys):
+    assert cli.main(['reproduce', *words]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count('\n') == 1
+
+
+def test_without_matplotlib_plot_is_one_line_before_the_work(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(__import__('sys').modules, 'matplotlib', None)
+    assert cli.main(['reproduce', 'hybrid_angle', '--plot', str(tmp_path / 'figures')]) == 1
+    captured = capsys.readouterr()
+    assert "the library 'matplotlib' is not installed: " in captured.err
+    assert captured.err.count('\n') == 1
+    assert captured.out == ''
+
+
+def test_a_place_for_figures_that_cannot_be_is_reported_before_the_work(tmp_path, capsys):
+    (tmp_path / 'file').write_text('')
+    assert cli.main(['reproduce', 'hybrid_angle', '--plot', str(tmp_path / 'file')]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == '' and captured.err.count('\n') == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('paper', PAPERS)
+def test_figures_are_drawn(paper, tmp_path):
+    pytest.importorskip('matplotlib')
+    paths = reproduction(paper).draw(tmp_path)
+    assert len(paths) == FIGURES[paper]
+    assert all(path.stat().st_size > 10_000 for path in paths)
