@@ -30,6 +30,7 @@ ADVICE = re.compile(
 )
 KINDS = {  # of the observers whose users see the texts of these files
     'evaluation/doctor/drive.py': ('drive',),
+    'evaluation/checks/': ('angle',),
     'evaluation/doctor/': ('angle',),
     'streams/adaptive.py': ('angle_and_input',),
     'streams/angle.py': ('angle',),

@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import accuracy, live, replay, update
+from benchmarks import accuracy, live, replay, timing, update
 from benchmarks.__main__ import main
 from benchmarks.signals import COUNTS, SIGNALS, Signal, constant, encoder, trapezoid
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare import timing
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 
 QUANTUM = 2.0 * math.pi / COUNTS

@@ -22,10 +22,10 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.delay import measured
-from estimator_pkg.evaluation.compare.matching import exact, pieces
-from estimator_pkg.evaluation.doctor.readings import FAIL, PASS, WARN, Finding
+from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Finding
+from estimator_pkg.evaluation.delay import measured
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.matching import exact, pieces
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.reference.back_emf import (

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,15 +19,21 @@ from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.doctor import angles, stamps, velocities
+from estimator_pkg.evaluation.checks.joint import (
+    FEWEST,
+    checked,
+    failed,
+    reference,
+    stamped,
+    stretch,
+)
+from estimator_pkg.evaluation.checks.readings import Finding, Readings
+from estimator_pkg.evaluation.doctor import velocities
 from estimator_pkg.evaluation.doctor.choice import Answer, answer
-from estimator_pkg.evaluation.doctor.readings import FAIL, Finding, Readings
 from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.streams.contract import PUBLISHER, Request
 from estimator_pkg.streams.drive import DriveStream
-
-FEWEST = angles.FEWEST
 
 
 @dataclass(frozen=True)
@@ -119,30 +125,6 @@ def _readings(
     return Readings(name, series.stamps_ns, arrival, position, series.velocity, period, start)
 
 
-def stamped(seen: Readings) -> Readings:
-    """Return the readings; those without any stamp are taken at their arrival."""
-    if np.any(seen.stamps_ns > 0) or not len(seen.arrival_ns):
-        return seen
-    return replace(seen, stamps_ns=seen.arrival_ns, start_ns=int(seen.arrival_ns[0]))
-
-
-def checked(seen: Readings) -> list[Finding]:
-    """Return the findings on stamps and readings of one joint."""
-    missing, seen = stamps.missing_stamps(seen), stamped(seen)
-    if len(seen.rows) < FEWEST:
-        text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
-        few = Finding('readings', FAIL, text, 'record the joint for some seconds')
-        return [missing, stamps.order(seen), few]
-    found = [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
-    found.insert(len(stamps.CHECKS), missing)
-    return found
-
-
-def failed(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings that FAIL."""
-    return [each for each in findings if each.level == FAIL]
-
-
 def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
     """Return all findings on one joint, and the verdict on its estimates if no check FAILs.
 
@@ -153,11 +135,11 @@ def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
     found, seen = checked(seen), stamped(seen)
     if len(seen.rows) < FEWEST:
         return Examined(seen, found)
-    rows = np.sort(velocities.stretch(seen))
-    reference = velocities.reference(seen, rows)
-    found += velocities.checks(seen, reference, rows)
+    rows = np.sort(stretch(seen))
+    moved = reference(seen, rows)
+    found += velocities.checks(seen, moved, rows)
     made = None
-    if reference is not None and not failed(found):
-        made = answer(seen, reference, rows, motion_hz)
+    if moved is not None and not failed(found):
+        made = answer(seen, moved, rows, motion_hz)
     found = [each._replace(value=units(each.value, seen.period)) for each in found]
     return Examined(seen, found, made)

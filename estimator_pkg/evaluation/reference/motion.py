@@ -16,8 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.matching import match
-from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference.fresh import Fresh, fresh
 from estimator_pkg.evaluation.reference.low_pass import low_passed
 from estimator_pkg.evaluation.reference.put_back import needed, put_back
@@ -30,6 +29,7 @@ from estimator_pkg.evaluation.reference.smoother.smoother import (
     Smoothed,
     smooth,
 )
+from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

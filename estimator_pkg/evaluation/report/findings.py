@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 
 from estimator_pkg import registry, streams
 from estimator_pkg.bags.series import Series
+from estimator_pkg.evaluation.checks.angles import jumps
+from estimator_pkg.evaluation.checks.readings import FAIL, Readings, to_mend
+from estimator_pkg.evaluation.checks.stamp_error import stamp_error
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
-from estimator_pkg.evaluation.compare.delay import GAP
-from estimator_pkg.evaluation.compare.interpolation import cubic
-from estimator_pkg.evaluation.compare.matching import pieces, strays
-from estimator_pkg.evaluation.compare.metrics import wrapped
-from estimator_pkg.evaluation.doctor.angles import jumps
-from estimator_pkg.evaluation.doctor.readings import FAIL, Readings, to_mend
-from estimator_pkg.evaluation.doctor.stamp_error import stamp_error
+from estimator_pkg.evaluation.delay import GAP
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.matching import pieces, strays
 from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.signals import cubic, wrapped
 from estimator_pkg.evaluation.text import interval, number
 from estimator_pkg.parameters import declared
 from estimator_pkg.sensor.guard import WHY_DROPPED

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from estimator_pkg.evaluation.ranking import frequencies, pairs
+from estimator_pkg.evaluation import pairs
+from estimator_pkg.evaluation.ranking import frequencies
 from estimator_pkg.evaluation.ranking.ranking import rank
 from estimator_pkg.evaluation.ranking.verdict import STANDING, Pair, Verdict
 from estimator_pkg.evaluation.reference.low_pass import low_passed

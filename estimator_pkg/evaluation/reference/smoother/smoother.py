@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.engine.calls import run
-from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.reference.smoother.noise import COARSE, Noise, in_cells, white
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.residual import unexplained
@@ -37,6 +36,7 @@ from estimator_pkg.evaluation.reference.smoother.steps import (
     backward,
     forward,
 )
+from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

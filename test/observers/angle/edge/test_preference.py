@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, START_NS, encoder
-from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.delay import delay
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.edge import preference as under_test
 from estimator_pkg.observers.angle.edge.covariance import (

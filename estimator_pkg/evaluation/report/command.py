@@ -16,6 +16,7 @@ from estimator_pkg import interrupts
 from estimator_pkg.bags import unpacking
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
+from estimator_pkg.evaluation import image
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.compare.description import describe
@@ -152,7 +153,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Compare, print, draw; return the results by bag."""
     chosen = options(parsed)
     if parsed.plot:
-        plot.check(parsed.plot)
+        image.check(parsed.plot)
     bags = expanded(parsed.bags)
     result: dict[str, Any] = {}
     drawn: list[Comparison] = []

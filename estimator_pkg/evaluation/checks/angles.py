@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from estimator_pkg.evaluation.doctor.readings import (
+from estimator_pkg.evaluation.checks.readings import (
     BESIDE,
     FAIL,
     PASS,
@@ -34,7 +34,6 @@ OTHER_PERIOD = 0.01  # relative difference from the wrap period that counts
 MOST_LINES = 1e5  # counts per turn of encoders with a decimal number of lines
 TOO_FAST = 0.4  # moves beyond this fraction of the wrap period are ambiguous soon
 SELDOM, FEW = 0.005, 5  # repeated readings up to this fraction, or number, are not reported
-FEWEST = 12  # readings without which nothing is checked
 
 
 def finite(seen: Readings) -> Finding:

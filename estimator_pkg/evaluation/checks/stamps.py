@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator_pkg.evaluation.compare.delay import GAP
-from estimator_pkg.evaluation.compare.matching import strays
-from estimator_pkg.evaluation.doctor.readings import (
+from estimator_pkg.evaluation.checks.readings import (
     FAIL,
     PASS,
     WARN,
@@ -19,7 +17,9 @@ from estimator_pkg.evaluation.doctor.readings import (
     short,
     times,
 )
-from estimator_pkg.evaluation.doctor.stamp_error import spacing_error, stamp_error
+from estimator_pkg.evaluation.checks.stamp_error import spacing_error, stamp_error
+from estimator_pkg.evaluation.delay import GAP
+from estimator_pkg.evaluation.matching import strays
 from estimator_pkg.sensor.guard import (
     AFTER_CLOCK_JUMP,
     AFTER_GAP,

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.series import Series, of_positions
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.evaluation.compare.delay import Delay
-from estimator_pkg.evaluation.compare.matching import pieces
-from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.delay import Delay
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.matching import pieces
 from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.signals import wrapped
 from estimator_pkg.evaluation.text import interval
 from estimator_pkg.sensor.guard import VERDICTS
 
