@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.estimate import STATUS_NAMES
+from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.checks.stamps import HOLE
 from estimator_pkg.evaluation.compare.comparison import BAND, Comparison, Row
 from estimator_pkg.evaluation.plots import GREY, Curve, Style, figure, over_time
-from estimator_pkg.evaluation.report.findings import Measurement
 from estimator_pkg.evaluation.report.spectrum import by_speed, density, normalised
 from estimator_pkg.printable import printable
 
@@ -139,11 +140,12 @@ def distribution(rows: Sequence[Row]) -> tuple[Any, Any]:
     return plot, found
 
 
-def sample_times(seen: Measurement) -> Any:
+def sample_times(seen: Readings) -> Any:
     """Return a histogram of sample times with the gaps marked."""
-    holes = np.array([length for _, length in seen.holes[:HOLES_MARKED]]) * 1e3
-    milliseconds = seen.steps[seen.steps > 0.0] * 1e3
-    usual = 1e3 / seen.rate
+    steps = seen.steps[seen.joined]
+    holes = np.sort(steps[steps > HOLE * seen.step])[-HOLES_MARKED:] * 1e3
+    milliseconds = steps[steps > 0.0] * 1e3
+    usual = 1e3 * seen.step
     low = min(float(np.min(milliseconds)) * 0.9, 0.5 * usual)
     high = max(float(np.max(milliseconds)) * 1.1, 2.0 * usual)
     heights, edges = np.histogram(milliseconds, np.geomspace(low, high, 61))

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from estimator_pkg import observers, params_file, registry, streams, yaml_text
+from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report.contradictions import grouped
-from estimator_pkg.evaluation.report.findings import Measurement
 from estimator_pkg.evaluation.report.tables import SHOWN, changed
 from estimator_pkg.evaluation.report.tradeoff import RAW, of_row
 from estimator_pkg.evaluation.text import interval, number
@@ -190,7 +190,7 @@ def parameter_file(
     comparison: Comparison,
     chosen: Mapping[str, Row],
     entries: Mapping[str, Entry],
-    seen: Mapping[str, Measurement],
+    seen: Mapping[str, Readings],
     period: float,
     verdicts: Mapping[str, Verdict],
 ) -> str:
