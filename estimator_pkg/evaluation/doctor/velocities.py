@@ -64,36 +64,23 @@ def checks(seen: Readings, found: Motion | None, rows: Rows) -> list[Finding]:
     result = []
     if found.smoothed.contradicted:
         result.append(Finding('reference', WARN, contradiction(found.smoothed), DOUBT))
-    for name, words, values in (
+    compared = [
         ('finite difference', 'raw', raw),
         ('low-passed', f'at {LOW_PASS:g} Hz', seen.difference.velocity),
-    ):
+    ]
+    known = seen.velocity[np.isfinite(seen.velocity)]
+    if len(known) > FEWEST and np.ptp(known):
+        compared.append(('published velocity', 'that of the topic', seen.velocity))
+    for name, words, values in compared:
         rms, noise, late = error(values)
-        result.append(
-            Finding(
-                name,
-                PASS,
-                f'{words}: noise {noise:.3g} rad/s, {late_by(late)}, at {speed:.3g} rad/s rms',
-                '',
-                numbers
-                | {'rms': rms, 'noise': noise, 'delay_s': late.late, 'delay_95_s': late.half},
-            )
-        )
-    if np.count_nonzero(np.isfinite(seen.velocity)) > FEWEST and np.ptp(
-        seen.velocity[np.isfinite(seen.velocity)]
-    ):
-        rms, noise, late = error(seen.velocity)
-        slow = late.late - late.half > max(LATE, LATE_STEPS * seen.step)
-        result.append(
-            Finding(
-                'published velocity',
-                WARN if slow else PASS,
-                f'that of the topic: noise {noise:.3g} rad/s, {late_by(late)}',
-                'use the estimate of a node instead' if slow else '',
-                numbers
-                | {'rms': rms, 'noise': noise, 'delay_s': late.late, 'delay_95_s': late.half},
-            )
-        )
+        published = values is seen.velocity
+        slow = published and late.late - late.half > max(LATE, LATE_STEPS * seen.step)
+        text = f'{words}: noise {noise:.3g} rad/s, {late_by(late)}'
+        if not published:
+            text += f', at {speed:.3g} rad/s rms'
+        remedy = 'use the estimate of a node instead' if slow else ''
+        more = {'rms': rms, 'noise': noise, 'delay_s': late.late, 'delay_95_s': late.half}
+        result.append(Finding(name, WARN if slow else PASS, text, remedy, numbers | more))
     return result
 
 
