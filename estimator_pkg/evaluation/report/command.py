@@ -33,7 +33,7 @@ from estimator_pkg.evaluation.options import (
     truth_argument,
 )
 from estimator_pkg.evaluation.report import plot
-from estimator_pkg.evaluation.report.full_data import FullData
+from estimator_pkg.evaluation.report.full_data import full_data
 from estimator_pkg.evaluation.report.page import Report
 from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.workers import workers
@@ -161,20 +161,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     interrupted = False
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
-        page = (
-            stack.enter_context(
-                Report(
-                    parsed.html,
-                    len(bags),
-                    chosen.wrap_period,
-                    parsed.data,
-                    chosen.observers or (Entry(DEFAULT, DEFAULT),),
-                )
-            )
-            if parsed.html
-            else None
-        )
-        data = stack.enter_context(FullData(parsed.data)) if parsed.data else None
+        page, data = None, None
+        if parsed.html:
+            ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
+            report = Report(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
+            page = stack.enter_context(report.written())
+        if parsed.data:
+            data = stack.enter_context(full_data(parsed.data))
         try:
             for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
                 with interrupts.gently():  # a bag is evaluated completely or not at all

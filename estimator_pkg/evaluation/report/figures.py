@@ -103,7 +103,7 @@ def around_the_worst(best: Row, rows: Sequence[Row]) -> tuple[Any, Any]:
 
 def error_by_speed(rows: Sequence[Row]) -> tuple[Any, Any]:
     """Return the plot of the rms error in bins of the reference's speed, and its lines."""
-    found = [(row.source, *by_speed(row.truth, row.estimate - row.truth)[:2]) for row in rows]
+    found = [(row.source, *by_speed(row.truth, row.estimate - row.truth)) for row in rows]
     return figure(
         'error against speed', 'speed of the reference [rad/s]', 'rms error [rad/s]'
     ), found

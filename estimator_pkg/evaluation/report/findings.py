@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimator_pkg import registry, streams
 from estimator_pkg.bags.series import Series
 from estimator_pkg.evaluation.checks.joint import FEWEST, checked
-from estimator_pkg.evaluation.checks.readings import PASS, Readings
+from estimator_pkg.evaluation.checks.readings import LEVELS, PASS, Readings
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.signals import cubic
 from estimator_pkg.evaluation.text import interval, units
@@ -63,7 +63,7 @@ def sentences(comparison: Comparison, seen: dict[str, Readings]) -> list[str]:
 def _of_measurement(joint: str, seen: Readings, with_quantum: bool, refused: str) -> list[str]:
     """Return what the checks of `doctor` find, and one count; dropped samples have a finding."""
     found = []
-    for each in checked(seen):
+    for each in sorted(checked(seen), key=lambda check: -LEVELS.index(check.level)):
         if (
             each.check in DROPPED
             or each.value in refused

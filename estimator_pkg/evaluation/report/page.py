@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 
 from estimator_pkg import __version__, destination, whole_file
 from estimator_pkg.evaluation import plots
@@ -35,7 +35,7 @@ USE = (
 
 
 class Report:
-    """Collects bags and writes the page; a context manager.
+    """Collects bags and writes the page at the end of `written`.
 
     Parameters
     ----------
@@ -72,19 +72,12 @@ class Report:
         self._chosen: dict[str, None] = {}
         self._left_out = ''
 
-    def __enter__(self) -> Report:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Write the page, unless an error occurred."""
-        if kind is None:
-            with progress(f'{self.path}: page', None):
-                self._write()
+    @contextmanager
+    def written(self) -> Iterator[Report]:
+        """Write the page at the end, unless an error occurred."""
+        yield self
+        with progress(f'{self.path}: page', None):
+            self._write()
 
     def add(self, comparison: Comparison) -> list[str]:
         """Add a bag; return its findings as sentences."""

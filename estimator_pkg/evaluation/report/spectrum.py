@@ -53,12 +53,12 @@ def density(time: Array, error: Array) -> tuple[Array, Array]:
     return np.arange(1, size // 2 + 1) / (size * step), np.sqrt(power[1:])
 
 
-def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
-    """Return (speed, rms error, mean error) [rad/s] over bins of true speed, each shape (k,)."""
+def by_speed(truth: Array, error: Array) -> tuple[Array, Array]:
+    """Return (speed, rms error) [rad/s] over bins of true speed, each of shape (k,)."""
     good = np.isfinite(truth) & np.isfinite(error)
     truth, error = truth[good], error[good]
     if len(truth) < FEW:
-        return np.zeros(0), np.zeros(0), np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     order = np.argsort(truth, kind='stable')
     parts = [
         part for part in np.array_split(order, min(BINS, max(1, len(order) // FEW))) if len(part)
@@ -66,7 +66,6 @@ def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
     return (
         np.array([np.mean(truth[part]) for part in parts]),
         np.array([np.sqrt(np.mean(error[part] ** 2)) for part in parts]),
-        np.array([np.mean(error[part]) for part in parts]),
     )
 
 

@@ -589,7 +589,7 @@ def test_errors_by_speed_and_by_deviation():
     random = np.random.default_rng(0)
     truth = np.linspace(-10.0, 10.0, 20_000)
     error = 0.1 * np.abs(truth) * random.standard_normal(20_000)
-    speed, rms, _ = spectrum.by_speed(truth, error)
+    speed, rms = spectrum.by_speed(truth, error)
     assert rms[0] / abs(speed[0]) == pytest.approx(0.1, rel=0.1)
     middles, heights = spectrum.normalised(error, 0.1 * np.abs(truth))
     assert np.interp(0.0, middles, heights) == pytest.approx(0.399, abs=0.02)
