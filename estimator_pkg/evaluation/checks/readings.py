@@ -22,7 +22,6 @@ from estimator_pkg.evaluation.matching import pieces
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.signals import wrapped
 from estimator_pkg.evaluation.text import interval
-from estimator_pkg.sensor.guard import VERDICTS
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -304,15 +303,6 @@ class Readings:
     def of(self, *verdicts: int) -> Rows:
         """Return the samples with one of these verdicts of the guard."""
         return np.flatnonzero(np.isin(self.difference.verdict, verdicts))
-
-    def counts(self) -> dict[str, int]:
-        """Return the number of samples by verdict."""
-        return {
-            name: int(number)
-            for name, number in zip(
-                VERDICTS, np.bincount(self.difference.verdict, minlength=len(VERDICTS))
-            )
-        }
 
 
 def beside(size: Array, at: Rows) -> Array:

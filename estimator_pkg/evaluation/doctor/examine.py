@@ -15,7 +15,7 @@ from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
-from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.bags.series import joint_series
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
@@ -108,21 +108,20 @@ def readings(bag: Bag, chosen: Setup) -> list[Readings]:
         }
     if not any(np.isfinite(each.position).any() for each in by_stamp.values()):
         raise UserError(f'{bag.path}: {topic.name} has no readable joint: no position is finite')
-    if not any((each.stamps_ns > 0).any() for each in by_stamp.values()):
-        start = 0
-    else:
-        start = min(
-            int(np.min(each.stamps_ns[each.stamps_ns > 0], initial=2**62))
-            for each in by_stamp.values()
+    stamps = np.concatenate([each.stamps_ns for each in by_stamp.values()])
+    start = int(np.min(stamps[stamps > 0])) if np.any(stamps > 0) else 0
+    return [
+        Readings(
+            name,
+            each.stamps_ns,
+            arrived[name],
+            np.where(np.abs(each.position) < LARGEST, each.position, np.nan),
+            each.velocity,
+            period,
+            start,
         )
-    return [_readings(name, each, arrived[name], period, start) for name, each in by_stamp.items()]
-
-
-def _readings(
-    name: str, series: Series, arrival: np.ndarray, period: float, start: int
-) -> Readings:
-    position = np.where(np.abs(series.position) < LARGEST, series.position, np.nan)
-    return Readings(name, series.stamps_ns, arrival, position, series.velocity, period, start)
+        for name, each in by_stamp.items()
+    ]
 
 
 def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
