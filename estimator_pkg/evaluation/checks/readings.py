@@ -61,6 +61,12 @@ class Finding(NamedTuple):
     remedy: str = ''
     numbers: Mapping[str, Any] = {}
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the finding for ``--json``."""
+        fields = self._asdict()
+        numbers = fields.pop('numbers')
+        return {**fields, **numbers}
+
 
 @dataclass(frozen=True)
 class Readings:

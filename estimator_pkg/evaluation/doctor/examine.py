@@ -55,16 +55,7 @@ class Examined:
 
     def as_dict(self) -> list[dict[str, Any]]:
         """Return the findings for ``--json``."""
-        return [
-            {
-                'check': each.check,
-                'level': each.level,
-                'value': each.value,
-                'remedy': each.remedy,
-                **each.numbers,
-            }
-            for each in self.findings
-        ]
+        return [each.as_dict() for each in self.findings]
 
 
 def setup(

@@ -133,9 +133,7 @@ class Report:
             instants = self._instants(comparison)
             for joint in joints:
                 advance(1)
-                parts += self._of_joint(
-                    comparison, joint, rows[joint], chosen[joint], seen, instants
-                )
+                parts += self._of_joint(comparison, joint, rows[joint], chosen[joint], instants)
                 advance(1)
         self._sections.append('\n'.join(parts))
         return findings
@@ -235,13 +233,7 @@ class Report:
         return plots.NUMBERS // (self._bags * numbers)
 
     def _of_joint(
-        self,
-        comparison: Comparison,
-        joint: str,
-        rows: Sequence[Row],
-        best: Row,
-        seen: Mapping[str, Readings],
-        instants: int,
+        self, comparison: Comparison, joint: str, rows: Sequence[Row], best: Row, instants: int
     ) -> list[str]:
         """Return the plots of a joint."""
         known = plots.styles(self._sources)
@@ -252,11 +244,8 @@ class Report:
                 figures.around_the_worst(best, rows),
                 figures.error_by_speed(rows),
                 figures.error_spectrum(rows),
-                figures.distribution(rows),
             )
         ]
-        if joint in seen:
-            small.append(figures.sample_times(seen[joint]))
         if note:
             note = f'<p class="note">{note} {self._where()}</p>'
         return [
