@@ -259,7 +259,7 @@ def test_one_legend_shows_and_hides_estimates_in_all_plots(page, driver):
         .filter(each => each.type === 'GlyphRenderer' && each.name === '{name}')
         .map(each => each.visible)"""
     seen = driver.execute_script(lines)
-    assert len(seen) >= 16 and all(seen)  # best and raw difference are in front; two bags
+    assert len(seen) >= 14 and all(seen)  # best and raw difference are in front; two bags
     driver.execute_script('arguments[0].click()', buttons[1])
     assert not any(driver.execute_script(lines))
     assert buttons[1].get_attribute('aria-pressed') == 'false'
