@@ -178,7 +178,7 @@ setup(
             'record = estimator_pkg.bags.record:COMMAND',
             'play = estimator_pkg.bags.play:COMMAND',
             'replay = estimator_pkg.bags.replay:COMMAND',
-            'evaluate = estimator_pkg.evaluation.compare.command:COMMAND',
+            'evaluate = estimator_pkg.evaluation.report.command:COMMAND',
             'identify = estimator_pkg.evaluation.identify.command:COMMAND',
             'tune = estimator_pkg.evaluation.tuning.command:COMMAND',
             'reproduce = sim_pkg.reproduce.command:COMMAND',

@@ -22,10 +22,10 @@ from unittest import mock
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.timing import Side, interleave, not_run, ratio, row
 from estimator_pkg import registry
 from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.evaluation.compare.timing import Side, interleave, not_run, ratio, row
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.parameters import build
 from estimator_pkg.progress import progress

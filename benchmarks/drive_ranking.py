@@ -27,8 +27,8 @@ from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.bags.wiring import wired
 from estimator_pkg.cli import main as velocity_estimator
+from estimator_pkg.evaluation.checks.readings import WARN
 from estimator_pkg.evaluation.doctor import drive
-from estimator_pkg.evaluation.doctor.readings import WARN
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.streams.contract import Request

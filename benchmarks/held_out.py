@@ -33,9 +33,9 @@ from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import text
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.truth import SMOOTHED, measured_truth
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import fixed, number

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.timing import Side, best_and_median, interleave, not_run, row
 from estimator_pkg import observers
 from estimator_pkg.driver.efforts import FIELD
 from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
-from estimator_pkg.evaluation.compare.timing import Side, best_and_median, interleave, not_run, row
 
 Array = NDArray[np.float64]
 

@@ -33,9 +33,9 @@ from estimator_pkg.bags.wiring import wired
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import compare
-from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.entries import Entry, at_defaults
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH, Options
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth

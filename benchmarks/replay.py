@@ -23,10 +23,10 @@ import numpy as np
 
 from benchmarks import outside
 from benchmarks.signals import RATE, START_NS, encoder, sine
+from benchmarks.timing import best_and_median, interleave, not_run, ratio, row
 from benchmarks.update import MAIN
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.timing import best_and_median, interleave, not_run, ratio, row
 from estimator_pkg.evaluation.options import MEASUREMENT
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.progress import progress

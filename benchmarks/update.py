@@ -18,16 +18,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.signals import RATE, Signal, sine
+from benchmarks.timing import Side, best_and_median, interleave, not_run, ratio, row
 from estimator_pkg.circle import wrap
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.evaluation.compare.timing import (
-    Side,
-    best_and_median,
-    interleave,
-    not_run,
-    ratio,
-    row,
-)
 from estimator_pkg.evaluation.entries import at_defaults
 from estimator_pkg.observers.angle.smoother import Smoother
 from estimator_pkg.progress import progress

@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.compare.truth import from_smoother
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.report.contradictions import contradictions
-from estimator_pkg.evaluation.report.findings import Measurement, sentences
+from estimator_pkg.evaluation.report.findings import look, sentences
 from estimator_pkg.sensor.guard import WHY_DROPPED
 from estimator_pkg.streams.contract import HEADER, stamp_remedy
 
@@ -30,6 +30,7 @@ ADVICE = re.compile(
 )
 KINDS = {  # of the observers whose users see the texts of these files
     'evaluation/doctor/drive.py': ('drive',),
+    'evaluation/checks/': ('angle',),
     'evaluation/doctor/': ('angle',),
     'streams/adaptive.py': ('angle_and_input',),
     'streams/angle.py': ('angle',),
@@ -138,8 +139,9 @@ def row(source, late=0.0, noise=0.0):
 @pytest.mark.parametrize('observer', [*EVERY, '/joint_observer/estimate'])
 def test_findings_fit_the_observer(observer):
     """Late, noisy, too narrow an interval, counts, samples of which each kind is dropped."""
-    steps = np.full(9, 1e-3)
-    seen = Measurement(1e3, 1e3, 1e-3, 1, 0.0, 1.0, (), steps, 0)
+    time = np.arange(2000)
+    seen = look(of_positions(10**9 + 10**6 * time, np.rint(2000 * np.sin(3e-3 * time)) / 1e3), 0, 0)
+    assert seen.quantum
     said = []
     for each in (row(observer, late=0.02), row(observer, noise=0.1)):
         comparison = SimpleNamespace(

@@ -3,6 +3,7 @@
 
 """Which room knows which: the table in docs/architecture.md is the imports, and nothing more."""
 
+import ast
 import sys
 from pathlib import Path
 
@@ -78,3 +79,33 @@ def test_nothing_in_the_package_knows_simulators_benchmarks_or_docs():
     for path in Path(rooms.PACKAGE).rglob('*.py'):
         outside = {name.split('.')[0] for name in rooms.imported(path)}
         assert outside.isdisjoint({'sim_pkg', 'benchmarks', 'docs', 'test'}), path
+
+
+# Rooms of `evaluation`, the lowest first; its own files are below them all.
+STEPS = ('reference', 'checks', 'ranking', 'compare', 'identify', 'tuning', 'doctor', 'report')
+
+
+def steps_above(room):
+    """(file, what it imports) wherever a file of `evaluation` imports a room above its own."""
+    above = STEPS[STEPS.index(room) + 1 :] if room else STEPS
+    place = rooms.PACKAGE / 'evaluation' / room
+    for path in place.rglob('*.py') if room else place.glob('*.py'):
+        tree = ast.parse(path.read_text())
+        names = [
+            name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom) and node.module
+            for name in [node.module, *(f'{node.module}.{each.name}' for each in node.names)]
+        ]
+        yield from (
+            (path.name, name)
+            for name in {*names, *rooms.imported(path)}
+            if f'{name}.'.startswith(tuple(f'estimator_pkg.evaluation.{each}.' for each in above))
+        )
+
+
+@pytest.mark.parametrize('room', ['', *STEPS])
+def test_evaluation_imports_go_one_way(room):
+    folders = {path.parent.name for path in (rooms.PACKAGE / 'evaluation').glob('*/__init__.py')}
+    assert folders == set(STEPS)
+    assert not list(steps_above(room))

@@ -11,8 +11,8 @@ from __future__ import annotations
 import importlib.util
 from typing import Any
 
+from benchmarks.timing import not_run, row
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.timing import not_run, row
 
 REQUIRED = 'joint_observer'  # node with a required cost
 LOSSLESS = 2000.0  # [Hz] up to which nothing may be lost

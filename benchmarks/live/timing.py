@@ -23,7 +23,7 @@ from typing import Any
 import psutil
 
 from benchmarks.live.processes import NODES, NULL, cpu, observer, process, result
-from estimator_pkg.evaluation.compare.timing import not_run, row
+from benchmarks.timing import not_run, row
 from estimator_pkg.progress import progress
 from estimator_pkg.ros.domain import free_domain
 

@@ -26,10 +26,10 @@ import numpy as np
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.cli import main as command
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.sources import measured, recording
 from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.text import markdown, number
 

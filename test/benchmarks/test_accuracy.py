@@ -15,11 +15,10 @@ import pytest
 
 import estimator_pkg
 from benchmarks import __main__ as command
-from benchmarks import accuracy, live, replay, update
+from benchmarks import accuracy, live, replay, timing, update
 from benchmarks.__main__ import main
 from benchmarks.signals import COUNTS, SIGNALS, Signal, constant
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare import timing
 from estimator_pkg.evaluation.entries import Entry, at_defaults
 
 ROOT = Path(__file__).resolve().parents[2]

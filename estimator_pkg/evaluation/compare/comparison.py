@@ -19,9 +19,9 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.sources import Estimate, measured, source_of_stamps, sources
 from estimator_pkg.evaluation.compare.truth import Truth, check_common, truth
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict

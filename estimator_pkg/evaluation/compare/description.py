@@ -23,22 +23,6 @@ from estimator_pkg.evaluation.text import (
 )
 from estimator_pkg.streams.drive import ELECTRICAL
 
-HEADER = (
-    'estimate',
-    'joint',
-    'rms',
-    'mean',
-    'max',
-    'bias',
-    'delay ms',
-    'noise',
-    'compared',
-    'received',
-    'used',
-    'dropped',
-)
-
-
 NARROW = ('estimate', 'joint', 'rms', 'max', 'delay ms', 'noise', 'dropped')
 
 
@@ -54,23 +38,23 @@ def describe(comparison: Comparison, wide: bool = False, period: float = math.ta
     rows, remarks = [], []
     for row in comparison.rows:
         v = row.velocity
-        dropped = ' '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
-        mark = ' *' if row.reference_cannot_tell else ''
+        kinds = row.samples['dropped']  # they have no limit
+        every = ' '.join(f'{kind} {count}' for kind, count in kinds.items()) or '0'
         rows.append(
-            (
-                row.source,
-                row.joint,
-                error(v['rms'], 4) + mark,
-                error(v['mean_abs'], 4),
-                error(v['max_abs'], 3),
-                fixed(v['bias'], 4),
-                interval(_ms(v['delay_s']), _ms(v['delay_95_s'])),
-                number(v['noise'], 3),
-                str(row.matched['compared']),
-                str(row.samples['received']),
-                str(row.samples['used']),
-                dropped or '0',
-            )
+            {
+                'estimate': row.source,
+                'joint': row.joint,
+                'rms': error(v['rms'], 4) + ' *' * row.reference_cannot_tell,
+                'mean': error(v['mean_abs'], 4),
+                'max': error(v['max_abs'], 3),
+                'bias': fixed(v['bias'], 4),
+                'delay ms': interval(_ms(v['delay_s']), _ms(v['delay_95_s'])),
+                'noise': number(v['noise'], 3),
+                'compared': str(row.matched['compared']),
+                'received': str(row.samples['received']),
+                'used': str(row.samples['used']),
+                'dropped': every if wide else str(sum(kinds.values())),
+            }
         )
         counts = row.matched
         moved = row.joint in comparison.corrected  # by its lag, so nearly all truth is interpolated
@@ -84,13 +68,8 @@ def describe(comparison: Comparison, wide: bool = False, period: float = math.ta
                 f'{counts["interpolated"]} have an interpolated truth, '
                 f'{counts["unmatched"]} none'
             )
-    columns = HEADER if wide else NARROW
-    cells = [tuple(dict(zip(HEADER, row))[name] for name in columns) for row in rows]
-    if not wide:  # the kinds of dropped samples have no limit
-        cells = [
-            (*row[:-1], str(sum(each.samples['dropped'].values())))
-            for row, each in zip(cells, comparison.rows)
-        ]
+    columns = list(rows[0]) if wide and rows else NARROW
+    cells = [[row[name] for name in columns] for row in rows]
     shown = table(columns, cells, left=2, width=None if wide else WIDTH)
     if any(row.reference_cannot_tell for row in comparison.rows):
         lines.append("* the error is below the reference's own error")

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.delay import LONGEST, measured
-from estimator_pkg.evaluation.compare.interpolation import cubic, slopes
+from estimator_pkg.evaluation.delay import LONGEST, measured
+from estimator_pkg.evaluation.signals import cubic, slopes, wrapped
 
 Array = NDArray[np.float64]
 
@@ -25,13 +25,6 @@ BLOCK = 0.25  # the truth counts as constant if it is over two blocks of this le
 BLOCK_SAMPLES = 16  # or of this many samples, if that is longer
 LONG = 1_000_000  # number of samples that determine a delay
 STEADY = 1e-4  # largest change of a constant truth within a block, over its largest value
-
-
-def wrapped(difference: Array, period: float) -> Array:
-    """Return `difference`, shape (n,), in [-period/2, period/2); unchanged if `period` is 0."""
-    if period <= 0.0:
-        return difference
-    return difference - period * np.floor(difference / period + 0.5)
 
 
 def summary(errors: Array) -> dict[str, float]:

@@ -15,13 +15,12 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import MADE, USUAL, measured_topics
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation.checks.joint import FEWEST, checked, failed, stretch
+from estimator_pkg.evaluation.checks.joint import reference as reference_of
+from estimator_pkg.evaluation.checks.readings import Readings, to_mend
 from estimator_pkg.evaluation.compare import per_sample
-from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.sources import source_of_stamps
-from estimator_pkg.evaluation.doctor.examine import FEWEST, checked, failed
-from estimator_pkg.evaluation.doctor.readings import Readings, to_mend
-from estimator_pkg.evaluation.doctor.velocities import reference as reference_of
-from estimator_pkg.evaluation.doctor.velocities import stretch
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.ranking.ranking import AT_MOST, SKIPPED
 from estimator_pkg.evaluation.reference import reference

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.estimate import VALID
-from estimator_pkg.evaluation.compare.delay import UNKNOWN, Delay, measured
-from estimator_pkg.evaluation.doctor.readings import Readings, late_by
+from estimator_pkg.evaluation.checks.readings import Readings, late_by
+from estimator_pkg.evaluation.delay import UNKNOWN, Delay, measured
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict, shown

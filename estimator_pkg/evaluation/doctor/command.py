@@ -24,13 +24,14 @@ from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import plots
+from estimator_pkg.evaluation.checks.joint import LONGEST
+from estimator_pkg.evaluation.checks.readings import WARN, Finding, Readings
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
-from estimator_pkg.evaluation.doctor.readings import WARN, Finding, Readings
-from estimator_pkg.evaluation.doctor.velocities import LONGEST
 from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
+from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
@@ -117,28 +118,40 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     none = Readings(found.name, no_stamps, no_stamps, nothing, nothing, math.tau)
     examined = [Examined(none, found.findings, said=tuple(found.said))]
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
-    print(report.text(examined, Choice()))
     parameters = drive.as_yaml(found, origin, chosen.input | settings)
-    _write(parsed, examined, Choice(), origin, parameters, chosen)
+    choice = Choice(drive.OBSERVER, {found.name: found.values}, bool(found.values))
+    return _reported(parsed, examined, choice, origin, parameters, chosen, found.verdict)
+
+
+def _reported(
+    parsed: argparse.Namespace,
+    examined: Sequence[Examined],
+    choice: Choice,
+    origin: str,
+    parameters: str,
+    setup: Setup,
+    of_drive: Verdict | None = None,
+) -> dict[str, Any]:
+    """Print the report, write the requested files, and return the result for ``--json``."""
+    print(report.text(examined, choice))
+    _write(parsed, examined, choice, origin, parameters, setup)
+    verdicts = [of_drive if each.answer is None else each.answer.verdict for each in examined]
     return {
         'origin': origin,
-        'topic': chosen.topics[0].name,
-        'observer': drive.OBSERVER,
-        'tuned': bool(found.values),
+        'topic': setup.topics[0].name,
+        'observer': choice.observer,
+        'tuned': choice.tuned,
         'parameters': parameters,
         'joints': {
-            found.name: {
-                'findings': examined[0].as_dict(),
-                'gains': dict(found.values),
-                'verdict': None if found.verdict is None else found.verdict.as_dict(),
+            each.readings.name: {
+                'findings': each.as_dict(),
+                'gains': dict(choice.gains.get(each.readings.name, {})),
+                'verdict': None if verdict is None else verdict.as_dict(),
             }
+            for each, verdict in zip(examined, verdicts)
         },
-        'ok': _passed(examined),
+        'ok': not any(each.failed for each in examined),
     }
-
-
-def _passed(examined: Sequence[Examined]) -> bool:
-    return not any(each.failed for each in examined)
 
 
 def _write(
@@ -202,28 +215,11 @@ def _examined(
     )
     head = f'{origin}: {topic}, {len(joints)} joint{"s" * (len(joints) > 1)}'
     show(*wrapped(head), '')
-    print(report.text(examined, choice))
     settings = chosen.input | settings
     if parsed.wrap_period != 2.0 * math.pi:
         settings.setdefault('wrap_period', parsed.wrap_period)
     parameters = report.as_yaml(examined, choice, origin, settings, chosen.remaps)
-    _write(parsed, examined, choice, origin, parameters, chosen)
-    return {
-        'origin': origin,
-        'topic': topic,
-        'observer': choice.observer,
-        'tuned': choice.tuned,
-        'parameters': parameters,
-        'joints': {
-            each.readings.name: {
-                'findings': each.as_dict(),
-                'gains': dict(choice.gains.get(each.readings.name, {})),
-                'verdict': None if each.answer is None else each.answer.verdict.as_dict(),
-            }
-            for each in examined
-        },
-        'ok': _passed(examined),
-    }
+    return _reported(parsed, examined, choice, origin, parameters, chosen)
 
 
 def _own(topic: str, made: Mapping[str, str]) -> list[Finding]:

@@ -22,10 +22,10 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.delay import measured
-from estimator_pkg.evaluation.compare.matching import exact, pieces
-from estimator_pkg.evaluation.doctor.readings import FAIL, PASS, WARN, Finding
+from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Finding
+from estimator_pkg.evaluation.delay import measured
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.matching import exact, pieces
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.reference.back_emf import (
@@ -134,29 +134,16 @@ def _of_samples(drive: Drive) -> list[Finding]:
     step = float(np.median(steps))
     lost = float(np.sum(np.rint(steps / step) - 1.0)) / (len(steps) + 1)
     longest = float(np.max(steps))
-    slow = 1.0 / step < SLOWEST
+    slow, often = 1.0 / step < SLOWEST, lost > LOST
+    unit = 'check the unit of the stamps: milliseconds as seconds? A drive is sampled at kHz'
+    jumps = f'the clock jumps back {back} time{"s" * (back > 1)}' if back else 'no jump back'
+    one = 'one run or simulation per record; the longest is judged here' if back else ''
+    rate = f'{1.0 / step:.6g} Hz, {len(drive.stamps)} samples'
+    gaps = f'{100.0 * lost:.2g} %, longest gap {number(longest * 1e3, 2)} ms'
     found = [
-        Finding(
-            'rate',
-            WARN if slow else PASS,
-            f'{1.0 / step:.6g} Hz, {len(drive.stamps)} samples',
-            'check the unit of the stamps: milliseconds as seconds? A drive is sampled at kHz'
-            if slow
-            else '',
-        ),
-        Finding(
-            'lost samples',
-            WARN if lost > LOST else PASS,
-            f'{100.0 * lost:.2g} %, longest gap {number(longest * 1e3, 2)} ms',
-            'send each sample' if lost > LOST else '',
-        ),
-        Finding(
-            'order of stamps',
-            FAIL if back else PASS,
-            f'the clock jumps back {back} time{"s" * (back > 1)}' if back else 'no jump back',
-            'one run or simulation per record; the longest is judged here' if back else '',
-            {'clock_jumps': back},
-        ),
+        Finding('rate', WARN if slow else PASS, rate, unit if slow else ''),
+        Finding('lost samples', WARN if often else PASS, gaps, 'send each sample' if often else ''),
+        Finding('order of stamps', FAIL if back else PASS, jumps, one, {'clock_jumps': back}),
     ]
     for what, values, unit in (('current', drive.current, 'A'), ('voltage', drive.voltage, 'V')):
         most = float(np.max(np.abs(values)))
@@ -182,12 +169,9 @@ def _sense(drive: Drive) -> Finding:
         for each in (np.conj(voltage), voltage)
     )
     if against > OPPOSED * same:
-        return Finding(
-            PHASES,
-            WARN,
-            'currents and voltages turn in opposite directions',
-            'two phases are swapped in one of them: give both in the order a, b, c',
-        )
+        text = 'currents and voltages turn in opposite directions'
+        remedy = 'two phases are swapped in one of them: give both in the order a, b, c'
+        return Finding(PHASES, WARN, text, remedy)
     seen = same > OPPOSED * against
     return Finding(PHASES, PASS, 'turn the same way' if seen else 'this record does not show it')
 
@@ -197,13 +181,14 @@ def _of_back_emf(emf: BackEmf) -> Finding:
     seen = np.isfinite(emf.angle)
     share = float(np.mean(seen))
     fastest = float(np.max(np.abs(emf.speed[seen])))
-    return Finding(
-        'back-EMF',
-        PASS if share >= SEEN else WARN,
+    text = (
         f'shows the rotor for {100.0 * share:.0f} % of the time, up to '
-        f'{number(fastest, 4)} rad/s (electrical)',
-        '' if share >= SEEN else 'nothing is judged while the motor is slow: turn it faster',
+        f'{number(fastest, 4)} rad/s (electrical)'
     )
+    if share >= SEEN:
+        return Finding('back-EMF', PASS, text)
+    remedy = 'nothing is judged while the motor is slow: turn it faster'
+    return Finding('back-EMF', WARN, text, remedy)
 
 
 def _of_motor(emf: BackEmf, moved: Motion, values: Mapping[str, Any]) -> list[Finding]:
@@ -222,17 +207,10 @@ def _of_motor(emf: BackEmf, moved: Motion, values: Mapping[str, Any]) -> list[Fi
     given, resistance = float(values['flux']), float(values['resistance'])
     inductance = float(values['inductance'])
     wrong = abs(flux / given - 1.0) > FLUX
-    found = [
-        Finding(
-            'flux linkage',
-            WARN if wrong else PASS,
-            f'{number(flux, 4)} Wb, given {number(given, 4)} Wb',
-            f'set flux to {number(flux, 4)}, or check resistance, voltages and scaling'
-            if wrong
-            else '',
-            {'flux': flux},
-        )
-    ]
+    text = f'{number(flux, 4)} Wb, given {number(given, 4)} Wb'
+    remedy = f'set flux to {number(flux, 4)}, or check resistance, voltages and scaling'
+    level = WARN if wrong else PASS
+    found = [Finding('flux linkage', level, text, remedy if wrong else '', {'flux': flux})]
     halved = np.abs(size + 0.5 * (resistance + 1j * inductance * speed) * current)
     half = _rest(halved, np.abs(speed)) < CLEARLY * _rest(size, np.abs(speed))
     fits = resistance + more
@@ -326,14 +304,10 @@ def _judged(
         tracked[label] = len(np.unique(made.stamps)) / max(len(made.due), 1)
     default = OBSERVER
     share = tracked.get(default, 0.0)
-    found.append(
-        Finding(
-            'lock',
-            PASS if share >= SEEN else (WARN if share else FAIL),
-            f'pmsm has an estimate for {100.0 * share:.0f} % of the samples',
-            '' if share >= SEEN else why or 'see flux linkage and resistance',
-        )
-    )
+    text = f'pmsm has an estimate for {100.0 * share:.0f} % of the samples'
+    remedy = '' if share >= SEEN else why or 'see flux linkage and resistance'
+    level = PASS if share >= SEEN else WARN if share else FAIL
+    found.append(Finding('lock', level, text, remedy))
     if not velocity:
         return Examined(name, found, [f'No ranking: {why or "no form has an estimate"}.'], {})
     moved = moved.part(run)

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,19 +15,25 @@ from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
-from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.bags.series import joint_series
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.doctor import angles, stamps, velocities
+from estimator_pkg.evaluation.checks.joint import (
+    FEWEST,
+    checked,
+    failed,
+    reference,
+    stamped,
+    stretch,
+)
+from estimator_pkg.evaluation.checks.readings import Finding, Readings
+from estimator_pkg.evaluation.doctor import velocities
 from estimator_pkg.evaluation.doctor.choice import Answer, answer
-from estimator_pkg.evaluation.doctor.readings import FAIL, Finding, Readings
 from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.streams.contract import PUBLISHER, Request
 from estimator_pkg.streams.drive import DriveStream
-
-FEWEST = angles.FEWEST
 
 
 @dataclass(frozen=True)
@@ -49,16 +55,7 @@ class Examined:
 
     def as_dict(self) -> list[dict[str, Any]]:
         """Return the findings for ``--json``."""
-        return [
-            {
-                'check': each.check,
-                'level': each.level,
-                'value': each.value,
-                'remedy': each.remedy,
-                **each.numbers,
-            }
-            for each in self.findings
-        ]
+        return [each.as_dict() for each in self.findings]
 
 
 def setup(
@@ -102,45 +99,20 @@ def readings(bag: Bag, chosen: Setup) -> list[Readings]:
         }
     if not any(np.isfinite(each.position).any() for each in by_stamp.values()):
         raise UserError(f'{bag.path}: {topic.name} has no readable joint: no position is finite')
-    if not any((each.stamps_ns > 0).any() for each in by_stamp.values()):
-        start = 0
-    else:
-        start = min(
-            int(np.min(each.stamps_ns[each.stamps_ns > 0], initial=2**62))
-            for each in by_stamp.values()
+    stamps = np.concatenate([each.stamps_ns for each in by_stamp.values()])
+    start = int(np.min(stamps[stamps > 0])) if np.any(stamps > 0) else 0
+    return [
+        Readings(
+            name,
+            each.stamps_ns,
+            arrived[name],
+            np.where(np.abs(each.position) < LARGEST, each.position, np.nan),
+            each.velocity,
+            period,
+            start,
         )
-    return [_readings(name, each, arrived[name], period, start) for name, each in by_stamp.items()]
-
-
-def _readings(
-    name: str, series: Series, arrival: np.ndarray, period: float, start: int
-) -> Readings:
-    position = np.where(np.abs(series.position) < LARGEST, series.position, np.nan)
-    return Readings(name, series.stamps_ns, arrival, position, series.velocity, period, start)
-
-
-def stamped(seen: Readings) -> Readings:
-    """Return the readings; those without any stamp are taken at their arrival."""
-    if np.any(seen.stamps_ns > 0) or not len(seen.arrival_ns):
-        return seen
-    return replace(seen, stamps_ns=seen.arrival_ns, start_ns=int(seen.arrival_ns[0]))
-
-
-def checked(seen: Readings) -> list[Finding]:
-    """Return the findings on stamps and readings of one joint."""
-    missing, seen = stamps.missing_stamps(seen), stamped(seen)
-    if len(seen.rows) < FEWEST:
-        text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
-        few = Finding('readings', FAIL, text, 'record the joint for some seconds')
-        return [missing, stamps.order(seen), few]
-    found = [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
-    found.insert(len(stamps.CHECKS), missing)
-    return found
-
-
-def failed(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings that FAIL."""
-    return [each for each in findings if each.level == FAIL]
+        for name, each in by_stamp.items()
+    ]
 
 
 def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
@@ -153,11 +125,11 @@ def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
     found, seen = checked(seen), stamped(seen)
     if len(seen.rows) < FEWEST:
         return Examined(seen, found)
-    rows = np.sort(velocities.stretch(seen))
-    reference = velocities.reference(seen, rows)
-    found += velocities.checks(seen, reference, rows)
+    rows = np.sort(stretch(seen))
+    moved = reference(seen, rows)
+    found += velocities.checks(seen, moved, rows)
     made = None
-    if reference is not None and not failed(found):
-        made = answer(seen, reference, rows, motion_hz)
+    if moved is not None and not failed(found):
+        made = answer(seen, moved, rows, motion_hz)
     found = [each._replace(value=units(each.value, seen.period)) for each in found]
     return Examined(seen, found, made)

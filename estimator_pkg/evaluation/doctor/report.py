@@ -14,9 +14,7 @@ import numpy as np
 
 from estimator_pkg import params_file, yaml_text
 from estimator_pkg.evaluation import plots
-from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
-from estimator_pkg.evaluation.doctor.examine import Examined
-from estimator_pkg.evaluation.doctor.readings import (
+from estimator_pkg.evaluation.checks.readings import (
     FAIL,
     LEVELS,
     PASS,
@@ -25,6 +23,8 @@ from estimator_pkg.evaluation.doctor.readings import (
     Readings,
     to_mend,
 )
+from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
+from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.text import for_node, units

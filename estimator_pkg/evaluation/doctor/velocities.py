@@ -6,14 +6,11 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 
 from estimator_pkg.bags.series import at_stamps
-from estimator_pkg.evaluation.compare.delay import UNKNOWN, Delay, measured
-from estimator_pkg.evaluation.compare.interpolation import cubic
-from estimator_pkg.evaluation.doctor.readings import (
+from estimator_pkg.evaluation.checks.readings import (
     DIFFERENCE,
     PASS,
     WARN,
@@ -23,49 +20,15 @@ from estimator_pkg.evaluation.doctor.readings import (
     Rows,
     late_by,
 )
+from estimator_pkg.evaluation.delay import UNKNOWN, Delay, measured
 from estimator_pkg.evaluation.ranking.cautions import DOUBT, contradiction
-from estimator_pkg.evaluation.reference.motion import Motion, motion
+from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.signals import cubic
 from estimator_pkg.parameters import declared
 
-LONGEST = 20_000  # readings of the part that is smoothed
 LATE, LATE_STEPS = 2e-3, 3.0  # a published velocity later than both [s, samples] is reported
 FEWEST = 100  # readings without which there is no reference
 LOW_PASS = declared(type(DIFFERENCE.joint().observer.gains()))['bandwidth_hz'].default
-
-
-def stretch(seen: Readings, longest: int = LONGEST) -> Rows:
-    """Return at most `longest` consecutive readings without a jump, of the joint or of the clock.
-
-    Those in which the joint moves most are taken.
-
-    They are indices, shape (k,). A reading that jumps and returns at once is left out.
-    """
-    jumps = np.flatnonzero(seen.leaps)
-    alone = jumps[np.isin(jumps + 1, jumps) & ~np.isin(jumps - 1, jumps)] + 1
-    turns = np.union1d(jumps, np.flatnonzero(~seen.joined))
-    cuts = np.setdiff1d(turns, np.r_[alone - 1, alone]) + 1
-    way = np.concatenate([[0.0], np.cumsum(np.where(seen.leaps, 0.0, np.abs(seen.moves)))])
-    parts = [
-        slice(first, min(first + longest, end))
-        for begin, end in pairwise([0, *cuts.tolist(), len(seen.rows)])
-        for first in range(begin, max(end - longest, begin) + 1, max(longest // 10, 1))
-        if end - begin >= FEWEST
-    ] or [slice(0, 0)]
-    best = max(parts, key=lambda part: way[max(part.stop - 1, 0)] - way[part.start])
-    return seen.rows[np.setdiff1d(np.arange(best.start, best.stop), alone)]
-
-
-def reference(seen: Readings, rows: Rows) -> Motion | None:
-    """Return the motion that these readings show; None if they do not show it.
-
-    Parameters
-    ----------
-    rows : shape (k,), indices of the readings, as `stretch` returns them.
-    """
-    if seen.at_rest or len(rows) < FEWEST:
-        return None
-    found = motion(seen.stamps_ns[rows], seen.position[rows], seen.period)
-    return None if found is None or found.seldom else found
 
 
 def checks(seen: Readings, found: Motion | None, rows: Rows) -> list[Finding]:
@@ -101,36 +64,23 @@ def checks(seen: Readings, found: Motion | None, rows: Rows) -> list[Finding]:
     result = []
     if found.smoothed.contradicted:
         result.append(Finding('reference', WARN, contradiction(found.smoothed), DOUBT))
-    for name, words, values in (
+    compared = [
         ('finite difference', 'raw', raw),
         ('low-passed', f'at {LOW_PASS:g} Hz', seen.difference.velocity),
-    ):
+    ]
+    known = seen.velocity[np.isfinite(seen.velocity)]
+    if len(known) > FEWEST and np.ptp(known):
+        compared.append(('published velocity', 'that of the topic', seen.velocity))
+    for name, words, values in compared:
         rms, noise, late = error(values)
-        result.append(
-            Finding(
-                name,
-                PASS,
-                f'{words}: noise {noise:.3g} rad/s, {late_by(late)}, at {speed:.3g} rad/s rms',
-                '',
-                numbers
-                | {'rms': rms, 'noise': noise, 'delay_s': late.late, 'delay_95_s': late.half},
-            )
-        )
-    if np.count_nonzero(np.isfinite(seen.velocity)) > FEWEST and np.ptp(
-        seen.velocity[np.isfinite(seen.velocity)]
-    ):
-        rms, noise, late = error(seen.velocity)
-        slow = late.late - late.half > max(LATE, LATE_STEPS * seen.step)
-        result.append(
-            Finding(
-                'published velocity',
-                WARN if slow else PASS,
-                f'that of the topic: noise {noise:.3g} rad/s, {late_by(late)}',
-                'use the estimate of a node instead' if slow else '',
-                numbers
-                | {'rms': rms, 'noise': noise, 'delay_s': late.late, 'delay_95_s': late.half},
-            )
-        )
+        published = values is seen.velocity
+        slow = published and late.late - late.half > max(LATE, LATE_STEPS * seen.step)
+        text = f'{words}: noise {noise:.3g} rad/s, {late_by(late)}'
+        if not published:
+            text += f', at {speed:.3g} rad/s rms'
+        remedy = 'use the estimate of a node instead' if slow else ''
+        more = {'rms': rms, 'noise': noise, 'delay_s': late.late, 'delay_95_s': late.half}
+        result.append(Finding(name, WARN if slow else PASS, text, remedy, numbers | more))
     return result
 
 

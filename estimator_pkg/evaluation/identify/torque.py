@@ -30,14 +30,14 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.evaluation.compare.delay import delay
-from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.truth import truth
+from estimator_pkg.evaluation.delay import delay
 from estimator_pkg.evaluation.identify.data import recording
 from estimator_pkg.evaluation.identify.fit import DELAY, fit
 from estimator_pkg.evaluation.identify.joint import identify
 from estimator_pkg.evaluation.identify.model import unknowns
 from estimator_pkg.evaluation.identify.pieces import Recording, accumulated
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import MEASUREMENT, Options
 from estimator_pkg.evaluation.text import table
 from estimator_pkg.models.load import load

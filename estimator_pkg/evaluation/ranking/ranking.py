@@ -33,8 +33,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.matching import exact
-from estimator_pkg.evaluation.ranking import pairs as test
+from estimator_pkg.evaluation import pairs as test
+from estimator_pkg.evaluation.matching import exact
 from estimator_pkg.evaluation.ranking.cautions import cautions
 from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict, shown

@@ -23,9 +23,9 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
-from estimator_pkg.evaluation.compare.matching import PAUSE, pieces
-from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.matching import PAUSE, pieces
 from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.signals import wrapped
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.models.motor import POWER_INVARIANT, MotorData, check_motor

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
 

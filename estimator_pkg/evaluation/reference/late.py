@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator_pkg.bags.series import Series
-from estimator_pkg.evaluation.compare.delay import delay
-from estimator_pkg.evaluation.compare.matching import match
+from estimator_pkg.evaluation.delay import delay
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.reference.reference import Reference
 

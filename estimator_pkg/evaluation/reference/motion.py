@@ -16,20 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.matching import match
-from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference.fresh import Fresh, fresh
 from estimator_pkg.evaluation.reference.low_pass import low_passed
 from estimator_pkg.evaluation.reference.put_back import needed, put_back
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut
-from estimator_pkg.evaluation.reference.smoother.smoother import (
-    ALONE,
-    COUNTS,
-    OUTLIER,
-    Smoothed,
-    smooth,
-)
+from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed, outliers, smooth
+from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -157,7 +151,8 @@ def motion(stamps: Stamps, position: Array, period: float) -> Motion | None:
         stddev, firm = lines[1], np.ones(len(velocity), bool)
     elif not smoothed.seldom and needed(smoothed):
         rest = wrapped(position[used] - smoothed.position, period)
-        more, at_hz = put_back(smoothed, _without_outliers(rest, smoothed.noise.quantum))
+        rest[outliers(rest, smoothed.noise.quantum)] = 0.0
+        more, at_hz = put_back(smoothed, rest)
         if not math.isnan(at_hz):
             velocity = smoothed.velocity + more
     at = match(stamps[good], smoothed.stamps, velocity, places, 0.0)
@@ -199,14 +194,6 @@ def _followed(smoothed: Smoothed, readings: Array, period: float) -> NDArray[np.
 def _firsts(smoothed: Smoothed) -> NDArray[np.int64]:
     """Return the first row of each piece."""
     return np.array([part.rows[0] for part in cut(smoothed.stamps, smoothed.position)], np.int64)
-
-
-def _without_outliers(rest: Array, count: float) -> Array:
-    """Return the residual with 0 for single readings far from the smoothed position."""
-    size = np.abs(rest)
-    far = size > max(OUTLIER * 1.4826 * float(np.median(size)), COUNTS * count, 1e-12)
-    far[1:-1] &= size[1:-1] > ALONE * np.maximum(size[:-2], size[2:])
-    return np.where(far, 0.0, rest)
 
 
 def _lines(smoothed: Smoothed, readings: Array, period: float) -> tuple[Array, float] | None:

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.delay import GAP
-from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.delay import GAP
 from estimator_pkg.evaluation.options import SMOOTHER
 from estimator_pkg.evaluation.reference.white_noise import noise
+from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
 

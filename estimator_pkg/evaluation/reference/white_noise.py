@@ -22,8 +22,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.delay import GAP
-from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.delay import GAP
+from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
 

@@ -1,11 +1,10 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Plots of a joint: curves over time, the largest error, error by speed, spectrum, distribution."""
+"""Plots of a joint: curves over time, the largest error, error by speed, spectrum."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -15,13 +14,11 @@ from numpy.typing import NDArray
 from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.evaluation.compare.comparison import BAND, Comparison, Row
 from estimator_pkg.evaluation.plots import GREY, Curve, Style, figure, over_time
-from estimator_pkg.evaluation.report.findings import Measurement
-from estimator_pkg.evaluation.report.spectrum import by_speed, density, normalised
+from estimator_pkg.evaluation.report.spectrum import by_speed, density
 from estimator_pkg.printable import printable
 
 Array = NDArray[np.float64]
 
-HOLES_MARKED = 200
 AROUND = 300  # samples on either side of the largest error
 FREQUENCIES = 160  # points of a spectrum, evenly on its logarithmic axis
 SPACING = 0.5  # lines of several statuses are drawn within this distance
@@ -102,7 +99,7 @@ def around_the_worst(best: Row, rows: Sequence[Row]) -> tuple[Any, Any]:
 
 def error_by_speed(rows: Sequence[Row]) -> tuple[Any, Any]:
     """Return the plot of the rms error in bins of the reference's speed, and its lines."""
-    found = [(row.source, *by_speed(row.truth, row.estimate - row.truth)[:2]) for row in rows]
+    found = [(row.source, *by_speed(row.truth, row.estimate - row.truth)) for row in rows]
     return figure(
         'error against speed', 'speed of the reference [rad/s]', 'rms error [rad/s]'
     ), found
@@ -122,36 +119,3 @@ def error_spectrum(rows: Sequence[Row]) -> tuple[Any, Any]:
         found.append((row.source, frequency, np.where(root > 0.0, root, np.nan)))
     axes: dict[str, Any] = {'x_axis_type': 'log', 'y_axis_type': 'log'}
     return figure('spectrum of the error', 'frequency [Hz]', '(rad/s) / root Hz', **axes), found
-
-
-def distribution(rows: Sequence[Row]) -> tuple[Any, Any]:
-    """Return the plot of error over standard deviation with the expected one, and its lines."""
-    found = []
-    for row in rows:
-        middles, heights = normalised(
-            row.estimate - row.truth, np.hypot(row.stddev, row.reference_noise)
-        )
-        if len(middles):
-            found.append((row.source, middles, heights))
-    plot = figure('error / deviation; grey: expected', 'deviations (outermost: beyond)', 'density')
-    at = np.linspace(-5.0, 5.0, 81)
-    plot.line(at, np.exp(-0.5 * at * at) / math.sqrt(2.0 * math.pi), **REFERENCE)
-    return plot, found
-
-
-def sample_times(seen: Measurement) -> Any:
-    """Return a histogram of sample times with the gaps marked."""
-    holes = np.array([length for _, length in seen.holes[:HOLES_MARKED]]) * 1e3
-    milliseconds = seen.steps[seen.steps > 0.0] * 1e3
-    usual = 1e3 / seen.rate
-    low = min(float(np.min(milliseconds)) * 0.9, 0.5 * usual)
-    high = max(float(np.max(milliseconds)) * 1.1, 2.0 * usual)
-    heights, edges = np.histogram(milliseconds, np.geomspace(low, high, 61))
-    title = 'sample times' + (' (triangles: gaps)' if len(holes) else '')
-    axes: dict[str, Any] = {'x_axis_type': 'log', 'y_axis_type': 'log'}
-    plot = figure(title, 'sample time [ms]', 'samples', **axes)
-    plot.x_range.start, plot.x_range.end = low, high
-    some = heights > 0
-    plot.quad(edges[:-1][some], edges[1:][some], heights[some], 0.5, fill_color='#0072b2')
-    plot.scatter(holes, np.full(len(holes), 0.6), marker='triangle', size=9, color='#d55e00')
-    return plot

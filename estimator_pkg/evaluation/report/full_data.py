@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 import zipfile
-from types import TracebackType
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,20 +23,11 @@ class FullData:
 
     Parameters
     ----------
-    path : of the file; it appears when it is complete.
-
-    Raises
-    ------
-    UserError : the file cannot be written.
+    file : see `full_data`.
     """
 
-    def __init__(self, path: str) -> None:
-        destination.check(path)
-        self.path = path
-        self._whole = whole_file.replacing(path)
-        self._zip = zipfile.ZipFile(
-            self._whole.__enter__(), 'w', zipfile.ZIP_DEFLATED, compresslevel=LEVEL
-        )
+    def __init__(self, file: zipfile.ZipFile) -> None:
+        self._zip = file
 
     def add(self, comparison: Comparison) -> None:
         """Add every compared sample of one bag."""
@@ -65,22 +57,21 @@ class FullData:
         with self._zip.open(f'{name}.npy', 'w', force_zip64=True) as stream:
             np.lib.format.write_array(stream, np.ascontiguousarray(values), allow_pickle=False)
 
-    def __enter__(self) -> FullData:
-        return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Give the complete file its name, or delete it after an error."""
-        try:
-            self._zip.close()
-        except BaseException as problem:
-            self._whole.__exit__(type(problem), problem, problem.__traceback__)
-            raise
-        self._whole.__exit__(kind, error, trace)
+@contextmanager
+def full_data(path: str) -> Iterator[FullData]:
+    """Write an .npz file, which appears when it is complete.
+
+    Raises
+    ------
+    UserError : the file cannot be written.
+    """
+    destination.check(path)
+    with (
+        whole_file.replacing(path) as temporary,
+        zipfile.ZipFile(temporary, 'w', zipfile.ZIP_DEFLATED, compresslevel=LEVEL) as file,
+    ):
+        yield FullData(file)
 
 
 def _name(*parts: str) -> str:

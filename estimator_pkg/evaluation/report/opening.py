@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from estimator_pkg import observers, params_file, registry, streams, yaml_text
+from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.ranking.verdict import Verdict, listed
 from estimator_pkg.evaluation.report.contradictions import grouped
-from estimator_pkg.evaluation.report.findings import Measurement
 from estimator_pkg.evaluation.report.tables import SHOWN, changed
 from estimator_pkg.evaluation.report.tradeoff import RAW, of_row
 from estimator_pkg.evaluation.text import interval, number
@@ -77,7 +77,7 @@ def words(
             how = ' with ' + ', '.join(f'{name} {text}' for name, text in values.items())
         else:
             how = ' as it is' if source in entries or _known(source) else ''
-        on = '' if len(by_source) == 1 else f' on {_listed(joints)}'
+        on = '' if len(by_source) == 1 else f' on {listed(joints)}'
         if len(by_source) == 1 and len(joints) > 1:
             on = f' on all {len(joints)} joints'
         beside = [raw[row.joint] for row in rows if row.joint in raw and source != RAW]
@@ -182,15 +182,11 @@ def _known(source: str) -> bool:
     return source in registry.names(registry.OBSERVERS)
 
 
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else ', '.join(names[:-1]) + ' and ' + names[-1]
-
-
 def parameter_file(
     comparison: Comparison,
     chosen: Mapping[str, Row],
     entries: Mapping[str, Entry],
-    seen: Mapping[str, Measurement],
+    seen: Mapping[str, Readings],
     period: float,
     verdicts: Mapping[str, Verdict],
 ) -> str:

@@ -6,23 +6,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 
 from estimator_pkg import __version__, destination, whole_file
 from estimator_pkg.evaluation import plots
+from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, opening, tradeoff
 from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
-from estimator_pkg.evaluation.report.findings import NONE, Measurement, look, sentences
+from estimator_pkg.evaluation.report.findings import NONE, look, sentences
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.printable import escaped
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleSettings
+from estimator_pkg.streams.drive import ELECTRICAL
 
 PER_ESTIMATE, SHARED = 4, 4  # numbers per instant: velocity, error, deviation, status; and others
 USE = (
@@ -33,13 +35,7 @@ USE = (
 
 
 class Report:
-    """Collects bags and writes the page; a context manager.
-
-    To make a page of series that are in memory (a live record, say), make a `Comparison` with
-    `compare.comparison.compared` and add it:
-
-        with Report(path, 1, period) as page:
-            page.add(comparison, verdicts=..., parameters=text, checks=[('PASS', 'rate: ...')])
+    """Collects bags and writes the page at the end of `written`.
 
     Parameters
     ----------
@@ -76,49 +72,25 @@ class Report:
         self._chosen: dict[str, None] = {}
         self._left_out = ''
 
-    def __enter__(self) -> Report:
-        return self
+    @contextmanager
+    def written(self) -> Iterator[Report]:
+        """Write the page at the end, unless an error occurred."""
+        yield self
+        with progress(f'{self.path}: page', None):
+            self._write()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Write the page, unless an error occurred."""
-        if kind is None:
-            with progress(f'{self.path}: page', None):
-                self._write()
-
-    def add(
-        self,
-        comparison: Comparison,
-        verdicts: Mapping[str, Verdict] | None = None,
-        parameters: str | None = None,
-        checks: Sequence[tuple[str, str]] = (),
-    ) -> list[str]:
-        """Add a bag; return its findings as sentences.
-
-        Parameters
-        ----------
-        comparison : rows of estimates, their references and the measured positions.
-        verdicts : the ranking of each joint without truth; None: those of the comparison. A joint
-            without one is ranked by its errors against the truth.
-        parameters : text of the parameter file to show; None: the chosen observer's.
-        checks : (state, sentence), such as ('WARN', 'the stamps jitter by 2 ms: ...').
-        """
-        if verdicts is None:
-            verdicts = getattr(comparison, 'verdicts', {})
-        verdicts = {joint: each for joint, each in verdicts.items() if each is not None}
+    def add(self, comparison: Comparison) -> list[str]:
+        """Add a bag; return its findings as sentences."""
+        verdicts = comparison.verdicts
         joints = list(dict.fromkeys(row.joint for row in comparison.rows))
         if not joints:
-            return self._nothing(comparison, verdicts)
-        seen: dict[str, Measurement] = {}
+            return self._nothing(comparison)
+        seen: dict[str, Readings] = {}
         rows: dict[str, list[Row]] = {}
         raw: dict[str, Row] = {}
         with progress(f'{comparison.bag}: page', 3 * len(joints)) as advance:
             for joint in joints:
-                if joint in comparison.measurement:
+                if joint in comparison.measurement and not joint.endswith(ELECTRICAL):
                     found = look(
                         comparison.measurement[joint], comparison.starts[joint], self._period
                     )
@@ -144,11 +116,7 @@ class Report:
             findings = grouped(
                 [*contradictions(comparison, rows, verdicts), *sentences(comparison, seen)], joints
             ) or [NONE]
-            parts = [
-                *self._opening(
-                    comparison, rows, chosen, raw, seen, verdicts, parameters, len(joints)
-                )
-            ]
+            parts = self._opening(comparison, rows, chosen, raw, seen)
             ordered = [row for joint in joints for row in rows[joint]]
             parts += [
                 f'<p class="note">Velocity errors against {escaped(comparison.truth)}, at zero '
@@ -156,16 +124,6 @@ class Report:
                 table(comparison, ordered, _ranked(chosen, verdicts), self._entries),
                 worth(comparison),
             ]
-            if checks:
-                parts.append(
-                    '<h3>Checks</h3><table>'
-                    + ''.join(
-                        f'<tr><td class="text">{escaped(state)}</td>'
-                        f'<td class="text" style="white-space:normal">{escaped(text)}</td></tr>'
-                        for state, text in checks
-                    )
-                    + '</table>'
-                )
             parts += [
                 '<h3>Findings and recommendations</h3>',
                 '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in findings) + '</ul>',
@@ -175,15 +133,14 @@ class Report:
             instants = self._instants(comparison)
             for joint in joints:
                 advance(1)
-                parts += self._of_joint(
-                    comparison, joint, rows[joint], chosen[joint], seen, instants
-                )
+                parts += self._of_joint(comparison, joint, rows[joint], chosen[joint], instants)
                 advance(1)
         self._sections.append('\n'.join(parts))
         return findings
 
-    def _nothing(self, comparison: Comparison, verdicts: Mapping[str, Verdict]) -> list[str]:
+    def _nothing(self, comparison: Comparison) -> list[str]:
         """Add a bag without any comparison: the default observer."""
+        verdicts = comparison.verdicts
         sentences = grouped(
             [f'{joint}: {text}' for joint, each in verdicts.items() for text in each.sentences()],
             verdicts,
@@ -225,20 +182,16 @@ class Report:
         rows: Mapping[str, Sequence[Row]],
         chosen: Mapping[str, Row],
         raw: Mapping[str, Row],
-        seen: Mapping[str, Measurement],
-        verdicts: Mapping[str, Verdict],
-        parameters: str | None,
-        joints: int,
+        seen: Mapping[str, Readings],
     ) -> list[str]:
         """Return heading, verdict, parameter file and picture."""
-        bag = Path(comparison.bag)
+        bag, verdicts, joints = Path(comparison.bag), comparison.verdicts, len(rows)
         anchor = self._overview.add(comparison)
         sentences = opening.words(chosen, raw, self._entries, verdicts)
         recommended = sum(text.startswith('Use ') for text in sentences)
-        if parameters is None:
-            parameters = opening.parameter_file(
-                comparison, chosen, self._entries, seen, self._period, verdicts
-            )
+        parameters = opening.parameter_file(
+            comparison, chosen, self._entries, seen, self._period, verdicts
+        )
         moving = max(rows, key=lambda joint: _speed(rows[joint][0]))
         drawn = tradeoff.picture(
             tradeoff.sweeps(comparison, moving, rows[moving], self._entries, self._period),
@@ -280,13 +233,7 @@ class Report:
         return plots.NUMBERS // (self._bags * numbers)
 
     def _of_joint(
-        self,
-        comparison: Comparison,
-        joint: str,
-        rows: Sequence[Row],
-        best: Row,
-        seen: Mapping[str, Measurement],
-        instants: int,
+        self, comparison: Comparison, joint: str, rows: Sequence[Row], best: Row, instants: int
     ) -> list[str]:
         """Return the plots of a joint."""
         known = plots.styles(self._sources)
@@ -297,11 +244,8 @@ class Report:
                 figures.around_the_worst(best, rows),
                 figures.error_by_speed(rows),
                 figures.error_spectrum(rows),
-                figures.distribution(rows),
             )
         ]
-        if joint in seen:
-            small.append(figures.sample_times(seen[joint]))
         if note:
             note = f'<p class="note">{note} {self._where()}</p>'
         return [

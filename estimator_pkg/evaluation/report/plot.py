@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,40 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg import destination, whole_file
-from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
+from estimator_pkg.evaluation.image import check, save
 from estimator_pkg.evaluation.thinning import broken, extremes, limits
-from estimator_pkg.optional import needs
 from estimator_pkg.printable import drawn
 
 Array = NDArray[np.float64]
 
 COLUMNS = 4
 POINTS = 20_000  # largest number of points of a line
-
-
-def check(path: str) -> None:
-    """Raise UserError unless `path` can be drawn: called before the work, not after it.
-
-    Raises
-    ------
-    UserError : matplotlib is missing, does not support the file type, or the file is not writable.
-    """
-    try:
-        from matplotlib.backend_bases import FigureCanvasBase
-    except ImportError as error:
-        raise UserError(f'plots: {needs("matplotlib")}') from error
-    logging.getLogger('matplotlib').setLevel(logging.ERROR)  # it lists missing fonts
-    kinds = FigureCanvasBase.get_supported_filetypes()
-    kind = Path(path).suffix[1:].lower()
-    if kind not in kinds:
-        raise UserError(
-            f'{path}: '
-            + (f'{kind} is not supported' if kind else 'the name has no ending')
-            + f': end it in one of {", ".join(sorted(kinds))}'
-        )
-    destination.check(path)
 
 
 def draw(comparisons: Sequence[Comparison], path: str) -> None:
@@ -119,12 +93,6 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
         frameon=False,
     )
     save(figure, path)
-
-
-def save(figure: Any, path: str) -> None:
-    """Write a figure, completely or not at all; its type is that of the suffix."""
-    with whole_file.replacing(path) as temporary:
-        figure.savefig(temporary, dpi=120, format=Path(path).suffix[1:].lower())
 
 
 def _line(axis: Any, time: Array, values: Array, **style: Any) -> Any:

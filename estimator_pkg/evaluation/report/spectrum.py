@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Views of an error: over frequency, over speed, and normalised by its standard deviation."""
+"""Views of an error: over frequency, and over speed."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ Array = NDArray[np.float64]
 
 WINDOW = 2048  # samples of a window of the spectrum, or a quarter of the record
 BINS = 24  # of speed
-RANGE = 5.0  # range of the histogram [standard deviations]
-CELLS = 60
 FEW = 5  # bins of speed with fewer samples are skipped
 
 
@@ -53,12 +51,12 @@ def density(time: Array, error: Array) -> tuple[Array, Array]:
     return np.arange(1, size // 2 + 1) / (size * step), np.sqrt(power[1:])
 
 
-def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
-    """Return (speed, rms error, mean error) [rad/s] over bins of true speed, each shape (k,)."""
+def by_speed(truth: Array, error: Array) -> tuple[Array, Array]:
+    """Return (speed, rms error) [rad/s] over bins of true speed, each of shape (k,)."""
     good = np.isfinite(truth) & np.isfinite(error)
     truth, error = truth[good], error[good]
     if len(truth) < FEW:
-        return np.zeros(0), np.zeros(0), np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     order = np.argsort(truth, kind='stable')
     parts = [
         part for part in np.array_split(order, min(BINS, max(1, len(order) // FEW))) if len(part)
@@ -66,23 +64,4 @@ def by_speed(truth: Array, error: Array) -> tuple[Array, Array, Array]:
     return (
         np.array([np.mean(truth[part]) for part in parts]),
         np.array([np.sqrt(np.mean(error[part] ** 2)) for part in parts]),
-        np.array([np.mean(error[part]) for part in parts]),
     )
-
-
-def normalised(error: Array, stddev: Array) -> tuple[Array, Array]:
-    """Return (middles, density) of error / standard deviation; empty without the latter.
-
-    Both have shape (CELLS,) or (0,), and no unit.
-
-    Parameters
-    ----------
-    error, stddev : shape (n,), in the same unit; nan: none.
-    """
-    good = np.isfinite(error) & np.isfinite(stddev) & (stddev > 0.0)
-    if not good.any():
-        return np.zeros(0), np.zeros(0)
-    ratio = np.clip(error[good] / stddev[good], -RANGE, RANGE)
-    heights, edges = np.histogram(ratio, bins=CELLS, range=(-RANGE, RANGE))
-    width = edges[1] - edges[0]
-    return 0.5 * (edges[1:] + edges[:-1]), heights / (len(ratio) * width)

@@ -19,10 +19,10 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.compare.comparison import Comparison, Kept, Row, coverage
-from estimator_pkg.evaluation.compare.delay import measured
-from estimator_pkg.evaluation.compare.interpolation import cubic
+from estimator_pkg.evaluation.delay import measured
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.plots import GREY, Style, figure
+from estimator_pkg.evaluation.signals import cubic
 from estimator_pkg.parameters import declared
 from estimator_pkg.printable import printable
 

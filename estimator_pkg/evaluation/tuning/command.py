@@ -17,6 +17,7 @@ from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
+from estimator_pkg.evaluation.image import check
 from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
@@ -27,7 +28,6 @@ from estimator_pkg.evaluation.options import (
     joint_arguments,
     truth_argument,
 )
-from estimator_pkg.evaluation.report.plot import check
 from estimator_pkg.evaluation.text import started
 from estimator_pkg.evaluation.tuning import any_observer, live, output, picture
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from estimator_pkg.bags.recording import Estimate
 from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.interpolation import slopes
-from estimator_pkg.evaluation.ranking import pairs
+from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
+from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.tuning.objective import (
     FEWEST,
     Known,

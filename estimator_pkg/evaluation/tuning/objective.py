@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.recording import Estimate, Recording
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.delay import measured
+from estimator_pkg.evaluation.delay import measured
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from estimator_pkg.evaluation.report.plot import check, save
+from estimator_pkg.evaluation.image import check, save
 from estimator_pkg.printable import drawn
 
 

@@ -15,15 +15,15 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.recording import Estimate, Recording
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.evaluation.compare.interpolation import slopes
-from estimator_pkg.evaluation.compare.matching import match
 from estimator_pkg.evaluation.compare.sources import measured, recording
 from estimator_pkg.evaluation.compare.truth import Truth, check_common, listed, truth
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.ranking.cautions import cautions
 from estimator_pkg.evaluation.reference.motion import Motion
 from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.tuning.objective import Known, Part, averaged
 
 SHORTEST = 20  # smallest number of samples of a part with a truth

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.delay import delay, measured
-from estimator_pkg.evaluation.compare.interpolation import cubic
-from estimator_pkg.evaluation.compare.matching import match, pieces
+from estimator_pkg.evaluation.delay import delay, measured
+from estimator_pkg.evaluation.matching import match, pieces
 from estimator_pkg.evaluation.reference import reference
 from estimator_pkg.evaluation.reference.white_noise import noise
+from estimator_pkg.evaluation.signals import cubic
 from estimator_pkg.evaluation.text import error, fixed, interval
 
 TURN = 2.0 * np.pi

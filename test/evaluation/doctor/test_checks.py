@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from estimator_pkg.evaluation.doctor.examine import checked
-from estimator_pkg.evaluation.doctor.readings import FAIL, PASS, Readings
+from estimator_pkg.evaluation.checks.joint import checked
+from estimator_pkg.evaluation.checks.readings import FAIL, PASS, Readings
 
 TURN = 2.0 * math.pi
 RATE, SECONDS, COUNT = 500.0, 12.0, TURN / 4096

@@ -24,10 +24,10 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.doctor import command
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Answer, choose, sentences
 from estimator_pkg.evaluation.doctor.examine import examine
-from estimator_pkg.evaluation.doctor.readings import Readings
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
 from estimator_pkg.evaluation.reference.smoother import smoother

@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from estimator_pkg.evaluation.ranking import pairs
+from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.tuning import held_out
 from estimator_pkg.evaluation.tuning.objective import Weights
 

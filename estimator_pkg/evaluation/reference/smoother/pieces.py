@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.matching import pieces
+from estimator_pkg.evaluation.matching import pieces
 from estimator_pkg.evaluation.reference.smoother.steps import Motion
 
 Array = NDArray[np.float64]

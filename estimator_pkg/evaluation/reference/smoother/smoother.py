@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.engine.calls import run
-from estimator_pkg.evaluation.compare.metrics import wrapped
 from estimator_pkg.evaluation.reference.smoother.noise import COARSE, Noise, in_cells, white
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.residual import unexplained
@@ -37,6 +36,7 @@ from estimator_pkg.evaluation.reference.smoother.steps import (
     backward,
     forward,
 )
+from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -131,11 +131,11 @@ def smooth(
     if found is None:
         return _nothing()
     result = [_as_numbers(part, found, period) for part in parts]
-    outliers = 0
+    ignored = 0
     if noise is None:
         cleaned = [_without_outliers(part, out, found, period) for part, out in zip(parts, result)]
-        outliers = sum(count for _, count in cleaned)
-        if outliers:
+        ignored = sum(count for _, count in cleaned)
+        if ignored:
             parts = [part for part, _ in cleaned]
             found = white(parts, position[good], period, reading) or found
             result = [_as_numbers(part, found, period) for part in parts]
@@ -159,7 +159,7 @@ def smooth(
         columns[:, 2],
         columns[:, 3],
         found,
-        outliers,
+        ignored,
         unexplained(parts, rest, weights, found.quantised),
         _changes(parts, found.quantum),
         rows,
@@ -229,15 +229,25 @@ def _without_outliers(
     part: Piece, smoothed: Array, noise: Noise, period: float
 ) -> tuple[Piece, int]:
     """Return the piece without outliers, and their number."""
-    rest = _rest(part, smoothed, period)
-    spread = 1.4826 * float(np.nanmedian(np.abs(rest)))
-    far = np.abs(rest) > max(OUTLIER * spread, COUNTS * noise.quantum, 1e-12)
-    size = np.nan_to_num(np.abs(rest))
-    far[1:-1] &= size[1:-1] > ALONE * np.maximum(size[:-2], size[2:])
+    far = outliers(_rest(part, smoothed, period), noise.quantum)
     far[0] = False  # a piece starts from its first reading
     if not far.any() or np.mean(far) > 0.1:  # a tenth of all readings are not outliers
         return part, 0
     return part._replace(readings=np.where(far, np.nan, part.readings)), int(np.sum(far))
+
+
+def outliers(rest: Array, quantum: float) -> NDArray[np.bool_]:
+    """Return True, shape (n,), for single readings far from the smoothed position.
+
+    Parameters
+    ----------
+    rest : shape (n,), readings minus smoothed positions [rad]; nan: none. quantum : [rad].
+    """
+    spread = 1.4826 * float(np.nanmedian(np.abs(rest)))
+    size = np.nan_to_num(np.abs(rest))
+    far = size > max(OUTLIER * spread, COUNTS * quantum, 1e-12)
+    far[1:-1] &= size[1:-1] > ALONE * np.maximum(size[:-2], size[2:])
+    return far
 
 
 def _rest(part: Piece, smoothed: Array, period: float) -> Array:

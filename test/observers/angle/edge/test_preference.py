@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, START_NS, encoder
-from estimator_pkg.evaluation.compare.delay import delay
+from estimator_pkg.evaluation.delay import delay
 from estimator_pkg.evaluation.entries import Entry
 
 BY_NAME = {signal.name: signal for signal in SIGNALS + FURTHER}

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from estimator_pkg.evaluation.doctor.readings import (
+from estimator_pkg.evaluation.checks.readings import (
     BESIDE,
     FAIL,
     PASS,
@@ -34,67 +34,42 @@ OTHER_PERIOD = 0.01  # relative difference from the wrap period that counts
 MOST_LINES = 1e5  # counts per turn of encoders with a decimal number of lines
 TOO_FAST = 0.4  # moves beyond this fraction of the wrap period are ambiguous soon
 SELDOM, FEW = 0.005, 5  # repeated readings up to this fraction, or number, are not reported
-FEWEST = 12  # readings without which nothing is checked
 
 
 def finite(seen: Readings) -> Finding:
     """Return how many readings are missing, not finite, or beyond any encoder's range."""
-    count = int(np.count_nonzero(~np.isfinite(seen.position)))
-    total = len(seen.position)
+    rows = np.flatnonzero(~np.isfinite(seen.position))
+    count, total = len(rows), len(seen.position)
     if not count:
         return Finding('finite readings', PASS, f'all {total}', '', {'count': 0})
-    rows = np.flatnonzero(~np.isfinite(seen.position))
-    return Finding(
-        'finite readings',
-        FAIL if count > 0.2 * total else WARN,
-        f'{count} of {total} readings are NaN, infinite or absent, {times(seen.when(rows))}',
-        'publish only readings that the sensor has taken',
-        {'count': count},
-    )
+    level = FAIL if count > 0.2 * total else WARN
+    text = f'{count} of {total} readings are NaN, infinite or absent, {times(seen.when(rows))}'
+    remedy = 'publish only readings that the sensor has taken'
+    return Finding('finite readings', level, text, remedy, {'count': count})
 
 
 def resolution(seen: Readings) -> Finding:
     """Return the quantum, the counts per turn, and what one count is as a speed."""
-    count = seen.quantum
-    noise = seen.noise
+    count, noise = seen.quantum, seen.noise
     numbers = {'quantum': count, 'noise': noise}
     turn = _period(seen) or TURN
-    noisy = noise > max(NOISY * turn / TURN, NOISY_COUNTS * count) and not seen.stale
+    level, remedy = PASS, f"set 'quantum: {count:.6g}'" if count else ''
     if not count:
         text = 'no counts found (a float sensor, or noise above a count)'
-        if noisy:
-            return Finding(
-                'resolution',
-                WARN,
-                f'{text}; neighbouring readings scatter by {noise:.2g} rad',
-                'check shielding, supply and mounting of the sensor',
-                numbers,
-            )
-        return Finding('resolution', PASS, text, '', numbers)
-    text = f'one count is {count:.4g}'
-    per_turn = turn / count
-    if seen.period:
-        text += f' rad, {per_turn:.6g} per turn'
-        numbers['counts_per_turn'] = per_turn
-    text += f'; {count / seen.step:.3g} per second in a finite difference'
-    if noisy:
-        return Finding(
-            'resolution',
-            WARN,
-            f'{text}; neighbouring readings scatter by {noise / count:.2g} counts',
-            'check shielding, supply and mounting of the sensor',
-            numbers,
-        )
-    if seen.period and per_turn < COARSE:
-        return Finding(
-            'resolution',
-            WARN,
-            f'{text}: coarse',
-            f"set 'quantum: {count:.6g}'; use edge_adaptive or kalman; more counts, or one "
-            'before the gear, help most',
-            numbers,
-        )
-    return Finding('resolution', PASS, text, f"set 'quantum: {count:.6g}'", numbers)
+    else:
+        text = f'one count is {count:.4g}'
+        if seen.period:
+            numbers['counts_per_turn'] = turn / count
+            text += f' rad, {turn / count:.6g} per turn'
+        text += f'; {count / seen.step:.3g} per second in a finite difference'
+    if noise > max(NOISY * turn / TURN, NOISY_COUNTS * count) and not seen.stale:
+        scatter = f'{noise / count:.2g} counts' if count else f'{noise:.2g} rad'
+        text += f'; neighbouring readings scatter by {scatter}'
+        level, remedy = WARN, 'check shielding, supply and mounting of the sensor'
+    elif count and seen.period and turn / count < COARSE:
+        level, text = WARN, f'{text}: coarse'
+        remedy += '; use edge_adaptive or kalman; more counts, or one before the gear, help most'
+    return Finding('resolution', level, text, remedy, numbers)
 
 
 def wrap(seen: Readings) -> Finding:
@@ -104,44 +79,28 @@ def wrap(seen: Readings) -> Finding:
     text = f'readings from {low:.3g} to {high:.3g}'
     period = _period(seen)
     if period:
-        unit = (
-            'the angle is in degrees: publish radians'
-            if abs(period - 360.0) < 4.0
-            else (f"set 'wrap_period: {period:.6g}'")
-        )
-        return Finding(
-            'wrap',
-            FAIL,
-            f'{text}; their period is {period:.4g}, not {seen.period:.4g}',
-            unit,
-            {'wrap_period': period},
-        )
+        text += f'; their period is {period:.4g}, not {seen.period:.4g}'
+        remedy = f"set 'wrap_period: {period:.6g}'"
+        if abs(period - 360.0) < 4.0:
+            remedy = 'the angle is in degrees: publish radians'
+        return Finding('wrap', FAIL, text, remedy, {'wrap_period': period})
     if not seen.period:
         return Finding('wrap', PASS, f'{text}; no wrap period')
     whole = seen.joined & (np.abs(raw) > 0.5 * seen.period) & ~seen.leaps
     turns = (high - low) / seen.period
-    numbers = {'wraps': int(np.count_nonzero(whole)), 'turns': turns}
-    moves = np.abs(seen.moves[seen.joined])
-    if np.percentile(moves, 99.0) > TOO_FAST * seen.period:
-        return Finding(
-            'wrap',
-            FAIL,
-            f'{text}; the joint moves {np.percentile(moves, 99.0):.3g} rad from one reading to '
-            'the next: half a turn reads as its opposite',
-            'raise the rate, or check the unit (radians)',
-            numbers,
-        )
-    if numbers['wraps'] and turns > 1.2:
-        return Finding(
-            'wrap',
-            WARN,
-            f'{text}; they jump by whole turns {numbers["wraps"]} times, '
-            + times(seen.when(seen.rows[1:][whole])),
-            'the turn counter of the sensor is wrong there; observers see the angle alone',
-            numbers,
-        )
-    how = f'{numbers["wraps"] or "no"} wrap{"s" * (numbers["wraps"] > 1)}'
-    return Finding('wrap', PASS, f'{text}; {how}', '', numbers)
+    count = int(np.count_nonzero(whole))
+    numbers = {'wraps': count, 'turns': turns}
+    fast = np.percentile(np.abs(seen.moves[seen.joined]), 99.0)
+    if fast > TOO_FAST * seen.period:
+        text += f'; the joint moves {fast:.3g} rad from one reading to the next'
+        text += ': half a turn reads as its opposite'
+        return Finding('wrap', FAIL, text, 'raise the rate, or check the unit (radians)', numbers)
+    if count and turns > 1.2:
+        when = times(seen.when(seen.rows[1:][whole]))
+        text += f'; they jump by whole turns {count} times, {when}'
+        remedy = 'the turn counter of the sensor is wrong there; observers see the angle alone'
+        return Finding('wrap', WARN, text, remedy, numbers)
+    return Finding('wrap', PASS, f'{text}; {count or "no"} wrap{"s" * (count > 1)}', '', numbers)
 
 
 def _period(seen: Readings) -> float:
@@ -218,95 +177,67 @@ def jumps(seen: Readings) -> Finding:
         return _two_sources(float(np.median(size[found])), part)
     worst = found[np.argmax(size[found])]
     events = found[np.diff(found, prepend=-BESIDE) > 2]  # there and back is one
-    plural = 's' if len(events) > 1 else ''
-    return Finding(
-        'jumps',
-        FAIL,
-        f'{len(events)} jump{plural} that no joint can make, up to {size[worst]:.3g} rad within '
-        f'{short(float(seen.steps[worst]))}, {times(seen.when(seen.rows[events + 1]))}',
-        'a flipped pose, a slipped encoder or a damaged reading: mend or cut the record there',
-        {
-            'count': len(events),
-            'largest': float(size[worst]),
-            'times_s': seen.when(seen.rows[events + 1]),
-        },
+    when = seen.when(seen.rows[events + 1])
+    text = (
+        f'{len(events)} jump{"s" * (len(events) > 1)} that no joint can make, up to '
+        f'{size[worst]:.3g} rad within {short(float(seen.steps[worst]))}, {times(when)}'
     )
+    remedy = 'a flipped pose, a slipped encoder or a damaged reading: mend or cut the record there'
+    numbers = {'count': len(events), 'largest': float(size[worst]), 'times_s': when}
+    return Finding('jumps', FAIL, text, remedy, numbers)
 
 
 def _two_sources(distance: float, part: float) -> Finding:
-    return Finding(
-        'jumps',
-        FAIL,
+    text = (
         f'the readings alternate between two positions {distance:.3g} rad apart '
-        f'({part:.0%} of the samples)',
-        'two publishers send this joint: stop one, or remap its topic',
-        {'alternating': part},
+        f'({part:.0%} of the samples)'
     )
+    remedy = 'two publishers send this joint: stop one, or remap its topic'
+    return Finding('jumps', FAIL, text, remedy, {'alternating': part})
 
 
 def repeated_readings(seen: Readings) -> Finding:
     """Return how many readings in motion repeat the one before."""
-    known = seen.count(REPEATED)
-    numbers = {'dropped': known, 'equal_in_motion': seen.equal}
-    if seen.stale:
-        every = 1.0 / (1.0 - seen.equal)
-        return Finding(
-            'repeated readings',
-            WARN,
-            f'{seen.equal:.0%} of the readings in motion repeat the one before: the sensor gives '
-            f'a new one at about {1.0 / (every * seen.step):.3g} Hz',
-            'publish each reading once, with the stamp of when it was taken',
-            numbers,
-        )
+    known, total = seen.count(REPEATED), len(seen.position)
     count = max(known, len(seen.repeats))
-    if count > max(FEW, SELDOM * len(seen.position)):
-        return Finding(
-            'repeated readings',
-            WARN,
-            f'{count} of {len(seen.position)} readings repeat the one before, and the next one '
-            'catches up',
-            'publish each reading once, with the stamp of when it was taken',
-            numbers,
+    level, remedy = WARN, 'publish each reading once, with the stamp of when it was taken'
+    if seen.stale:
+        text = (
+            f'{seen.equal:.0%} of the readings in motion repeat the one before: the sensor gives '
+            f'a new one at about {(1.0 - seen.equal) / seen.step:.3g} Hz'
         )
-    text = f'{seen.equal:.1%} of those in motion' if seen.equal == seen.equal else 'none seen'
-    return Finding('repeated readings', PASS, text, '', numbers)
+    elif count > max(FEW, SELDOM * total):
+        text = f'{count} of {total} readings repeat the one before, and the next one catches up'
+    else:
+        level, remedy = PASS, ''
+        text = f'{seen.equal:.1%} of those in motion' if seen.equal == seen.equal else 'none seen'
+    numbers = {'dropped': known, 'equal_in_motion': seen.equal}
+    return Finding('repeated readings', level, text, remedy, numbers)
 
 
 def sticking(seen: Readings) -> Finding:
     """Return where the sensor holds a reading while the joint moves."""
-    if seen.stale:
-        return Finding('sticking sensor', PASS, 'hidden by repeated readings')
     released = np.flatnonzero(seen.released)
-    if not len(released):
-        return Finding('sticking sensor', PASS, 'none seen')
-    plural = 's' if len(released) > 1 else ''
-    return Finding(
-        'sticking sensor',
-        WARN,
-        f'the reading holds and then catches up {len(released)} time{plural}, '
-        + times(seen.when(seen.rows[released + 1])),
-        'look for a blocked bus or driver; publish nothing while there is no new reading',
-        {'count': len(released), 'times_s': seen.when(seen.rows[released + 1])},
-    )
+    if seen.stale or not len(released):
+        text = 'hidden by repeated readings' if seen.stale else 'none seen'
+        return Finding('sticking sensor', PASS, text)
+    when = seen.when(seen.rows[released + 1])
+    many = f'{len(released)} time{"s" * (len(released) > 1)}'
+    text = f'the reading holds and then catches up {many}, {times(when)}'
+    remedy = 'look for a blocked bus or driver; publish nothing while there is no new reading'
+    numbers = {'count': len(released), 'times_s': when}
+    return Finding('sticking sensor', WARN, text, remedy, numbers)
 
 
 def motion(seen: Readings) -> Finding:
     """Return how far the joint moves, and whether it moves at all."""
+    numbers = {'range': seen.range}
     if seen.at_rest:
-        return Finding(
-            'motion',
-            WARN,
-            f'at rest throughout: the reading changes by {seen.range:.2g}',
-            'record it in motion: nothing can be tuned or compared at rest',
-            {'range': seen.range},
-        )
-    return Finding(
-        'motion',
-        PASS,
-        f'over {seen.range:.3g} rad, up to {seen.speed:.3g} rad/s',
-        '',
-        {'range': seen.range, 'speed': seen.speed},
-    )
+        text = f'at rest throughout: the reading changes by {seen.range:.2g}'
+        remedy = 'record it in motion: nothing can be tuned or compared at rest'
+        return Finding('motion', WARN, text, remedy, numbers)
+    text = f'over {seen.range:.3g} rad, up to {seen.speed:.3g} rad/s'
+    return Finding('motion', PASS, text, '', numbers | {'speed': seen.speed})
 
 
 CHECKS = (finite, motion, resolution, wrap, jumps, repeated_readings, sticking)

@@ -45,18 +45,10 @@ def blocks(time: Array) -> NDArray[np.int64]:
     return np.minimum(((time - time[0]) / length * count).astype(np.int64), count - 1)
 
 
-def difference(squares: Array, others: Array, block: NDArray[np.int64]) -> Difference:
-    """Return the mean difference of two squared errors with its confidence interval.
-
-    Parameters
-    ----------
-    squares, others : shape (n,), squared errors [(rad/s)^2]. block : shape (n,), see `blocks`.
-    """
-    return of_sums([np.bincount(block, squares - others)], [np.bincount(block).astype(float)])
-
-
 def of_sums(sums: Sequence[NDArray], counts: Sequence[NDArray]) -> Difference:
-    """Return the same for block sums of several records; blocks without samples are ignored.
+    """Return the mean difference of two squared errors, from their sums over blocks of records.
+
+    Blocks without samples are ignored.
 
     One array of shape (number of blocks,) for each record: sums [(rad/s)^2], counts.
 

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Cubic interpolation between samples at uneven times, with numpy only."""
+"""What rooms share on sampled signals: slopes and values between samples, wrapped differences."""
 
 from __future__ import annotations
 
@@ -48,3 +48,10 @@ def cubic(time: Array, values: Array, at: Array, slope: Array | None = None) -> 
         + values[right] * part * part * (1.0 + 2.0 * rest)
         + width * part * rest * (slope[left] * rest - slope[right] * part)
     )
+
+
+def wrapped(difference: Array, period: float) -> Array:
+    """Return `difference`, shape (n,), in [-period/2, period/2); unchanged if `period` is 0."""
+    if period <= 0.0:
+        return difference
+    return difference - period * np.floor(difference / period + 0.5)

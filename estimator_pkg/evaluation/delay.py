@@ -10,7 +10,7 @@ position between two samples, and this effect cancels in the difference. The asy
 itself within the record (a sine that is cut off, say) is subtracted.
 
 The interval is that of a linear fit of the remaining error to the truth's slope over the two sides,
-from blocks of time as in `ranking.pairs`.
+from blocks of time as in `evaluation.pairs`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.compare.interpolation import cubic, slopes
-from estimator_pkg.evaluation.ranking import pairs
+from estimator_pkg.evaluation import pairs
+from estimator_pkg.evaluation.signals import cubic, slopes
 
 Array = NDArray[np.float64]
 

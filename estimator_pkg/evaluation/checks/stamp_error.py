@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.series import Series
-from estimator_pkg.evaluation.compare.interpolation import slopes
+from estimator_pkg.evaluation.signals import slopes
 
 SEEN = 3.0  # an error is seen if it is this multiple of that at rest
 MATTERS = 1e-3  # and if it is more than this fraction of a sample time

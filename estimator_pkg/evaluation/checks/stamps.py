@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator_pkg.evaluation.compare.delay import GAP
-from estimator_pkg.evaluation.compare.matching import strays
-from estimator_pkg.evaluation.doctor.readings import (
+from estimator_pkg.evaluation.checks.readings import (
     FAIL,
     PASS,
     WARN,
@@ -19,7 +17,9 @@ from estimator_pkg.evaluation.doctor.readings import (
     short,
     times,
 )
-from estimator_pkg.evaluation.doctor.stamp_error import spacing_error, stamp_error
+from estimator_pkg.evaluation.checks.stamp_error import spacing_error, stamp_error
+from estimator_pkg.evaluation.delay import GAP
+from estimator_pkg.evaluation.matching import strays
 from estimator_pkg.sensor.guard import (
     AFTER_CLOCK_JUMP,
     AFTER_GAP,
@@ -60,14 +60,11 @@ def rate(seen: Readings) -> Finding:
         if slow > OTHER_RATE * fast:
             far = np.abs(np.log(medians / medians[0])) > np.log(OTHER_RATE)
             at = float(np.sum(np.concatenate(parts[: max(1, int(np.argmax(far)))])))
-            return Finding(
-                'rate',
-                WARN,
-                f'{text}; it changes between {1.0 / fast:.4g} and {1.0 / slow:.4g} Hz, '
-                f'first about {at:.1f} s after the start',
-                'check the load of the publisher; gains fit one rate',
-                numbers | {'fastest_hz': 1.0 / fast, 'slowest_hz': 1.0 / slow},
-            )
+            text += f'; it changes between {1.0 / fast:.4g} and {1.0 / slow:.4g} Hz'
+            text += f', first about {at:.1f} s after the start'
+            numbers |= {'fastest_hz': 1.0 / fast, 'slowest_hz': 1.0 / slow}
+            remedy = 'check the load of the publisher; gains fit one rate'
+            return Finding('rate', WARN, text, remedy, numbers)
     return Finding('rate', PASS, text, numbers=numbers)
 
 
@@ -78,15 +75,10 @@ def jitter(seen: Readings) -> Finding:
     middle = 1.4826 * float(np.median(np.abs(near - seen.step)))
     text = f'the spacing of stamps varies by {short(spread)} rms ({spread / seen.step:.2g} samples)'
     numbers = {'spacing_rms_s': spread, 'spacing_mad_s': middle}
-    if middle > IRREGULAR * seen.step:
-        return Finding(
-            'jitter',
-            WARN,
-            text,
-            'stamp each reading when it is taken, not when it is published or received',
-            numbers,
-        )
-    return Finding('jitter', PASS, text, numbers=numbers)
+    irregular = middle > IRREGULAR * seen.step
+    remedy = 'stamp each reading when it is taken, not when it is published or received'
+    level = WARN if irregular else PASS
+    return Finding('jitter', level, text, remedy if irregular else '', numbers)
 
 
 def holes(seen: Readings) -> Finding:
@@ -101,26 +93,22 @@ def holes(seen: Readings) -> Finding:
     if not len(long) and lost <= LOST_OFTEN:
         return Finding('holes', PASS, f'none; {lost:.2%} of single samples missing', '', numbers)
     if not len(long):
-        return Finding(
-            'holes',
-            WARN,
-            f'{lost:.1%} of the samples are missing, a few at a time',
-            "look for a lossy link or a queue of depth 1; raise the publisher's priority",
-            numbers,
-        )
+        text = f'{lost:.1%} of the samples are missing, a few at a time'
+        remedy = "look for a lossy link or a queue of depth 1; raise the publisher's priority"
+        return Finding('holes', WARN, text, remedy, numbers)
     worst = long[np.argsort(-seen.steps[long], kind='stable')]
     longest = float(seen.steps[worst[0]])
     gaps = seen.count(AFTER_GAP, AFTER_OUTAGE)
-    plural = 's' if len(long) > 1 else ''
-    return Finding(
-        'holes',
-        FAIL if gaps and longest > 0.1 * float(np.sum(seen.steps[seen.joined])) else WARN,
-        f'{len(long)} hole{plural}, the longest {short(longest)}, '
-        + times(seen.when(seen.rows[worst])),
-        'look for a blocked publisher or a lossy link'
-        + ('; observers start anew after those above gap_max' if gaps else ''),
-        numbers | {'longest_s': longest, 'restarts': gaps},
+    much = gaps and longest > 0.1 * float(np.sum(seen.steps[seen.joined]))
+    text = (
+        f'{len(long)} hole{"s" * (len(long) > 1)}, the longest {short(longest)}, '
+        f'{times(seen.when(seen.rows[worst]))}'
     )
+    remedy = 'look for a blocked publisher or a lossy link'
+    if gaps:
+        remedy += '; observers start anew after those above gap_max'
+    numbers |= {'longest_s': longest, 'restarts': gaps}
+    return Finding('holes', FAIL if much else WARN, text, remedy, numbers)
 
 
 def _local(steps: Array) -> Array:
@@ -190,18 +178,15 @@ def lying(seen: Readings) -> Finding:
         stamp_error(seen.series, seen.parts[0], seen.period, seen.quantum),
         spacing_error(seen.stamps_ns[good], seen.position[good], seen.period, seen.grain),
     )
-    numbers = {'stamp_error_s': wrong}
-    if wrong <= LIE * seen.step:
-        text = f'wrong by {short(wrong)} rms' if wrong else 'no error seen in the motion'
-        return Finding('lying stamps', PASS, text, '', numbers)
-    return Finding(
-        'lying stamps',
-        WARN,
-        f'the stamps are wrong by {short(wrong)} rms: in motion the readings do not fit them '
-        f'({wrong * seen.speed:.2g} rad at {seen.speed:.2g} rad/s)',
-        'stamp each reading when it is taken; a clock of the device is best',
-        numbers,
-    )
+    level, remedy = PASS, ''
+    text = f'wrong by {short(wrong)} rms' if wrong else 'no error seen in the motion'
+    if wrong > LIE * seen.step:
+        level, remedy = WARN, 'stamp each reading when it is taken; a clock of the device is best'
+        text = (
+            f'the stamps are {text}: in motion the readings do not fit them '
+            f'({wrong * seen.speed:.2g} rad at {seen.speed:.2g} rad/s)'
+        )
+    return Finding('lying stamps', level, text, remedy, {'stamp_error_s': wrong})
 
 
 def clock(seen: Readings) -> Finding:
@@ -218,50 +203,35 @@ def clock(seen: Readings) -> Finding:
     jittery = float(np.percentile(age[:tenth], 50) - np.min(age[:tenth]))
     if passed > LONG and abs(drifted) > max(DRIFT * passed, DRIFTED, 5.0 * jittery):
         ratio = 1.0 - drifted / (passed + drifted)
-        return Finding(
-            'clock',
-            WARN,
+        text = (
             f'the stamps run at {ratio:.4f} times the clock of arrival '
-            f'({short(abs(drifted))} in {short(passed)})',
+            f'({short(abs(drifted))} in {short(passed)})'
+        )
+        remedy = (
             'right in a simulation (use_sim_time); else the velocity is wrong by this factor: '
-            'check the unit and clock of the stamps',
-            numbers | {'clock_ratio': ratio},
+            'check the unit and clock of the stamps'
         )
+        return Finding('clock', WARN, text, remedy, numbers | {'clock_ratio': ratio})
+    text, remedy = f'readings arrive {short(usual)} after their stamp', ''
     if abs(usual) > SAME_CLOCK:
-        return Finding('clock', PASS, 'stamps are of another clock than the arrival', '', numbers)
-    if least < -AHEAD:
-        return Finding(
-            'clock',
-            WARN,
-            f'stamps are up to {short(-least)} ahead of their arrival',
-            'the clocks of two machines differ: synchronise them (chrony, PTP)',
-            numbers,
-        )
-    if usual > OLD:
-        return Finding(
-            'clock',
-            WARN,
-            f'readings arrive {short(usual)} after their stamp',
-            'estimates are as late: look for a queue or a slow link, or for clocks that differ',
-            numbers,
-        )
-    return Finding('clock', PASS, f'readings arrive {short(usual)} after their stamp', '', numbers)
+        text = 'stamps are of another clock than the arrival'
+    elif least < -AHEAD:
+        text = f'stamps are up to {short(-least)} ahead of their arrival'
+        remedy = 'the clocks of two machines differ: synchronise them (chrony, PTP)'
+    elif usual > OLD:
+        remedy = 'estimates are as late: look for a queue or a slow link, or for clocks that differ'
+    return Finding('clock', WARN if remedy else PASS, text, remedy, numbers)
 
 
 def _dropped(
     seen: Readings, name: str, count: int, what: str, remedy: str, where: str = ''
 ) -> Finding:
     """Return the finding on samples that the guard drops."""
-    total = len(seen.stamps_ns)
+    total, numbers = len(seen.stamps_ns), {'count': count}
     if not count:
-        return Finding(name, PASS, f'0 of {total} samples', '', {'count': 0})
-    return Finding(
-        name,
-        FAIL if count > OFTEN * total else WARN,
-        f'{count} of {total} samples {what}' + (f', {where}' if where else ''),
-        remedy,
-        {'count': count},
-    )
+        return Finding(name, PASS, f'0 of {total} samples', '', numbers)
+    text = f'{count} of {total} samples {what}' + (f', {where}' if where else '')
+    return Finding(name, FAIL if count > OFTEN * total else WARN, text, remedy, numbers)
 
 
 CHECKS = (rate, jitter, holes, repeated_stamps, order, lying, clock)

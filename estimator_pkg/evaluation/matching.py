@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.series import at_stamps
-from estimator_pkg.evaluation.compare.delay import GAP
-from estimator_pkg.evaluation.compare.interpolation import cubic
+from estimator_pkg.evaluation.delay import GAP
+from estimator_pkg.evaluation.signals import cubic
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.series import Series, of_positions
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.evaluation.compare.delay import Delay
-from estimator_pkg.evaluation.compare.matching import pieces
-from estimator_pkg.evaluation.compare.metrics import wrapped
+from estimator_pkg.evaluation.delay import Delay
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.matching import pieces
 from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.signals import wrapped
 from estimator_pkg.evaluation.text import interval
-from estimator_pkg.sensor.guard import VERDICTS
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -61,6 +60,12 @@ class Finding(NamedTuple):
     value: str
     remedy: str = ''
     numbers: Mapping[str, Any] = {}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the finding for ``--json``."""
+        fields = self._asdict()
+        numbers = fields.pop('numbers')
+        return {**fields, **numbers}
 
 
 @dataclass(frozen=True)
@@ -304,15 +309,6 @@ class Readings:
     def of(self, *verdicts: int) -> Rows:
         """Return the samples with one of these verdicts of the guard."""
         return np.flatnonzero(np.isin(self.difference.verdict, verdicts))
-
-    def counts(self) -> dict[str, int]:
-        """Return the number of samples by verdict."""
-        return {
-            name: int(number)
-            for name, number in zip(
-                VERDICTS, np.bincount(self.difference.verdict, minlength=len(VERDICTS))
-            )
-        }
 
 
 def beside(size: Array, at: Rows) -> Array:

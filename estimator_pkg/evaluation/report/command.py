@@ -16,6 +16,7 @@ from estimator_pkg import interrupts
 from estimator_pkg.bags import unpacking
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
+from estimator_pkg.evaluation import image
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.compare.description import describe
@@ -32,7 +33,7 @@ from estimator_pkg.evaluation.options import (
     truth_argument,
 )
 from estimator_pkg.evaluation.report import plot
-from estimator_pkg.evaluation.report.full_data import FullData
+from estimator_pkg.evaluation.report.full_data import full_data
 from estimator_pkg.evaluation.report.page import Report
 from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.workers import workers
@@ -152,7 +153,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Compare, print, draw; return the results by bag."""
     chosen = options(parsed)
     if parsed.plot:
-        plot.check(parsed.plot)
+        image.check(parsed.plot)
     bags = expanded(parsed.bags)
     result: dict[str, Any] = {}
     drawn: list[Comparison] = []
@@ -160,20 +161,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     interrupted = False
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
-        page = (
-            stack.enter_context(
-                Report(
-                    parsed.html,
-                    len(bags),
-                    chosen.wrap_period,
-                    parsed.data,
-                    chosen.observers or (Entry(DEFAULT, DEFAULT),),
-                )
-            )
-            if parsed.html
-            else None
-        )
-        data = stack.enter_context(FullData(parsed.data)) if parsed.data else None
+        page, data = None, None
+        if parsed.html:
+            ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
+            report = Report(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
+            page = stack.enter_context(report.written())
+        if parsed.data:
+            data = stack.enter_context(full_data(parsed.data))
         try:
             for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
                 with interrupts.gently():  # a bag is evaluated completely or not at all

@@ -1,0 +1,79 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""All checks of one joint's readings, and the motion that they show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from estimator_pkg.evaluation.checks import angles, stamps
+from estimator_pkg.evaluation.checks.readings import FAIL, Finding, Readings, Rows
+from estimator_pkg.evaluation.reference.motion import Motion, motion
+
+FEWEST = 12  # readings without which nothing is checked
+LONGEST = 20_000  # readings of the part that is smoothed
+ENOUGH = 100  # readings without which there is no reference
+
+
+def stamped(seen: Readings) -> Readings:
+    """Return the readings; those without any stamp are taken at their arrival."""
+    if np.any(seen.stamps_ns > 0) or not len(seen.arrival_ns):
+        return seen
+    return replace(seen, stamps_ns=seen.arrival_ns, start_ns=int(seen.arrival_ns[0]))
+
+
+def checked(seen: Readings) -> list[Finding]:
+    """Return the findings on stamps and readings of one joint."""
+    missing, seen = stamps.missing_stamps(seen), stamped(seen)
+    if len(seen.rows) < FEWEST:
+        text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
+        few = Finding('readings', FAIL, text, 'record the joint for some seconds')
+        return [missing, stamps.order(seen), few]
+    found = [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
+    found.insert(len(stamps.CHECKS), missing)
+    return found
+
+
+def failed(findings: Iterable[Finding]) -> list[Finding]:
+    """Return the findings that FAIL."""
+    return [each for each in findings if each.level == FAIL]
+
+
+def stretch(seen: Readings, longest: int = LONGEST) -> Rows:
+    """Return at most `longest` consecutive readings without a jump, of the joint or of the clock.
+
+    Those in which the joint moves most are taken.
+
+    They are indices, shape (k,). A reading that jumps and returns at once is left out.
+    """
+    jumps = np.flatnonzero(seen.leaps)
+    alone = jumps[np.isin(jumps + 1, jumps) & ~np.isin(jumps - 1, jumps)] + 1
+    turns = np.union1d(jumps, np.flatnonzero(~seen.joined))
+    cuts = np.setdiff1d(turns, np.r_[alone - 1, alone]) + 1
+    way = np.concatenate([[0.0], np.cumsum(np.where(seen.leaps, 0.0, np.abs(seen.moves)))])
+    parts = [
+        slice(first, min(first + longest, end))
+        for begin, end in pairwise([0, *cuts.tolist(), len(seen.rows)])
+        for first in range(begin, max(end - longest, begin) + 1, max(longest // 10, 1))
+        if end - begin >= ENOUGH
+    ] or [slice(0, 0)]
+    best = max(parts, key=lambda part: way[max(part.stop - 1, 0)] - way[part.start])
+    return seen.rows[np.setdiff1d(np.arange(best.start, best.stop), alone)]
+
+
+def reference(seen: Readings, rows: Rows) -> Motion | None:
+    """Return the motion that these readings show; None if they do not show it.
+
+    Parameters
+    ----------
+    rows : shape (k,), indices of the readings, as `stretch` returns them.
+    """
+    if seen.at_rest or len(rows) < ENOUGH:
+        return None
+    found = motion(seen.stamps_ns[rows], seen.position[rows], seen.period)
+    return None if found is None or found.seldom else found
