@@ -55,8 +55,8 @@ def table_7() -> list[str]:
         plan = make(observer, 'cart_pendulum', cart_of(), **gains)
         state, coefficients, module = plan.state(), Coefficients(), plan.module
         module.prepare(coefficients, plan.design, 1e-3)
-        at, moved, u = [0.1, 0.2], [1e-3, 1e-3], [0.1]
-        given = state.core, state.work, coefficients, plan.design, at, moved, at, u
+        state.before[:2], state.work.moved[:2] = (0.1, 0.2), (1e-3, 1e-3)
+        given = state, coefficients, plan.design, [0.1, 0.2], [0.1]
         times = []
         for _ in range(REPEATS):
             begun = time.perf_counter()
