@@ -119,8 +119,8 @@ def _first_guess(
         samples.inputs[:, 0] * fixed.torque_constant * fixed.gear_ratio,
         fixed.coulomb_speed,
     )
-    values = {name: value for name, value in guess.values.items() if name in wanted.names}
-    return (unknowns(JOINT, given, {**values, **start}), guess.values[DELAY])
+    values = {name: value for name, value in guess.items() if name in wanted.names}
+    return (unknowns(JOINT, given, {**values, **start}), guess[DELAY])
 
 
 def _print(

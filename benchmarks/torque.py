@@ -3,7 +3,7 @@
 
 """The benefit of a reported torque: observers with and without it on recorded pendulums.
 
-    python -m estimator_pkg.evaluation.identify.torque bags
+    python -m benchmarks.torque bags
 
 A model is identified on one recording and used by the observer on another. The reference is the
 drive's own velocity (its lag and bias removed, its noise in quadrature). Every observer has the
@@ -213,7 +213,7 @@ def _identified(path: Path, model: str) -> tuple[tuple[str, ...], float, float]:
     if model == 'single_joint':
         guess = identify(
             samples.time, samples.positions[:, 0], samples.inputs[:, 0], given['coulomb_speed']
-        ).values
+        )
         lag = guess[DELAY]
         wanted = unknowns(model, given, {name: guess[name] for name in wanted.names})
     found = fit(samples, wanted, lag)
