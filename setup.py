@@ -27,6 +27,7 @@ EXTRAS = {
     'fast': [],  # accepted for one release
     'report': ['matplotlib>=3.8,<4', 'bokeh>=3.7,<4'],
     'tune': ['optuna>=4,<5'],
+    'identify': ['scipy>=1.11,<2'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],
     'peers': ['AlgDiff>=2.4,<3', 'pynumdiff>=0.3,<1; python_version >= "3.11"', 'control>=0.10,<1'],
@@ -36,7 +37,6 @@ EXTRAS = {
         'pytest-rerunfailures>=14,<17',
         'pytest-xdist>=3.5,<4',
         'hypothesis>=6.100,<7',
-        'scipy>=1.11,<2',
         'filterpy>=1.4,<3',
         'psutil>=5.9,<8',
         'selenium>=4.20,<5',

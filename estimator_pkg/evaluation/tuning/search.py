@@ -89,7 +89,7 @@ def search(
     """
     from optuna.trial import create_trial
 
-    study = _opened(storage, name, seed, about, len(ranges) > 1)
+    study = _opened(storage, name, seed, about)
     with _stored(storage):
         earlier = study.get_trials(deepcopy=False)
     found = Search(
@@ -148,8 +148,8 @@ def _stored(storage: str | None) -> Iterator[None]:
         raise UserError(f"the storage '{storage}' cannot be used: {first_line(error)}") from error
 
 
-def _opened(storage: str | None, name: str, seed: int, about: str, several: bool) -> Any:
-    """Return the study; `several` gains are searched."""
+def _opened(storage: str | None, name: str, seed: int, about: str) -> Any:
+    """Return the study."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
@@ -157,10 +157,11 @@ def _opened(storage: str | None, name: str, seed: int, about: str, several: bool
         warnings.simplefilter('ignore')  # about experimental options
         sampler = optuna.samplers.TPESampler(
             seed=seed,
-            multivariate=several,
+            multivariate=True,
             n_startup_trials=BATCH,
+            n_ei_candidates=64,
             constant_liar=True,
-            consider_magic_clip=False,
+            consider_magic_clip=False,  # narrow kernels: costs are smooth and free of noise
         )
     for attempt in range(ATTEMPTS):
         try:
