@@ -199,9 +199,7 @@ class _Part:
         """Return weighted position minus measurement, shape (size,)."""
         starts = self._starts_at(numbers)
         with np.errstate(all='ignore'):  # parameters far off: the model may run away
-            return np.concatenate(
-                [self._rest(numbers, *each) for each in zip(self.pieces, starts)]
-            )
+            return np.concatenate([self._rest(numbers, *each) for each in zip(self.pieces, starts)])
 
     def slopes(self, numbers: Array) -> Array:
         """Linearise at these parameters; return the slopes by parameter, shape (size, p)."""

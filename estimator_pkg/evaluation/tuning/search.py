@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -191,9 +191,7 @@ def _first(ranges: Ranges, start: Mapping[str, Value]) -> list[dict[str, Value]]
     begin = {name: start[name] for name in ranges}
     if len(ranges) == 1:
         return [begin]
-    return [
-        begin, *({**begin, name: moved(each, begin[name])} for name, each in ranges.items())
-    ]
+    return [begin, *({**begin, name: moved(each, begin[name])} for name, each in ranges.items())]
 
 
 def moved(gain: Any, value: Value | None = None) -> Value:

@@ -23,8 +23,8 @@ from estimator_pkg.evaluation.tuning.objective import (
     mean,
     measure,
 )
-from estimator_pkg.evaluation.tuning.records import Record
 from estimator_pkg.evaluation.tuning.output import written
+from estimator_pkg.evaluation.tuning.records import Record
 from estimator_pkg.evaluation.tuning.search import Search, Trial, Value, search
 from estimator_pkg.evaluation.tuning.settings import TuneSettings
 from estimator_pkg.evaluation.workers import Map
@@ -41,10 +41,6 @@ def seek(
     chosen: Sequence[Record],
     judged: Sequence[Record],
     tuning: TuneSettings,
-    trials: int,
-    seed: int,
-    storage: str | None,
-    study: str,
     run_many: Map,
 ) -> dict[str, Any]:
     """Return the best gains for these records, as a dictionary for output and JSON.
@@ -53,7 +49,6 @@ def seek(
     ----------
     joint : the joint of these gains; '' : all.
     judged : records for validation; empty: the held-out parts of those chosen.
-    study : its name in the storage.
 
     The gains are those to use: empty where the search does not beat the defaults on held-out data
     (`why` has the reason, `tried` the gains that it found).
@@ -73,25 +68,22 @@ def seek(
         results = list(
             run_many(measure, [(part, observer, values) for values in batch for part in seen])
         )
-        judged_ = []
-        for index in range(len(batch)):
-            details = results[index * len(seen) : (index + 1) * len(seen)]
-            judged_.append((_total(details, seen, weights, units), details))
-        return judged_
+        every = [results[k : k + len(seen)] for k in range(0, len(results), len(seen))]
+        return [(_total(details, seen, weights, units), details) for details in every]
 
     label = f'{observer} {joint}'.strip()
-    with progress(label, trials) as advance:
+    with progress(label, tuning.trials) as advance:
         found = search(
             tuning.ranges,
             tuning.start(),
             judge,
-            trials,
-            seed,
-            storage,
-            study,
+            tuning.trials,
+            tuning.seed,
+            tuning.storage,
+            f'{tuning.study}/{joint}' if joint else tuning.study,
             lambda count, so_far: advance(count, f'{label}{_so_far(so_far)}'),
             about=_about(chosen, tuning),
-            same=_same,
+            same=lambda one, other: _alike([one, other]),
         )
     best = found.best
     if best is None:
@@ -105,7 +97,8 @@ def seek(
             found,
         )
     interrupts.finish()  # validation takes as long as one trial
-    if _no_effect(found):
+    working = [trial for trial in found.trials if _flat(trial.details)]
+    if len(working) >= 3 and _alike(working):
         names = ' nor '.join(f"'{name}'" for name in tuning.ranges)
         return kept(joint, chosen, f'nothing in these bags depends on {names}', found)
     idle = found.idle
@@ -293,24 +286,11 @@ def _flat(details: Details | None) -> list[Result]:
     return [one for result in details if result is not None for one in result.values()]
 
 
-def _no_effect(found: Search) -> bool:
-    """Return True if the gains were varied and no result changed."""
-    working = [trial for trial in found.trials if _works(trial)]
-    return len(working) >= 3 and _alike(working)
-
-
-def _same(one: Trial, other: Trial) -> bool:
-    return _works(one) and _works(other) and _alike([one, other])
-
-
-def _works(trial: Trial) -> bool:
-    return bool(_flat(trial.details))
-
-
 def _alike(trials: Sequence[Trial]) -> bool:
-    """Return True if these trials gave the same errors."""
-    errors = np.array(
-        [[one.error for result in trial.details for one in result.values()] for trial in trials]
-    )
+    """Return True if these trials work, and gave the same errors."""
+    every = [_flat(trial.details) for trial in trials]
+    if not all(every):
+        return False
+    errors = np.array([[one.error for one in results] for results in every])
     low, high = np.min(errors, axis=0), np.max(errors, axis=0)
     return bool(np.all(high - low <= SAME * np.maximum(high, 1.0)))

@@ -30,13 +30,18 @@ class TuneSettings:
     """Observer, search ranges, and weights of a tuning run.
 
     entry : the observer with its fixed parameters. weights : of error, delay, noise. preference :
-    the name of the weights. ranges : of the searched gains, by name.
+    the name of the weights. ranges : of the searched gains, by name. trials : their number. seed :
+    of the search. storage, study : the URL of Optuna's storage, and the name of the study in it.
     """
 
     entry: Entry
     weights: Weights
     preference: str
     ranges: Ranges
+    trials: int
+    seed: int
+    storage: str | None
+    study: str
 
     @property
     def held(self) -> dict[str, Any]:
@@ -83,6 +88,8 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         raise UsageError(f'--trials is {parsed.trials}: it must be 1 or more')
     if not 0 <= parsed.seed <= LARGEST_SEED:
         raise UsageError(f'--seed is {parsed.seed}: it must be from 0 to {LARGEST_SEED}')
+    if parsed.study is not None and parsed.storage is None:
+        raise UsageError('--study needs --storage: name where to keep it, as in sqlite:///study.db')
     check_joints(parsed)
     if parsed.observer == requested.ALL:
         raise UsageError("--observer is 'all', but tuning needs one: name it")
@@ -96,6 +103,10 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         _weights(parsed),
         f'weights {parsed.weights}' if parsed.weights else parsed.prefer,
         _ranges(entry.observer, known, parsed.search, dict(entry.values)),
+        parsed.trials,
+        parsed.seed,
+        parsed.storage,
+        parsed.study or 'velocity_estimator',
     )
 
 
