@@ -619,7 +619,7 @@ def test_without_a_name_only_a_better_observer_replaces_the_default(monkeypatch)
         )
         each = [{'joint': joint, 'gains': {}, 'default_point': point} for joint in joints]
         groups = {joint: [record] for joint in joints}
-        return any_observer.against_default(each, groups, [], tuning, False)[0]
+        return any_observer.against_default(each, groups, [], tuning)[0]
 
     assert replaces('a') and replaces('a', 'b')
     assert not replaces('b') and not replaces('a', 'c')
