@@ -136,11 +136,12 @@ def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predic
     total = accumulated(time, recording.inputs)
 
     @lru_cache(64)
-    def model(numbers: tuple[float, ...]) -> Mechanics:
-        return unknowns.make(np.array(numbers))
+    def moving(numbers: tuple[float, ...]) -> tuple[Mechanics, Motion]:
+        mechanics = unknowns.make(np.array(numbers))
+        return mechanics, Motion(mechanics, np.zeros(n), np.zeros(n))
 
     def predict(numbers: Array, piece: slice, start: Array) -> Array:
-        mechanics = model(tuple((numbers[:-1] if driven else numbers).tolist()))
+        mechanics, motion = moving(tuple((numbers[:-1] if driven else numbers).tolist()))
         at = time[piece]
         steps = np.diff(at)
         inputs = np.zeros((len(steps), mechanics.inputs))
@@ -148,7 +149,8 @@ def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predic
             acted = np.interp(at - numbers[-1], time, total[:, column])
             inputs[:, column] = np.diff(acted) / steps
         parts = (steps / (FINEST if mechanics.ours else COARSE)).astype(np.int64) + 1
-        return Motion(mechanics, start[:n], start[n:]).run(inputs, steps, parts)[0]
+        motion.begin(start[:n], start[n:])
+        return motion.run(inputs, steps, parts)[0]
 
     return predict
 

@@ -204,5 +204,5 @@ def moved(gain: Any, value: Value | None = None) -> Value:
     low, high = into(gain.low), into(gain.high)
     if value is None:
         return back(0.5 * (low + high))
-    at, step = into(value), ELSEWHERE * (high - low)
+    at, step = into(float(value)), ELSEWHERE * (high - low)
     return back(at + step if at + step <= high else at - step)
