@@ -14,8 +14,10 @@ from estimator_pkg.printable import printable, terminal
 
 
 @contextmanager
-def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
-    """Show a bar; yield a function that advances it by n steps. Silent without a terminal.
+def progress(label: str, total: int | None) -> Iterator[Callable[..., None]]:
+    """Show a bar; yield a function that advances it by n steps, and may change its label.
+
+    Silent without a terminal.
 
     Parameters
     ----------
@@ -23,7 +25,7 @@ def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
     total : number of all steps; None: not known.
     """
     if sys.stderr is None or not sys.stderr.isatty() or not is_there('rich'):
-        yield lambda steps: None
+        yield lambda steps, label='': None
         return
     from rich import progress as rich
     from rich.console import Console
@@ -39,4 +41,6 @@ def progress(label: str, total: int | None) -> Iterator[Callable[[int], None]]:
         transient=True,
     ) as bar:
         task = bar.add_task(printable(label), total=total)
-        yield lambda steps: bar.advance(task, steps)
+        yield lambda steps, label=label: bar.update(
+            task, advance=steps, description=printable(label)
+        )

@@ -132,6 +132,7 @@ def test_every_node_has_its_help_and_names_ros(module, main):
         ('mcap', ('replay', 'BAG', '--observer', 'pll')),
         ('lz4', ('evaluate', 'BAG', '--observer', 'pll')),
         ('rosbags', ('identify', 'BAG')),
+        ('scipy', ('identify', 'MOTION')),
         ('mcap', ('play', 'BAG')),
         ('rclpy', ('play', 'BAG')),
         ('rosbags', ('record', '--out', 'OUT')),
@@ -150,9 +151,13 @@ def test_every_node_has_its_help_and_names_ros(module, main):
     ],
 )
 def test_a_missing_library_is_one_line_with_the_command(library, words, tmp_path):
-    bag = ROOT / 'bags/simulated/sine_12bit'
+    bags = {
+        'BAG': 'bags/simulated/sine_12bit',
+        'MOTION': 'bags/dfki_simple_pendulum/system_identification_300hz',
+    }
     words = [
-        str(bag) if word == 'BAG' else word.replace('OUT', str(tmp_path / 'out')) for word in words
+        str(ROOT / bags[word]) if word in bags else word.replace('OUT', str(tmp_path / 'out'))
+        for word in words
     ]
     done = without([library], *words, cwd=tmp_path)
     assert done.returncode == 1, done.stdout + done.stderr

@@ -81,7 +81,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         samples, names = recording(bag, topic, fitted.make(fitted.start), parsed.joint)
     delay = 0.0
     if parsed.model == JOINT:
-        fitted, delay = _first_guess(samples, fitted, fixed, start)
+        fitted, delay = first_guess(samples, fitted, fixed, start)
     with progress('identify', 2 * ROUNDS) as advance:
         found = fit(samples, fitted, delay, advance)
     texts = fitted.texts(found.values[: len(fitted.names)])
@@ -106,7 +106,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _first_guess(
+def first_guess(
     samples: Recording, wanted: Unknowns, given: Mapping[str, Any], start: Mapping[str, Any]
 ) -> tuple[Unknowns, float]:
     """Return the start of the fit for a single joint, and its torque delay, by the weak form."""
@@ -119,8 +119,8 @@ def _first_guess(
         samples.inputs[:, 0] * fixed.torque_constant * fixed.gear_ratio,
         fixed.coulomb_speed,
     )
-    values = {name: value for name, value in guess.values.items() if name in wanted.names}
-    return (unknowns(JOINT, given, {**values, **start}), guess.values[DELAY])
+    values = {name: value for name, value in guess.items() if name in wanted.names}
+    return (unknowns(JOINT, given, {**values, **start}), guess[DELAY])
 
 
 def _print(

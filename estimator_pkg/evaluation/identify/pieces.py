@@ -34,13 +34,6 @@ class Recording(NamedTuple):
     inputs: Array
 
 
-class Piece(NamedTuple):
-    """Rows begin .. end - 1 of a recording."""
-
-    begin: int
-    end: int
-
-
 def thinned(recording: Recording) -> Recording:
     """Return samples at least `COARSE` apart, inputs averaged: a model in plain Python is slow."""
     time = recording.time
@@ -58,8 +51,8 @@ def accumulated(time: Array, inputs: Array) -> Array:
     return np.cumsum(np.where(steps > 0.0, inputs * steps, 0.0), axis=0)
 
 
-def cut(recording: Recording) -> tuple[list[Piece], list[Piece]]:
-    """Return the pieces for the fit and those for validation; raise UserError."""
+def cut(recording: Recording) -> tuple[list[slice], list[slice]]:
+    """Return the rows of the pieces for the fit and of those for validation; raise UserError."""
     time = recording.time
     if len(time) < 2:
         raise UserError('the recording has fewer than two usable samples: record longer')
@@ -67,31 +60,19 @@ def cut(recording: Recording) -> tuple[list[Piece], list[Piece]]:
     split = time[0] + PART * (time[-1] - time[0])
     length = min(max((split - time[0]) / PIECES, SHORTEST), LONGEST)
     holes = np.flatnonzero(np.diff(time) > GAP * usual) + 1
-    parts: tuple[list[Piece], list[Piece]] = ([], [])
-    for begin, end in zip([0, *holes], [*holes, len(time)]):
+    parts: tuple[list[slice], list[slice]] = ([], [])
+    for begin, end in itertools.pairwise([0, *holes, len(time)]):
         edges = np.arange(time[begin], time[end - 1] + 0.5 * usual, length)
         rows = np.searchsorted(time[begin:end], edges) + begin
-        for left, right in itertools.pairwise(rows):
-            stop = min(int(right) + 1, end)  # neighbours share their common sample
-            if stop - left < 8:
-                continue
-            if time[stop - 1] <= split:
-                parts[0].append(Piece(int(left), stop))
-            elif time[left] >= split:
-                parts[1].append(Piece(int(left), stop))
+        for left, right in itertools.pairwise(rows.tolist()):
+            stop = min(right + 1, end)  # neighbours share their common sample
+            if stop - left >= 8 and time[stop - 1] <= split:
+                parts[0].append(slice(left, stop))
+            elif stop - left >= 8 and time[left] >= split:
+                parts[1].append(slice(left, stop))
     if len(parts[0]) < FEWEST or len(parts[1]) < FEWEST // 3:
         raise UserError(
             f'the recording is too short to identify a model: it has {len(parts[0])} pieces '
             f'of {length:.2g} s without a gap and needs {FEWEST}: record longer'
         )
     return parts
-
-
-def first_guess(recording: Recording, piece: Piece) -> Array:
-    """Return positions and velocities [SI] at the start, shape (2 n,): those of a parabola."""
-    count = min(piece.end - piece.begin, max(8, (piece.end - piece.begin) // 4))
-    rows = slice(piece.begin, piece.begin + count)
-    time = recording.time[rows] - recording.time[piece.begin]
-    powers = np.column_stack([np.ones(count), time, time**2])
-    found = np.linalg.lstsq(powers, recording.positions[rows], rcond=None)[0]
-    return np.concatenate([found[0], found[1]])

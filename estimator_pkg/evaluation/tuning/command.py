@@ -158,9 +158,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Search, validate on held-out data, write; return the results."""
-    if parsed.study is not None and parsed.storage is None:
-        raise UsageError('--study needs --storage: name where to keep it, as in sqlite:///study.db')
-    parsed.study = parsed.study or 'velocity_estimator'
     any_linear = parsed.observer is None and _usual(parsed) == any_observer.DEFAULT
     tuning = tune_settings(parsed)
     out = Path(parsed.out)
@@ -188,16 +185,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         left_out: list[LeftOut] = []
 
         def of(paths: Sequence[str], held_out: float) -> list[Record]:
-            parts = on_each(
-                run_many,
-                records,
-                expanded(paths),
-                tuning.entry,
-                options,
-                held_out,
-                tuple(parsed.joint),
-                left_out=left_out,
-            )
+            more = tuning.entry, options, held_out, tuple(parsed.joint)
+            parts = on_each(run_many, records, expanded(paths), *more, left_out=left_out)
             return [record for part in parts for record in part]
 
         seen, judged = of(parsed.bags, held_out), of(parsed.judge, 0.0)
@@ -211,26 +200,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             show(f'{parsed.observer} is the best linear observer here: it is tuned')
         tuned = []
         for joint, chosen in groups.items():
-            name = f'{parsed.study}/{joint}' if joint else parsed.study
             try:
                 fit = [record for record in chosen if not record.why]
                 if not fit:
                     why = '; '.join(dict.fromkeys(record.why for record in chosen))
                     tuned.append(kept(joint, chosen, why))
                     continue
-                tuned.append(
-                    seek(
-                        joint,
-                        fit,
-                        _of(judged, joint),
-                        tuning,
-                        parsed.trials,
-                        parsed.seed,
-                        parsed.storage,
-                        name,
-                        run_many,
-                    )
-                )
+                tuned.append(seek(joint, fit, _of(judged, joint), tuning, run_many))
             except KeyboardInterrupt:  # before this joint's first trial
                 if not tuned:
                     raise

@@ -25,6 +25,7 @@ from estimator_pkg.evaluation.tuning.objective import (
     Weights,
     averaged,
     settled,
+    smooth,
 )
 
 Array = NDArray[np.float64]
@@ -121,25 +122,15 @@ def _score(
     """
     error = velocity - truth
     sums = weights.error**2 * np.bincount(block, error**2)
+    inside = slice(averaged(time), -averaged(time))  # the average is wrong at the ends
     if weights.noise:
-        noise = _inside(time, velocity - _averaged(time, velocity))
-        sums = sums + weights.noise**2 * np.bincount(block, noise**2)
+        noise = velocity - smooth(time, velocity)
+        sums = sums + weights.noise**2 * np.bincount(
+            block[inside], noise[inside] ** 2, minlength=len(sums)
+        )
     if weights.delay:
-        turns = _inside(time, slopes(time, _averaged(time, truth)))
+        turns = np.zeros(len(time))
+        turns[inside] = slopes(time, smooth(time, truth))[inside]
         power = np.maximum(np.bincount(block, turns**2), 1e-300)
         sums = sums + weights.delay**2 * np.bincount(block, error * turns) ** 2 / power
     return np.asarray(sums, float)
-
-
-def _averaged(time: Array, velocity: Array) -> Array:
-    """Return the moving average; it is wrong at the ends, where its window has no samples."""
-    width = averaged(time)
-    return np.asarray(np.convolve(velocity, np.ones(width) / width, 'same'), float)
-
-
-def _inside(time: Array, values: Array) -> Array:
-    """Return the values, and zero within a window of the ends, as in `objective`."""
-    width = averaged(time)
-    inside = np.zeros(len(values))
-    inside[width:-width] = values[width:-width]
-    return inside

@@ -52,23 +52,28 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
         yield path
 
 
-def check(node: str, observer: str) -> None:
-    """Raise UserError if there is no such node, or it runs another observer."""
+@contextmanager
+def _remote(node: str, observer: str) -> Iterator[RemoteParameters]:
+    """Yield the parameters of a node; UserError: no such node, or it runs another observer."""
     from estimator_pkg.bags.live import live
 
     with live('gain_setter') as here:
         from estimator_pkg.bags.remote_parameters import RemoteParameters
 
-        _check(RemoteParameters(here, node), observer)
+        remote = RemoteParameters(here, node)
+        runs = remote.get(['observer'])['observer']
+        if observer and runs not in (None, observer):  # others have gains of the same names
+            raise UserError(
+                f"the node '{remote.name}' runs {runs}, and the gains are of {observer}: start it "
+                f"with 'observer: {observer}', or tune {runs}"
+            )
+        yield remote
 
 
-def _check(remote: RemoteParameters, observer: str) -> None:
-    runs = remote.get(['observer'])['observer']
-    if observer and runs not in (None, observer):  # others have gains of the same names
-        raise UserError(
-            f"the node '{remote.name}' runs {runs}, and the gains are of {observer}: start it with "
-            f"'observer: {observer}', or tune {runs}"
-        )
+def check(node: str, observer: str) -> None:
+    """Raise UserError if there is no such node, or it runs another observer."""
+    with _remote(node, observer):
+        pass
 
 
 def apply(
@@ -93,13 +98,7 @@ def apply(
     UserError : no such node, another observer in it, no answer, or a refused value (with the
         node's reason).
     """
-    from estimator_pkg.bags.live import live
-
-    with live('gain_setter') as here:
-        from estimator_pkg.bags.remote_parameters import RemoteParameters
-
-        remote = RemoteParameters(here, node)
-        _check(remote, observer)
+    with _remote(node, observer) as remote:
         before = remote.get(list(gains))
         remote.set(gains)
         after = remote.get(list(gains))

@@ -118,12 +118,12 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
     if not np.isfinite(error).all():
         return None
     width = averaged(time)
-    slow = np.convolve(velocity, np.ones(width) / width, 'same')
+    noise = (velocity - smooth(time, velocity))[width:-width]
     late = measured(time, velocity, true)
     return Result(
         float(np.sqrt(np.mean(error**2))),
         late.late,
-        float(np.sqrt(np.mean((velocity - slow)[width:-width] ** 2))),
+        float(np.sqrt(np.mean(noise**2))),
         float(len(rows) / np.count_nonzero(counted)),
         late.half,
     )
@@ -158,6 +158,12 @@ def averaged(time: Array) -> int:
     """
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     return max(1, min(max(AVERAGE_SAMPLES, round(AVERAGE / step)), len(time) // 4))
+
+
+def smooth(time: Array, values: Array) -> Array:
+    """Return the moving average, shape (n,); within a window of the ends it is wrong."""
+    width = averaged(time)
+    return np.convolve(values, np.ones(width) / width, 'same')
 
 
 def mean(values: Sequence[float]) -> float:

@@ -11,7 +11,6 @@ from typing import Any
 
 from estimator_pkg import params_file, streams, yaml_text
 from estimator_pkg.evaluation.text import WIDTH, for_node, interval, number, table, units, wrapped
-from estimator_pkg.evaluation.tuning.bar import written
 from estimator_pkg.evaluation.tuning.settings import TuneSettings, single
 from estimator_pkg.parameters import Parameter, declared
 from estimator_pkg.yaml_text import scalar
@@ -50,6 +49,13 @@ def written_gains(each: Mapping[str, Any], quantum: bool = True) -> dict[str, di
 def rounded(value: Any) -> Any:
     """Return a gain rounded to six digits."""
     return value if isinstance(value, str) else float(f'{value:.6g}')
+
+
+def written(value: Any) -> str:
+    """Return a gain as readable text."""
+    if value is None:
+        return '-'
+    return value if isinstance(value, str) else f'{value:.4g}'
 
 
 def as_yaml(

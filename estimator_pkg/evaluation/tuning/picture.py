@@ -35,46 +35,30 @@ def draw(tuned: Sequence[Mapping[str, Any]], path: str, observer: str) -> None:
     figure = Figure(figsize=(6.5 * len(tuned), 4.8), layout='constrained')
     axes = figure.subplots(1, len(tuned), squeeze=False)[0]
     for axis, each in zip(axes, tuned):
-        known = [(values, cost, point) for values, cost, point in each['trials'] if point]
-        points = [point for _, _, point in known]
-        delays = [point[0] * 1e3 for point in points]
-        noises = [point[1] for point in points]
-        axis.scatter(delays, noises, s=14, color='0.65', label='tried')
-        chosen = front(points)
+        points = [point for _, _, point in each['trials'] if point]
+        _, _, best = min(each['trials'], key=lambda trial: trial[1], default=(None, 0.0, None))
+
+        def scatter(where: Sequence[Any], axis: Any = axis, **look: Any) -> None:
+            axis.scatter([late * 1e3 for late, _ in where], [noise for _, noise in where], **look)
+
+        scatter(points, s=14, color='0.65', label='tried')
+        line = [points[i] for i in front(points)]
         axis.plot(
-            [delays[i] for i in chosen],
-            [noises[i] for i in chosen],
+            [late * 1e3 for late, _ in line],
+            [noise for _, noise in line],
             '-o',
             markersize=4,
             color='tab:blue',
             label='Pareto front',
         )
-        _, _, best = min(each['trials'], key=lambda trial: trial[1], default=(None, 0.0, None))
         if best:
-            axis.scatter(
-                [best[0] * 1e3],
-                [best[1]],
-                s=130,
-                marker='*',
-                color='tab:red',
-                zorder=5,
-                label='chosen',
-            )
+            scatter([best], s=130, marker='*', color='tab:red', zorder=5, label='chosen')
         if each['default_point']:
-            late, noise = each['default_point']
-            axis.scatter(
-                [late * 1e3],
-                [noise],
-                s=50,
-                marker='s',
-                facecolors='none',
-                edgecolors='black',
-                zorder=4,
-                label='defaults',
-            )
+            look = {'facecolors': 'none', 'edgecolors': 'black'}
+            scatter([each['default_point']], s=50, marker='s', zorder=4, label='defaults', **look)
         axis.set_xlabel('delay [ms]')
         axis.set_ylabel('noise [rad/s rms]')
-        if noises and min(noises) > 0.0:
+        if points and min(noise for _, noise in points) > 0.0:
             axis.set_yscale('log')
         if not points:
             axis.text(0.5, 0.5, 'the motion shows no delay', ha='center', transform=axis.transAxes)

@@ -1,30 +1,42 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The search for gains: Optuna suggests and stores the trials, batch by batch.
+"""The search for gains: an Optuna study, whose TPE sampler suggests the trials.
 
 Trials run in batches of a fixed size and are recorded in a fixed order, so the result depends on
-the seed and not on the number of workers. The first batch contains the defaults, the defaults with
-one gain changed at a time (which shows the effect of each gain), and points spread evenly over the
-space. Later batches come half from Optuna's sampler and half from the minimum of a parabola through
-the best trials, which makes few trials sufficient.
+the seed and not on the number of workers. The first batch contains the defaults, and the defaults
+with one gain changed at a time: a gain without effect there is no longer searched.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from estimator_pkg import interrupts
-from estimator_pkg.evaluation.tuning.study import BATCH, Dimension, Study, Trial, Value
+from estimator_pkg.errors import UserError, first_line
 
-EVEN = 2  # batches of evenly distributed points, before the parabola
-NEAREST = 10  # smallest number of trials for the parabola
-GOLDEN = 0.6180339887498949
+BATCH = 8
+ELSEWHERE = 0.3  # change of a gain that shows its effect, as a fraction of its range
+ABOUT = 'about'
+ATTEMPTS, PAUSE = 4, 0.4  # attempts to open a storage, pause between them [s]
+
+Value = float | str
+Ranges = dict[str, Any]  # distributions of Optuna by gain
+
+
+@dataclass
+class Trial:
+    """The gains of a trial and its cost, inf if they do not work."""
+
+    values: dict[str, Value]
+    cost: float
+    details: Any = None
 
 
 @dataclass
@@ -48,7 +60,7 @@ class Search:
 
 
 def search(
-    dimensions: Sequence[Dimension],
+    ranges: Ranges,
     start: Mapping[str, Value],
     judge: Callable[[list[dict[str, Value]]], list[tuple[float, Any]]],
     trials: int,
@@ -63,7 +75,7 @@ def search(
 
     Parameters
     ----------
-    start : start values of the gains.
+    ranges : of the gains. start : start values of the gains.
     judge : a batch of gains -> (cost, details) of each, in the same order.
     trials : largest number of trials.
     storage : of Optuna, a URL; None: in memory. An existing study of this name continues.
@@ -73,40 +85,49 @@ def search(
 
     Raises
     ------
-    UserError : Optuna is missing, or the storage cannot be used.
+    UserError : the storage cannot be used, or its study of this name has other data.
     """
-    study = Study(storage, name, seed, dimensions, about)
-    found = Search(study.earlier())
-    found.idle = [
-        each.name
-        for each in dimensions
-        if any(each.name not in trial.values for trial in found.trials)
-    ]
-    dimensions = study.leave_out(found.idle)
-    offsets = np.random.default_rng(seed).random(len(dimensions))
-    number = len(found.trials) // BATCH
+    from optuna.trial import create_trial
+
+    study = _opened(storage, name, seed, about)
+    with _stored(storage):
+        earlier = study.get_trials(deepcopy=False)
+    found = Search(
+        [
+            Trial(dict(trial.params), float(trial.value))
+            for trial in earlier
+            if trial.value is not None and trial.params and set(trial.params) <= set(ranges)
+        ]
+    )
+    found.idle = [name for name in ranges if any(name not in each.values for each in found.trials)]
+    ranges = {name: each for name, each in ranges.items() if name not in found.idle}
     try:
         while found.asked < trials:
             size = min(BATCH, trials - found.asked)
-            points: list[dict[str, Value]] = []
-            if number == 0:
-                points = _first(dimensions, start)[:size]
-            if number < EVEN:  # a study that continues has these already
-                while len(points) < size:
-                    points.append(_even(dimensions, offsets, number * BATCH + len(points)))
-            else:
-                points += _parabola(dimensions, found, size // 2, number, seed)
-            batch = study.ask(points, size - len(points))
-            first = len(found.trials)
-            for (trial, values), (cost, details) in zip(batch, judge([each for _, each in batch])):
-                study.tell(trial, cost)
+            first = not found.trials
+            # not queued in the study: another process that shares it would take them
+            points = _first(ranges, start)[:size] if first else []
+            with _stored(storage):
+                asked = [study.ask(ranges) for _ in range(size - len(points))]
+            points += [trial.params for trial in asked]
+            for values, trial, (cost, details) in zip(
+                points, [*[None] * (size - len(asked)), *asked], judge(points)
+            ):
+                with _stored(storage):
+                    if trial is None:
+                        study.add_trial(
+                            create_trial(params=values, distributions=ranges, value=cost)
+                        )
+                    else:
+                        study.tell(trial, cost)
                 found.trials.append(Trial(values, cost, details))
-            if number == 0 and size > len(dimensions):
-                found.idle = _idle(dimensions, found.trials[first:], same)
-                dimensions = study.leave_out(found.idle)
-                offsets = offsets[: len(dimensions)]
+            if first and size > len(ranges) > 1:
+                begin, *changed = found.trials[: 1 + len(ranges)]
+                idle = [name for name, each in zip(ranges, changed) if same(begin, each)]
+                if len(idle) < len(ranges):  # else all are searched on
+                    found.idle = idle
+                    ranges = {name: each for name, each in ranges.items() if name not in idle}
             found.asked += size
-            number += 1
             report(size, found)
             if interrupts.came():  # an exception may be lost during clean-up
                 raise KeyboardInterrupt
@@ -116,84 +137,72 @@ def search(
     return found
 
 
-def _first(dimensions: Sequence[Dimension], start: Mapping[str, Value]) -> list[dict[str, Value]]:
+@contextmanager
+def _stored(storage: str | None) -> Iterator[None]:
+    """Raise UserError if the storage fails, which a database may do in any way."""
+    try:
+        yield
+    except Exception as error:
+        if storage is None:
+            raise
+        raise UserError(f"the storage '{storage}' cannot be used: {first_line(error)}") from error
+
+
+def _opened(storage: str | None, name: str, seed: int, about: str) -> Any:
+    """Return the study."""
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')  # about experimental options
+        sampler = optuna.samplers.TPESampler(
+            seed=seed,
+            multivariate=True,
+            n_startup_trials=BATCH,
+            n_ei_candidates=64,
+            constant_liar=True,
+            consider_magic_clip=False,  # narrow kernels: costs are smooth and free of noise
+        )
+    for attempt in range(ATTEMPTS):
+        try:
+            with _stored(storage):
+                study = optuna.create_study(
+                    study_name=name, storage=storage, sampler=sampler, load_if_exists=True
+                )
+            break
+        except UserError:  # processes that start together may all create the storage's tables
+            if attempt == ATTEMPTS - 1:
+                raise
+            time.sleep(PAUSE)
+    with _stored(storage):
+        before = study.user_attrs.get(ABOUT)
+        if before is None:
+            study.set_user_attr(ABOUT, about)
+    if before not in (None, about):
+        raise UserError(
+            f"the study '{name}' in '{storage}' has other data, another observer "
+            'or other settings: choose another name with --study'
+        )
+    return study
+
+
+def _first(ranges: Ranges, start: Mapping[str, Value]) -> list[dict[str, Value]]:
     """Return the start, and, for several gains, the start with one gain changed at a time."""
-    begin = {each.name: start[each.name] for each in dimensions}
-    if len(dimensions) == 1:
+    begin = {name: start[name] for name in ranges}
+    if len(ranges) == 1:
         return [begin]
-    return [begin, *({**begin, each.name: each.elsewhere(begin[each.name])} for each in dimensions)]
+    return [begin, *({**begin, name: moved(each, begin[name])} for name, each in ranges.items())]
 
 
-def _idle(
-    dimensions: Sequence[Dimension], batch: Sequence[Trial], same: Callable[[Trial, Trial], bool]
-) -> list[str]:
-    """Return the gains that had no effect when changed alone; none if that is true of all."""
-    if len(dimensions) == 1:
-        return []
-    found = [each.name for each, trial in zip(dimensions, batch[1:]) if same(batch[0], trial)]
-    return found if len(found) < len(dimensions) else []
-
-
-def _even(dimensions: Sequence[Dimension], offsets: np.ndarray, number: int) -> dict[str, Value]:
-    """Return the n-th of points that fill the space evenly (an additive recurrence)."""
-    ratio = 2.0
-    for _ in range(30):  # the root of x^(d+1) = x + 1
-        ratio = (1.0 + ratio) ** (1.0 / (len(dimensions) + 1))
-    places = [(offset + (number + 1) * ratio ** -(i + 1)) % 1.0 for i, offset in enumerate(offsets)]
-    return {each.name: each.value(place) for each, place in zip(dimensions, places)}
-
-
-def _parabola(
-    dimensions: Sequence[Dimension], found: Search, count: int, number: int, seed: int
-) -> list[dict[str, Value]]:
-    """Return points at and around the minimum of a parabola through the best trials."""
-    working = sorted(
-        (trial for trial in found.trials if math.isfinite(trial.cost)), key=lambda trial: trial.cost
-    )
-    if not working or count < 1:
-        return []
-    size = len(dimensions)
-    terms = 1 + size + size * (size + 1) // 2
-    best = np.array([each.place(working[0].values[each.name]) for each in dimensions])
-    centre = best
-    kept = working[: max(terms + 2, NEAREST)]
-    if len(kept) > terms:
-        places = (
-            np.array(
-                [[each.place(trial.values[each.name]) for each in dimensions] for trial in kept]
-            )
-            - best
-        )
-        farthest = float(np.max(np.abs(places))) or 1.0
-        costs = np.log([max(trial.cost, 1e-300) for trial in kept])
-        weights = np.exp(-0.5 * np.arange(len(kept)) / len(kept) * 3.0)
-        pairs = [(i, j) for i in range(size) for j in range(i, size)]
-        columns = np.stack(
-            [
-                np.ones(len(kept)),
-                *(places[:, i] for i in range(size)),
-                *(places[:, i] * places[:, j] for i, j in pairs),
-            ],
-            axis=1,
-        )
-        fitted = np.linalg.lstsq(columns * weights[:, None], costs * weights, rcond=None)[0]
-        bend = np.zeros((size, size))
-        for (i, j), value in zip(pairs, fitted[1 + size :]):
-            bend[i, j] += value
-            bend[j, i] += value
-        values, vectors = np.linalg.eigh(bend)
-        slope = vectors.T @ fitted[1 : 1 + size]
-        step = np.where(
-            values > 1e-6, -slope / np.maximum(values, 1e-6), -np.sign(slope) * farthest
-        )
-        centre = np.clip(best + np.clip(vectors @ step, -farthest, farthest), 0.0, 1.0)
-    random = np.random.default_rng((seed, number))
-    radius = 0.1 * GOLDEN ** (2 * (number - EVEN))
-    points = [centre]
-    while len(points) < count:
-        around = best if len(points) % 2 else centre
-        points.append(np.clip(around + radius * random.uniform(-1.0, 1.0, size), 0.0, 1.0))
-    return [
-        {each.name: each.value(float(place)) for each, place in zip(dimensions, point)}
-        for point in points
-    ]
+def moved(gain: Any, value: Value | None = None) -> Value:
+    """Return a value at a distance of `ELSEWHERE` from this one; without one, the middle."""
+    choices = getattr(gain, 'choices', None)
+    if choices:
+        at = (len(choices) - 1) // 2 if value is None else choices.index(value) + 1
+        return str(choices[at % len(choices)])
+    into, back = (math.log, math.exp) if gain.log else (float, float)
+    low, high = into(gain.low), into(gain.high)
+    if value is None:
+        return back(0.5 * (low + high))
+    at, step = into(float(value)), ELSEWHERE * (high - low)
+    return back(at + step if at + step <= high else at - step)

@@ -13,7 +13,6 @@ import numpy as np
 
 from estimator_pkg import interrupts
 from estimator_pkg.evaluation.text import number
-from estimator_pkg.evaluation.tuning.bar import bar
 from estimator_pkg.evaluation.tuning.held_out import Compared, compared
 from estimator_pkg.evaluation.tuning.objective import (
     Part,
@@ -24,11 +23,12 @@ from estimator_pkg.evaluation.tuning.objective import (
     mean,
     measure,
 )
+from estimator_pkg.evaluation.tuning.output import written
 from estimator_pkg.evaluation.tuning.records import Record
-from estimator_pkg.evaluation.tuning.search import Search, search
+from estimator_pkg.evaluation.tuning.search import Search, Trial, Value, search
 from estimator_pkg.evaluation.tuning.settings import TuneSettings
-from estimator_pkg.evaluation.tuning.study import Trial, Value
 from estimator_pkg.evaluation.workers import Map
+from estimator_pkg.progress import progress
 
 ALIKE = 0.01  # quanta of a joint in several bags agree within this fraction
 SAME = 1e-6  # errors this close are equal [relative, or rad/s]
@@ -41,10 +41,6 @@ def seek(
     chosen: Sequence[Record],
     judged: Sequence[Record],
     tuning: TuneSettings,
-    trials: int,
-    seed: int,
-    storage: str | None,
-    study: str,
     run_many: Map,
 ) -> dict[str, Any]:
     """Return the best gains for these records, as a dictionary for output and JSON.
@@ -53,7 +49,6 @@ def seek(
     ----------
     joint : the joint of these gains; '' : all.
     judged : records for validation; empty: the held-out parts of those chosen.
-    study : its name in the storage.
 
     The gains are those to use: empty where the search does not beat the defaults on held-out data
     (`why` has the reason, `tried` the gains that it found).
@@ -73,24 +68,22 @@ def seek(
         results = list(
             run_many(measure, [(part, observer, values) for values in batch for part in seen])
         )
-        judged_ = []
-        for index in range(len(batch)):
-            details = results[index * len(seen) : (index + 1) * len(seen)]
-            judged_.append((_total(details, seen, weights, units), details))
-        return judged_
+        every = [results[k : k + len(seen)] for k in range(0, len(results), len(seen))]
+        return [(_total(details, seen, weights, units), details) for details in every]
 
-    with bar(f'{observer} {joint}'.strip(), trials) as report:
+    label = f'{observer} {joint}'.strip()
+    with progress(label, tuning.trials) as advance:
         found = search(
-            tuning.dimensions,
+            tuning.ranges,
             tuning.start(),
             judge,
-            trials,
-            seed,
-            storage,
-            study,
-            report,
+            tuning.trials,
+            tuning.seed,
+            tuning.storage,
+            f'{tuning.study}/{joint}' if joint else tuning.study,
+            lambda count, so_far: advance(count, f'{label}{_so_far(so_far)}'),
             about=_about(chosen, tuning),
-            same=_same,
+            same=lambda one, other: _alike([one, other]),
         )
     best = found.best
     if best is None:
@@ -104,42 +97,36 @@ def seek(
             found,
         )
     interrupts.finish()  # validation takes as long as one trial
-    if _no_effect(found):
-        names = ' nor '.join(f"'{each.name}'" for each in tuning.dimensions)
+    working = [trial for trial in found.trials if _flat(trial.details)]
+    if len(working) >= 3 and _alike(working):
+        names = ' nor '.join(f"'{name}'" for name in tuning.ranges)
         return kept(joint, chosen, f'nothing in these bags depends on {names}', found)
     idle = found.idle
     gains = {name: value for name, value in best.values.items() if name not in idle}
     held = [record.held_out for record in chosen if record.held_out is not None]
     parts = [record.seen for record in judged] or held or seen
     default, better = (
-        [measure(part, observer, values) for part in parts] for values in ({}, gains)
+        _summary([measure(part, observer, values) for part in parts], parts, weights)
+        for values in ({}, gains)
     )
     pair = compared(parts, observer, gains, weights)
-    summaries = _summary(default, parts, weights), _summary(better, parts, weights)
-    why = _why(pair, *summaries, bool(held or judged))
+    why = _why(pair, default, better, bool(held or judged))
     points = _points([first, *(trial.details for trial in found.trials)])
     return {
-        'joint': joint,
+        **kept(joint, chosen, why, found),
         'gains': {} if why else gains,
         'tried': gains,
-        'why': why,
         'pair': None if pair is None else pair._asdict(),
-        'cautions': list(dict.fromkeys(each for record in chosen for each in record.cautions)),
-        'quanta': _quanta(chosen),
         'default_gains': {
             name: value for name, value in tuning.defaults().items() if name not in idle
         },
         'idle': idle,
         'default_point': points[0],
         'relative_cost': best.cost,
-        'evaluations': found.asked,
-        'interrupted': found.interrupted,
         'held_out': bool(held or judged),
         'judged_on': sorted({record.bag for record in judged}),
-        'default': summaries[0],
-        'best': summaries[1],
-        'bags': sorted({record.bag for record in chosen}),
-        'joints': sorted({joint for record in chosen for joint in record.joints}),
+        'default': default,
+        'best': better,
         'trials': [
             (trial.values, trial.cost, point) for trial, point in zip(found.trials, points[1:])
         ],
@@ -150,7 +137,7 @@ def kept(
     joint: str, chosen: Sequence[Record], why: str, found: Search | None = None
 ) -> dict[str, Any]:
     """Return the result where the defaults stay without a comparison; keys as those of `seek`."""
-    trials = [] if found is None else found.trials
+    found = found or Search()
     return {
         'joint': joint,
         'gains': {},
@@ -163,16 +150,24 @@ def kept(
         'idle': [],
         'default_point': None,
         'relative_cost': 1.0,
-        'evaluations': 0 if found is None else found.asked,
-        'interrupted': found is not None and found.interrupted,
+        'evaluations': found.asked,
+        'interrupted': found.interrupted,
         'held_out': False,
         'judged_on': [],
         'default': None,
         'best': None,
         'bags': sorted({record.bag for record in chosen}),
         'joints': sorted({joint for record in chosen for joint in record.joints}),
-        'trials': [(trial.values, trial.cost, None) for trial in trials],
+        'trials': [(trial.values, trial.cost, None) for trial in found.trials],
     }
+
+
+def _so_far(found: Search) -> str:
+    """Return the best trial as text for the progress bar."""
+    if found.best is None:
+        return ''
+    gains = ', '.join(f'{name} {written(value)}' for name, value in found.best.values.items())
+    return f': best cost {found.best.cost:.3f} of that of the defaults: {gains}'
 
 
 def _quanta(chosen: Sequence[Record]) -> dict[str, float]:
@@ -291,24 +286,11 @@ def _flat(details: Details | None) -> list[Result]:
     return [one for result in details if result is not None for one in result.values()]
 
 
-def _no_effect(found: Search) -> bool:
-    """Return True if the gains were varied and no result changed."""
-    working = [trial for trial in found.trials if _works(trial)]
-    return len(working) >= 3 and _alike(working)
-
-
-def _same(one: Trial, other: Trial) -> bool:
-    return _works(one) and _works(other) and _alike([one, other])
-
-
-def _works(trial: Trial) -> bool:
-    return bool(_flat(trial.details))
-
-
 def _alike(trials: Sequence[Trial]) -> bool:
-    """Return True if these trials gave the same errors."""
-    errors = np.array(
-        [[one.error for result in trial.details for one in result.values()] for trial in trials]
-    )
+    """Return True if these trials work, and gave the same errors."""
+    every = [_flat(trial.details) for trial in trials]
+    if not all(every):
+        return False
+    errors = np.array([[one.error for one in results] for results in every])
     low, high = np.min(errors, axis=0), np.max(errors, axis=0)
     return bool(np.all(high - low <= SAME * np.maximum(high, 1.0)))

@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import check_joints
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
-from estimator_pkg.evaluation.tuning.study import Dimension, Value
+from estimator_pkg.evaluation.tuning.search import Ranges, Value, moved
 from estimator_pkg.parameters import Parameter, declared
 
 WRAP_PERIOD = 2.0 * math.pi
@@ -30,13 +30,18 @@ class TuneSettings:
     """Observer, search ranges, and weights of a tuning run.
 
     entry : the observer with its fixed parameters. weights : of error, delay, noise. preference :
-    the name of the weights. dimensions : the searched gains.
+    the name of the weights. ranges : of the searched gains, by name. trials : their number. seed :
+    of the search. storage, study : the URL of Optuna's storage, and the name of the study in it.
     """
 
     entry: Entry
     weights: Weights
     preference: str
-    dimensions: tuple[Dimension, ...]
+    ranges: Ranges
+    trials: int
+    seed: int
+    storage: str | None
+    study: str
 
     @property
     def held(self) -> dict[str, Any]:
@@ -51,19 +56,17 @@ class TuneSettings:
     def start(self) -> dict[str, Value]:
         """Return the start values: the defaults if inside the range, else its middle."""
         found: dict[str, Value] = {}
-        for each in self.dimensions:
-            default = single(self.gains[each.name].default)
-            if default is None:
-                found[each.name] = each.value(0.5)
-            elif isinstance(default, str):
-                found[each.name] = default
+        for name, default in self.defaults().items():
+            gain = self.ranges[name]
+            if default is None or isinstance(default, str):
+                found[name] = moved(gain) if default is None else default
             else:
-                found[each.name] = min(max(default, each.low), each.high)
+                found[name] = min(max(default, gain.low), gain.high)
         return found
 
     def defaults(self) -> dict[str, Value | None]:
         """Return the defaults of the searched gains; None: computed from other parameters."""
-        return {each.name: single(self.gains[each.name].default) for each in self.dimensions}
+        return {name: single(self.gains[name].default) for name in self.ranges}
 
 
 def single(default: Any) -> Any:
@@ -85,6 +88,8 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         raise UsageError(f'--trials is {parsed.trials}: it must be 1 or more')
     if not 0 <= parsed.seed <= LARGEST_SEED:
         raise UsageError(f'--seed is {parsed.seed}: it must be from 0 to {LARGEST_SEED}')
+    if parsed.study is not None and parsed.storage is None:
+        raise UsageError('--study needs --storage: name where to keep it, as in sqlite:///study.db')
     check_joints(parsed)
     if parsed.observer == requested.ALL:
         raise UsageError("--observer is 'all', but tuning needs one: name it")
@@ -97,7 +102,11 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         entry,
         _weights(parsed),
         f'weights {parsed.weights}' if parsed.weights else parsed.prefer,
-        _dimensions(entry.observer, known, parsed.search, dict(entry.values)),
+        _ranges(entry.observer, known, parsed.search, dict(entry.values)),
+        parsed.trials,
+        parsed.seed,
+        parsed.storage,
+        parsed.study or 'velocity_estimator',
     )
 
 
@@ -115,22 +124,21 @@ def _weights(parsed: argparse.Namespace) -> Weights:
     return Weights(*values)
 
 
-def _dimensions(
+def _ranges(
     observer: str, known: Mapping[str, Parameter], wanted: Sequence[str], held: Mapping[str, Any]
-) -> tuple[Dimension, ...]:
-    if wanted:
-        found = {}
-        for text in wanted:
-            name, _, ends = text.partition('=')
-            if name not in known:
-                hint = observers.instead(name, known, observers.find(observer), NAME_IT)
-                raise UsageError(
-                    f"unknown parameter '{name}' of {observer}: {hint or suggestion(name, known)}"
-                )
-            found[name] = _searched(known[name], ends, text)
-    else:
+) -> Ranges:
+    found: Ranges = {}
+    for text in wanted:
+        name, _, ends = text.partition('=')
+        if name not in known:
+            hint = observers.instead(name, known, observers.find(observer), NAME_IT)
+            raise UsageError(
+                f"unknown parameter '{name}' of {observer}: {hint or suggestion(name, known)}"
+            )
+        found[name] = _searched(known[name], ends, text)
+    if not wanted:
         found = {
-            name: Dimension(name, *(each.search or (0.0, 1.0)), each.among)
+            name: _range(*(each.search or ()), choices=each.among)
             for name, each in known.items()
             if each.search is not None or each.among
         }
@@ -140,16 +148,25 @@ def _dimensions(
             f"nothing to search: '{observer}' has no search ranges, or --set and "
             '--params fix all its gains; add one with --search'
         )
-    return tuple(found.values())
+    return found
 
 
-def _searched(parameter: Parameter, ends: str, text: str) -> Dimension:
-    """Return the dimension that the user requests."""
+def _range(low: float = 0.0, high: float = 1.0, choices: Sequence[str] = ()) -> Any:
+    """Return the distribution, on a logarithmic scale if both ends are positive."""
+    from optuna.distributions import CategoricalDistribution, FloatDistribution
+
+    if choices:
+        return CategoricalDistribution(choices)
+    return FloatDistribution(low, high, log=low > 0.0)
+
+
+def _searched(parameter: Parameter, ends: str, text: str) -> Any:
+    """Return the range that the user requests."""
     if parameter.kind is str:
         choices = tuple(parameter.check(choice) for choice in ends.split('|'))
         if len(choices) < 2:
             raise UsageError(f"--search '{text}' is invalid: write it as NAME=ONE|OTHER")
-        return Dimension(parameter.name, choices=choices)
+        return _range(choices=choices)
     if parameter.kind not in (float, list):
         raise UsageError(f"--search '{text}': choose a gain that is a number or a choice")
     low, colon, high = ends.partition(':')
@@ -161,4 +178,4 @@ def _searched(parameter: Parameter, ends: str, text: str) -> Dimension:
         raise UsageError(f"--search '{text}' is invalid: write it as GAIN=LOW:HIGH")
     for value in bounds:
         parameter.check(value)
-    return Dimension(parameter.name, *bounds)
+    return _range(*bounds)

@@ -114,6 +114,13 @@ class Motion:
         if self._compiled is not None:
             self._memory = Memory(Plant, made)
 
+    def begin(self, q: Any, v: Any) -> None:
+        """Start again from these positions and velocities, shape (n,)."""
+        n, plant = self._mechanics.degrees, self._plant
+        plant.q[:n], plant.v[:n] = map(float, q), map(float, v)
+        if self._compiled is not None:
+            self._memory.array['q'][0, :n], self._memory.array['v'][0, :n] = q, v
+
     def run(self, inputs: Any, steps: Any, parts: Any) -> tuple[Array, Array]:
         """Return (positions, velocities), shape (N + 1, n), see `course`; the motion goes on."""
         count, n = len(steps), self._mechanics.degrees

@@ -21,10 +21,10 @@ from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.entries import angle_observers
 from estimator_pkg.evaluation.tuning.search import search
-from estimator_pkg.evaluation.tuning.study import Dimension
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 
-pytest.importorskip('optuna', reason='not run: Optuna is not installed')
+optuna = pytest.importorskip('optuna', reason='not run: Optuna is not installed')
+RANGE = optuna.distributions.FloatDistribution(1.0, 100.0, log=True)
 
 DRIVES = Path(__file__).resolve().parents[3] / 'bags' / 'simulated'
 MODEL = '[inertia=0.05, damping=0.02, gravity=1.5, coulomb=0.05]'
@@ -272,11 +272,11 @@ def test_a_storage_that_breaks_on_the_way(tmp_path):
         return [(1.0, None) for _ in batch]
 
     with pytest.raises(UserError, match='cannot be used'):
-        search([Dimension('a', 1.0, 2.0)], {'a': 1.5}, judge, 16, storage=f'sqlite:///{database}')
+        search({'a': RANGE}, {'a': 1.5}, judge, 16, storage=f'sqlite:///{database}')
 
 
 def test_dropped_gains_stay_dropped_in_a_study_that_goes_on(tmp_path):
-    plane = [Dimension('a', 1.0, 100.0), Dimension('b', 1.0, 100.0)]
+    plane = {'a': RANGE, 'b': RANGE}
     storage = f'sqlite:///{tmp_path}/study.db'
     for trials in (16, 8):
         found = search(

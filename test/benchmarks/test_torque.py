@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import torque
+from benchmarks.torque import STUDIES
 from estimator_pkg.engine.calls import available
-from estimator_pkg.evaluation.identify import torque
-from estimator_pkg.evaluation.identify.torque import STUDIES
 
-BAGS = Path(__file__).parents[3] / 'bags'
+BAGS = Path(__file__).parents[2] / 'bags'
 
 pytestmark = pytest.mark.skipif(not available(), reason='slow without the engine')
 

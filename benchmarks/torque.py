@@ -3,7 +3,7 @@
 
 """The benefit of a reported torque: observers with and without it on recorded pendulums.
 
-    python -m estimator_pkg.evaluation.identify.torque bags
+    python -m benchmarks.torque bags
 
 A model is identified on one recording and used by the observer on another. The reference is the
 drive's own velocity (its lag and bias removed, its noise in quadrature). Every observer has the
@@ -15,6 +15,7 @@ the reason.
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -32,9 +33,9 @@ from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.delay import delay
+from estimator_pkg.evaluation.identify.command import first_guess
 from estimator_pkg.evaluation.identify.data import recording
-from estimator_pkg.evaluation.identify.fit import DELAY, fit
-from estimator_pkg.evaluation.identify.joint import identify
+from estimator_pkg.evaluation.identify.fit import fit
 from estimator_pkg.evaluation.identify.model import unknowns
 from estimator_pkg.evaluation.identify.pieces import Recording, accumulated
 from estimator_pkg.evaluation.matching import match
@@ -73,37 +74,20 @@ SLOW = (8.0, 11.0, 15.0, 18.0, 22.0, 27.0, 36.0, 50.0)
 FAST = (27.0, 40.0, 55.0, 70.0, 90.0)
 _SIMPLE, _DOUBLE = 'dfki_simple_pendulum/', 'dfki_double_pendulum/'
 STUDIES = (
-    Study(
-        _SIMPLE + 'system_identification_300hz',
-        _SIMPLE + 'sac_200hz_multiturn',
-        'geso',
-        'single_joint',
-        SLOW,
-        (0.0, 2.0, 8.0),
+    *(
+        Study(
+            _SIMPLE + each,
+            _SIMPLE + 'sac_200hz_multiturn',
+            'geso',
+            'single_joint',
+            SLOW,
+            (0.0, 2.0, 8.0),
+        )
+        for each in ('system_identification_300hz', 'energy_shaping_200hz')
     ),
-    Study(
-        _SIMPLE + 'energy_shaping_200hz',
-        _SIMPLE + 'sac_200hz_multiturn',
-        'geso',
-        'single_joint',
-        SLOW,
-        (0.0, 2.0, 8.0),
-    ),
-    Study(
-        _DOUBLE + 'sys_id_500hz',
-        _DOUBLE + 'trajectory_665hz',
-        'hgo',
-        'two_links',
-        FAST,
-        (0.0, 4.0, 8.0),
-    ),
-    Study(
-        _DOUBLE + 'trajectory_665hz',
-        _DOUBLE + 'sys_id_500hz',
-        'hgo',
-        'two_links',
-        FAST,
-        (0.0, 4.0, 8.0),
+    *(
+        Study(_DOUBLE + one, _DOUBLE + other, 'hgo', 'two_links', FAST, (0.0, 4.0, 8.0))
+        for one, other in itertools.permutations(('sys_id_500hz', 'trajectory_665hz'))
     ),
 )
 
@@ -184,19 +168,19 @@ def _late(samples: Recording, lag: float) -> Array:
 def _run(observer: str, gains: dict[str, Any], judged: _Judged, inputs: Array | None) -> Array:
     """Return velocities, shape (N, n): of the mechanism, or of each joint alone without inputs."""
     record = observers.find(observer)
-    positions = judged.samples.positions
-    velocities = np.full_like(positions, np.nan)
     settings: Any = build(record.gains, gains, owner=observer)
+    positions, stamps = judged.samples.positions, judged.stamps.tolist()
+    velocities = np.full_like(positions, np.nan)
     if inputs is not None:
         joint = Joint(record, settings, JointSettings())
-        for k, stamp in enumerate(judged.stamps.tolist()):
+        for k, stamp in enumerate(stamps):
             if joint.update(stamp, tuple(positions[k].tolist()), tuple(inputs[k].tolist())):
                 velocities[k] = joint.estimate()[1]
         return velocities
-    for column in range(positions.shape[1]):
+    for column, angles in enumerate(positions.T.tolist()):
         joint = Joint(record, settings, JointSettings())
-        for k, stamp in enumerate(judged.stamps.tolist()):
-            if joint.update(stamp, float(positions[k, column])):
+        for k, stamp in enumerate(stamps):
+            if joint.update(stamp, angles[k]):
                 velocities[k, column] = joint.estimate()[1]
     return velocities
 
@@ -211,11 +195,7 @@ def _identified(path: Path, model: str) -> tuple[tuple[str, ...], float, float]:
             bag, MEASUREMENT, wanted.make(wanted.start), tuple(joint_series(bag, MEASUREMENT))
         )
     if model == 'single_joint':
-        guess = identify(
-            samples.time, samples.positions[:, 0], samples.inputs[:, 0], given['coulomb_speed']
-        ).values
-        lag = guess[DELAY]
-        wanted = unknowns(model, given, {name: guess[name] for name in wanted.names})
+        wanted, lag = first_guess(samples, wanted, given, {})
     found = fit(samples, wanted, lag)
     return (
         wanted.texts(found.values[:-1]),
@@ -282,42 +262,25 @@ def _best(results: list[Result], longest: float) -> Result:
 
 def text(lines: list[Line]) -> str:
     """Return the table as text."""
-    head = (
-        'judged on',
-        'joint',
-        'identified on',
-        'explained',
-        'reference noise',
-        'angle alone',
-        'by',
-        'delay [ms]',
-        'with torque',
-        'by',
-        'delay [ms]',
-        'torque 0',
-        'ratio',
-    )
-    return table(
-        head,
-        [
-            (
-                line.study.judged.partition('/')[2],
-                line.joint,
-                line.study.identified.partition('/')[2],
-                f'{100.0 * line.explained:.1f} %',
-                f'{line.noise:.3f}',
-                f'{line.angle.error:.3f}',
-                line.angle.what,
-                f'{1e3 * line.angle.delay:.2f}',
-                f'{line.torque.error:.3f}',
-                line.torque.what,
-                f'{1e3 * line.torque.delay:.2f}',
-                f'{line.without.error:.3f}',
-                f'{line.ratio:.2f}' if line.angle.error > 0.0 else '-',
-            )
-            for line in lines
-        ],
-    )
+    rows = [
+        {
+            'judged on': line.study.judged.partition('/')[2],
+            'joint': line.joint,
+            'identified on': line.study.identified.partition('/')[2],
+            'explained': f'{100.0 * line.explained:.1f} %',
+            'reference noise': f'{line.noise:.3f}',
+            'angle alone': f'{line.angle.error:.3f}',
+            'by': line.angle.what,
+            'delay [ms]': f'{1e3 * line.angle.delay:.2f}',
+            'with torque': f'{line.torque.error:.3f}',
+            'by ': line.torque.what,
+            'delay [ms] ': f'{1e3 * line.torque.delay:.2f}',
+            'torque 0': f'{line.without.error:.3f}',
+            'ratio': f'{line.ratio:.2f}' if line.angle.error > 0.0 else '-',
+        }
+        for line in lines
+    ]
+    return table(tuple(rows[0]), [tuple(row.values()) for row in rows])
 
 
 def main() -> None:
