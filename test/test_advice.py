@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.compare.truth import from_smoother
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.report.contradictions import contradictions
-from estimator_pkg.evaluation.report.findings import look, sentences
+from estimator_pkg.evaluation.report.findings import look, of_joint, sentences
 from estimator_pkg.sensor.guard import WHY_DROPPED
 from estimator_pkg.streams.contract import HEADER, stamp_remedy
 
@@ -147,7 +147,8 @@ def test_findings_fit_the_observer(observer):
         comparison = SimpleNamespace(
             rows=[each], refused={}, notes=(), references={}, smoothed={}, corrected={}
         )
-        said += sentences(comparison, {'j': seen}) + contradictions(comparison, {'j': [each]}, {})
+        said += sentences(comparison, {'j': of_joint(comparison, 'j', seen)})
+        said += contradictions(comparison, {'j': [each]}, {})
     text = ' '.join(said)
     assert 'most of its error comes from its delay' in text and 'is noise' in text
     assert 'too narrow' in text and 'unstable' in text

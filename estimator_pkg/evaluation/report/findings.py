@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,14 +43,17 @@ def look(series: Series, start: int, period: float) -> Readings | None:
     return seen if len(seen.rows) >= FEWEST else None
 
 
-def sentences(comparison: Comparison, seen: dict[str, Readings]) -> list[str]:
-    """Return findings and recommendations, most important first."""
+def sentences(comparison: Comparison, of_readings: Mapping[str, list[str]]) -> list[str]:
+    """Return findings and recommendations, most important first.
+
+    Parameters
+    ----------
+    of_readings : by joint, see `of_joint`.
+    """
     found: list[str] = []
     found += comparison.refused.values()
-    for joint, readings in seen.items():
-        sources = {row.source for row in comparison.rows if row.joint == joint}
-        with_quantum = any(has(each, 'quantum', of_topic=True) for each in sources)
-        found += _of_measurement(joint, readings, with_quantum, comparison.refused.get(joint, ''))
+    for each in of_readings.values():
+        found += each
     for joint in dict.fromkeys(row.joint for row in comparison.rows):
         rows = [row for row in comparison.rows if row.joint == joint]
         found += _of_samples(joint, rows[0])
@@ -60,8 +64,11 @@ def sentences(comparison: Comparison, seen: dict[str, Readings]) -> list[str]:
     return found
 
 
-def _of_measurement(joint: str, seen: Readings, with_quantum: bool, refused: str) -> list[str]:
+def of_joint(comparison: Comparison, joint: str, seen: Readings) -> list[str]:
     """Return what the checks of `doctor` find, and one count; dropped samples have a finding."""
+    sources = {row.source for row in comparison.rows if row.joint == joint}
+    with_quantum = any(has(each, 'quantum', of_topic=True) for each in sources)
+    refused = comparison.refused.get(joint, '')
     found = []
     for each in sorted(checked(seen), key=lambda check: -LEVELS.index(check.level)):
         if (

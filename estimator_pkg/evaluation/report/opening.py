@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from estimator_pkg import observers, params_file, registry, streams, yaml_text
-from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict, listed
@@ -186,7 +185,7 @@ def parameter_file(
     comparison: Comparison,
     chosen: Mapping[str, Row],
     entries: Mapping[str, Entry],
-    seen: Mapping[str, Readings],
+    quanta: Mapping[str, float],
     period: float,
     verdicts: Mapping[str, Verdict],
 ) -> str:
@@ -194,6 +193,10 @@ def parameter_file(
 
     A node has one observer: the one that most joints need. '' if it is no observer, or if nothing
     is recommended for a joint.
+
+    Parameters
+    ----------
+    quanta : of the readings [rad], by joint; 0: none.
     """
     if any(faulty(verdicts.get(joint)) for joint in chosen):
         return ''
@@ -221,13 +224,13 @@ def parameter_file(
         f'    {yaml_text.key(name)}: {known[params_file.parameter_of(name)].text(value)}'
         for name, value in values.items()
     ]
-    quanta = {joint: found.quantum for joint, found in seen.items() if found.quantum}
-    if quanta and 'quantum' in known and 'quantum' not in values:
-        if len({f'{each:.3g}' for each in quanta.values()}) == 1 and len(quanta) == len(seen):
-            quantum = float(np.median(list(quanta.values())))
+    counted = {joint: quantum for joint, quantum in quanta.items() if quantum}
+    if counted and 'quantum' in known and 'quantum' not in values:
+        if len({f'{each:.3g}' for each in counted.values()}) == 1 and len(counted) == len(quanta):
+            quantum = float(np.median(list(counted.values())))
             lines += [f'    # {_counts(quantum)}', f'    quantum: {quantum:.6g}']
         else:
-            for joint, quantum in quanta.items():
+            for joint, quantum in counted.items():
                 lines.append(f'    {yaml_text.key(f"{params_file.OVERRIDES}.{joint}")}:')
                 lines += [f'      # {_counts(quantum)}', f'      quantum: {quantum:.6g}']
     return '\n'.join(lines) + '\n'

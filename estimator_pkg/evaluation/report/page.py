@@ -12,14 +12,13 @@ from pathlib import Path
 
 from estimator_pkg import __version__, destination, whole_file
 from estimator_pkg.evaluation import plots
-from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, opening, tradeoff
 from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
-from estimator_pkg.evaluation.report.findings import NONE, look, sentences
+from estimator_pkg.evaluation.report.findings import NONE, look, of_joint, sentences
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.printable import escaped
 from estimator_pkg.progress import progress
@@ -85,7 +84,8 @@ class Report:
         joints = list(dict.fromkeys(row.joint for row in comparison.rows))
         if not joints:
             return self._nothing(comparison)
-        seen: dict[str, Readings] = {}
+        quanta: dict[str, float] = {}
+        of_readings: dict[str, list[str]] = {}
         rows: dict[str, list[Row]] = {}
         raw: dict[str, Row] = {}
         with progress(f'{comparison.bag}: page', 3 * len(joints)) as advance:
@@ -95,15 +95,17 @@ class Report:
                         comparison.measurement[joint], comparison.starts[joint], self._period
                     )
                     if found is not None:
-                        seen[joint] = found
-                of_joint = [row for row in comparison.rows if row.joint == joint]
-                raw_row = next((row for row in of_joint if row.source == tradeoff.RAW), None)
+                        quanta[joint] = found.quantum
+                        of_readings[joint] = of_joint(comparison, joint, found)
+                        del found  # its arrays are as long as the record
+                own = [row for row in comparison.rows if row.joint == joint]
+                raw_row = next((row for row in own if row.source == tradeoff.RAW), None)
                 if raw_row is None:
-                    raw_row = tradeoff.raw_difference(comparison, joint, of_joint[0], self._period)
-                    of_joint += [raw_row] if raw_row is not None else []
+                    raw_row = tradeoff.raw_difference(comparison, joint, own[0], self._period)
+                    own += [raw_row] if raw_row is not None else []
                 if raw_row is not None:
                     raw[joint] = raw_row
-                rows[joint] = opening.ordered(of_joint, verdicts.get(joint))
+                rows[joint] = opening.ordered(own, verdicts.get(joint))
                 advance(1)
             chosen = {
                 joint: opening.choice(
@@ -114,9 +116,10 @@ class Report:
             }
             self._know(rows, chosen)
             findings = grouped(
-                [*contradictions(comparison, rows, verdicts), *sentences(comparison, seen)], joints
+                [*contradictions(comparison, rows, verdicts), *sentences(comparison, of_readings)],
+                joints,
             ) or [NONE]
-            parts = self._opening(comparison, rows, chosen, raw, seen)
+            parts = self._opening(comparison, rows, chosen, raw, quanta)
             ordered = [row for joint in joints for row in rows[joint]]
             parts += [
                 f'<p class="note">Velocity errors against {escaped(comparison.truth)}, at zero '
@@ -182,7 +185,7 @@ class Report:
         rows: Mapping[str, Sequence[Row]],
         chosen: Mapping[str, Row],
         raw: Mapping[str, Row],
-        seen: Mapping[str, Readings],
+        quanta: Mapping[str, float],
     ) -> list[str]:
         """Return heading, verdict, parameter file and picture."""
         bag, verdicts, joints = Path(comparison.bag), comparison.verdicts, len(rows)
@@ -190,7 +193,7 @@ class Report:
         sentences = opening.words(chosen, raw, self._entries, verdicts)
         recommended = sum(text.startswith('Use ') for text in sentences)
         parameters = opening.parameter_file(
-            comparison, chosen, self._entries, seen, self._period, verdicts
+            comparison, chosen, self._entries, quanta, self._period, verdicts
         )
         moving = max(rows, key=lambda joint: _speed(rows[joint][0]))
         drawn = tradeoff.picture(

@@ -414,7 +414,7 @@ def look(time, angle):
 def said(time, angle):
     """What the page says of these readings."""
     nothing = SimpleNamespace(rows=[], refused={}, notes=())
-    return ' '.join(findings.sentences(nothing, {'j': look(time, angle)}))
+    return ' '.join(findings.of_joint(nothing, 'j', look(time, angle)))
 
 
 def test_an_encoder_that_repeats_itself():
@@ -550,7 +550,12 @@ def test_the_parameter_file_is_one_that_the_node_loads(tmp_path):
     seen = look(np.arange(4000) * 1e-3, counted(np.sin(3.0 * np.arange(4000) * 1e-3)))
     entries = {'pll': Entry('pll', 'pll', (('bandwidth_hz', 30.0),))}
     text = opening.parameter_file(
-        SimpleNamespace(bag='a/b'), {'j': row('pll', 0.1, 0.0)}, entries, {'j': seen}, TURN, {}
+        SimpleNamespace(bag='a/b'),
+        {'j': row('pll', 0.1, 0.0)},
+        entries,
+        {'j': seen.quantum},
+        TURN,
+        {},
     )
     path = tmp_path / 'params.yaml'
     path.write_text(text)
