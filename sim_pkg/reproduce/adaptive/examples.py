@@ -118,7 +118,12 @@ def a6_values() -> Values:
 def run(
     example: Example, form: str, angles: Array, inputs: Array, dt: float
 ) -> tuple[float, list[float]]:
-    """Return angle and theta of the observer `adaptive`, as the paper has it, after n samples."""
+    """Return angle and theta of the observer `adaptive`, as the paper has it, after n samples.
+
+    Parameters
+    ----------
+    angles : shape (n + 1,) [rad]. inputs : shape (n,), constant between the samples.
+    """
     settings = adaptive.Gains(
         form=form,
         law='gradient',

@@ -95,7 +95,12 @@ def response(example: Example, inputs: Array, dt: float) -> Array:
 
 
 def simulate(matrix: list[list[float]], gain: list[list[float]], inputs: Array, dt: float) -> Array:
-    """Return the first state of a linear system from rest, its input held for each dt [s]."""
+    """Return the first state of a linear system from rest, shape (n + 1,).
+
+    Parameters
+    ----------
+    inputs : shape (n,), each held for one dt [s].
+    """
     held = np.append(inputs, 0.0)
     system = matrix, gain, [[1.0, 0.0]], [[0.0]]
     return lsim(system, held, dt * np.arange(len(held)), interp=False)[1]

@@ -88,7 +88,7 @@ def simulate(
     Parameters
     ----------
     limit : of saturation. resets : with J2.
-    noise : measurement noise every millisecond, interpolated; None: none [rad].
+    noise : measurement noise every millisecond, interpolated, shape (n,) [rad]; None: none.
     """
     l1, l2 = gains
     values = [] if noise is None else noise.tolist()
@@ -125,7 +125,9 @@ def simulate(
     exact = noise is None
     accuracy = {'rtol': 1e-9, 'atol': 1e-10} if exact else {'rtol': 1e-4, 'atol': 1e-6}
     x, rows, reset_times = np.zeros(4), [], []
-    reset_change, wrap_change, growth, rest = [], [], 0.0, 0.0
+    reset_change: list[float] = []
+    wrap_change: list[float] = []
+    growth = rest = 0.0
     every = STEP * np.arange(COUNT + 1)
     for begin, end in pairwise((0.0, TURNS_AT, SETTLES_AT, DURATION)):
         t = begin

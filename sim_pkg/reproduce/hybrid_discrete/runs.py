@@ -17,7 +17,7 @@ from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.observers.switched.stages import chains
 from estimator_pkg.observers.switched.state import Coefficients, Estimate, State
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 EVENTS = 20  # periods of 0.5 s
 

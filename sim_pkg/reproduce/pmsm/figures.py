@@ -42,7 +42,7 @@ def reduced(angle: float, xi: float, duration: float) -> tuple[Array, Array]:
         sine = math.sin(state[0])
         return CHI * state[1] - K_ETA * CHI * sine, -GAMMA * CHI * sine
 
-    at = np.linspace(0.0, duration, 4000)
+    at = np.linspace(0.0, duration, 8000)
     rows = solve_ivp(slope, (0.0, duration), (angle, xi), rtol=1e-8, atol=1e-9, t_eval=at).y
     return rows[0], rows[1]
 
@@ -58,7 +58,7 @@ def unstable_manifold() -> list[tuple[Array, Array]]:
     branches = []
     for sign in (1.0, -1.0):
         start = np.array([math.pi, 0.0]) + 1e-4 * sign * direction
-        angle, xi = reduced(start[0], start[1], -14.0)
+        angle, xi = reduced(start[0], start[1], -40.0)
         xi[np.abs(xi) > 4.2] = np.nan  # out of the picture
         branches.append((angle, xi))
     return branches

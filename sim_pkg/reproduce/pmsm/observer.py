@@ -173,4 +173,7 @@ def observer_run(variant: str, direction: int, eta0_deg: float, xi0: float) -> R
     design = design_of(variant=variant, **PAPER)
     z = start_frame(truth.theta[0], truth.omega[0], eta0_deg)
     log = run_log(design, rows, 1.0 / LOG, start_state(design, rows[0], z, xi0))
-    return Run(Signals(*(column[1:] for column in truth)), log.h, log.z, log.x, 0, 0)
+    # row 0 is the start, before the observer took a sample
+    _, angle, speed, current, voltage = truth
+    later = Signals(truth.time[1:], angle[1:], speed[1:], current[1:], voltage[1:])
+    return Run(later, log.h, log.z, log.x, 0, 0)
