@@ -138,7 +138,7 @@ def _ranges(
         found[name] = _searched(known[name], ends, text)
     if not wanted:
         found = {
-            name: _range(*(each.search or ()), choices=each.among)
+            name: _range(*(each.search or (0.0, 1.0)), each.among)
             for name, each in known.items()
             if each.search is not None or each.among
         }
