@@ -165,7 +165,7 @@ class _Linear(NamedTuple):
     to_start: Array  # (residual) -> the change of the start that removes most of it
 
     def without(self, values: Array) -> Array:
-        """Return residuals or slopes without the part that another start would remove."""
+        """Return residuals or slopes, shape (m, ...), less what another start would remove."""
         return values - self.basis @ (self.basis.T @ values)
 
 
@@ -222,12 +222,15 @@ class _Part:
         return _Linear(start, rest, by_number, basis, np.linalg.pinv(triangle) @ basis.T)
 
     def projected(self, numbers: Array) -> list[tuple[Array, Array]]:
-        """Return (residual, slopes by parameter) of each piece, with its start eliminated."""
+        """Return (residual, slopes by parameter) of each piece, with its start eliminated.
+
+        Shapes (m,) and (m, p) for the m numbers of a piece and the p parameters.
+        """
         self.slopes(numbers)
         return [(line.without(line.rest), line.without(line.by_number)) for line in self._lines]
 
     def settle(self, numbers: Array) -> None:
-        """Fit the starts at these parameters."""
+        """Fit the starts at these parameters, shape (p,)."""
         from scipy.optimize import least_squares
 
         self._starts = [
@@ -236,7 +239,7 @@ class _Part:
         ]
 
     def quality(self, numbers: Array) -> tuple[Array, float]:
-        """Return the rms of position minus measurement by joint, and the explained fraction.
+        """Return the rms of position minus measurement, shape (n,), and the explained fraction.
 
         The latter is 1 minus the squared residual over that of motion at constant velocity.
         """
