@@ -224,7 +224,7 @@ class _Part:
     def projected(self, numbers: Array) -> list[tuple[Array, Array]]:
         """Return (residual, slopes by parameter) of each piece, with its start eliminated.
 
-        Shapes (m,) and (m, p) for the m numbers of a piece and the p parameters.
+        They have shape (m,) and (m, p): m numbers of a piece, p parameters.
         """
         self.slopes(numbers)
         return [(line.without(line.rest), line.without(line.by_number)) for line in self._lines]
