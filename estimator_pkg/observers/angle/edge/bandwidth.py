@@ -29,8 +29,8 @@ from __future__ import annotations
 import math
 
 from estimator_pkg.observers.angle.edge.constants import ALARM, MEMORY, RATE, SHARE, SIGMAS
-from estimator_pkg.observers.angle.edge.covariance import jerk_density
 from estimator_pkg.record import record
+from estimator_pkg.sensor.noise import jerk_density
 
 
 @record

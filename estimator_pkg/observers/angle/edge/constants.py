@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
+from estimator_pkg.sensor.noise import BLUR, MEMORY, SIGMAS  # noqa: F401  (of the laws, too)
+
 RATE = 0.3  # of the slow law: log density per unit of its product and of filter memory
 SLACK = 0.3  # of that product
 SHARE = 0.2  # memory of the slow law's low-pass, over the filter's
-SIGMAS = 3.0  # slack of the cumulative sums; prediction this far outside its cell is held
-BLUR = 0.03  # quanta: no edge is known better; and either end of an interval, of its width
 LONGEST = 2.0  # [s] longest memory; the start's too
 FADE = 0.3  # [s] memory of the acceleration
-MEMORY = 32.0  # samples: memory of the noise, and of the innovations' size
 STRAY = 2.0  # quanta: beyond them one sample alone is never believed
 CONFIRMED = 4.0  # samples after which a start, a gap or a doubt has settled
 RESTED = 0.7  # of a cell's variance: a prediction this vague has seen no edge for long
@@ -22,6 +21,5 @@ RATIO = {'smooth': 0.125, 'balanced': 1.0, 'fast': 8.0}  # of densities; see `pr
 # what follows from these
 ALARM = CONFIRMED * SIGMAS  # of the cumulative sums: four samples of twice the slack
 REPEATS = ALARM  # quanta: an unchanged reading of a shaft that moved by more is no reading
-FORGOTTEN = 8.0 * MEMORY  # samples in which evidence of another clock is forgotten
 CALM = LONGEST**-5  # [1/s^5] density of the jerk per angle's variance: the least there is
 PLAIN = 4.0 * BLUR * BLUR  # more noise than this is more than the blur of the edges [quanta^2]

@@ -33,15 +33,6 @@ def set_covariance(
     p.p00, p.p01, p.p02, p.p11, p.p12, p.p22 = p00, p01, p02, p11, p12, p22
 
 
-def jerk_density(variance: float, within: float) -> float:
-    """Return the density of white jerk [(rad/s^3)^2 s] that moves the angle by `variance` [rad^2].
-
-    `within` that time [s] a density c makes c within^5/20.
-    """
-    square = within * within
-    return 20.0 * variance / (square * square * within)
-
-
 def predict_covariance(p: Covariance, density: float, coefficients: Coefficients) -> None:
     """Predict one sample on; `density` of the jerk [(rad/s^3)^2 s]."""
     dt, half, kept = coefficients.dt, coefficients.half, coefficients.kept

@@ -26,16 +26,6 @@ from estimator_pkg.observers.angle.edge.bandwidth import (
     begin_sums,
     follow_sway,
 )
-from estimator_pkg.observers.angle.edge.clock import (
-    BELIEVED,
-    EVEN,
-    UNEVEN,
-    Clock,
-    begin_clock,
-    elapsed,
-    is_repeat,
-    resume_clock,
-)
 from estimator_pkg.observers.angle.edge.constants import (
     CONFIRMED,
     FADE,
@@ -55,27 +45,6 @@ from estimator_pkg.observers.angle.edge.covariance import (
 from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
 from estimator_pkg.observers.angle.edge.motion import Motion
 from estimator_pkg.observers.angle.edge.preference import Other, predict_other, ratios, set_alike
-from estimator_pkg.observers.angle.edge.quantum import (
-    JUMP,
-    UNIT,
-    Steps,
-    begin_steps,
-    follow_steps,
-    is_residue,
-    misfit,
-    quantum_of,
-    search,
-    shows_quantum,
-)
-from estimator_pkg.observers.angle.edge.sensor import (
-    OUTLIER,
-    Sensor,
-    age_noise,
-    begin_differences,
-    begin_sensor,
-    first_step,
-    follow_sensor,
-)
 from estimator_pkg.observers.angle.edge.sigma import deviation, fastest  # noqa: F401
 from estimator_pkg.observers.angle.edge.start import (
     LAST,
@@ -100,6 +69,37 @@ from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention, begin, follow, present
+from estimator_pkg.sensor.noise import (
+    OUTLIER,
+    Sensor,
+    age_noise,
+    begin_differences,
+    begin_sensor,
+    first_step,
+    follow_sensor,
+)
+from estimator_pkg.sensor.quantum import (
+    JUMP,
+    UNIT,
+    Steps,
+    begin_steps,
+    follow_steps,
+    is_residue,
+    misfit,
+    quantum_of,
+    search,
+    shows_quantum,
+)
+from estimator_pkg.sensor.sampling import (
+    BELIEVED,
+    EVEN,
+    UNEVEN,
+    Clock,
+    begin_clock,
+    elapsed,
+    is_repeat,
+    resume_clock,
+)
 
 LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft

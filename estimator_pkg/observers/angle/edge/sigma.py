@@ -15,8 +15,8 @@ from typing import Any
 from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import Deviation
 from estimator_pkg.observers.angle.edge.constants import SIGMAS
-from estimator_pkg.observers.angle.edge.sensor import Sensor
 from estimator_pkg.observers.angle.edge.start import RECENT, unknown_speed, unseen
+from estimator_pkg.sensor.noise import Sensor
 
 
 def fastest(sensor: Sensor, excess: float) -> float:

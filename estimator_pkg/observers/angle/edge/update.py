@@ -22,17 +22,12 @@ from estimator_pkg.observers.angle.edge.constants import (
     SLACK,
     STRAY,
 )
-from estimator_pkg.observers.angle.edge.covariance import (
-    add_manoeuvre,
-    correct_covariance,
-    jerk_density,
-    widen,
-)
+from estimator_pkg.observers.angle.edge.covariance import add_manoeuvre, correct_covariance, widen
 from estimator_pkg.observers.angle.edge.interval import HELD, INTERVAL, within
 from estimator_pkg.observers.angle.edge.preference import inform_other
-from estimator_pkg.observers.angle.edge.sensor import Sensor, follow_noise, vibration
 from estimator_pkg.observers.angle.edge.start import RESTS, begin_motion, doubt_overdue
 from estimator_pkg.observers.maths.covariance import Covariance
+from estimator_pkg.sensor.noise import Sensor, follow_noise, jerk_density, vibration
 
 LEAST_PART = 0.05  # of its variance an innovation has at least, were it to count in sigmas
 

@@ -12,13 +12,13 @@ from estimator_pkg.observers.angle.edge import bandwidth as edge_bandwidth
 from estimator_pkg.observers.angle.edge import constants as edge_constants
 from estimator_pkg.observers.angle.edge import covariance as edge_covariance
 from estimator_pkg.observers.angle.edge import observer as edge_observer
-from estimator_pkg.observers.angle.edge import quantum as edge_quantum
-from estimator_pkg.observers.angle.edge import sensor as edge_sensor
 from estimator_pkg.observers.angle.edge import start as edge_start
 from estimator_pkg.observers.angle.edge.bandwidth import Band, Sway
 from estimator_pkg.observers.angle.edge.interval import within
-from estimator_pkg.observers.angle.edge.sensor import Sensor
 from estimator_pkg.observers.maths.covariance import Covariance
+from estimator_pkg.sensor import noise as edge_sensor
+from estimator_pkg.sensor import quantum as edge_quantum
+from estimator_pkg.sensor.noise import Sensor
 
 Q = 1.0
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.sensor import Sensor
 from estimator_pkg.record import record
+from estimator_pkg.sensor.noise import Sensor
 
 UNIT = 1.0  # [rad] quantum while none is known
 ROUNDING = 1e-6  # of the reading: smaller steps are a float32's last digit

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.constants import BLUR, MEMORY
-from estimator_pkg.observers.angle.edge.covariance import jerk_density
 from estimator_pkg.record import record
 
+SIGMAS = 3.0  # slack of the cumulative sums; prediction this far outside its cell is held
+BLUR = 0.03  # quanta: no edge is known better; and either end of an interval, of its width
+MEMORY = 32.0  # samples: memory of the noise, and of the innovations' size
 OUTLIER = 25.0  # largest weight of a square, in its expected value: 5 sigma
 # third differences after one wrong reading, over the one before each; how near one must be to it
 ALONE = (-3.0, -1.0, -1.0 / 3.0)
@@ -39,6 +40,15 @@ class Sensor:
     bend: float  # change of the residual one sample before [rad]; inf: none
     lasting: float  # square of the third differences that last [rad^2], negative: they alternate
     pace: float  # mean sample time [s]
+
+
+def jerk_density(variance: float, within: float) -> float:
+    """Return the density of white jerk [(rad/s^3)^2 s] that moves the angle by `variance` [rad^2].
+
+    `within` that time [s] a density c makes c within^5/20.
+    """
+    square = within * within
+    return 20.0 * variance / (square * square * within)
 
 
 def begin_sensor(sensor: Sensor, quantum: float) -> None:

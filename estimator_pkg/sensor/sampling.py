@@ -16,12 +16,10 @@ shaft moves on, and such a reading is none. The next one shows whether the senso
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from estimator_pkg.observers.angle.edge.constants import FORGOTTEN, MEMORY, SIGMAS
-from estimator_pkg.observers.angle.edge.motion import Motion
-from estimator_pkg.observers.angle.edge.sensor import Sensor
-from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
+from estimator_pkg.sensor.noise import MEMORY, SIGMAS, Sensor
 
 UNEVEN = 0.1  # of the mean sample time: what differs by less is never odd
 ODD = 4.0  # mean deviations: a sample time that differs by more is odd
@@ -30,6 +28,7 @@ EVEN = 0.5  # mean deviation: with a larger one no sample time is known to be th
 STOPS = 4.0  # samples: a shaft that is about to stop within them may have stopped
 SEEN = 0.25  # what one repeat adds to the evidence of another clock, from 0 to 1
 BELIEVED = 0.3  # evidence above this is believed: two repeats
+FORGOTTEN = 8.0 * MEMORY  # samples in which evidence of another clock is forgotten
 
 
 @record
@@ -51,9 +50,7 @@ def begin_clock(clock: Clock) -> None:
     clock.grew = False
 
 
-def is_repeat(
-    clock: Clock, motion: Motion, p: Covariance, pace: float, tracking: bool, dt: float
-) -> bool:
+def is_repeat(clock: Clock, motion: Any, p: Any, pace: float, tracking: bool, dt: float) -> bool:
     """Return True if an unchanged reading is an old one, at a speed of `REPEATS` in a sample.
 
     One is held so at first, and as many as twice the longest such pause after which the shaft had
@@ -89,9 +86,7 @@ def resume_clock(clock: Clock, change: float, passed: float, pace: float, v: flo
     clock.held = 0.0
 
 
-def elapsed(
-    clock: Clock, dt: float, moved: float, motion: Motion, p: Covariance, sensor: Sensor
-) -> float:
+def elapsed(clock: Clock, dt: float, moved: float, motion: Any, p: Any, sensor: Sensor) -> float:
     """Return the time that passed between two readings [s].
 
     Parameters
