@@ -8,6 +8,8 @@ import re
 import sys
 from pathlib import Path
 
+import pytest
+
 from estimator_pkg import observers
 from estimator_pkg.driver import bank, joint
 from estimator_pkg.driver.configuration import Configuration
@@ -45,6 +47,7 @@ def files_of_samples(name, monkeypatch):
     return seen
 
 
+@pytest.mark.long
 def test_a_sample_walks_through_the_files_that_the_docs_list(monkeypatch):
     (listed,) = re.findall(r'<!-- walk -->\n(.*?)\n<!-- end -->', PAGE.read_text(), re.S)
     known = set(re.findall(r'`([\w/]+\.py)`', listed))
