@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the author of an observer is told about a wrong record; test/engine has its three forms."""
+"""The errors of a wrong record declaration. test/engine tests the three forms of a record."""
 
 from types import ModuleType
 from typing import Annotated

@@ -51,7 +51,7 @@ def sine(frequency, amplitude=1.2):
 
 
 def beside_its_twin(name, rate, ratio, motion, counts, gains=None, readings=None, **settings):
-    """(rms of the velocity after 1.5 s over that of the readings alone, the joint)."""
+    """(rms of the velocity after 1 s over that of the readings alone, the joint)."""
     angle, speed = motion
     times = np.arange(round(6.0 * rate)) / rate
     angles = read(times, angle, counts) if readings is None else readings(times)
@@ -60,7 +60,7 @@ def beside_its_twin(name, rate, ratio, motion, counts, gains=None, readings=None
     joint, out = run(name, times, angles[source], gains, **settings)
     twin, alone = run(name, times[fresh], angles[fresh], gains, **settings)
     assert twin.dropped() == {}
-    later = times > 1.5  # a slow start ends 0.5 s later where readings repeat
+    later = times > 1.0
     return (
         (rms(out, speed(times), later) / rms(alone, speed(times[fresh]), later[fresh])),
         joint,

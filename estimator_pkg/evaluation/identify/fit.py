@@ -161,7 +161,7 @@ class _Linear(NamedTuple):
     start: Array
     rest: Array
     by_number: Array  # slopes by parameter
-    basis: Array  # orthonormal, of what another start changes
+    basis: Array  # orthonormal columns: the residuals that another start can change
     to_start: Array  # (residual) -> the change of the start that removes most of it
 
     def without(self, values: Array) -> Array:

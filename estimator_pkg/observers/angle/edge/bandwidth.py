@@ -52,7 +52,7 @@ class Band:
 class Sway:
     """Whether the speed goes at random."""
 
-    mean: float  # of what the reading moved by beyond the prediction times its change [rad^2]
+    mean: float  # mean product of a deviation and the change of the one before [rad^2]
     last: float  # what it moved by beyond the prediction [rad]
     before: float  # the same one sample before
 

@@ -23,12 +23,13 @@ from estimator_pkg.observers.angle.edge.constants import (
     STRAY,
 )
 from estimator_pkg.observers.angle.edge.covariance import add_manoeuvre, correct_covariance, widen
-from estimator_pkg.observers.angle.edge.interval import HELD, INTERVAL, within
+from estimator_pkg.observers.angle.edge.interval import HELD, INTERVAL, interval, within
 from estimator_pkg.observers.angle.edge.preference import inform_other
 from estimator_pkg.observers.angle.edge.start import RESTS, begin_motion, doubt_overdue
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.sensor.noise import Sensor, follow_noise, jerk_density, vibration
 
+SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
 LEAST_PART = 0.05  # of its variance an innovation has at least, were it to count in sigmas
 
 
@@ -116,6 +117,11 @@ def update(
         kind, half = INTERVAL, 0.5 * size
         r = noise + 16.0 * BLUR * BLUR * half * half
         d, left = within(off, half, math.sqrt(p.p00 + r))
+    elif growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
+        ahead = state.reading.ahead
+        kind, centre, half = interval(off, ahead, size, p.p00, noise, flickers)
+        r = noise + 16.0 * BLUR * BLUR * half * half
+        d, left = within(centre, half, math.sqrt(p.p00 + r))
     s = p.p00 + r
     # the noise follows the score: flicker shows it from either side alike; elsewhere what is
     # correlated is motion

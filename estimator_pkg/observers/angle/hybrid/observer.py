@@ -37,7 +37,7 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.parameters import parameter, structural
 
-TURNS = False  # it tells an outlier by the circle
+TURNS = False  # it needs the circle to find outliers
 DOUBTFUL = 0.125  # of a turn: a larger innovation is doubtful, unless a turn has few counts
 SETTLING = 3.0  # time constants of the slowest pole until a start counts as settled
 
