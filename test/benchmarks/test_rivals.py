@@ -30,6 +30,39 @@ def test_adaptive_input_estimation_beats_the_difference_where_nobody_knows_the_n
     assert _relative(difference[early], true[early], 0) > 0.9
 
 
+def test_the_input_estimate_minimises_the_retrospective_cost(monkeypatch):
+    """Against the normal equations of the whole past, at each of 60 samples."""
+    monkeypatch.setattr(rivals, 'PAST', 2)
+    monkeypatch.setattr(rivals, 'FILTER', 3)
+    monkeypatch.setattr(rivals, 'ETA', (1e-6, 1e-6))
+    reading = np.cumsum(np.random.default_rng(4).standard_normal(60)) * H
+    prior, penalty = 1e-3, 1e-4
+    found = rivals.adaptive_input(np.arange(60) * H, reading, 1e-6, (prior, penalty))
+    d, z, keep, phi = [0.0] * 60, [0.0] * 60, [0.0] * 60, np.zeros((60, 5))
+    state = known = 0.0
+    theta, normal, right = np.zeros(5), prior * np.eye(5), np.zeros(5)
+    for k in range(60):
+        z[k] = state - (reading[k] - reading[0])
+        spare = np.var(z[: k + 1]) - known - 1e-6
+        noise = max(spare, 0.0)
+        keep[k] = noise / (known + 1e-6 + noise)
+        known = keep[k] * (known + 1e-6)
+        phi[k] = [
+            *(d[k - i] if k >= i else 0.0 for i in (1, 2)),
+            *(z[k - i] if k >= i else 0.0 for i in (0, 1, 2)),
+        ]
+        d[k] = phi[k] @ theta
+        assert found[k] == pytest.approx(d[k], rel=1e-5, abs=1e-9), k
+        response = [H, H * keep[k - 1], H * keep[k - 1] * keep[k - 2]]
+        through = [(h, k - i) for i, h in enumerate(response, 1) if k >= i]
+        past = sum((h * phi[i] for h, i in through), np.zeros(5))
+        offset = z[k] - sum(h * d[i] for h, i in through)
+        normal += np.outer(past, past) + penalty * np.outer(phi[k], phi[k])
+        right -= past * offset
+        theta = np.linalg.solve(normal, right)
+        state += (keep[k] - 1.0) * z[k] + H * d[k]
+
+
 def test_the_spline_is_the_optimum_of_its_cost_at_uneven_times():
     """Against the whole problem, solved at once for the curvature at each knot."""
     rng = np.random.default_rng(1)
@@ -71,11 +104,13 @@ def test_the_robust_exact_law_stays_within_its_worst_case_for_any_noise():
     """2 sqrt(2 N L) + L h / 2, without knowing N; exact to L h / 2 without noise."""
     time, bound = np.arange(2000) * H, 1.0
     rng = np.random.default_rng(3)
+    square = np.where(np.arange(2000) // 30 % 2, 1.0, -1.0)
     for noise in (0.0, 0.01, 0.08):
-        reading = np.sin(time) + noise * rng.uniform(-1.0, 1.0, 2000)
-        found = rivals.robust_exact(time, reading, noise / rivals.NOISE or 1e-9, bound)
-        worst = np.abs(found - np.cos(time))[200:].max()
-        assert worst <= 2.0 * np.sqrt(2.0 * noise * bound) + 0.51 * bound * H
+        for shape in (rng.uniform(-1.0, 1.0, 2000), square):
+            reading = np.sin(time) + noise * shape
+            found = rivals.robust_exact(time, reading, noise / rivals.NOISE or 1e-9, bound)
+            worst = np.abs(found - np.cos(time))[200:].max()
+            assert worst <= 2.0 * np.sqrt(2.0 * noise * bound) + 0.51 * bound * H
 
 
 def test_every_rival_follows_a_constant_speed():
