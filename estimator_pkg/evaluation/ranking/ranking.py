@@ -71,7 +71,8 @@ def rank(
     candidates : name -> velocities at `reference.stamps`, shape (n,) [rad/s]; nan: no estimate.
         Each is read three times, one at a time, so a mapping may load them when they are read.
     reference : None: too few readings.
-    default : the candidate that is kept where no other is better; ignored if it has no estimates.
+    default : the candidate that is kept where it is as good as the best; ignored if it has no
+        estimates.
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known, or it was given
         to `Motion.below` already.
     skip : time ignored at the beginning [s]; None: 1 s, at most 15 % of the record.
@@ -104,14 +105,15 @@ def rank(
     scores = {
         name: _score(candidates[name][rows], references, block, reference.rate) for name in names
     }
-    found = _ranked(scores, reference, default)
+    when = np.bincount(block, elapsed[rows]) / np.maximum(np.bincount(block), 1)
+    found = _ranked(scores, reference, default, when)
     found = replace(found, cautions=said, unranked=unranked, tunable=not reference.constant)
     if reference.motion_hz is not None:
         found = replace(found, motion_hz=min(found.motion_hz, ABOVE * reference.motion_hz))
     if len(references) == 1:
         return found
     plain = {name: replace(each, of=each.of[1:]) for name, each in scores.items()}
-    other = _ranked(plain, reference, default)
+    other = _ranked(plain, reference, default, when)
     same = other.best == found.best or found.best in other.ties
     return replace(
         found,
@@ -169,12 +171,17 @@ def _score(
     )
 
 
-def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str) -> Verdict:
-    """Return best, ties, rms, pairs and frequency against the first of the references."""
+def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str, when: Array) -> Verdict:
+    """Return best, ties, rms, pairs and frequency against the first of the references.
+
+    Parameters
+    ----------
+    when : shape (blocks,), time of each block in the record [s].
+    """
     own = float(reference.stddev**2)
     rms = {name: math.sqrt(each.of[0].mean + own) for name, each in scores.items()}
     order = sorted(rms, key=rms.__getitem__)
-    found = tuple(_pair(a, b, scores, own) for a, b in combinations(order, 2))
+    found = tuple(_pair(a, b, scores, own, when) for a, b in combinations(order, 2))
     best = order[0]
     return Verdict(
         best,
@@ -186,7 +193,7 @@ def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str) -> Ve
     )
 
 
-def _pair(first: str, second: str, scores: Mapping[str, _Score], own: float) -> Pair:
+def _pair(first: str, second: str, scores: Mapping[str, _Score], own: float, when: Array) -> Pair:
     """Return a pair; every reference must agree on its sign."""
     found = [
         test.of_sums([one.sums - other.sums], [one.count])
@@ -201,4 +208,5 @@ def _pair(first: str, second: str, scores: Mapping[str, _Score], own: float) -> 
         signs.pop() if len(signs) == 1 and len(printed) == 2 else 0,
         100.0 * (math.sqrt(1.0 + 2.0 * abs(found[0].mean) / scale) - 1.0),
         100.0 * max(each.half for each in found) / scale,
+        tuple(when[test.events(scores[first].of[0].sums - scores[second].of[0].sums)].tolist()),
     )
