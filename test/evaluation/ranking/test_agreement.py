@@ -42,7 +42,7 @@ def test_a_sample_of_motions_is_ranked_as_by_truth():
     ]
     found = ranking.summary(outcomes)
     assert found['tau'] >= 0.98
-    assert found['regret_worst'] <= 1.05 and found['six_worst'] <= 1.05
+    assert found['regret_worst'] <= 1.05 and found['choice_worst'] <= 1.05
     assert found['wrong'] == 0 and 25 <= found['declared'] <= 40
     assert 0.97 <= found['ratio'] <= 1.03
     # the choice matters: the worst of the six is far worse than the best
