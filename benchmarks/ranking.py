@@ -330,7 +330,7 @@ def describe(outcomes: Sequence[Outcome]) -> str:
         '{declared} of {pairs}|{wrong}|{among_ties}'
     )
     rows = [
-        (group, *cells.format(**summary(each)).split('|'))
+        (group, *cells.format(**summary(each)).replace('nan, nan', '-').split('|'))
         for group, each in groups(outcomes).items()
     ]
     text = markdown(HEADER, rows)
