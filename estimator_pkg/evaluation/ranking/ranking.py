@@ -112,7 +112,7 @@ def rank(
         found = replace(found, motion_hz=min(found.motion_hz, ABOVE * reference.motion_hz))
     if len(references) == 1:
         return found
-    plain = {name: replace(each, of=each.of[1:]) for name, each in scores.items()}
+    plain = {name: each[1:] for name, each in scores.items()}
     other = _ranked(plain, reference, default, when)
     same = other.best == found.best or found.best in other.ties
     return replace(
@@ -135,11 +135,7 @@ class _Against:
         return float(np.sum(self.sums) / np.sum(self.count))
 
 
-@dataclass(frozen=True)
-class _Score:
-    """An estimate against each reference, the one with the vibration first."""
-
-    of: tuple[_Against, ...]
+_Score = tuple[_Against, ...]  # against each reference, the one with the vibration first
 
 
 def _common(
@@ -161,13 +157,11 @@ def _score(
 ) -> _Score:
     """Return the score of an estimate; arrays of shape (n,)."""
     count = np.bincount(block).astype(float)
-    return _Score(
-        tuple(
-            _Against(
-                np.bincount(block, (values - each) ** 2), count, Frequencies.of(values, each, rate)
-            )
-            for each in references
+    return tuple(
+        _Against(
+            np.bincount(block, (values - each) ** 2), count, Frequencies.of(values, each, rate)
         )
+        for each in references
     )
 
 
@@ -179,7 +173,7 @@ def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str, when:
     when : shape (blocks,), time of each block in the record [s].
     """
     own = float(reference.stddev**2)
-    rms = {name: math.sqrt(each.of[0].mean + own) for name, each in scores.items()}
+    rms = {name: math.sqrt(each[0].mean + own) for name, each in scores.items()}
     order = sorted(rms, key=rms.__getitem__)
     found = tuple(_pair(a, b, scores, own, when) for a, b in combinations(order, 2))
     best = order[0]
@@ -189,7 +183,7 @@ def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str, when:
         tuple(pair.second for pair in found if pair.first == best and not pair.sign),
         {name: rms[name] for name in order},
         found,
-        rests_on([scores[name].of[0].frequencies for name in order], reference.rate),
+        rests_on([scores[name][0].frequencies for name in order], reference.rate),
     )
 
 
@@ -197,16 +191,16 @@ def _pair(first: str, second: str, scores: Mapping[str, _Score], own: float, whe
     """Return a pair; every reference must agree on its sign."""
     found = [
         test.of_sums([one.sums - other.sums], [one.count])
-        for one, other in zip(scores[first].of, scores[second].of)
+        for one, other in zip(scores[first], scores[second])
     ]
-    scale = 2.0 * max(scores[first].of[0].mean + own, 1e-300)
+    scale = 2.0 * max(scores[first][0].mean + own, 1e-300)
     signs = {each.sign for each in found}
-    printed = {shown(math.sqrt(scores[name].of[0].mean + own)) for name in (first, second)}
+    printed = {shown(math.sqrt(scores[name][0].mean + own)) for name in (first, second)}
     return Pair(
         first,
         second,
         signs.pop() if len(signs) == 1 and len(printed) == 2 else 0,
         100.0 * (math.sqrt(1.0 + 2.0 * abs(found[0].mean) / scale) - 1.0),
         100.0 * max(each.half for each in found) / scale,
-        tuple(when[test.events(scores[first].of[0].sums - scores[second].of[0].sums)].tolist()),
+        tuple(when[test.events(scores[first][0].sums - scores[second][0].sums)].tolist()),
     )
