@@ -44,7 +44,6 @@ OBSERVER = 'pmsm'
 PHASES = 'phases'  # name of a check
 VARIANTS = ('hybrid', 'continuous')  # the default is 'identifier'
 FILTERS = (100.0, 300.0, 3000.0)  # of the speed [Hz], tried besides the default
-TRAINED = 0.7  # part of the record on which the form is chosen
 GAP = 1.5  # a longer step has lost samples [median sample times]
 LOST = 0.01  # a larger fraction of lost samples is reported
 SEEN = 0.5  # a smaller fraction of angles with enough back-EMF is reported
@@ -311,18 +310,8 @@ def _judged(
     if not velocity:
         return Examined(name, found, [f'No ranking: {why or "no form has an estimate"}.'], {})
     moved = moved.part(run)
-    first, last = int(moved.stamps[0]), int(moved.stamps[-1])
-    cut = first + round(TRAINED * (last - first))
-
-    def ranked(begin: int, end: int) -> Verdict:
-        kept = (moved.stamps > begin) & (moved.stamps <= end)
-        part = {label: each[kept] for label, each in velocity.items()}
-        return rank(part, moved.between(begin, end), default, motion_hz)
-
-    trained, verdict, held_out = ranked(first - 1, cut), ranked(first - 1, last), ranked(cut, last)
-    best = trained.choice
-    sure = verdict.better(best, default) > 0 and held_out.better(best, default) > 0
-    chosen = best if best != default and sure else default
+    verdict = rank(velocity, moved, default, motion_hz)
+    chosen = verdict.choice
     values = dict(entries[chosen].values)
     said = []
     if chosen in verdict.rms:

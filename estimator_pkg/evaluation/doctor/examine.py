@@ -53,10 +53,6 @@ class Examined:
         """The checks that FAIL: while there is one, nothing is recommended."""
         return failed(self.findings)
 
-    def as_dict(self) -> list[dict[str, Any]]:
-        """Return the findings for ``--json``."""
-        return [each.as_dict() for each in self.findings]
-
 
 def setup(
     bag: Bag,

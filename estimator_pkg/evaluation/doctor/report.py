@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -26,7 +27,7 @@ from estimator_pkg.evaluation.checks.readings import (
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.plots import Curve
-from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.ranking.verdict import Verdict, percent
 from estimator_pkg.evaluation.text import for_node, units
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.streams.angle import AngleStream
@@ -158,13 +159,16 @@ def as_yaml(
         *for_node(AngleStream.NODE, remaps),
     ]
     how = f'{choice.observer} with these gains' if any(choice.gains.values()) else choice.observer
-    usual = 'at its defaults' if choice.observer == DEFAULT else f'{DEFAULT}, the default,'
     if choice.tuned:
-        lines.append(f'{how} is better than {usual} on the last 30 % of the record (95 %).')
-    elif any(each.answer is not None and each.answer.compared for each in examined):
+        certain = '95 % sure' if choice.sure else 'not significant'
         lines.append(
-            f'{how}, the default: nothing was better on the last 30 % of the record (95 %).'
+            f'{how}: {DEFAULT} at its defaults, the default, has {percent(choice.more)} % more '
+            f'error ({certain}).'
+            if math.isfinite(choice.more)
+            else f'{how}: {DEFAULT}, the default, has too few estimates.'
         )
+    elif any(each.answer is not None and each.answer.compared for each in examined):
+        lines.append(f'{how}, the default: no other has 3 % less error, or surely less (95 %).')
     else:
         lines.append(f'{how}, the default: no joint moves enough to compare observers.')
     for name, said in verdicts(examined, choice).items():

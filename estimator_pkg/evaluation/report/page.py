@@ -116,7 +116,7 @@ class Report:
             }
             self._know(rows, chosen)
             findings = grouped(
-                [*contradictions(comparison, rows, verdicts), *sentences(comparison, of_readings)],
+                [*contradictions(comparison, rows, chosen), *sentences(comparison, of_readings)],
                 joints,
             ) or [NONE]
             parts = self._opening(comparison, rows, chosen, raw, quanta)

@@ -170,10 +170,17 @@ def founded(each: Mapping[str, Any]) -> list[str]:
     elif pair is None:
         found = ['The tuned gains are used: the defaults do not work here.']
     else:
+        smaller = number(100.0 - 100.0 / (1.0 + pair['difference'] / 100.0), 2)
         found = [
             'The tuned gains are better than the defaults (95 %): their error is smaller by '
-            f'{number(100.0 - 100.0 / (1.0 + pair["difference"] / 100.0), 2)} %.'
+            f'{smaller} %.'
+            if pair['sign']
+            else f'The tuned gains are used: their error is smaller by {smaller} %, which is not '
+            'significant.'
         ]
+    if pair is not None and pair['events'] and not pair['sign']:
+        parts = f'{pair["events"]} part{"s" * (pair["events"] > 1)}'
+        found.append(f'Few events decide: half of the difference is in {parts} of the record.')
     if each['cautions'] and pair is not None and pair['resolution'] > 0.0:
         found.append('Judged without ground truth.')
         if math.isfinite(pair['motion_hz']):

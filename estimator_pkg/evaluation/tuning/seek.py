@@ -189,7 +189,7 @@ def _why(
     best: Mapping[str, Any] | None,
     held_out: bool,
 ) -> str:
-    """Return why the defaults stay; '' if the tuned gains beat them."""
+    """Return why the defaults stay; '' if the tuned gains are used."""
     where = 'on held-out data' if held_out else 'on the data of the search'
     if best is None:
         return f'the tuned gains do not work {where}'
@@ -199,7 +199,7 @@ def _why(
         return f'there are too few estimates {where}'
     if pair.difference == 0.0 == pair.resolution:
         return 'the search finds no better gains'
-    if pair.sign == 1 and best['cost'] <= default['cost']:
+    if pair.used and best['cost'] <= default['cost']:
         if number(best['cost']) == number(default['cost']):
             return f'the tuned gains cost as much as the defaults {where}'
         return ''

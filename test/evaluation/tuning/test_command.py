@@ -392,6 +392,22 @@ def test_gains_that_cost_the_same_number_do_not_replace_the_defaults():
     assert 'rests' not in ' '.join(said)
 
 
+@pytest.mark.parametrize(
+    'sign, difference, why',
+    [(0, 2.0, 'cannot be distinguished'), (0, 4.0, ''), (1, 2.0, ''), (-1, -4.0, 'do not beat')],
+)
+def test_the_defaults_stay_where_they_are_as_good_and_cost_less_than_3_percent(
+    sign, difference, why
+):
+    pair = Compared(sign, difference, 9.0 - 8.0 * abs(sign), math.nan, 2)
+    found = seek._why(pair, {'cost': 1.0 + difference / 100.0}, {'cost': 1.0}, True)
+    assert why in found and bool(why) == bool(found)
+    said = ' '.join(founded({'pair': pair._asdict(), 'why': found, 'cautions': [], 'against': ''}))
+    assert ('in 2 parts of the record' in said) is (sign == 0)
+    if not why:
+        assert ('not significant' in said) is (sign == 0)
+
+
 @pytest.mark.long
 def test_ctrl_c_keeps_the_best(tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, seconds=6.0)
@@ -608,20 +624,20 @@ def test_without_a_name_the_better_of_the_tuned_and_the_default_observer_is_writ
 
 
 def test_without_a_name_only_a_better_observer_replaces_the_default(monkeypatch):
-    signs = {'a': 1, 'b': 0, 'c': -1}
+    signs = {'a': (1, 1.0), 'b': (0, 2.0), 'c': (-1, -10.0), 'd': (0, 4.0)}
     record = SimpleNamespace(why='', held_out=None, seen=None, label='')
     tuning = SimpleNamespace(entry=SimpleNamespace(observer='kalman'), weights=None)
 
     def replaces(*joints, point=(0.0, 0.0)):
         order = iter(joints)
         monkeypatch.setattr(
-            any_observer, 'compared', lambda *_: Compared(signs[next(order)], 10.0, 1.0, 5.0)
+            any_observer, 'compared', lambda *_: Compared(*signs[next(order)], 1.0, 5.0)
         )
         each = [{'joint': joint, 'gains': {}, 'default_point': point} for joint in joints]
         groups = {joint: [record] for joint in joints}
         return any_observer.against_default(each, groups, [], tuning)[0]
 
-    assert replaces('a') and replaces('a', 'b')
+    assert replaces('a') and replaces('a', 'b') and replaces('d')
     assert not replaces('b') and not replaces('a', 'c')
     assert not replaces('a', point=None)  # nothing shows a delay
 
