@@ -413,7 +413,7 @@ def test_messages_whose_event_was_missed_are_taken_all_the_same(probe):
                 live.publisher.publish(raw)
             probe.spin(0.2)
             assert not live.answers
-            # as its timer does: a look ends after a turn, which a busy machine spends in one message
+            # as its timer does: one look ends after 10 ms, which one message may take
             probe.until(lambda: node._look_around() or len(live.answers) == 3)
             assert [answer.stamp_ns for answer in live.answers] == [
                 BEGIN + i * MS for i in range(3)
