@@ -116,7 +116,7 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     nothing = np.zeros(0)
     no_stamps = np.zeros(0, np.int64)
     none = Readings(found.name, no_stamps, no_stamps, nothing, nothing, math.tau)
-    examined = [Examined(none, found.findings, said=tuple(found.said))]
+    examined = [Examined(none, found.findings, said=tuple(found.said), panels=found.panels)]
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
     parameters = drive.as_yaml(found, origin, chosen.input | settings)
     choice = Choice(drive.OBSERVER, {found.name: found.values}, bool(found.values))

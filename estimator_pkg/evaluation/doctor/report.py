@@ -35,7 +35,6 @@ from estimator_pkg.streams.angle import AngleStream
 WIDTH = 80
 NAME = 19  # columns of a check's name
 ALL = 'all joints'
-NUMBERS = 6  # of each instant of a joint's plots
 
 
 def shared(examined: Sequence[Examined]) -> tuple[list[Finding], list[list[Finding]]]:
@@ -223,41 +222,36 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
             for each in findings
         ]
         parts.append('</table>')
-    drawn = [each.readings for each in examined if len(each.readings.rows) > 1]
-    if drawn:
+    found = {
+        each.readings.name: each.panels or panels(each.readings)
+        for each in examined
+        if each.panels or len(each.readings.rows) > 1
+    }
+    if found:
         parts.append('<h2>Plots</h2>')
-    for each in drawn:
-        panels, note = over_time(each, plots.NUMBERS // (len(drawn) * NUMBERS))
-        parts += [f'<h3>{escaped(each.name or "joint")}</h3>', made.add(panels)]
+    numbers = sum(2 + sum(map(len, each.values())) for each in found.values())  # of an instant
+    for name, curves in found.items():
+        drawn, note = plots.over_time(curves, plots.NUMBERS // numbers, whole=True)
+        parts += [f'<h3>{escaped(name or "joint")}</h3>', made.add(drawn)]
         parts += [f'<p class="note">{note}</p>'] if note else []
     return made.page(f'Doctor: {origin}', '\n'.join(parts))
 
 
-def over_time(readings: Readings, instants: int) -> tuple[Any, str]:
-    """Return (position, velocities and sample times of a joint, what is left out)."""
+def panels(readings: Readings) -> dict[str, list[Curve]]:
+    """Return position, velocities and sample times of a joint, by title."""
     rows, estimates = readings.rows, readings.difference
     time = (readings.stamps_ns[rows] - readings.start_ns) * 1e-9
-    ahead = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])  # the clock jumps back
-    rows, time = rows[ahead], time[ahead]
-    grey, blue = (
-        {'line_color': colour, 'line_width': 1.5} for colour in (plots.GREY, plots.COLOURS[0])
-    )
+    later = plots.ahead(time)
+    rows, time = rows[later], time[later]
+    grey, blue = (plots.Style(each, 'solid').line for each in (plots.GREY, plots.COLOURS[0]))
     unit = units('rad', readings.period)
     recorded = readings.velocity[rows]
     difference = np.where(estimates.used, estimates.velocity, np.nan)[rows]
     velocities = [Curve('finite difference', f'@ {unit}/s', time, difference, blue)]
     if np.isfinite(recorded).any():
         velocities.insert(0, Curve('in the messages', f'@ {unit}/s', time, recorded, grey))
-    steps = np.diff(time, prepend=np.nan) * 1e3
-    return plots.over_time(
-        {
-            f'position [{unit}]': [
-                Curve('position', f'@ {unit}', time, readings.position[rows], blue)
-            ],
-            f'velocity [{unit}/s]; blue: finite difference'
-            + ', grey: in the messages' * (len(velocities) > 1): velocities,
-            'time since the sample before [ms]': [Curve('sample time', '@ ms', time, steps, blue)],
-        },
-        instants,
-        whole=True,
-    )
+    return {
+        f'position [{unit}]': [Curve('position', f'@ {unit}', time, readings.position[rows], blue)],
+        f'velocity [{unit}/s]; blue: finite difference'
+        + ', grey: in the messages' * (len(velocities) > 1): velocities,
+    } | plots.sample_times(time)

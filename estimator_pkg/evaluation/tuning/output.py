@@ -29,7 +29,7 @@ def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         gains = each['gains'] or {
             name: value for name, value in each['default_gains'].items() if value is not None
         }
-        found.update({prefix + name: rounded(value) for name, value in gains.items()})
+        found.update({prefix + name: value for name, value in gains.items()})
     return found
 
 
@@ -39,16 +39,11 @@ def written_gains(each: Mapping[str, Any], quantum: bool = True) -> dict[str, di
     Tuned gains as they are. Defaults with the quantum of the readings, if the observer has it.
     """
     if each['gains']:
-        return {each['joint']: {name: rounded(value) for name, value in each['gains'].items()}}
-    quanta = {joint: rounded(value) for joint, value in each['quanta'].items()} if quantum else {}
+        return {each['joint']: each['gains']}
+    quanta = each['quanta'] if quantum else {}
     if quanta and (each['joint'] or len(set(quanta.values())) == 1):
         return {each['joint']: {'quantum': next(iter(quanta.values()))}}
     return {joint: {'quantum': value} for joint, value in quanta.items()}
-
-
-def rounded(value: Any) -> Any:
-    """Return a gain rounded to six digits."""
-    return value if isinstance(value, str) else float(f'{value:.6g}')
 
 
 def written(value: Any) -> str:

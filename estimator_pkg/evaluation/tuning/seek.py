@@ -102,7 +102,7 @@ def seek(
         names = ' nor '.join(f"'{name}'" for name in tuning.ranges)
         return kept(joint, chosen, f'nothing in these bags depends on {names}', found)
     idle = found.idle
-    gains = {name: value for name, value in best.values.items() if name not in idle}
+    gains = {name: rounded(value) for name, value in best.values.items() if name not in idle}
     held = [record.held_out for record in chosen if record.held_out is not None]
     parts = [record.seen for record in judged] or held or seen
     default, better = (
@@ -162,6 +162,11 @@ def kept(
     }
 
 
+def rounded(value: Value) -> Value:
+    """Return a gain rounded to six digits, as it is validated and written."""
+    return value if isinstance(value, str) else float(f'{value:.6g}')
+
+
 def _so_far(found: Search) -> str:
     """Return the best trial as text for the progress bar."""
     if found.best is None:
@@ -177,7 +182,7 @@ def _quanta(chosen: Sequence[Record]) -> dict[str, float]:
         for joint, value in record.quanta.items():
             found.setdefault(joint, []).append(value)
     return {
-        joint: values[0]
+        joint: rounded(values[0])
         for joint, values in found.items()
         if 0.0 < max(values) <= (1.0 + ALIKE) * min(values)
     }

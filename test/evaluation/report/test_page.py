@@ -277,6 +277,43 @@ def test_on_a_phone_it_fits_and_shows_the_first_number(page, driver, scheme):
 
 
 @pytest.mark.page
+def test_a_swipe_over_plots_scrolls_until_a_tool_is_tapped(page, driver):
+    def touch(kind, *points):
+        points = [{'x': x, 'y': y} for x, y in points]
+        what = {'type': f'touch{kind}', 'touchPoints': points}
+        driver.execute_cdp_cmd('Input.dispatchTouchEvent', what)
+
+    driver.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': True})
+    try:
+        on_screen(driver, page[0], 400)
+        x, y = place(driver, 'velocity')
+        before = driver.execute_script('return scrollY')
+        touch('Start', (x, y))
+        for up in range(10, 130, 10):
+            touch('Move', (x, y - up))
+        touch('End')
+        until(driver, f'scrollY > {before} + 50')
+        zoom = 'panel.toolbar.tools.find(each => each.type === "BoxZoomTool").active'
+        assert not of_panel(driver, 'velocity', zoom)
+        icon = until(
+            driver,
+            """(() => { const found = [];
+            const look = root => { for (const each of root.querySelectorAll('*')) {
+                if (each.classList.contains('bk-tool-icon-box-zoom')) found.push(each);
+                if (each.shadowRoot) look(each.shadowRoot); } };
+            look(document.querySelector('.legend ~ .plot'));
+            found[0].scrollIntoView({block: 'center'});
+            const box = found[0].getBoundingClientRect();
+            return [box.left + 5, box.top + 5]; })()""",
+        )
+        touch('Start', icon)
+        touch('End')
+        until(driver, f'(() => {{ const panel = {PANEL}; return {zoom}; }})()', 'velocity')
+    finally:
+        driver.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': False})
+
+
+@pytest.mark.page
 def test_a_hostile_name_is_text_in_plots(tmp_path, driver):
     name = "</script><img src=x onerror=document.title='hit'>$$x$$ @time '\\"
     made = plots.Plots()

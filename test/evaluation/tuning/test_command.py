@@ -130,14 +130,12 @@ LANDSCAPES = {
 @pytest.mark.long
 @pytest.mark.parametrize('name', LANDSCAPES)
 def test_forty_trials_are_as_good_as_a_grid_of_four_hundred(name):
-    """In the geometric mean over seeds."""
     landscape = LANDSCAPES[name]
     grid = min(
         landscape({'a': a, 'b': b})
         for a in np.geomspace(0.5, 500.0, 20)
         for b in np.geomspace(1e-3, 1e3, 20)
     )
-    ratios = []
     for seed in range(5):
         found = search(
             PLANE,
@@ -147,8 +145,7 @@ def test_forty_trials_are_as_good_as_a_grid_of_four_hundred(name):
             seed,
         )
         assert found.asked == 40
-        ratios.append(found.best.cost / grid)
-    assert np.exp(np.mean(np.log(ratios))) <= 1.05, ratios
+        assert found.best.cost <= 1.05 * grid, seed
 
 
 @pytest.mark.slow
@@ -304,7 +301,7 @@ def test_the_yaml_is_what_the_node_takes(tmp_path, capsys):
     assert set(overrides) == {'a', 'b'} and common == {'order': 2, 'noise': 0.0}
     assert overrides['b']['timeout'] == 2.0 and "'per_joint.a':" in text
     gains, _ = Configuration(hybrid_angle.OBSERVER, common, overrides).for_joint('b')
-    assert gains.bandwidth_hz == pytest.approx(found['tuned'][1]['gains']['bandwidth_hz'], rel=1e-5)
+    assert gains.bandwidth_hz == found['tuned'][1]['gains']['bandwidth_hz']
     # the quick joint needs more bandwidth than the slow one
     assert overrides['b']['bandwidth_hz'] > 1.3 * overrides['a']['bandwidth_hz']
 
