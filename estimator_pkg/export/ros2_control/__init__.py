@@ -1,0 +1,101 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A controller of ros2_control that runs an exported observer: an ament_cmake package.
+
+The folder `templates` has its files; names between two @ are replaced, also in the files' names.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from estimator_pkg import __version__
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.errors import UsageError
+from estimator_pkg.export.header import exported
+
+TEMPLATES = Path(__file__).with_name('templates')
+NAME = re.compile(r'[a-z](_?[a-z0-9])+')
+JOINT = re.compile(r'[\w.-]+', re.ASCII)
+
+
+def package(
+    name: str, configuration: Configuration, joints: Sequence[str], float32: bool = False
+) -> dict[str, str]:
+    """Return the texts of the package's files by their paths.
+
+    Parameters
+    ----------
+    name : of the package and its controller.
+    configuration : gains and settings; a joint with values of its own gets a header of its own.
+    joints : of the example, in addition to those with values of their own.
+    float32 : compute in float instead of double.
+
+    Raises
+    ------
+    UsageError : a name that ROS refuses, or an observer that does not take one angle.
+    """
+    observer, own = configuration.observer, sorted(configuration.overrides)
+    joints = list(dict.fromkeys([*joints, *own])) or ['joint1']
+    if not NAME.fullmatch(name):
+        raise UsageError(
+            f"--name '{name}' is no name of a ROS package: use lower-case letters, digits and "
+            'single _, beginning with a letter'
+        )
+    for joint in joints:
+        if not JOINT.fullmatch(joint):
+            raise UsageError(
+                f"joint '{joint}' cannot be in the name of an interface: use letters, digits, _, "
+                '- and .'
+            )
+    if observer.kind != 'angle':
+        raise UsageError(
+            f"observer '{observer.name}' does not take one angle per sample, which is what a "
+            'controller reads of a joint: choose one of joint_observer'
+        )
+    laws: dict[str, str] = {}  # joint -> prefix of its header; '': the other joints
+    files: dict[str, str] = {}
+    values = {
+        'NAME': name,
+        'NAME_UPPER': name.upper(),
+        'OBSERVER': observer.name,
+        'VERSION': __version__,
+        'JOINTS': _listed(joints),
+        'STATES': _listed(f'{name}/{joint}' for joint in joints),
+        'VELOCITIES': _listed(f'{name}/{joint}/velocity' for joint in joints),
+        'GAINS': '\n'.join(
+            f'      {json.dumps(joint)}: {{p: 0.5, feedforward_gain: 1.0}}' for joint in joints
+        ),
+    }
+    for joint in ['', *own]:
+        prefix = re.sub(r'\W', '_', f'{observer.name}_{joint}'.lower() if joint else observer.name)
+        while prefix in laws.values():
+            prefix += '_'
+        laws[joint] = prefix
+        made = exported(observer, *configuration.for_joint(joint), prefix, float32)
+        files[f'src/{prefix}.h'] = made.header
+    prefixes = list(laws.values())
+    values['LAWS'] = '\n'.join(f'  src/law_{prefix}.cpp' for prefix in prefixes)
+    values['DECLARATIONS'] = '\n'.join(f'std::unique_ptr<Law> {each}_law();' for each in prefixes)
+    values['SELECTION'] = '\n'.join(
+        f'  if (joint == "{joint}") {{ return {laws[joint]}_law(); }}' for joint in own
+    )
+    values['SELECTION'] += f'\n  return {laws[""]}_law();'
+    for path in sorted(TEMPLATES.rglob('*.in')):
+        place, text = path.relative_to(TEMPLATES).with_suffix('').as_posix(), path.read_text()
+        for prefix in prefixes if '@PREFIX@' in place else ['']:
+            filled = _fill(place, {**values, 'PREFIX': prefix})
+            files[filled] = _fill(text, {**values, 'PREFIX': prefix})
+    return files
+
+
+def _fill(text: str, values: dict[str, str]) -> str:
+    return re.sub(r'@([A-Z_]+)@', lambda found: values[found[1]], text)
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ', '.join(json.dumps(each) for each in names)
