@@ -186,6 +186,7 @@ setup(
             'identify = estimator_pkg.evaluation.identify.command:COMMAND',
             'tune = estimator_pkg.evaluation.tuning.command:COMMAND',
             'reproduce = sim_pkg.reproduce.command:COMMAND',
+            'export = estimator_pkg.export.command:COMMAND',
         ],
         'velocity_estimator.simulators': [
             'encoder = sim_pkg.joints.encoder:SIMULATOR',

@@ -8,21 +8,24 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from estimator_pkg import __version__
+from estimator_pkg.driver.configuration import NONE
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.engine.entries import FUNCTIONS
-from estimator_pkg.engine.prelude import TAKEN
+from estimator_pkg.engine.prelude import MATH, TAKEN, TESTS
 from estimator_pkg.engine.translate import Entry, Translator
 from estimator_pkg.errors import UsageError
 from estimator_pkg.export.angle import Options
 from estimator_pkg.parameters import declared
 
+LEAST, MOST = 1.1754944e-38, 3.4028235e38  # normal floats
 ROOT = Path(__file__).resolve().parents[2]
 EXPORT = 'estimator_pkg.export'
+NO_MAP = 'sensor_map: a header learns no errors of the sensor, as the node with sensor_map: none'
 FILE = """\
 /* {title}
  *
@@ -57,12 +60,14 @@ class Exported:
     """A header and what belongs to it.
 
     prefix : of all names in it. header : the text. joint : the driver's joint with these gains.
+    notes : what the user should know.
     """
 
     prefix: str
     header: str
     joint: Any
     float32: bool
+    notes: tuple[str, ...] = ()
 
 
 def exported(
@@ -85,6 +90,10 @@ def exported(
     module = observer.module_of(gains).__name__
     if module not in FUNCTIONS['estimator_pkg.driver.channel'][0].values():
         raise UsageError(f"'{observer.name}' cannot be exported")
+    notes = ()
+    if getattr(settings, 'sensor_map', NONE) != NONE:
+        settings = replace(settings, sensor_map=NONE)
+        notes = (NO_MAP,)
     joint = Joint(observer, gains, settings)
     channel, options = joint.channel, Options()
     options.turns = joint._counts_turns
@@ -114,7 +123,7 @@ def exported(
         guard=f'{prefix.upper()}_H',
         body=single(body) if float32 else body,
     )
-    return Exported(prefix, header, joint, float32)
+    return Exported(prefix, header, joint, float32, notes)
 
 
 def _known(records: list[Any]) -> dict[tuple[str, str], dict[str, Any]]:
@@ -161,6 +170,26 @@ def _about(observer: Any, gains: Any, settings: Any) -> list[str]:
     return [part for parts in wrapped for part in parts]
 
 
+NUMBER = re.compile(r'(?<![\w.])(\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])')
+FUNCTION = re.compile(rf'\b({"|".join((*MATH, "rint", "hypot", "ldexp"))})\(')
+
+
 def single(body: str) -> str:
     """Return C text that computes in float."""
-    raise NotImplementedError
+    made, block = [], False
+    for line in body.splitlines():
+        code, mark, note = line.partition('//')
+        block = block or line.startswith('/*')
+        if not block:
+            code = NUMBER.sub(lambda i: _float(i[1]), code)
+            code = FUNCTION.sub(lambda i: f'{i[1]}{"f" * (i[1] not in TESTS)}(', code)
+            code = re.sub(r'\bdouble\b', 'float', code)
+        if line.rstrip().endswith('*/'):
+            block = False
+        made.append(code + mark + note)
+    return '\n'.join(made)
+
+
+def _float(text: str) -> str:
+    """Return the text of a positive double as a float, which is neither 0 nor infinite."""
+    return f'{min(max(float(text), LEAST), MOST) if float(text) else 0.0!r}f'

@@ -1,0 +1,119 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``velocity_estimator export``: a tuned observer as a C99 header, with its check."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator_pkg import streams
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.selection import measurement_topic
+from estimator_pkg.bags.series import joint_series
+from estimator_pkg.bags.wiring import parameters
+from estimator_pkg.cli import Command, add_set
+from estimator_pkg.errors import UsageError, UserError, suggestion
+from estimator_pkg.export import folder, vectors
+from estimator_pkg.export.header import exported
+from estimator_pkg.parameters import parse_assignments
+from estimator_pkg.printable import show
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument('observer', metavar='OBSERVER', help="see 'velocity_estimator list'")
+    parser.add_argument('--out', required=True, metavar='DIR', help='folder to make')
+    parser.add_argument('--params', metavar='YAML', help='parameter file of the node, as of tune')
+    add_set(parser, 'set a parameter (may be repeated)')
+    parser.add_argument(
+        '--joint',
+        metavar='NAME',
+        help='joint whose parameters are used, and after which the header is named; with --bag, '
+        'the joint in it (default: its only one)',
+    )
+    parser.add_argument(
+        '--float32', action='store_true', help='compute in float, for a small floating-point unit'
+    )
+    parser.add_argument(
+        '--bag',
+        metavar='BAG',
+        help=f'check the header on its first {vectors.COUNT} samples (default: a simulated motion)',
+    )
+
+
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Write the folder, check it if there is a C compiler, and return what was written."""
+    out = Path(parsed.out)
+    if out.exists():
+        raise UserError(f"'{out}' exists: name another folder, or remove it")
+    stream = streams.of_observer(parsed.observer)
+    assignments = parse_assignments(parsed.set)
+    values = parameters(stream, parsed.params, assignments, parsed.observer)
+    configuration = stream.of(values).bank.configuration
+    gains, settings = configuration.for_joint(parsed.joint or '')
+    prefix = re.sub(r'\W+', '_', (parsed.joint or parsed.observer).lower(), flags=re.ASCII)
+    prefix = f'joint_{prefix}' if prefix[:1].isdigit() else prefix
+    made = exported(configuration.observer, gains, settings, prefix, parsed.float32)
+    samples = vectors.simulated() if parsed.bag is None else _recorded(parsed)
+    samples = vectors.with_faults(samples)
+    folder.write(out, made, samples)
+    lines = len(made.header.splitlines())
+    print(f'{out / prefix}.h: {parsed.observer}, {lines} lines of C99')
+    for note in made.notes:
+        show(note)
+    passed, said = folder.checked(out) or (None, ['no C compiler here: main.c is not run'])
+    print(*said, sep='\n')
+    if passed is False and parsed.float32:
+        show(
+            f'float32 is not within 1e-4 rad/s of double with these gains: use double, or see '
+            f'{out / "README.md"}'
+        )
+    return {
+        'observer': parsed.observer,
+        'out': str(out),
+        'header': f'{prefix}.h',
+        'prefix': prefix,
+        'lines': lines,
+        'samples': len(samples.stamps),
+        'passed': passed,
+        'check': said,
+        'ok': passed is not False or parsed.float32,
+    }
+
+
+def _recorded(parsed: argparse.Namespace) -> vectors.Samples:
+    """Return the first samples of the joint in the bag."""
+    with open_bag(parsed.bag) as bag:
+        found = joint_series(bag, measurement_topic(bag))
+        joint = parsed.joint or next(iter(found))
+        if joint not in found:
+            raise UsageError(
+                f"joint '{joint}' is not in {parsed.bag}: {suggestion(joint, list(found))}"
+            )
+        if parsed.joint is None and len(found) > 1:
+            raise UsageError(
+                f'{parsed.bag} has the joints {", ".join(found)}: choose one with --joint'
+            )
+        series = found[joint]
+    rows = slice(vectors.COUNT)
+    return vectors.Samples(series.stamps_ns[rows], np.array(series.position[rows])[:, None])
+
+
+COMMAND = Command(
+    summary='write a tuned observer as a C99 header, for firmware and C++',
+    arguments=arguments,
+    run=run,
+    examples=(
+        ('edge_adaptive --out firmware', 'the default observer with its default gains'),
+        (
+            'kalman --params tuned.yaml --joint elbow --bag drive.mcap --out elbow --float32',
+            'gains that tune found, in float, checked on the bag',
+        ),
+    ),
+)
