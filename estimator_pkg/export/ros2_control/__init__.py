@@ -8,57 +8,97 @@ The folder `templates` has its files; names between two @ are replaced, also in 
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
-from estimator_pkg import __version__
+from estimator_pkg import __version__, observers, whole_file
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.errors import UsageError
 from estimator_pkg.export.header import exported
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.printable import show
+from estimator_pkg.streams.contract import Stream
 
 TEMPLATES = Path(__file__).with_name('templates')
 NAME = re.compile(r'[a-z](_?[a-z0-9])+')
 JOINT = re.compile(r'[\w.-]+', re.ASCII)
 
 
-def package(
-    name: str, configuration: Configuration, joints: Sequence[str], float32: bool = False
-) -> dict[str, str]:
-    """Return the texts of the package's files by their paths.
-
-    Parameters
-    ----------
-    name : of the package and its controller.
-    configuration : gains and settings; a joint with values of its own gets a header of its own.
-    joints : of the example, in addition to those with values of their own.
-    float32 : compute in float instead of double.
+def run(
+    parsed: argparse.Namespace, out: Path, stream: type[Stream], values: dict[str, Any]
+) -> dict[str, Any]:
+    """Write the package that the command's arguments name; return what was written.
 
     Raises
     ------
-    UsageError : a name that ROS refuses, or an observer that does not take one angle.
+    UsageError : see `package`; or the options do not belong together.
     """
-    observer, own = configuration.observer, sorted(configuration.overrides)
-    joints = list(dict.fromkeys([*joints, *own])) or ['joint1']
+    if not parsed.ros2_control:
+        raise UsageError('--name names a package: add --ros2-control, or omit it')
+    if parsed.name is None:
+        raise UsageError('--ros2-control needs a name for package and controller: add --name NAME')
+    if parsed.bag is not None:
+        raise UsageError('--bag checks a header: omit it with --ros2-control')
+    check(parsed.name, observers.find(parsed.observer))
+    bank = stream.of(values).bank
+    joints = sorted(bank.only or bank.configuration.overrides) or ['joint1']
+    joints = [parsed.joint] if parsed.joint else joints
+    files, notes = package(parsed.name, bank.configuration, joints, parsed.float32)
+    for path, text in files.items():
+        place = out / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        whole_file.write_text(place, text)
+    print(f'{out}: package {parsed.name}, {parsed.observer} for {", ".join(joints)}')
+    for note in notes:
+        show(note)
+    return {'observer': parsed.observer, 'out': str(out), 'package': parsed.name, 'joints': joints}
+
+
+def check(name: str, observer: Observer) -> None:
+    """Raise UsageError for a name that ROS refuses, or an observer of more than an angle."""
     if not NAME.fullmatch(name):
         raise UsageError(
             f"--name '{name}' is no name of a ROS package: use lower-case letters, digits and "
             'single _, beginning with a letter'
         )
+    if observer.kind != 'angle':
+        raise UsageError(
+            f"observer '{observer.name}' needs more than the angle of a joint: choose one of "
+            'joint_observer'
+        )
+
+
+def package(
+    name: str, configuration: Configuration, joints: Sequence[str], float32: bool = False
+) -> tuple[dict[str, str], list[str]]:
+    """Return the texts of the package's files by their paths, and notes for the user.
+
+    Parameters
+    ----------
+    name : of the package and its controller.
+    configuration : gains and settings; a joint with values of its own gets a header of its own.
+    joints : those of the example, and those whose own values are used.
+    float32 : compute in float instead of double.
+
+    Raises
+    ------
+    UsageError : a joint that cannot be in the name of an interface; or see `exported`.
+    """
     for joint in joints:
         if not JOINT.fullmatch(joint):
             raise UsageError(
                 f"joint '{joint}' cannot be in the name of an interface: use letters, digits, _, "
                 '- and .'
             )
-    if observer.kind != 'angle':
-        raise UsageError(
-            f"observer '{observer.name}' does not take one angle per sample, which is what a "
-            'controller reads of a joint: choose one of joint_observer'
-        )
+    observer = configuration.observer
+    own = [joint for joint in joints if joint in configuration.overrides]
     laws: dict[str, str] = {}  # joint -> prefix of its header; '': the other joints
     files: dict[str, str] = {}
+    notes: list[str] = []
     values = {
         'NAME': name,
         'NAME_UPPER': name.upper(),
@@ -78,6 +118,7 @@ def package(
         laws[joint] = prefix
         made = exported(observer, *configuration.for_joint(joint), prefix, float32)
         files[f'src/{prefix}.h'] = made.header
+        notes += made.notes
     prefixes = list(laws.values())
     values['LAWS'] = '\n'.join(f'  src/law_{prefix}.cpp' for prefix in prefixes)
     values['DECLARATIONS'] = '\n'.join(f'std::unique_ptr<Law> {each}_law();' for each in prefixes)
@@ -90,7 +131,7 @@ def package(
         for prefix in prefixes if '@PREFIX@' in place else ['']:
             filled = _fill(place, {**values, 'PREFIX': prefix})
             files[filled] = _fill(text, {**values, 'PREFIX': prefix})
-    return files
+    return files, list(dict.fromkeys(notes))
 
 
 def _fill(text: str, values: dict[str, str]) -> str:

@@ -5,6 +5,7 @@
 
 import ast
 import math
+import shlex
 import shutil
 import subprocess
 from functools import lru_cache
@@ -15,18 +16,19 @@ import numpy as np
 import pytest
 import yaml
 
-from estimator_pkg import observers
+from estimator_pkg import cli, observers
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import VALID
+from estimator_pkg.export.command import COMMAND
 from estimator_pkg.export.ros2_control import package
 
 NAME = 'joint_velocity'  # of run.cpp
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
 INITIALISING, TRACKING, COASTING, LOST = 0, 1, 2, 3
-FLAGS = ['-std=c++17', '-O1', '-Wall', '-Wextra', '-Werror', '-ffp-contract=off', '-Iinclude']
+FLAGS = ['-std=c++17', '-O1', '-Wall', '-Wextra', '-Werror', '-ffp-contract=off', '-fwrapv']
+RUN = Path(__file__).with_name('run.cpp')
 needs_compiler = pytest.mark.skipif(shutil.which('g++') is None, reason='no g++')
 
 
@@ -43,12 +45,20 @@ def compiled(tmp_path_factory):
         folder = tmp_path_factory.mktemp('package')
         overrides = {'wrist': {'wrap_period': wrist}} if wrist is not None else {}
         setup = configured(observer, overrides, **values)
-        for path, text in package(NAME, setup, ['elbow', 'wrist']).items():
+        for path, text in package(NAME, setup, ['elbow', 'wrist'])[0].items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_text(text)
-        sources = [str(path) for path in folder.glob('src/*.cpp') if path.stem != 'controller']
+        sources = [path for path in folder.glob('src/*.cpp') if path.stem != 'controller']
         done = subprocess.run(
-            ['g++', *FLAGS, *sources, str(Path(__file__).with_name('run.cpp')), '-o', 'run'],
+            [
+                'g++',
+                *FLAGS,
+                '-Iinclude',
+                *sources,
+                str(Path(__file__).with_name('run.cpp')),
+                '-o',
+                'run',
+            ],
             cwd=folder,
             capture_output=True,
             text=True,
@@ -222,7 +232,8 @@ def test_a_period_of_zero_is_dropped_and_counted(compiled):
 
 
 def test_the_files_of_a_package_fit_together():
-    files = package(NAME, configured(overrides={'wrist': {'wrap_period': 0.0}}), ['elbow'])
+    setup = configured(overrides={'wrist': {'wrap_period': 0.0}})
+    files, _ = package(NAME, setup, ['elbow', 'wrist'])
     assert not [path for path, text in files.items() if '@' in path or 'XYZ@' in text]
     plugin = ElementTree.fromstring(files[f'{NAME}.xml'])
     assert ElementTree.fromstring(files['package.xml']).find('name').text == NAME
@@ -245,32 +256,70 @@ def test_the_files_of_a_package_fit_together():
     assert set(behind['gains']) == set(behind['dof_names']) == {'elbow', 'wrist'}
 
 
+def export(*words):
+    prog = 'velocity_estimator export'
+    return cli.guarded(lambda: cli.run(COMMAND, list(words), prog), prog)
+
+
+OF = '--ros2-control --name joint_velocity'
+
+
 @pytest.mark.parametrize(
-    ('name', 'joint', 'observer', 'line'),
+    ('words', 'line'),
     [
-        ('Elbow', 'elbow', 'edge_adaptive', "--name 'Elbow' is no name of a ROS package"),
-        ('2nd', 'elbow', 'edge_adaptive', "--name '2nd' is no name of a ROS package"),
-        ('a__b', 'elbow', 'edge_adaptive', "--name 'a__b' is no name of a ROS package"),
-        ('', 'elbow', 'edge_adaptive', "--name '' is no name of a ROS package"),
-        (NAME, 'my elbow', 'edge_adaptive', "joint 'my elbow' cannot be in the name"),
-        (NAME, 'a"b', 'edge_adaptive', "joint 'a\"b' cannot be in the name"),
-        (NAME, 'elbow', 'pmsm', "observer 'pmsm' does not take one angle"),
-        (NAME, 'elbow', 'geso', "observer 'geso' does not take one angle"),
-        (NAME, 'elbow', 'adaptive', "observer 'adaptive' does not take one angle"),
+        ('kalman --ros2-control --name Elbow', "--name 'Elbow' is no name of a ROS package: use"),
+        ('kalman --ros2-control --name 2nd', "--name '2nd' is no name of a ROS package: use"),
+        ('kalman --ros2-control --name a__b', "--name 'a__b' is no name of a ROS package: use"),
+        ('kalman --ros2-control', '--ros2-control needs a name for package and controller: add'),
+        ('kalman --name elbow', '--name names a package: add --ros2-control, or omit it'),
+        (f'kalman {OF} --bag x.mcap', '--bag checks a header: omit it with --ros2-control'),
+        (f"kalman {OF} --joint 'my elbow'", "joint 'my elbow' cannot be in the name of an interf"),
+        (f"kalman {OF} --joint 'a\"b'", "joint 'a\"b' cannot be in the name of an interface: use"),
+        (f'pmsm {OF}', "observer 'pmsm' needs more than the angle of a joint: choose one of joint"),
+        (f'geso {OF}', "observer 'geso' needs more than the angle of a joint: choose one of joint"),
+        (f'adaptive {OF}', "observer 'adaptive' needs more than the angle of a joint: choose one"),
+        (f'kalmann {OF}', "unknown observer 'kalmann'"),
+        (f'kalman {OF} --set bandwith=3', "unknown parameter 'bandwith': did you mean 'bandwidth_hz'?"),
     ],
 )
-def test_bad_input_is_one_line(name, joint, observer, line):
-    with pytest.raises(UsageError) as raised:
-        package(name, Configuration(observers.find(observer)), [joint])
-    assert str(raised.value).startswith(line)
-    assert '\n' not in str(raised.value)
+def test_bad_input_is_one_line_and_writes_nothing(words, line, tmp_path, capsys):
+    out = tmp_path / 'package'
+    assert export(*shlex.split(words), '--out', str(out)) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f'velocity_estimator export: {line}')
+    assert said.count('\n') == 1
+    assert not out.exists()
+
+
+def test_the_command_writes_a_package_once(tmp_path, capsys):
+    params = tmp_path / 'joint_observer.yaml'
+    params.write_text(
+        'joint_observer:\n  ros__parameters:\n    joints: [elbow, wrist]\n'
+        '    per_joint: {wrist: {wrap_period: 0.0}}\n'
+    )
+    words = f'edge_adaptive {OF} --params {params} --out {tmp_path / "package"}'.split()
+    assert export(*words) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].endswith('package joint_velocity, edge_adaptive for elbow, wrist')
+    values = {'wrist': {'wrap_period': 0.0}}
+    setup = Configuration(observers.find('edge_adaptive'), {}, values)
+    files, notes = package(NAME, setup, ['elbow', 'wrist'])
+    assert said[1:] == notes  # once, not once a header
+    written = [path for path in (tmp_path / 'package').rglob('*') if path.is_file()]
+    assert {str(path.relative_to(tmp_path / 'package')): path.read_text() for path in written} == (
+        files
+    )
+    assert export(*words) == 1
+    assert 'exists: name another folder, or remove it' in capsys.readouterr().err
 
 
 def test_joints_whose_names_differ_in_signs_alone_get_a_header_each():
     own = {'a-b': {'wrap_period': 1.0}, 'a_b': {'wrap_period': 2.0}, 'A.b': {'wrap_period': 3.0}}
-    files = package(NAME, configured('kalman', own), [])
+    files, _ = package(NAME, configured('kalman', own), list(own))
     headers = {path: text for path, text in files.items() if path.endswith('.h')}
     assert len(headers) == 4
     for joint, values in own.items():
         assert f'if (joint == "{joint}")' in files['src/observers.cpp']
-        assert sum(f'wrap_period = {values["wrap_period"]}' in each for each in headers.values()) == 1
+        assert (
+            sum(f'wrap_period = {values["wrap_period"]}' in each for each in headers.values()) == 1
+        )
