@@ -89,7 +89,11 @@ setup(
     version='0.1.0',
     packages=find_packages(include=['estimator_pkg*', 'sim_pkg*']),
     package_data={
-        'estimator_pkg': ['py.typed', 'evaluation/page.css'],
+        'estimator_pkg': [
+            'py.typed',
+            'evaluation/page.css',
+            'export/ros2_control/templates/**/*.in',
+        ],
         'sim_pkg': ['py.typed', 'reproduce/*/references.csv'],
     },
     data_files=[

@@ -73,6 +73,9 @@ def assert_share_is_found(prefix):
     assert layouts == {'foxglove.json', 'plotjuggler.xml'}
     launch = {path.name for path in (share / 'launch').iterdir() if path.is_file()}
     assert launch == {path.name for path in (ROOT / 'launch').iterdir() if path.is_file()}
+    templates = 'export/ros2_control/templates/**/*.in'
+    installed = {path.name for path in (prefix / 'lib').rglob(f'estimator_pkg/{templates}')}
+    assert installed == {path.name for path in (ROOT / 'estimator_pkg').glob(templates)}
     config = {path.relative_to(share / 'config') for path in (share / 'config').rglob('*')}
     assert config == {path.relative_to(ROOT / 'config') for path in (ROOT / 'config').rglob('*')}
     found = run(

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``velocity_estimator export``: a tuned observer as a C99 header, with its check."""
+"""``velocity_estimator export``: a tuned observer as C99 header, or in a controller."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from estimator_pkg.bags.series import joint_series
 from estimator_pkg.bags.wiring import parameters
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError, suggestion
-from estimator_pkg.export import folder, vectors
+from estimator_pkg.export import folder, ros2_control, vectors
 from estimator_pkg.export.header import exported
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
@@ -41,6 +41,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--float32', action='store_true', help='compute in float, for a small floating-point unit'
     )
     parser.add_argument(
+        '--ros2-control',
+        action='store_true',
+        help='write a package with a controller of ros2_control that runs the observer',
+    )
+    parser.add_argument('--name', help='with --ros2-control: name of package and controller')
+    parser.add_argument(
         '--bag',
         metavar='BAG',
         help=f'check the header on its first {vectors.COUNT} samples (default: a simulated motion)',
@@ -55,6 +61,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     stream = streams.of_observer(parsed.observer)
     assignments = parse_assignments(parsed.set)
     values = parameters(stream, parsed.params, assignments, parsed.observer)
+    if parsed.ros2_control or parsed.name is not None:
+        return ros2_control.run(parsed, out, stream, values)
     configuration = stream.of(values).bank.configuration
     gains, settings = configuration.for_joint(parsed.joint or '')
     prefix = re.sub(r'\W+', '_', (parsed.joint or parsed.observer).lower(), flags=re.ASCII)
@@ -111,6 +119,10 @@ COMMAND = Command(
     run=run,
     examples=(
         ('edge_adaptive --out firmware', 'the default observer with its default gains'),
+        (
+            'edge_adaptive --ros2-control --name arm_velocity --out src/arm_velocity',
+            'a controller of ros2_control',
+        ),
         (
             'kalman --params tuned.yaml --joint elbow --bag drive.mcap --out elbow --float32',
             'gains that tune found, in float, checked on the bag',
