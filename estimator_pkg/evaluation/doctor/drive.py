@@ -288,7 +288,7 @@ def _judged(
 ) -> Examined:
     """Return the result with the ranking of the candidates."""
     whole = recording(bag, setup, {}).per_sample()
-    velocity, tracked, why = {}, {}, ''
+    velocity, share, why = {}, 0.0, ''
     run = max(pieces(moved.stamps), key=len)
     entries = {entry.label: entry for entry in candidates()}
     for label, entry in entries.items():
@@ -300,9 +300,8 @@ def _judged(
         if made is None or not len(made.stamps):
             continue
         velocity[label] = at_reference(moved, made.stamps, made.velocity)[run]
-        tracked[label] = len(np.unique(made.stamps)) / max(len(made.due), 1)
-    default = OBSERVER
-    share = tracked.get(default, 0.0)
+        if label == OBSERVER:
+            share = len(np.unique(made.stamps)) / max(len(made.due), 1)
     text = f'pmsm has an estimate for {100.0 * share:.0f} % of the samples'
     remedy = '' if share >= SEEN else why or 'see flux linkage and resistance'
     level = PASS if share >= SEEN else WARN if share else FAIL
@@ -310,7 +309,7 @@ def _judged(
     if not velocity:
         return Examined(name, found, [f'No ranking: {why or "no form has an estimate"}.'], {})
     moved = moved.part(run)
-    verdict = rank(velocity, moved, default, motion_hz)
+    verdict = rank(velocity, moved, OBSERVER, motion_hz)
     chosen = verdict.choice
     values = dict(entries[chosen].values)
     said = []
