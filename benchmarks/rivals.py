@@ -44,7 +44,7 @@ OVER = 0.02  # [s] over which the bound of a column's acceleration is taken
 
 def rivals() -> list[Law]:
     """Return the laws at their authors' settings and swept."""
-    pairs = tuple(product((1e-4, 1e-6, 1e-8), (1e-8, 1e-6, 1e-5)))
+    pairs = tuple(product((1e-4, 1e-6, 1e-7), (1e-7, 1e-6, 1e-5)))
     return [
         made('AIE/ASE, authors', adaptive_input, (RETROSPECTIVE,), '', PEERS),
         made('AIE/ASE', adaptive_input, pairs, 'R_theta, R_d', PEERS),
