@@ -10,8 +10,8 @@ References
 ----------
 AIE/ASE: Verma, Sanjeevini, Sumer, Bernstein, "Real-time numerical differentiation of sampled data
 using adaptive input and state estimation", Int. J. of Control 97, 2024 (arXiv 2308.08074). Only its
-abstract was at hand: the equations are those of retrospective cost input estimation and of the
-adaptive Kalman filter as the authors' papers of 2023 to 2025 print them, and so are the settings.
+abstract was at hand: equations and settings were written from memory of the authors' papers of 2023
+to 2025 and not compared with a text.
 Maximum-likelihood spline: Avrachenkov, Freidovich, "Derivative estimation from coarse, irregular,
 noisy samples: an MLE-spline approach", arXiv 2507.22176, 2025; settings: the authors' code.
 Optimal robust exact differentiator: Aldana-Lopez, Seeber, Haimovich, Gomez-Gutierrez, "Optimal
