@@ -238,24 +238,30 @@ class Found(NamedTuple):
 
 def run(folder: Path, lists: Iterable[str] = tuple(LISTS)) -> dict[str, Found]:
     """Return the comparison by list, whose files are below `folder`; raise UserError."""
+    frozen = yaml.safe_load(CONTACT.read_text(encoding='utf-8'))['frozen']
+    read = {which: _columns(folder, which) for which in lists}  # a missing file is named at once
     found = {}
-    for which in lists:
-        title, chosen, excluded = LISTS[which], listed(which), defaultdict(list)
-        with progress(title, len(chosen)) as advance:
-            columns = []
-            for each in chosen:
-                made = column(folder, each)
-                why = left_out(made) if which == 'contact' else ''
-                if why:
-                    excluded[why].append(each.name)
-                else:
-                    columns.append(made)
-                advance(1)
-        frozen = yaml.safe_load(CONTACT.read_text(encoding='utf-8'))['frozen']
-        judged = {each.name: each.judged for each in chosen}
-        found[title] = compared(columns, judged, frozen if which == 'contact' else None)
-        found[title] = found[title]._replace(left_out=dict(excluded))
+    for which, (columns, judged, excluded) in read.items():
+        compare = compared(columns, judged, frozen if which == 'contact' else None)
+        found[LISTS[which]] = compare._replace(left_out=excluded)
     return found
+
+
+def _columns(
+    folder: Path, which: str
+) -> tuple[list[Column], dict[str, float], dict[str, list[str]]]:
+    """Return the columns of a list, `judged` as in `Listed`, and names left out by reason."""
+    chosen, columns, excluded = listed(which), [], defaultdict(list)
+    with progress(LISTS[which], len(chosen)) as advance:
+        for each in chosen:
+            made = column(folder, each)
+            why = left_out(made) if which == 'contact' else ''
+            if why:
+                excluded[why].append(each.name)
+            else:
+                columns.append(made)
+            advance(1)
+    return columns, {each.name: each.judged for each in chosen}, dict(excluded)
 
 
 def compared(

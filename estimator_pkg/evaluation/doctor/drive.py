@@ -322,7 +322,7 @@ def _judged(
     panels : of the other plots. start_ns : of all times in them.
     """
     whole = recording(bag, setup, {}).per_sample()
-    velocity, tracked, why = {}, {}, ''
+    velocity, share, why = {}, 0.0, ''
     run = max(pieces(moved.stamps), key=len)
     entries = {entry.label: entry for entry in candidates()}
     for label, entry in entries.items():
@@ -334,9 +334,8 @@ def _judged(
         if made is None or not len(made.stamps):
             continue
         velocity[label] = at_reference(moved, made.stamps, made.velocity)[run]
-        tracked[label] = len(np.unique(made.stamps)) / max(len(made.due), 1)
-    default = OBSERVER
-    share = tracked.get(default, 0.0)
+        if label == OBSERVER:
+            share = len(np.unique(made.stamps)) / max(len(made.due), 1)
     text = f'pmsm has an estimate for {100.0 * share:.0f} % of the samples'
     remedy = '' if share >= SEEN else why or 'see flux linkage and resistance'
     level = PASS if share >= SEEN else WARN if share else FAIL
@@ -345,7 +344,7 @@ def _judged(
         said = [f'No ranking: {why or "no form has an estimate"}.']
         return Examined(name, found, said, {}, panels=panels)
     moved = moved.part(run)
-    verdict = rank(velocity, moved, default, motion_hz)
+    verdict = rank(velocity, moved, OBSERVER, motion_hz)
     chosen = verdict.choice
     values = dict(entries[chosen].values)
     said = []
