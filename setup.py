@@ -128,7 +128,7 @@ setup(
     tests_require=['pytest'],
     entry_points={
         'console_scripts': [
-            'velocity_estimator = estimator_pkg.cli:main',
+            'velocity_estimator = estimator_pkg.__main__:main',
             'joint_observer = estimator_pkg.nodes.executables:joint_observer',
             'adaptive_observer = estimator_pkg.nodes.executables:adaptive_observer',
             'switched_observer = estimator_pkg.nodes.executables:switched_observer',

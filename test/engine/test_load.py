@@ -114,7 +114,14 @@ def text():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('compiler', ['gcc -std=c99 -O2 -c', 'g++ -std=c++17 -fsyntax-only -x c++'])
+@pytest.mark.parametrize(
+    'compiler',
+    [
+        'gcc -std=c99 -fsyntax-only',
+        'g++ -std=c++17 -fsyntax-only -x c++',
+        pytest.param('gcc -std=c99 -O2 -c', marks=pytest.mark.slow),  # pip compiles with -O2, too
+    ],
+)
 def test_the_engine_of_the_package_compiles_without_a_warning(text, tmp_path, compiler):
     if shutil.which(compiler.split()[0]) is None:
         pytest.skip(f'needs {compiler}')

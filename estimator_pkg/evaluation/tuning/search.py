@@ -149,7 +149,10 @@ def _stored(storage: str | None) -> Iterator[None]:
     except Exception as error:
         if storage is None:
             raise
-        raise UserError(f"the storage '{storage}' cannot be used: {first_line(error)}") from error
+        raise UserError(
+            f"the storage '{storage}' cannot be used: {first_line(error)}; it must be a URL, "
+            'as in sqlite:///study.db'
+        ) from error
 
 
 def _opened(storage: str | None, name: str, seed: int, about: str) -> Any:

@@ -162,7 +162,7 @@ def kept(
     }
 
 
-def rounded(value: Value) -> Value:
+def rounded(value: Any) -> Any:
     """Return a gain rounded to six digits, as it is validated and written."""
     return value if isinstance(value, str) else float(f'{value:.6g}')
 

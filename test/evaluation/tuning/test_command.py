@@ -534,7 +534,7 @@ def test_a_broken_storage(bag, tmp_path, capsys):
             '--storage',
             storage,
         )
-        assert 'cannot be used' in line and storage in line
+        assert 'cannot be used' in line and 'as in sqlite:' in line and storage in line
 
 
 def test_a_gain_that_nothing_observes_stays_at_its_default(tmp_path):
