@@ -219,6 +219,8 @@ class Translator:
             text = self.declaration(
                 self.kinds.fields(record)[name], name + '_' * (name in KEYWORDS)
             )
+            if self.prefix and not re.fullmatch(r'.*_ns|t\d', name):  # counts, no times
+                text = text.replace('int64_t', 'int32_t')
             lines.append(f'    {text};' + (f'  // {note}' if note else ''))
         return '\n'.join([*lines, f'}} {token};'])
 

@@ -25,6 +25,10 @@ from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
 
 
+SIZES = 'its state has the size that its parameters say, so it runs as plain Python only'
+PLAIN = {'angle_and_input': SIZES, 'switched': SIZES}  # kinds that the engine does not translate
+
+
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument('observer', metavar='OBSERVER', help="see 'velocity_estimator list'")
@@ -59,6 +63,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if out.exists():
         raise UserError(f"'{out}' exists: name another folder, or remove it")
     stream = streams.of_observer(parsed.observer)
+    if stream.KIND in PLAIN:
+        raise UsageError(f"'{parsed.observer}' cannot be exported: {PLAIN[stream.KIND]}")
     assignments = parse_assignments(parsed.set)
     values = parameters(stream, parsed.params, assignments, parsed.observer)
     if parsed.ros2_control or parsed.name is not None:
