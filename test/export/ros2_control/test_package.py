@@ -279,7 +279,7 @@ OF = '--ros2-control --name joint_velocity'
         (f'geso {OF}', "observer 'geso' needs more than the angle of a joint: choose one of joint"),
         (f'adaptive {OF}', "observer 'adaptive' needs more than the angle of a joint: choose one"),
         (f'kalmann {OF}', "unknown observer 'kalmann'"),
-        (f'kalman {OF} --set bandwith=3', "unknown parameter 'bandwith': did you mean 'bandwidth_hz'?"),
+        (f'kalman {OF} --set bandwith=3', "unknown parameter 'bandwith': did you mean 'bandw"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(words, line, tmp_path, capsys):
