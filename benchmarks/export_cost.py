@@ -125,14 +125,13 @@ def cost(folder: Path, prefix: str, real: str) -> str:
 def main() -> None:
     """Print the table."""
     print(f'{"observer":<18} {"number":<7} {"ns":>6} {"state":>7} {"M4F":>8} {"M7":>8}')
-    samples = vectors.simulated()
     for name in OF_AN_ANGLE:
         observer = registry.find(registry.OBSERVERS, name)
         gains, settings = Configuration(observer, {'sensor_map': 'none'}).for_joint('')
         for float32 in (False, True):
             with tempfile.TemporaryDirectory() as temporary:
                 made, out = exported(observer, gains, settings, name, float32), Path(temporary)
-                folder.write(out / name, made, samples)
+                folder.write(out / name, made, vectors.simulated(made.joint))
                 print(cost(out / name, name, 'float' if float32 else 'double'), flush=True)
                 if name == 'finite_difference':
                     moving = MOVING.replace('double', 'float') if float32 else MOVING

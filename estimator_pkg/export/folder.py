@@ -36,19 +36,22 @@ int main(int argc, char **argv)
     {prefix}_init(&joint);
     for (int i = 0; i < count; i++) {{
         const Vector *vector = &VECTORS[i];
-        const bool used = {prefix}_update(&joint, vector->stamp_ns, {real}vector->reading[0]);
+        {real} reading[{readings}];
+        for (int j = 0; j < {readings}; j++) reading[j] = ({real})vector->reading[j];
+        const bool used = {prefix}_update(&joint, vector->stamp_ns, {call});
         if (!used && !vector->used) continue;
         {prefix}_estimate out;
         {prefix}_get(&joint, &out);
-        const double found[5] = {{out.position, out.velocity, out.acceleration,
-                out.position_stddev, out.velocity_stddev}};
+        const double found[] = {{
+            {numbers}
+        }};
         bool same = true;
         double error = 0.0;
-        for (int j = 0; j < 5; j++) {{
+        for (int j = 0; j < {count}; j++) {{
             const double expected = vector->estimate[j], off = fabs(found[j] - expected);
             if (found[j] == expected || (isnan(found[j]) && isnan(expected))) continue;
             same = false;
-            if (j == 1 || !{single}) error = fmax(error, off == off ? off : INFINITY);
+            if ((j >= {first} && j < {last}) || !{single}) error = fmax(error, off == off ? off : INFINITY);
         }}
         const bool flip = used != vector->used || out.status != vector->status;
         if (flip) {{
@@ -147,6 +150,7 @@ def write(out: Path, exported: Exported, samples: vectors.Samples, size: str = '
     UserError : the folder exists.
     """
     made, single = exported, exported.float32
+    shape = vectors.interface(made.joint)
     names = {
         'prefix': made.prefix,
         'observer': made.joint.observer.name,
@@ -154,7 +158,13 @@ def write(out: Path, exported: Exported, samples: vectors.Samples, size: str = '
         'flags': FLAGS,
     }
     main = MAIN.format(
-        **{**names, 'real': '(float)' * single},
+        **names,
+        readings=shape.readings,
+        call=shape.call,
+        numbers=',\n            '.join(f'out.{name}' for name in shape.numbers),
+        count=len(shape.numbers),
+        first=shape.velocities.start,
+        last=shape.velocities.stop,
         tolerance='1e-4' if single else '0.0',
         single=str(single).lower(),
         what=' (rad/s, of the velocity)' if single else '',
