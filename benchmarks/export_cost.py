@@ -82,16 +82,18 @@ int take({prefix} *self, int64_t at, {real} x, {prefix}_estimate *out)
 }}
 const unsigned state_bytes = sizeof({prefix});
 """
+ONE = """sqrt exp log log1p expm1 sin cos tan atan acos asin sinh cosh tanh erf erfc fabs floor ceil
+    rint"""
 SHIM = '\n'.join(  # a math.h of declarations alone, for a compiler without a library
-    [f'double {name}(double); float {name}f(float);' for name in
-     'sqrt exp log log1p expm1 sin cos tan atan acos asin sinh cosh tanh erf erfc fabs floor ceil '
-     'rint'.split()]
-    + [f'double {name}(double, double); float {name}f(float, float);' for name in
-       'atan2 hypot pow fmod copysign'.split()]
+    [f'double {name}(double); float {name}f(float);' for name in ONE.split()]
+    + [
+        f'double {name}(double, double); float {name}f(float, float);'
+        for name in ('atan2', 'hypot', 'pow', 'fmod', 'copysign')
+    ]
     + ['double ldexp(double, int); float ldexpf(float, int);']
     + [f'#define {name}(x) __builtin_{name}(x)' for name in ('isnan', 'isinf', 'isfinite')]
     + ['#define NAN __builtin_nanf("")', '#define INFINITY __builtin_inff()', '']
-)  # fmt: skip
+)
 
 
 def run(*command: str, cwd: Path) -> str:
@@ -114,7 +116,9 @@ def code(folder: Path, prefix: str, real: str, cpu: str) -> int:
 
 def cost(folder: Path, prefix: str, real: str) -> str:
     """Return a line of the table."""
-    (folder / 'timed.c').write_text('#define _POSIX_C_SOURCE 199309L\n' + TIMED.format(prefix=prefix))
+    (folder / 'timed.c').write_text(
+        '#define _POSIX_C_SOURCE 199309L\n' + TIMED.format(prefix=prefix)
+    )
     flags = '-O2', '-std=c99', '-ffp-contract=off', '-fwrapv'
     run('gcc', *flags, 'timed.c', '-o', 'timed', '-lm', cwd=folder)
     ns, state = map(int, run('./timed', cwd=folder).split())

@@ -71,12 +71,12 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     else:
         raise UsageError(f"--bag is for observers of one angle, not '{parsed.observer}': omit it")
     samples = vectors.with_faults(samples)
-    folder.write(out, made, samples)
+    done = folder.write(out, made, samples)
     lines = len(made.header.splitlines())
     print(f'{out / prefix}.h: {parsed.observer}, {lines} lines of C99')
     for note in made.notes:
         show(note)
-    passed, said = folder.checked(out) or (None, ['no C compiler here: main.c is not run'])
+    passed, said = done or (None, ['no C compiler here: main.c is not run'])
     print(*said, sep='\n')
     if passed is False and parsed.float32:
         show(

@@ -18,8 +18,7 @@ from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.driver.efforts import FIELD
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.mechanism import Mechanism
-from estimator_pkg.engine.calls import PREFIXES, available
-from estimator_pkg.engine.load import load
+from estimator_pkg.engine.calls import PREFIXES
 from estimator_pkg.engine.prelude import MATH, TAKEN, TESTS
 from estimator_pkg.engine.translate import Entry, Translator
 from estimator_pkg.errors import UsageError
@@ -33,6 +32,7 @@ FAMILIES = {  # what the header of an observer of each kind has
     'drive': 'estimator_pkg.export.drive',
     'mechanical': 'estimator_pkg.export.mechanism',
 }
+OWN = 'they name a function or a model of your own, and only ours are translated'
 TITLES = {
     'angle': 'velocity of one joint from its angle',
     'drive': 'speed and angle of a motor from its currents and voltages',
@@ -107,14 +107,13 @@ def exported(
     """
     if not re.fullmatch(r'[a-z][a-z0-9_]*', prefix) or prefix in TAKEN:
         raise UsageError(f"'{prefix}' is no name for C: use lower-case letters, digits and _")
-    notes = ()
+    notes: tuple[str, ...] = ()
     if getattr(settings, 'sensor_map', NONE) != NONE:
         settings, notes = replace(settings, sensor_map=NONE), (NO_MAP,)
     joint = _joint(observer, gains, settings, sample_period)
-    if joint.module.__name__ not in PREFIXES or joint.compiled is None:
-        plain = 'calls a function or a model of your own, which the engine does not translate'
-        reason = plain if available() else load()[1]
-        raise UsageError(f"'{observer.name}' cannot be exported with these gains: it {reason}")
+    plain = getattr(joint.module, 'runs_plain', None)
+    if joint.module.__name__ not in PREFIXES or (plain and plain(gains)):
+        raise UsageError(f"'{observer.name}' cannot be exported with these gains: {OWN}")
     family = FAMILIES[observer.kind]
     channel, records = joint.channel, [Options()]
     if observer.kind == 'angle':
@@ -136,10 +135,7 @@ def exported(
     known, used = _known(records), None
     for _ in range(2):  # the second time with the fields alone that the first one found in use
         translator = Translator(ROOT, prefix, known, used)
-        translator.names = {
-            (family, 'State'): prefix,
-            (family, 'Estimate'): f'{prefix}_estimate',
-        }
+        translator.names = {(family, 'State'): prefix, (family, 'Estimate'): f'{prefix}_estimate'}
         static = {'observer': joint.module.__name__}
         for name, values in bound.items():
             translator.export(Entry(family, name, static, f'{prefix}_{name}', values))

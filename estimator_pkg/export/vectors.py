@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.sensor.guard import DUPLICATE
-
 COUNT = 3000  # samples of a motion
 COUNTS = 4096  # of the simulated encoder, a turn
 MS = 1_000_000  # [ns]
@@ -44,10 +42,10 @@ def interface(joint: Any) -> Interface:
     """Return the interface of the header of a joint, drive or mechanism."""
     kind = joint.observer.kind
     if kind == 'angle':
-        fields = 'position velocity acceleration position_stddev velocity_stddev'.split()
+        fields = ['position', 'velocity', 'acceleration', 'position_stddev', 'velocity_stddev']
         return Interface(1, 'reading[0]', fields, range(1, 2))
     if kind == 'drive':
-        fields = 'position velocity angle speed flux'.split()
+        fields = ['position', 'velocity', 'angle', 'speed', 'flux']
         fields += [f'{name}_stddev' for name in fields]
         return Interface(4, ', '.join(f'reading[{k}]' for k in range(4)), fields, range(1, 2))
     n, m = joint.plan.mechanics.degrees, joint.plan.mechanics.inputs
@@ -76,7 +74,7 @@ def _encoder(joint: Any, chance: random.Random, times: Any) -> Iterator[list[flo
 
 
 def _drive(joint: Any, chance: random.Random, times: Any) -> Iterator[list[float]]:
-    """Yield small currents and the voltages of a motor that speeds up, slows down and turns back."""
+    """Yield a small current, and the voltages of a motor that turns to and fro."""
     gains, angle = joint.gains, 0.0
     for t in times.tolist():
         speed = 600.0 * math.sin(8.0 * t)
@@ -130,7 +128,7 @@ def expected(joint: Any, samples: Samples) -> Iterator[tuple[bool, Sequence[floa
             numbers = [math.nan] * (2 * n) if position != position else [*position, *velocity]
             yield used, numbers, status
         elif joint.observer.kind == 'drive':
-            used = joint.compiled.take(joint.memory.pointer, stamp, *reading) < DUPLICATE
+            used = joint.update(stamp, reading)
             position, velocity, _, status = joint.estimate()
             angles = joint.electrical()[:3]
             sigmas = [*joint.stddev(), *joint.electrical_stddev()]
