@@ -82,16 +82,18 @@ int take({prefix} *self, int64_t at, {real} x, {prefix}_estimate *out)
 }}
 const unsigned state_bytes = sizeof({prefix});
 """
+ONE = """sqrt exp log log1p expm1 sin cos tan atan acos asin sinh cosh tanh erf erfc fabs floor ceil
+    rint"""
 SHIM = '\n'.join(  # a math.h of declarations alone, for a compiler without a library
-    [f'double {name}(double); float {name}f(float);' for name in
-     'sqrt exp log log1p expm1 sin cos tan atan acos asin sinh cosh tanh erf erfc fabs floor ceil '
-     'rint'.split()]
-    + [f'double {name}(double, double); float {name}f(float, float);' for name in
-       'atan2 hypot pow fmod copysign'.split()]
+    [f'double {name}(double); float {name}f(float);' for name in ONE.split()]
+    + [
+        f'double {name}(double, double); float {name}f(float, float);'
+        for name in ('atan2', 'hypot', 'pow', 'fmod', 'copysign')
+    ]
     + ['double ldexp(double, int); float ldexpf(float, int);']
     + [f'#define {name}(x) __builtin_{name}(x)' for name in ('isnan', 'isinf', 'isfinite')]
     + ['#define NAN __builtin_nanf("")', '#define INFINITY __builtin_inff()', '']
-)  # fmt: skip
+)
 
 
 def run(*command: str, cwd: Path) -> str:
@@ -114,7 +116,9 @@ def code(folder: Path, prefix: str, real: str, cpu: str) -> int:
 
 def cost(folder: Path, prefix: str, real: str) -> str:
     """Return a line of the table."""
-    (folder / 'timed.c').write_text('#define _POSIX_C_SOURCE 199309L\n' + TIMED.format(prefix=prefix))
+    (folder / 'timed.c').write_text(
+        '#define _POSIX_C_SOURCE 199309L\n' + TIMED.format(prefix=prefix)
+    )
     flags = '-O2', '-std=c99', '-ffp-contract=off', '-fwrapv'
     run('gcc', *flags, 'timed.c', '-o', 'timed', '-lm', cwd=folder)
     ns, state = map(int, run('./timed', cwd=folder).split())
@@ -125,14 +129,13 @@ def cost(folder: Path, prefix: str, real: str) -> str:
 def main() -> None:
     """Print the table."""
     print(f'{"observer":<18} {"number":<7} {"ns":>6} {"state":>7} {"M4F":>8} {"M7":>8}')
-    samples = vectors.simulated()
     for name in OF_AN_ANGLE:
         observer = registry.find(registry.OBSERVERS, name)
         gains, settings = Configuration(observer, {'sensor_map': 'none'}).for_joint('')
         for float32 in (False, True):
             with tempfile.TemporaryDirectory() as temporary:
                 made, out = exported(observer, gains, settings, name, float32), Path(temporary)
-                folder.write(out / name, made, samples)
+                folder.write(out / name, made, vectors.simulated(made.joint))
                 print(cost(out / name, name, 'float' if float32 else 'double'), flush=True)
                 if name == 'finite_difference':
                     moving = MOVING.replace('double', 'float') if float32 else MOVING

@@ -52,11 +52,7 @@ class Estimate:
     status: int  # 0 initialising, 1 tracking, 2 coasting, 5 misconfigured; use 1 and 2
 
 
-def init(
-    observer: Any,
-    self: State,
-    wrapped: Frame,
-) -> None:
+def init(observer: Any, self: State, wrapped: Frame) -> None:
     """Set everything before the first sample."""
     blank = State()
     self.take(blank)

@@ -32,7 +32,9 @@ def test_a_folder_is_complete_and_passes_its_check(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert '0 flips of a decision' in printed
     text = (out / 'left_elbow.h').read_text()
-    (out / 'left_elbow.h').write_text(text.replace('velocity = motion.', 'velocity = 1e-9 + motion.'))
+    wrong = text.replace('velocity = motion.', 'velocity = 1e-9 + motion.')
+    assert wrong != text
+    (out / 'left_elbow.h').write_text(wrong)
     assert not folder.checked(out)[0]
 
 
