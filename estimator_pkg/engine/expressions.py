@@ -229,7 +229,7 @@ class Expressions:
         found = self.lookup(node)
         if found is not None:
             return self._on_global(node, found)
-        reads = self.reads()
+        before = self.reads()
         owner = self.expression(node.value)
         if owner.kind == COMPLEX and node.attr in ('real', 'imag'):
             return owner._replace(text=f'{owner.above(UNARY)}.{node.attr}', kind=FLOAT, level=ATOM)
@@ -242,7 +242,7 @@ class Expressions:
         kind = fields[node.attr]
         known = self.translator.known_value(owner.kind, node.attr)
         if known is not None:
-            self.unread(reads)
+            self.unread(before)
             return self._known(node, owner.kind, known, kind)
         self.translator.reached.add((owner.kind.module.name, owner.kind.node.name, node.attr))
         text = f'{owner.text}{"->" if owner.pointer else "."}{node.attr}'

@@ -41,6 +41,7 @@ class Function(Expressions):
         self.before: dict[Local, bool] = {}  # what was read before the assignment
         self.aliases: list[Local] = []  # pointers, perhaps to what is not changed
         self.ignored: set[str] = set()  # arguments that it does not read
+        self.forwards: list[Any] = []  # functions whose several results it returns
         self.places: dict[str, list[tuple[dict[int, int], bool]]] = {}
         self._note_places(self.node.body, {})
         self.assigned = {n for n, at in self.places.items() if any(stored for _, stored in at)}
@@ -70,6 +71,16 @@ class Function(Expressions):
             for name, kind in self.kinds.items()
             if empty(kind) or not (self.locals[name].read or name in self.assigned)
         }
+
+    def name_results(self, targets: list[ast.expr]) -> None:
+        """Name results that are expressions as the caller does."""
+        for i, (target, name) in enumerate(zip(targets, self.outputs)):
+            called = getattr(target, 'id', getattr(target, 'attr', '')).strip('_')
+            if re.fullmatch(r'result\d_out_*', name) and called:
+                self.outputs[i] = new = self.fresh(f'{called}_out')
+                self.lines = [re.sub(rf'\b{name}\b', new, line) for line in self.lines]
+        for function in self.forwards:
+            function.name_results(targets)
 
     def text(self) -> str:
         """Return the function in C."""
@@ -249,6 +260,7 @@ class Function(Expressions):
             if len(targets) == 1 and isinstance(source, ast.Tuple):
                 self._tuple(node, targets[0].elts, source.elts)
             elif len(targets) == 1 and called:
+                called[0].name_results(targets[0].elts)
                 self._unpack(node, targets[0].elts, *called[:2])
             else:
                 self.refuse(node, 'only a tuple, or a call of a function of ours, is unpacked')
@@ -380,6 +392,7 @@ class Function(Expressions):
         elif called and isinstance(called[0].returns, tuple):
             function, arguments, _ = called
             kind = function.returns
+            self.forwards.append(function)
             self.outputs = self.outputs or [self.fresh(name) for name in function.outputs]
             self.emit(f'{function.token}({", ".join([*arguments, *self.outputs])});')
             self.emit('return;')

@@ -170,9 +170,7 @@ class Translator:
             module.refuse(at, f'{found.name} calls itself, which is not translated')
         return self.functions[key]
 
-    def _choices(
-        self, found: Found, static: dict[str, Module], kinds: dict[str, Any]
-    ) -> list[str]:
+    def _choices(self, found: Found, static: dict[str, Module], kinds: dict[str, Any]) -> list[str]:
         """Return names for a function: by its module, by its observer, by its arguments."""
         observers = [getattr(kind, 'observer', None) for kind in kinds.values()]
         modules = dict.fromkeys(module for module in (*static.values(), *observers) if module)
@@ -219,6 +217,8 @@ class Translator:
             text = self.declaration(
                 self.kinds.fields(record)[name], name + '_' * (name in KEYWORDS)
             )
+            if self.prefix and not re.fullmatch(r'.*_ns|t\d', name):  # counts, no times
+                text = text.replace('int64_t', 'int32_t')
             lines.append(f'    {text};' + (f'  // {note}' if note else ''))
         return '\n'.join([*lines, f'}} {token};'])
 
@@ -251,7 +251,10 @@ class Translator:
             node
             for node in record.declared
             if not self.prefix
-            or (field(record, node.target.id) in (self.used or self.reached) and not self.is_empty(kinds[node.target.id]))
+            or (
+                field(record, node.target.id) in (self.used or self.reached)
+                and not self.is_empty(kinds[node.target.id])
+            )
         ]
 
     def _record_text(self, kind: Any, value: Any) -> str:
@@ -295,7 +298,9 @@ class Translator:
     def body(self) -> str:
         """Return records, constants and functions as C."""
         functions = [function.text() for function in self.functions.values()]
-        structs = [(token, self._struct_text(record, token)) for record, token in self._structs.items()]
+        structs = [
+            (token, self._struct_text(record, token)) for record, token in self._structs.items()
+        ]
         records = [
             (token, f'static const {self.struct(kind)} {token} = {self._record_text(kind, item)};')
             for token, kind, item in self._records.values()
@@ -332,7 +337,9 @@ class Translator:
         functions = self.functions.values()
         fixed = {int(f.token.strip('\1')): f.exported for f in functions if f.exported}
         helpers = (self._prefixed(name) for name in HELPERS)
-        taken = TAKEN.union(self.names.values(), helpers).union(*(function.used for function in functions))
+        taken = TAKEN.union(self.names.values(), helpers).union(
+            *(function.used for function in functions)
+        )
         level = [0] * len(self._names)
         while True:
             names = [

@@ -38,7 +38,6 @@ class State:
     # samples by verdict: used, first, after a gap, clock jump, stray stamp, outage; and dropped:
     # duplicate, late, non-finite, zero stamp, misconfigured, repeated
     counts: Annotated[list[int], 12]
-    measurement: float  # the newest sample that was used [rad or m]
 
 
 @record
@@ -53,11 +52,7 @@ class Estimate:
     status: int  # 0 initialising, 1 tracking, 2 coasting, 5 misconfigured; use 1 and 2
 
 
-def init(
-    observer: Any,
-    self: State,
-    wrapped: Frame,
-) -> None:
+def init(observer: Any, self: State, wrapped: Frame) -> None:
     """Set everything before the first sample."""
     blank = State()
     self.take(blank)
@@ -86,8 +81,6 @@ def update(
                     use_frame(self, wrapped)
     verdict = advance(observer, self.track, self.design, self.limits, stamp_ns, angle, 0.0)
     self.counts[verdict] += 1
-    if verdict < DUPLICATE:
-        self.measurement = angle
     return verdict < DUPLICATE
 
 
@@ -109,7 +102,7 @@ def get(observer: Any, self: State, out: Estimate) -> None:
         return
     motion = Motion()
     observer.estimate(
-        observer, motion, track.state, track.coefficients, self.design, self.measurement, 0.0
+        observer, motion, track.state, track.coefficients, self.design, track.reading, 0.0
     )
     out.position, out.velocity = motion.position, motion.velocity
     out.acceleration, out.status = motion.acceleration, motion.status

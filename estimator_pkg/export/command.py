@@ -20,7 +20,7 @@ from estimator_pkg.bags.wiring import parameters
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.export import folder, ros2_control, vectors
-from estimator_pkg.export.header import exported
+from estimator_pkg.export.header import FAMILIES, SIZES, exported
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
 
@@ -59,6 +59,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if out.exists():
         raise UserError(f"'{out}' exists: name another folder, or remove it")
     stream = streams.of_observer(parsed.observer)
+    if stream.KIND not in FAMILIES:
+        raise UsageError(f"'{parsed.observer}' cannot be exported: {SIZES}")
     assignments = parse_assignments(parsed.set)
     values = parameters(stream, parsed.params, assignments, parsed.observer)
     if parsed.ros2_control or parsed.name is not None:
@@ -67,15 +69,22 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     gains, settings = configuration.for_joint(parsed.joint or '')
     prefix = re.sub(r'\W+', '_', (parsed.joint or parsed.observer).lower(), flags=re.ASCII)
     prefix = f'joint_{prefix}' if prefix[:1].isdigit() else prefix
-    made = exported(configuration.observer, gains, settings, prefix, parsed.float32)
-    samples = vectors.simulated() if parsed.bag is None else _recorded(parsed)
+    kind = configuration.observer.kind
+    period = float(values.get('sample_period', 0.0))
+    made = exported(configuration.observer, gains, settings, prefix, parsed.float32, period)
+    if parsed.bag is None:
+        samples = vectors.simulated(made.joint)
+    elif kind == 'angle':
+        samples = _recorded(parsed)
+    else:
+        raise UsageError(f"--bag is for observers of one angle, not '{parsed.observer}': omit it")
     samples = vectors.with_faults(samples)
-    folder.write(out, made, samples)
+    done = folder.write(out, made, samples)
     lines = len(made.header.splitlines())
     print(f'{out / prefix}.h: {parsed.observer}, {lines} lines of C99')
     for note in made.notes:
         show(note)
-    passed, said = folder.checked(out) or (None, ['no C compiler here: main.c is not run'])
+    passed, said = done or (None, ['no C compiler here: main.c is not run'])
     print(*said, sep='\n')
     if passed is False and parsed.float32:
         show(

@@ -15,6 +15,10 @@ from estimator_pkg.export import vectors
 from estimator_pkg.export.header import Exported
 
 FLAGS = '-O2 -std=c99 -Wall -Wextra -ffp-contract=off -fwrapv'
+FLOAT = (
+    'It computes in float, and the package in\ndouble: the rms difference of the velocity '
+    'must be at most 1e-4 rad/s.'
+)
 MAIN = """\
 /* Compares {prefix}.h with the estimates of the package, sample by sample.
  *
@@ -36,19 +40,23 @@ int main(int argc, char **argv)
     {prefix}_init(&joint);
     for (int i = 0; i < count; i++) {{
         const Vector *vector = &VECTORS[i];
-        const bool used = {prefix}_update(&joint, vector->stamp_ns, {real}vector->reading[0]);
+        {real} reading[{readings}];
+        for (int j = 0; j < {readings}; j++) reading[j] = ({real})vector->reading[j];
+        const bool used = {prefix}_update(&joint, vector->stamp_ns, {call});
         if (!used && !vector->used) continue;
         {prefix}_estimate out;
         {prefix}_get(&joint, &out);
-        const double found[5] = {{out.position, out.velocity, out.acceleration,
-                out.position_stddev, out.velocity_stddev}};
+        const double found[] = {{
+            {numbers}
+        }};
         bool same = true;
         double error = 0.0;
-        for (int j = 0; j < 5; j++) {{
+        for (int j = 0; j < {count}; j++) {{
             const double expected = vector->estimate[j], off = fabs(found[j] - expected);
             if (found[j] == expected || (isnan(found[j]) && isnan(expected))) continue;
             same = false;
-            if (j == 1 || !{single}) error = fmax(error, off == off ? off : INFINITY);
+            if ((j < {first} || j >= {last}) && {single}) continue;
+            error = fmax(error, off == off ? off : INFINITY);
         }}
         const bool flip = used != vector->used || out.status != vector->status;
         if (flip) {{
@@ -66,6 +74,7 @@ int main(int argc, char **argv)
     printf("%d samples: %d equal to the last bit, %d within 1e-9, %d flips of a decision\\n",
             compared, equal, within, flips);
     printf("largest error %.3g, rms %.3g{what}\\n", worst, rms);
+    printf("%d bytes of state\\n", (int)sizeof joint);
     if (tolerance == 0.0) return equal == compared ? 0 : 1;
     return flips == 0 && {judged} <= tolerance ? 0 : 1;
 }}
@@ -87,110 +96,139 @@ add_test(NAME check COMMAND check)
 README = """\
 # {prefix}
 
-`{prefix}.h` is the observer `{observer}` of velocity_estimator with the gains that stand at its top: guard for
-stamps and readings, sensor stage, observer, calibration of the standard deviation. It is C99 and C++17, needs
-`<math.h>`, `<stdbool.h>` and `<stdint.h>`, allocates nothing and has no global state. Other gains mean another
-export.
+`{prefix}.h` is the observer `{observer}` of velocity_estimator: guard for stamps and readings,
+sensor stage and observer, with the gains that its first lines list. It is C99 and C++17, needs
+`<math.h>`, `<stdbool.h>` and `<stdint.h>` only, allocates nothing and has no global state. One
+struct `{prefix}` is the whole state of one {thing}. Other gains mean another export.
 
 ## Use
 
 ```c
 #include "{prefix}.h"
 
-static {prefix} joint;                        // once, before the timer starts: {prefix}_init(&joint);
-volatile {real} velocity;                     // [rad/s]
+static {prefix} state;                    // before the timer starts: {prefix}_init(&state);
+volatile {real} velocity;                 // [rad/s]
 
-void TIM3_IRQHandler(void)                    // for example every 1 ms
+void TIM3_IRQHandler(void)                // every 1 ms, for example
 {{
-    static int64_t now_ns;
-    static uint16_t last;
-    static int32_t counts;
-    const uint16_t timer = TIM2->CNT;         // counts of the encoder
+    static int64_t now_ns;                // 64 bits never overflow
     TIM3->SR = 0;
-    now_ns += 1000000;                        // above 0, 64 bits: it never overflows
-    counts += (int16_t)(timer - last);        // right across an overflow of the 16-bit counter
-    last = timer;
-    if ({prefix}_update(&joint, now_ns, {angle})) {{
+    now_ns += 1000000;
+{read}
+    if ({prefix}_update(&state, now_ns, {call})) {{
         {prefix}_estimate estimate;
-        {prefix}_get(&joint, &estimate);      // status 1 and 2 are valid
-        if (estimate.status == 1 || estimate.status == 2) velocity = estimate.velocity;
+        {prefix}_get(&state, &estimate);
+        if (estimate.status == 1 || estimate.status == 2) {{  // tracking, coasting
+            velocity = estimate.velocity{first};
+        }}
     }}
 }}
 ```
 
-The angle is in {unit}.{wrap} Stamps are of any clock that moves forward; only their differences
-count. A sample with a NaN, or with a stamp that is not newer, is counted in `joint.counts` and not used.
+Stamps may be of any clock that moves forward and begins above 0: only differences matter. A sample
+with a NaN, or with a stamp that is not newer, is counted in `state.counts` and not used.
 
 ## Check
 
     cmake -B build && cmake --build build && ./build/check
 
-or `cc {flags} main.c -o check -lm && ./check`. It compares {count} samples with the estimates of the package.
-{check}
+or `cc {flags} main.c -o check -lm`,
+then `./check`. It compares {count} samples with the estimates of the package. {check}
 
-- `-ffp-contract=off`: without it a compiler may fuse a multiplication and an addition. The last bits then differ,
-  and after a decision that hangs on them, the estimates for a while.
-- Another libm rounds `exp`, `sin`, `erfc` and others otherwise, with the same effect. Run `./check 1e-9` there.
+- Without `-ffp-contract=off` a compiler may fuse a product and a sum, which changes last bits.
+  After a decision that depends on one, estimates differ for a while: the check lists such flips.
+- Another libm rounds `exp`, `sin`, `erfc` and others otherwise, with the same effect.
+  `./check 1e-9` allows it.
 
 ## Cost
 
-`{prefix}` has {size} bytes of state{size_note}. docs/firmware.md of velocity_estimator has the time and the code
-size on microcontrollers, and how to log what shows that all is right.
+{cost}
+Time and code size on microcontrollers: docs/firmware.md of velocity_estimator. It also shows what
+to log, and how to see from the log that all is right.
 """
+COUNTS = """\
+    static uint16_t last;
+    static int32_t counts;
+    const uint16_t timer = TIM2->CNT;     // counts of the encoder
+    counts += (int16_t)(timer - last);    // right across an overflow of the 16-bit counter
+    last = timer;"""
+READ = {  # per kind: what reads the sensor, and the arguments of update
+    'angle': (COUNTS, 'counts * ({real})(6.283185307179586 / 4096)', 'joint'),
+    'drive': (
+        '    {real} i_alpha, i_beta, u_alpha, u_beta;  // [A], [V]\n'
+        '    read_drive(&i_alpha, &i_beta, &u_alpha, &u_beta);  // yours',
+        'i_alpha, i_beta, u_alpha, u_beta',
+        'drive',
+    ),
+    'mechanical': (
+        '    {real} position[{joints}], effort[{inputs}];  // [rad or m], [N m or N]\n'
+        '    read_mechanism(position, effort);     // yours',
+        'position, effort',
+        'mechanism',
+    ),
+}
 
 
-def write(out: Path, exported: Exported, samples: vectors.Samples, size: str = '') -> None:
-    """Write all files into a new folder.
+def write(out: Path, exported: Exported, samples: vectors.Samples) -> tuple[bool, list[str]] | None:
+    """Write all files into a new folder, and check the header.
+
+    Returns
+    -------
+    (passed, lines that the check prints), or None without a C compiler.
 
     Raises
     ------
     UserError : the folder exists.
     """
-    made, single = exported, exported.float32
+    single, joint = exported.float32, exported.joint
+    shape, kind = vectors.interface(joint), joint.observer.kind
     names = {
-        'prefix': made.prefix,
-        'observer': made.joint.observer.name,
+        'prefix': exported.prefix,
+        'observer': joint.observer.name,
         'real': 'float' if single else 'double',
         'flags': FLAGS,
     }
     main = MAIN.format(
-        **{**names, 'real': '(float)' * single},
+        **names,
+        readings=shape.readings,
+        call=shape.call,
+        numbers=',\n            '.join(f'out.{name}' for name in shape.numbers),
+        count=len(shape.numbers),
+        first=shape.velocities.start,
+        last=shape.velocities.stop,
         tolerance='1e-4' if single else '0.0',
         single=str(single).lower(),
         what=' (rad/s, of the velocity)' if single else '',
         judged='rms' if single else 'worst',
     )
-    period = made.joint.settings.wrap_period
-    counts = 'counts * 1.5339808e-3f' if single else 'counts * 1.5339807878856412e-3'
-    checked = (
-        'It is computed in float there and in double here: the check passes if the rms difference '
-        'of the\nvelocity is at most 1e-4 rad/s.'
-        if single
-        else 'With the same libm they are equal to the last bit.'
-    )
-    readme = README.format(
-        **names,
-        angle=counts,
-        unit='rad' if period else 'rad or m',
-        wrap=f' It may wrap after {period:.6g} rad, or count turns.' if period else '',
-        count=len(samples.stamps),
-        check=checked,
-        size=size or 'about 1 to 2 thousand',
-        size_note='' if size else f' (`sizeof({made.prefix})`)',
-    )
-    files = {
-        f'{made.prefix}.h': made.header,
-        'main.c': main,
-        'vectors.h': vectors.header(made.prefix, made.joint, samples),
-        'CMakeLists.txt': CMAKE.format(**names),
-        'README.md': readme,
-    }
+    rows = vectors.header(exported.prefix, joint, samples)
     try:
         out.mkdir(parents=True)
     except FileExistsError:
         raise UserError(f"'{out}' exists: name another folder, or remove it") from None
-    for name, text in files.items():
-        whole_file.write_text(out / name, text)
+    whole_file.write_text(out / f'{exported.prefix}.h', exported.header)
+    whole_file.write_text(out / 'main.c', main)
+    whole_file.write_text(out / 'vectors.h', rows)
+    whole_file.write_text(out / 'CMakeLists.txt', CMAKE.format(**names))
+    done = checked(out)
+    read, call, thing = READ[kind]
+    if kind == 'mechanical':
+        joints, inputs = joint.plan.mechanics.degrees, joint.plan.mechanics.inputs
+        read = read.replace('{joints}', str(joints)).replace('{inputs}', str(max(1, inputs)))
+    readme = README.format(
+        **names,
+        read=read.replace('{real}', names['real']),
+        call=call.replace('{real}', names['real']),
+        thing=thing,
+        first='[0]' if kind == 'mechanical' else '',
+        count=len(samples.stamps),
+        check=FLOAT if single else 'With the same libm they are equal\nto the last bit.',
+        cost='\n'.join(['On the machine that wrote it:', '', *(f'    {x}' for x in done[1]), ''])
+        if done
+        else f'`sizeof({exported.prefix})` is the memory that it needs.',
+    )
+    whole_file.write_text(out / 'README.md', readme)
+    return done
 
 
 def checked(out: Path) -> tuple[bool, list[str]] | None:

@@ -14,8 +14,11 @@ from typing import Any
 
 from estimator_pkg import __version__
 from estimator_pkg.driver.configuration import NONE
+from estimator_pkg.driver.drive import DriveJoint
+from estimator_pkg.driver.efforts import FIELD
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.engine.entries import FUNCTIONS
+from estimator_pkg.driver.mechanism import Mechanism
+from estimator_pkg.engine.calls import PREFIXES
 from estimator_pkg.engine.prelude import MATH, TAKEN, TESTS
 from estimator_pkg.engine.translate import Entry, Translator
 from estimator_pkg.errors import UsageError
@@ -24,7 +27,18 @@ from estimator_pkg.parameters import declared
 
 LEAST, MOST = 1.1754944e-38, 3.4028235e38  # normal floats
 ROOT = Path(__file__).resolve().parents[2]
-EXPORT = 'estimator_pkg.export'
+FAMILIES = {  # what the header of an observer of each kind has
+    'angle': 'estimator_pkg.export.angle',
+    'drive': 'estimator_pkg.export.drive',
+    'mechanical': 'estimator_pkg.export.mechanism',
+}
+OWN = 'they name a function or a model of your own, and only ours are translated'
+TITLES = {
+    'angle': 'velocity of one joint from its angle',
+    'drive': 'speed and angle of a motor from its currents and voltages',
+    'mechanical': 'velocities of a mechanism from its positions and efforts',
+}
+SIZES = 'its state has the size that its parameters say, so it runs as plain Python only'
 NO_MAP = 'sensor_map: a header learns no errors of the sensor, as the node with sensor_map: none'
 FILE = """\
 /* {title}
@@ -71,7 +85,12 @@ class Exported:
 
 
 def exported(
-    observer: Any, gains: Any, settings: Any, prefix: str, float32: bool = False
+    observer: Any,
+    gains: Any,
+    settings: Any,
+    prefix: str,
+    float32: bool = False,
+    sample_period: float = 0.0,
 ) -> Exported:
     """Return an observer with its gains as a header.
 
@@ -80,6 +99,7 @@ def exported(
     observer : `observers.contract.Observer`. gains, settings : of `Configuration.for_joint`.
     prefix : a C identifier, with which all names in the header begin.
     float32 : compute in float instead of double.
+    sample_period : of a drive [s]; 0: not known.
 
     Raises
     ------
@@ -87,43 +107,58 @@ def exported(
     """
     if not re.fullmatch(r'[a-z][a-z0-9_]*', prefix) or prefix in TAKEN:
         raise UsageError(f"'{prefix}' is no name for C: use lower-case letters, digits and _")
-    module = observer.module_of(gains).__name__
-    if module not in FUNCTIONS['estimator_pkg.driver.channel'][0].values():
-        raise UsageError(f"'{observer.name}' cannot be exported")
-    notes = ()
+    notes: tuple[str, ...] = ()
     if getattr(settings, 'sensor_map', NONE) != NONE:
-        settings = replace(settings, sensor_map=NONE)
-        notes = (NO_MAP,)
-    joint = Joint(observer, gains, settings)
-    channel, options = joint.channel, Options()
-    options.turns = joint._counts_turns
-    frames = [channel.wrapped, channel.counted if options.turns else channel.wrapped]
-    limits = [type(channel.limits)() for _ in frames]
-    for each, frame in zip(limits, frames):
-        each.take(channel.limits)
-        each.longest_dt, each.period = frame.longest_dt, frame.period
-    known, used = _known([options, *frames, *limits]), None
-    bound = {'init': frames[:1], 'update': frames, 'get': []}
+        settings, notes = replace(settings, sensor_map=NONE), (NO_MAP,)
+    joint = _joint(observer, gains, settings, sample_period)
+    plain = getattr(joint.module, 'runs_plain', None)
+    if joint.module.__name__ not in PREFIXES or (plain and plain(gains)):
+        raise UsageError(f"'{observer.name}' cannot be exported with these gains: {OWN}")
+    family = FAMILIES[observer.kind]
+    channel, records = joint.channel, [Options()]
+    if observer.kind == 'angle':
+        records[0].turns = joint._counts_turns
+        frames = [channel.wrapped, channel.counted if joint._counts_turns else channel.wrapped]
+        for frame in frames:
+            limits = type(channel.limits)()
+            limits.take(channel.limits)
+            limits.longest_dt, limits.period = frame.longest_dt, frame.period
+            records += [frame, limits]
+        bound = {
+            'init': {'wrapped': frames[0]},
+            'update': dict(zip(('wrapped', 'counted'), frames)),
+            'get': {},
+        }
+    else:
+        records += [channel.design, channel.limits]
+        bound = {'init': {'tuned': channel.design}, 'update': {}, 'get': {}}
+    known, used = _known(records), None
     for _ in range(2):  # the second time with the fields alone that the first one found in use
         translator = Translator(ROOT, prefix, known, used)
-        translator.names = {
-            (f'{EXPORT}.angle', 'State'): prefix,
-            (f'{EXPORT}.angle', 'Estimate'): f'{prefix}_estimate',
-        }
-        for name, records in bound.items():
-            arguments = dict(zip(('wrapped', 'counted'), records))
-            translator.export(
-                Entry(f'{EXPORT}.angle', name, {'observer': module}, f'{prefix}_{name}', arguments)
-            )
+        translator.names = {(family, 'State'): prefix, (family, 'Estimate'): f'{prefix}_estimate'}
+        static = {'observer': joint.module.__name__}
+        for name, values in bound.items():
+            translator.export(Entry(family, name, static, f'{prefix}_{name}', values))
         used = translator.reached
     body = translator.body()
     header = FILE.format(
-        title=f'{prefix}: velocity of one joint from its angle, by the observer {observer.name}.',
+        title=f'{prefix}: {TITLES[observer.kind]}, by the observer {observer.name}.',
         about='\n'.join(f' * {line}'.rstrip() for line in _about(observer, gains, settings)),
         guard=f'{prefix.upper()}_H',
         body=single(body) if float32 else body,
     )
     return Exported(prefix, header, joint, float32, notes)
+
+
+def _joint(observer: Any, gains: Any, settings: Any, sample_period: float) -> Any:
+    """Return the driver's joint, drive or mechanism."""
+    if observer.kind == 'mechanical':
+        return Mechanism(observer.name, observer, gains, settings, FIELD)
+    if observer.kind == 'drive':
+        return DriveJoint(observer, gains, settings, sample_period=sample_period)
+    if observer.kind == 'angle':
+        return Joint(observer, gains, settings)
+    raise UsageError(f"'{observer.name}' cannot be exported: {SIZES}")
 
 
 def _known(records: list[Any]) -> dict[tuple[str, str], dict[str, Any]]:

@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.sensor.guard import DUPLICATE
-
 COUNT = 3000  # samples of a motion
 COUNTS = 4096  # of the simulated encoder, a turn
 MS = 1_000_000  # [ns]
@@ -27,18 +25,75 @@ class Samples(NamedTuple):
     readings: NDArray[np.float64]
 
 
-def simulated(seed: int = 0) -> Samples:
-    """Return an encoder of a joint that rests, creeps, swings and turns, at 1 kHz with jitter."""
-    chance = random.Random(seed)
-    stamps, angles, angle = [], [], 0.3
-    for k in range(COUNT):
-        t = k * 1e-3
+class Interface(NamedTuple):
+    """How C calls a header, and the numbers of an estimate.
+
+    call : arguments of update after the stamp, from the array `reading` of `readings` numbers.
+    numbers : fields of an estimate. velocities : which of them are velocities.
+    """
+
+    readings: int
+    call: str
+    numbers: list[str]
+    velocities: range
+
+
+def interface(joint: Any) -> Interface:
+    """Return the interface of the header of a joint, drive or mechanism."""
+    kind = joint.observer.kind
+    if kind == 'angle':
+        fields = ['position', 'velocity', 'acceleration', 'position_stddev', 'velocity_stddev']
+        return Interface(1, 'reading[0]', fields, range(1, 2))
+    if kind == 'drive':
+        fields = ['position', 'velocity', 'angle', 'speed', 'flux']
+        fields += [f'{name}_stddev' for name in fields]
+        return Interface(4, ', '.join(f'reading[{k}]' for k in range(4)), fields, range(1, 2))
+    n, m = joint.plan.mechanics.degrees, joint.plan.mechanics.inputs
+    fields = [f'{name}[{k}]' for name in ('position', 'velocity') for k in range(n)]
+    return Interface(n + m, f'reading, reading + {n}', fields, range(n, 2 * n))
+
+
+def simulated(joint: Any) -> Samples:
+    """Return samples at 1 kHz, a drive's at 10 kHz: a motion with rests, and jitter of stamps."""
+    chance = random.Random(0)
+    period = 10**5 if joint.observer.kind == 'drive' else MS
+    motion = {'angle': _encoder, 'drive': _drive, 'mechanical': _mechanism}[joint.observer.kind]
+    at = np.arange(COUNT) * period
+    jitter = [chance.randrange(-period // 20, period // 20) for _ in range(COUNT)]
+    return Samples(10**9 + at + jitter, np.array(list(motion(joint, chance, at * 1e-9))))
+
+
+def _encoder(joint: Any, chance: random.Random, times: Any) -> Iterator[list[float]]:
+    """Yield readings of an encoder on a joint that swings, rests and creeps."""
+    angle = 0.3
+    for t in times.tolist():
         speed = 0.0 if 0.8 < t < 1.0 else 12.0 * math.sin(4.0 * t) * math.sin(0.9 * t)
         angle += 1e-3 * (speed if t < 2.5 else 0.1)
         count = round((angle + chance.gauss(0.0, 2e-4)) * COUNTS / math.tau)
-        angles.append(count * math.tau / COUNTS - math.tau * math.floor(count / COUNTS + 0.5))
-        stamps.append(1_000 * MS + k * MS + chance.randrange(-50_000, 50_000))
-    return Samples(np.array(stamps, np.int64), np.array(angles)[:, None])
+        yield [count * math.tau / COUNTS - math.tau * math.floor(count / COUNTS + 0.5)]
+
+
+def _drive(joint: Any, chance: random.Random, times: Any) -> Iterator[list[float]]:
+    """Yield a small current, and the voltages of a motor that turns to and fro."""
+    gains, angle = joint.gains, 0.0
+    for t in times.tolist():
+        speed = 600.0 * math.sin(8.0 * t)
+        angle += 1e-4 * speed
+        emf, current = gains.flux * speed, 0.1
+        cosine, sine = math.cos(angle), math.sin(angle)
+        i = [current * cosine, current * sine]
+        u = [gains.resistance * i[0] - emf * sine, gains.resistance * i[1] + emf * cosine]
+        yield [value + chance.gauss(0.0, 1e-3) for value in (*i, *u)]
+
+
+def _mechanism(joint: Any, chance: random.Random, times: Any) -> Iterator[list[float]]:
+    """Yield positions that swing around the model's centre, and efforts; some are not known."""
+    mechanics = joint.plan.mechanics
+    for k, t in enumerate(times.tolist()):
+        swing = math.sin(3.0 * t) * math.sin(0.7 * t)
+        positions = [q + 0.2 * swing / (1 + i) for i, q in enumerate(mechanics.centre)]
+        effort = math.nan if 2000 < k < 2100 else 0.1 * math.cos(5.0 * t)
+        yield [q + chance.gauss(0.0, 1e-4) for q in positions] + [effort] * mechanics.inputs
 
 
 def with_faults(samples: Samples) -> Samples:
@@ -63,13 +118,25 @@ def with_faults(samples: Samples) -> Samples:
 
 
 def expected(joint: Any, samples: Samples) -> Iterator[tuple[bool, Sequence[float], int]]:
-    """Yield (used, numbers of the estimate, status) of each sample, of a new joint of an angle."""
-    joint = type(joint)(joint.observer, joint.gains, joint.settings)
-    out = joint.run(samples.stamps, np.ascontiguousarray(samples.readings[:, 0]))
-    columns = out.position, out.velocity, out.acceleration, out.position_stddev
-    for row in zip(out.verdict, *columns, out.velocity_stddev, out.status):
-        used, *numbers, status = (value.item() for value in row)
-        yield used < DUPLICATE, numbers, status
+    """Yield (used, numbers of the estimate, status) of each sample, of the joint from its start."""
+    joint.reset()
+    for stamp, reading in zip(samples.stamps.tolist(), samples.readings.tolist()):
+        if joint.observer.kind == 'mechanical':
+            n = joint.plan.mechanics.degrees
+            used = joint.update(stamp, reading[:n], reading[n:])
+            position, velocity, _, status = joint.estimate()
+            numbers = [math.nan] * (2 * n) if position != position else [*position, *velocity]
+            yield used, numbers, status
+        elif joint.observer.kind == 'drive':
+            used = joint.update(stamp, reading)
+            position, velocity, _, status = joint.estimate()
+            angles = joint.electrical()[:3]
+            sigmas = [*joint.stddev(), *joint.electrical_stddev()]
+            yield used, [position, velocity, *angles, *sigmas], status
+        else:
+            used = joint.update(stamp, reading[0])
+            *numbers, status = joint.estimate()
+            yield used, [*numbers, *joint.stddev()], status
 
 
 def text(value: float) -> str:
@@ -81,6 +148,7 @@ def text(value: float) -> str:
 
 def header(prefix: str, joint: Any, samples: Samples) -> str:
     """Return the samples and what is expected of them as a C header."""
+    shape = interface(joint)
     lines = [
         f'/* Samples for {prefix}.h, and the estimates of the package: see main.c. */',
         '#include <math.h>',
@@ -90,9 +158,9 @@ def header(prefix: str, joint: Any, samples: Samples) -> str:
         '/* stamp [ns], reading, used, estimate in the order of its fields, status */',
         'typedef struct {',
         '    int64_t stamp_ns;',
-        f'    double reading[{samples.readings.shape[1]}];',
+        f'    double reading[{shape.readings}];',
         '    bool used;',
-        '    double estimate[5];',
+        f'    double estimate[{len(shape.numbers)}];',
         '    int status;',
         '} Vector;',
         '',

@@ -32,8 +32,8 @@ RUN = Path(__file__).with_name('run.cpp')
 needs_compiler = pytest.mark.skipif(shutil.which('g++') is None, reason='no g++')
 
 
-def configured(observer='edge_adaptive', overrides=None, **values):
-    return Configuration(observers.find(observer), {'sensor_map': 'none', **values}, overrides)
+def configured(observer='edge_adaptive', overrides=None):
+    return Configuration(observers.find(observer), {'sensor_map': 'none'}, overrides)
 
 
 @pytest.fixture(scope='module')
@@ -41,11 +41,12 @@ def compiled(tmp_path_factory):
     """Return the program of a configuration."""
 
     @lru_cache
-    def build(observer, wrist=None, **values):
+    def build(observer, wrist=None, float32=False):
         folder = tmp_path_factory.mktemp('package')
         overrides = {'wrist': {'wrap_period': wrist}} if wrist is not None else {}
-        setup = configured(observer, overrides, **values)
-        for path, text in package(NAME, setup, ['elbow', 'wrist'])[0].items():
+        setup = configured(observer, overrides)
+        files, _ = package(NAME, setup, ['elbow', 'wrist'], float32)
+        for path, text in files.items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_text(text)
         sources = [path for path in folder.glob('src/*.cpp') if path.stem != 'controller']
@@ -132,6 +133,15 @@ def test_the_estimates_are_those_of_replay(compiled, observer, jitter):
     assert used.mean() > 0.99
     assert np.isin(expected[used, 5], VALID).mean() > 0.9
     np.testing.assert_array_equal(found[used, :6], expected[used])
+
+
+@needs_compiler
+def test_float32_is_near_replay(compiled):
+    program, setup = compiled('edge_adaptive', float32=True)
+    periods, stamps, positions = moved()
+    found = run(program, updates(periods, positions))[100:, 0, 1]
+    errors = found - driven(setup, 'elbow', stamps, positions)[100:, 1]
+    assert 0.0 < np.sqrt(np.mean(errors**2)) < 1e-2
 
 
 @needs_compiler
@@ -277,9 +287,9 @@ OF = '--ros2-control --name joint_velocity'
         (f"kalman {OF} --joint 'a\"b'", "joint 'a\"b' cannot be in the name of an interface: use"),
         (f'pmsm {OF}', "observer 'pmsm' needs more than the angle of a joint: choose one of joint"),
         (f'geso {OF}', "observer 'geso' needs more than the angle of a joint: choose one of joint"),
-        (f'adaptive {OF}', "observer 'adaptive' needs more than the angle of a joint: choose one"),
+        (f'adaptive {OF}', "'adaptive' cannot be exported: its state has the size that its parame"),
         (f'kalmann {OF}', "unknown observer 'kalmann'"),
-        (f'kalman {OF} --set bandwith=3', "unknown parameter 'bandwith': did you mean 'bandwidth_hz'?"),
+        (f'kalman {OF} --set bandwith=3', "unknown parameter 'bandwith': did you mean 'bandw"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(words, line, tmp_path, capsys):
