@@ -345,7 +345,7 @@ def test_the_text_reads_well(made):
         '    double last;  // [s]\n',
         'static const double LIMIT = 6.283185307179586;  // 2.0 * math.pi; [rad]\n',
         'static const double WEIGHTS[3] = {0.25, -0.5, 1e-300};\n',
-        'static inline void clamp(double x, double limit, double *x_out, bool *result1_out)\n',
+        'static inline void clamp(double x, double limit, double *x_out, bool *seen_out)\n',
         '    State *state = &track->state;  // a pointer\n'.replace('State', 'LineState'),
         '        // A comment between statements.\n',
         'double line_update(LineTrack *track, double x, int64_t n)\n',
