@@ -346,7 +346,7 @@ def test_the_text_reads_well(made):
         'static const double LIMIT = 6.283185307179586;  // 2.0 * math.pi; [rad]\n',
         'static const double WEIGHTS[3] = {0.25, -0.5, 1e-300};\n',
         'static inline void clamp(double x, double limit, double *x_out, bool *seen_out)\n',
-        '    State *state = &track->state;  // a pointer\n'.replace('State', 'LineState'),
+        '    LineState *state = &track->state;  // a pointer\n',
         '        // A comment between statements.\n',
         'double line_update(LineTrack *track, double x, int64_t n)\n',
         'static inline double shared_either_bool_float(bool flag, double a, double b)\n',
