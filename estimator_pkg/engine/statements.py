@@ -355,9 +355,11 @@ class Function(Expressions):
                     self.emit(f'// {text}')
             first, self.block_id, self.index = len(self.lines), id(body), i
             ended = method(self, node)
-            at = [j for j in range(first, len(self.lines)) if '\0' not in self.lines[j]]
+            at = [j for j in range(first, len(self.lines)) if '(void)' not in self.lines[j]]
             if trailing and at:
-                self.lines[at[0] if hasattr(node, 'body') else at[-1]] += trailing
+                j = at[0] if hasattr(node, 'body') else at[-1]
+                code, mark, number_of_mark = self.lines[j].partition('\0')
+                self.lines[j] = code + trailing + mark + number_of_mark
             line = (node.end_lineno or last) + 1
             if ended:
                 return True

@@ -81,3 +81,31 @@ def test_cmake_builds_and_checks(tmp_path):
     assert main(['export', 'pll', '--out', str(tmp_path / 'o')]) == 0
     for command in ('cmake -S . -B b', 'cmake --build b', 'ctest --test-dir b'):
         subprocess.run(command.split(), check=True, cwd=tmp_path / 'o', stdout=subprocess.DEVNULL)
+
+
+MOTOR = 'resistance=0.5 inductance=0.001 flux=0.05 pole_pairs=4 speed_max=300.0'
+
+
+@pytest.mark.parametrize(
+    ('name', 'values'),
+    [
+        ('pmsm', MOTOR),
+        ('geso', 'model=cart_pendulum'),
+        ('smo', 'model=single_joint'),
+        ('ehgo', 'model=two_links'),
+        ('hgo', 'model=robotic_leg'),
+    ],
+)
+def test_drives_and_mechanisms_are_equal_to_the_last_bit(name, values, tmp_path):
+    out = tmp_path / 'out'
+    words = [word for value in values.split() for word in ('--set', value)]
+    assert main(['export', name, *words, '--out', str(out)]) == 0
+    passed, (counts, *_) = folder.checked(out)
+    count, equal = (int(part.split()[0]) for part in counts.replace(':', ',').split(', ')[:2])
+    assert passed and equal == count > 3000
+
+
+def test_a_model_of_the_users_own_is_refused(tmp_path, capsys):
+    words = ['hgo', '--set', 'model=own_models:TwoLinks', '--out', tmp_path / 'out']
+    line = refused(capsys, *words)
+    assert 'a model of your own, and only ours are translated' in line
