@@ -237,7 +237,6 @@ def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     cube = square * dt
     coefficients.dt = dt
     coefficients.half = 0.5 * square
-    coefficients.kept = FADE / (FADE + dt)
     coefficients.q11 = cube / 3.0
     coefficients.q01 = 0.125 * cube * dt
     coefficients.q00 = 0.05 * cube * square
@@ -539,6 +538,8 @@ def predict(state: State, coefficients: Coefficients, design: Design, pace: floa
     """
     motion, p, sensor, reading = state.motion, state.p, state.sensor, state.reading
     dt, v, a, density = coefficients.dt, motion.velocity, motion.acceleration, state.band.density
+    # an acceleration fades, unless it is known to be one
+    coefficients.kept = 1.0 if a * a > OUTLIER * p.p22 else FADE / (FADE + dt)
     moved = v * dt + a * coefficients.half
     ahead = reading.change - moved
     if reading.held > 0.0:  # and moved while the reading repeated
