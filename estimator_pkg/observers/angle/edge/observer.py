@@ -36,7 +36,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     RESTED,
     SIGMAS,
 )
-from estimator_pkg.observers.angle.edge.covariance import (
+from estimator_pkg.observers.angle.edge.covariance import (add_manoeuvre,correct_covariance,
     Coefficients,
     add_sway,
     predict_covariance,
@@ -288,9 +288,20 @@ def resume(
 ) -> None:
     """Go on after a gap [rad]: with the speed as it was, in doubt."""
     motion, p, sensor, clock = state.motion, state.p, state.sensor, state.clock
-    quantum, v = sensor.quantum, motion.velocity
-    motion.angle, motion.acceleration, motion.idle = measurement, 0.0, 0.0
+    quantum, v, dt = sensor.quantum, motion.velocity, coefficients.dt
+    off = measurement - motion.angle - v * dt
+    if not -design.half_turn <= off < design.half_turn:
+        off = wrap(off, design.period)
     set_covariance(p, quantum * quantum / 12.0, 0.0, 0.0, p.p11, 0.0, p.p22)
+    variance = v * v
+    motion.angle, motion.acceleration, motion.idle = measurement, 0.0, 0.0
+    if abs(v) * dt < design.half_turn:  # the reading shows how far it moved
+        add_manoeuvre(p, off, dt)
+        ratio = off / (p.p00 + sensor.noise)
+        motion.velocity += p.p01 * ratio
+        motion.acceleration = p.p02 * ratio
+        correct_covariance(p, quantum * quantum / 12.0 + sensor.noise, 0.0)
+        variance = off * off / (dt * dt)
     begin_sums(state.band)
     begin_differences(sensor)
     state.steps.jump = 0.0
@@ -299,7 +310,7 @@ def resume(
         state.lock.status = COASTING
     state.lock.count = 0.0
     forget_sway(state)
-    set_doubt(state.doubt, v * v, SETTLES, state.doubt.since, 0.0)
+    set_doubt(state.doubt, variance, SETTLES, state.doubt.since, 0.0)
     clock.late = clock.held = 0.0
     clock.grew = False
     set_alike(state.other)
