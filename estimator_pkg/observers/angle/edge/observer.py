@@ -664,6 +664,7 @@ def hear(state: State, design: Design, dt: float, flickers: bool) -> bool:
         state.steps.jump = reading.change
         doubt_speed(state.doubt, quantum, dt, design.period, 0.0, 0.0)
     state.motion.angle = reading.angle - reading.off
+    state.motion.velocity -= state.motion.acceleration * dt  # it is not extrapolated meanwhile
     coast(state.lock)
     return False
 
