@@ -396,7 +396,7 @@ def believe_jump(state: State, design: Design, last: float, dt: float) -> None:
     motion.velocity = motion.acceleration = motion.idle = 0.0
     stand(state.p, state.band, quantum)
     first_step(state.sensor, quantum, jump, dt)
-    doubt_speed(state.doubt, quantum, dt, design.period, 0.0, 0.0)
+    doubt_speed(state.doubt, max(quantum, abs(jump)), dt, 0.0, 0.0)
     set_alike(state.other)
 
 
@@ -587,7 +587,7 @@ def stir(state: State, design: Design, dt: float) -> None:
     ):
         since = 0.0 if reading.first else doubt.since
         age = doubt.age if reading.rested < RESTS else 0.0
-        doubt_speed(doubt, quantum, dt, design.period, since, age)
+        doubt_speed(doubt, max(quantum, abs(reading.change)), dt, since, age)
         reading.starting = False
 
 
@@ -662,7 +662,7 @@ def hear(state: State, design: Design, dt: float, flickers: bool) -> bool:
     if quantum != design.quantum and abs(reading.change) > JUMP * reading.extent:
         # what moved before was residue, or this is a glitch: the next reading decides
         state.steps.jump = reading.change
-        doubt_speed(state.doubt, quantum, dt, design.period, 0.0, 0.0)
+        doubt_speed(state.doubt, max(quantum, abs(reading.change)), dt, 0.0, 0.0)
     state.motion.angle = reading.angle - reading.off
     state.motion.velocity -= state.motion.acceleration * dt  # it is not extrapolated meanwhile
     coast(state.lock)

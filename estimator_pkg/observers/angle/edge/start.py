@@ -19,8 +19,8 @@ from estimator_pkg.observers.angle.edge.motion import Motion
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
 
-SWERVE = 0.1  # half turns per sample by which a starting speed may change at most in a sample
-VAGUE = 100.0  # the same in quanta, where there is no turn
+SWERVE = 8.0  # half turns per sample by which a starting speed may change at most in a sample
+
 
 SETTLES = 2.0  # changed readings after which a speed in doubt is known
 UNSURE = 3.0  # the same when the first has just come: the next one may be a line's second point
@@ -73,7 +73,7 @@ def begin_line(
     """
     rate = 1.0 / dt
     floor = quantum * quantum / 12.0 + noise
-    bend = swerve(quantum, period)
+    bend = swerve(max(quantum, abs(change)))
     motion.angle, motion.velocity = measurement, change * rate
     motion.acceleration = motion.idle = 0.0
     p.p00, p.p01, p.p02 = floor, floor * rate, 0.0
@@ -83,19 +83,18 @@ def begin_line(
     begin_band(band, CALM * quantum * quantum)
 
 
-def swerve(quantum: float, period: float) -> float:
+def swerve(size: float) -> float:
     """Return the variance [rad^2] of what an unknown speed adds in one sample."""
-    bend = max(VAGUE * quantum, SWERVE * 0.5 * period)
-    return bend * bend / 3.0
+    return SWERVE * SWERVE * size * size / 3.0
 
 
-def unknown_speed(quantum: float, dt: float, period: float) -> float:
+def unknown_speed(size: float, dt: float) -> float:
     """Return the variance [(rad/s)^2] of a speed that one reading alone shows."""
-    return (quantum * quantum / 6.0 + 0.25 * swerve(quantum, period)) / (dt * dt)
+    return SWERVE * SWERVE * size * size / (dt * dt)
 
 
 def doubt_speed(
-    doubt: Doubt, quantum: float, dt: float, period: float, since: float, age: float
+    doubt: Doubt, size: float, dt: float, since: float, age: float
 ) -> None:
     """Doubt the speed at the first changed reading after a rest: none is known.
 
@@ -104,7 +103,7 @@ def doubt_speed(
     since : time since the first motion of all [s].
     age : time since the last start [s]; 0: this is one.
     """
-    set_doubt(doubt, unknown_speed(quantum, dt, period), UNSURE, since, age)
+    set_doubt(doubt, unknown_speed(size, dt), UNSURE, since, age)
 
 
 def doubt_in_noise(
@@ -127,7 +126,7 @@ def doubt_in_noise(
         return
     beyond = (abs(off) - 0.5 * quantum) / sigma  # outside the cell
     if beyond > SURELY:
-        set_doubt(doubt, unknown_speed(quantum, dt, period), SETTLES, doubt.since, dt)
+        set_doubt(doubt, unknown_speed(abs(off), dt), SETTLES, doubt.since, dt)
         doubt.total, doubt.ran = math.copysign(SURELY, off), dt
         return
     total = doubt.total
