@@ -28,7 +28,6 @@ from estimator_pkg.observers.angle.edge.bandwidth import (
 )
 from estimator_pkg.observers.angle.edge.constants import (
     CONFIRMED,
-    FADE,
     MEMORY,
     PLAIN,
     RATIO,
@@ -36,9 +35,12 @@ from estimator_pkg.observers.angle.edge.constants import (
     RESTED,
     SIGMAS,
 )
-from estimator_pkg.observers.angle.edge.covariance import (add_manoeuvre,correct_covariance,
+from estimator_pkg.observers.angle.edge.covariance import (
+    add_manoeuvre,
+    correct_covariance,
     Coefficients,
     add_sway,
+    let_fade,
     predict_covariance,
     set_covariance,
 )
@@ -404,6 +406,7 @@ def predict_alone(state: State, coefficients: Coefficients, design: Design) -> N
     """Predict one sample on, without a reading."""
     motion, density = state.motion, state.band.density
     dt, v, a = coefficients.dt, motion.velocity, motion.acceleration
+    let_fade(coefficients, a, state.p.p22)
     motion.angle = motion.angle + v * dt + a * coefficients.half
     motion.velocity += a * dt
     motion.acceleration = coefficients.kept * a
@@ -549,8 +552,7 @@ def predict(state: State, coefficients: Coefficients, design: Design, pace: floa
     """
     motion, p, sensor, reading = state.motion, state.p, state.sensor, state.reading
     dt, v, a, density = coefficients.dt, motion.velocity, motion.acceleration, state.band.density
-    # an acceleration fades, unless it is known to be one
-    coefficients.kept = 1.0 if a * a > OUTLIER * p.p22 else FADE / (FADE + dt)
+    let_fade(coefficients, a, p.p22)
     moved = v * dt + a * coefficients.half
     ahead = reading.change - moved
     if reading.held > 0.0:  # and moved while the reading repeated

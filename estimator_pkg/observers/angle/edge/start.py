@@ -93,9 +93,7 @@ def unknown_speed(size: float, dt: float) -> float:
     return SWERVE * SWERVE * size * size / (dt * dt)
 
 
-def doubt_speed(
-    doubt: Doubt, size: float, dt: float, since: float, age: float
-) -> None:
+def doubt_speed(doubt: Doubt, size: float, dt: float, since: float, age: float) -> None:
     """Doubt the speed at the first changed reading after a rest: none is known.
 
     Parameters
@@ -196,12 +194,6 @@ def settle(
         doubt.variance = 0.5 * (variance + doubt.variance)
     else:
         doubt.variance = variance
-
-
-def begin_motion(doubt: Doubt, dt: float) -> None:
-    """The fast law found a manoeuvre of a joint that rested."""
-    if doubt.to_settle < 1.0:
-        doubt.to_settle, doubt.age = LAST, dt
 
 
 def doubt_overdue(doubt: Doubt, slower: float) -> None:
