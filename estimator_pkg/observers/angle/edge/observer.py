@@ -36,10 +36,10 @@ from estimator_pkg.observers.angle.edge.constants import (
     SIGMAS,
 )
 from estimator_pkg.observers.angle.edge.covariance import (
-    add_manoeuvre,
-    correct_covariance,
     Coefficients,
+    add_manoeuvre,
     add_sway,
+    correct_covariance,
     let_fade,
     predict_covariance,
     set_covariance,
