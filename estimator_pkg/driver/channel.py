@@ -334,7 +334,7 @@ def resume(
     """Go on after a gap; the coefficients are those of its length."""
     clock = track.clock
     gap_ns = stamp_ns - clock.last_ns if verdict == AFTER_GAP else clock.dt_ns
-    if observer.SINGLE_ANGLE and gap_ns != clock.dt_ns and clock.dt_ns > 0:
+    if observer.EDGES and clock.dt_ns > 0:  # it takes the line through the gap
         observer.prepare(track.coefficients, design, gap_ns * 1e-9)
         observer.resume(observer, track.state, track.coefficients, design, measurement)
         observer.prepare(track.coefficients, design, clock.dt_ns * 1e-9)

@@ -288,12 +288,17 @@ def restart(
 def resume(
     observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: float
 ) -> None:
-    """Go on after a gap [rad]: with the speed as it was, in doubt."""
+    """Go on after a gap [rad], whose length is in the coefficients.
+
+    What moved in it is a manoeuvre as old as the gap; where more than half a turn may have passed
+    the speed stays as it was, in doubt.
+    """
     motion, p, sensor, clock = state.motion, state.p, state.sensor, state.clock
     quantum, v, dt = sensor.quantum, motion.velocity, coefficients.dt
-    off = measurement - motion.angle - v * dt
+    off = measurement - motion.angle
     if not -design.half_turn <= off < design.half_turn:
         off = wrap(off, design.period)
+    off -= v * dt
     set_covariance(p, quantum * quantum / 12.0, 0.0, 0.0, p.p11, 0.0, p.p22)
     variance = v * v
     motion.angle, motion.acceleration, motion.idle = measurement, 0.0, 0.0
@@ -533,7 +538,6 @@ def begin_with_line(state: State, design: Design) -> None:
         reading.passed,
         sensor.quantum,
         sensor.noise,
-        design.period,
     )
     if rests:
         band.density = density if density > band.density else band.density
@@ -621,7 +625,7 @@ def meet(state: State, design: Design, dt: float) -> None:
     follow_sway(sway, reading.ahead, OUTLIER * (sensor.scatter + square), lock.count > 0.0)
     half, noisy = 0.5 * quantum, sensor.noise > PLAIN * square
     if noisy:
-        doubt_in_noise(state.doubt, off, motion.velocity, quantum, sensor.noise, dt, design.period)
+        doubt_in_noise(state.doubt, off, motion.velocity, quantum, sensor.noise, dt)
     elif reading.change * reading.stepped < 0.0 and -half < reading.moved < half:
         if sway.mean <= 0.0:
             # a reading that the next undoes: its noise is as unknown as an angle in its cell

@@ -19,7 +19,7 @@ from estimator_pkg.observers.angle.edge.motion import Motion
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
 
-SWERVE = 8.0  # half turns per sample by which a starting speed may change at most in a sample
+UNKNOWN = 8.0  # changes of the reading: so unknown is a starting speed
 
 
 SETTLES = 2.0  # changed readings after which a speed in doubt is known
@@ -63,7 +63,6 @@ def begin_line(
     dt: float,
     quantum: float,
     noise: float,
-    period: float,
 ) -> None:
     """Set the line through two readings, `change` [rad] and `dt` [s] after each other.
 
@@ -85,12 +84,12 @@ def begin_line(
 
 def swerve(size: float) -> float:
     """Return the variance [rad^2] of what an unknown speed adds in one sample."""
-    return SWERVE * SWERVE * size * size / 3.0
+    return UNKNOWN * UNKNOWN * size * size / 3.0
 
 
 def unknown_speed(size: float, dt: float) -> float:
     """Return the variance [(rad/s)^2] of a speed that one reading alone shows."""
-    return SWERVE * SWERVE * size * size / (dt * dt)
+    return UNKNOWN * UNKNOWN * size * size / (dt * dt)
 
 
 def doubt_speed(doubt: Doubt, size: float, dt: float, since: float, age: float) -> None:
@@ -105,7 +104,7 @@ def doubt_speed(doubt: Doubt, size: float, dt: float, since: float, age: float) 
 
 
 def doubt_in_noise(
-    doubt: Doubt, off: float, v: float, quantum: float, noise: float, dt: float, period: float
+    doubt: Doubt, off: float, v: float, quantum: float, noise: float, dt: float
 ) -> None:
     """Take a reading in which noise hides single edges.
 
