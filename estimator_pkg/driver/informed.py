@@ -1,0 +1,278 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A joint of which other sensors tell something, too.
+
+Two joints run on the same samples: one on the angle alone, the other is also informed by the
+sources. A source informs only while it agrees with the angle alone; else the informed joint goes on
+as the other one, so that a wrong source does not stay in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from estimator_pkg.circle import nearest_turn
+from estimator_pkg.driver.joint import Joint
+from estimator_pkg.estimate import STATUS_NAMES, TRACKING
+from estimator_pkg.observers.maths.informing import ACCELERATION, RATE
+from estimator_pkg.sensor.source import (
+    BIAS,
+    RATIO,
+    SHIFT,
+    Source,
+    agree,
+    begin_source,
+    follow_source,
+    forget_source,
+    meet_angle,
+    resume_source,
+    speed_of,
+    variance_of_speed,
+    white,
+)
+
+AS_RATE, AS_ANGLE, AS_ACCELERATION = 'rate', 'angle', 'acceleration'
+DOUBTED = 0.25  # time without agreement after which a source is withheld [s]
+PROOF, LONGEST_PROOF = 1.0, 64.0  # time for which it agrees before it informs [s]: doubled each time
+SILENT = 5.0  # its sample times without a value, after which it is silent
+BETTER = 4.0  # times the variance of the speed from the angle alone, to be worth it
+QUEUE = 4096  # values that wait for a reading at most
+
+
+@dataclass(frozen=True)
+class Telling:
+    """What a user says of a source.
+
+    kind : 'rate', 'angle' or 'acceleration'. ratio : of the joint's motion to the value; 0: learnt.
+    delay : of the value behind the angle [s]; below 0: learnt.
+    """
+
+    name: str
+    kind: str
+    ratio: float
+    delay: float
+
+
+class Teller:
+    """One source of one joint.
+
+    Attributes
+    ----------
+    source : what is learnt of it. used : True while it informs.
+    said : why it does not, or what was seen when it was withheld; '' while it informs.
+    notices : new texts for the user.
+    """
+
+    def __init__(self, telling: Telling, own: Joint | None) -> None:
+        self.telling, self._own = telling, own
+        self.source = Source()
+        begin_source(self.source, telling.ratio, telling.delay)
+        self._queue: list[tuple[int, float]] = []
+        self._doubt, self._proof, self._agrees_ns = 0.0, PROOF, 0
+        self._knows = self.used = False
+        self.said, self.notices = 'no value yet', []
+        self.variance = math.nan  # of what it told last; nan: nothing
+
+    def hear(self, stamp_ns: int, value: float) -> None:
+        """Take a value; it counts from the joint's next reading on."""
+        if math.isfinite(value) and stamp_ns > self.source.stamp_ns:
+            self._queue.append((stamp_ns, value))
+            del self._queue[:-QUEUE]
+
+    def _follow(self, until_ns: int) -> None:
+        """Take the values up to this time [ns]."""
+        source = self.source
+        late = 0
+        for stamp_ns, value in self._queue:
+            if stamp_ns > until_ns:
+                break
+            late += 1
+            if stamp_ns <= source.stamp_ns:
+                continue
+            moved, variance = math.nan, 0.0
+            if self._own is not None:  # an angle: what it moves, and how fast
+                before = self._own.estimate()[0] if self._own.running else math.nan
+                if not self._own.update(stamp_ns, value):
+                    continue
+                position, value, _, status = self._own.estimate()
+                variance = self._own.stddev()[1] ** 2
+                if status != TRACKING or not variance > 0.0 or math.isnan(before):
+                    source.stamp_ns = 0
+                    continue
+                period = self._own.settings.wrap_period
+                moved = nearest_turn(position - before, 0.0, period) if period else position - before
+            follow_source(source, stamp_ns, value, moved, variance)
+        del self._queue[:late]
+
+    def tell(self, alone: Joint, stamp_ns: int, reading: float) -> float | None:
+        """Return the speed [rad/s] that the source tells at a reading [rad]; None: nothing.
+
+        The variance is in `variance` then.
+        """
+        self._follow(stamp_ns)
+        self.variance = math.nan
+        source = self.source
+        angle, speed, acceleration, status = alone.estimate()
+        if status != TRACKING or source.stamp_ns == 0:
+            self._knows = False
+            return None
+        since = (stamp_ns - source.stamp_ns) * 1e-9
+        if not source.news:
+            if self.used and since > SILENT * source.dt + 0.05:
+                self._withhold(f'silent for {since:.2g} s', stamp_ns)
+            return None
+        sigma_x, sigma_v = alone.stddev()
+        if not self._knows:
+            source.readings = max(source.readings, sigma_x * sigma_x)
+            forget_source(source, angle)
+            self._knows, self._agrees_ns, source.news = True, stamp_ns, False
+            return None
+        fits = meet_angle(
+            source,
+            stamp_ns,
+            reading,
+            angle,
+            speed * alone.mean_dt,
+            sigma_x * sigma_x,
+            alone.settings.wrap_period,
+        )
+        told = speed_of(source, since, acceleration)
+        variance = variance_of_speed(source)
+        if not agree(told, speed, variance + sigma_v * sigma_v):
+            self._doubt += source.dt
+            resume_source(source, angle)
+            if self._doubt < DOUBTED:
+                return None
+        elif fits:
+            self._doubt = max(0.0, self._doubt - source.dt)
+        if not fits or self._doubt >= DOUBTED:
+            self._withhold(
+                f'it says {told:.4g} rad/s, the angle {speed:.4g} +- {sigma_v:.2g}', stamp_ns
+            )
+            return None
+        agreed = (stamp_ns - self._agrees_ns) * 1e-9
+        if agreed < self._proof and not self.used or variance * BETTER > sigma_v * sigma_v:
+            return None  # unproven, or less sure than the angle
+        if not self.used and self._proof > PROOF:
+            self.notices.append(f'{self.telling.name} agrees again and is used')
+        elif agreed > LONGEST_PROOF:
+            self._proof = PROOF
+        self.used, self.said, self.variance = True, '', variance
+        return told
+
+    def _withhold(self, seen: str, stamp_ns: int) -> None:
+        """Use the source no more until it has agreed for a while."""
+        if self.used:
+            self.notices.append(f'{self.telling.name} is withheld: {seen}')
+            self.said = f'withheld: {seen}'
+        elif self.said in ('', 'no value yet'):
+            self.said = f'not used: {seen}'
+        self._proof = min(2.0 * self._proof, LONGEST_PROOF)
+        self._knows = self.used = False
+        self._doubt, self.variance = 0.0, math.nan
+
+    def text(self) -> str:
+        """Return what is known of the source, for people."""
+        known, p = self.source.known, self.source.p
+        if not self._knows:
+            return self.said
+        ratio, shift = known[RATIO], known[SHIFT]
+        learnt = (
+            ('bias', known[BIAS], p[BIAS][BIAS], ' rad/s'),
+            ('ratio', ratio, p[RATIO][RATIO], ''),
+            ('delay', shift / ratio, p[SHIFT][SHIFT] / (ratio * ratio), ' s'),
+        )
+        return ', '.join(
+            [self.said or 'used']
+            + [f'{n} {v:.4g} +- {math.sqrt(p):.1g}{unit}' for n, v, p, unit in learnt if p > 0.0]
+        )
+
+
+class Informed:
+    """A `Joint` that other sensors inform; what it does not define is that of the angle alone."""
+
+    compiled = memory = None  # its messages are taken one by one
+
+    def __init__(self, observer: Any, gains: Any, settings: Any, tellings: Sequence[Telling]):
+        self.alone = Joint(observer, gains, settings)
+        self.fused = Joint(observer, gains, settings)
+        self.tellers = [
+            Teller(each, Joint(observer, observer.gains(), settings) if each.kind == AS_ANGLE else None)
+            for each in tellings
+        ]
+        self._sure = math.nan  # variance of what the surest source told
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.alone, name)
+
+    def hear(self, number: int, stamp_ns: int, value: float) -> None:
+        """Take a value of a source."""
+        self.tellers[number].hear(stamp_ns, value)
+
+    def update(self, stamp_ns: int, measurement: float, known_input: float = 0.0) -> bool:
+        """See `Joint`."""
+        used = self.alone.update(stamp_ns, measurement)
+        self.fused.update(stamp_ns, measurement)
+        if not used:
+            return False
+        sure, came = 0.0, False  # 1/variance of what was told
+        for teller in self.tellers:
+            before = teller.source.stamp_ns
+            told = teller.tell(self.alone, stamp_ns, self.alone.written(measurement))
+            came = came or teller.source.stamp_ns != before or not teller.used
+            if told is not None:
+                self._inform(RATE, told, teller.variance)
+                sure += 1.0 / teller.variance
+        self._sure = 1.0 / sure if sure > 0.0 else math.nan
+        if sure == 0.0 and came:
+            self._go_on_alone()
+        return True
+
+    def _inform(self, kind: int, value: float, variance: float) -> None:
+        fused = self.fused
+        if fused.memory is not None:
+            fused.compiled.inform(fused.memory.pointer, kind, value, variance)
+        else:
+            fused.plain.inform(fused.module, fused._channel, kind, value, variance)
+
+    def _go_on_alone(self) -> None:
+        """Continue the informed joint as the other one."""
+        if self.fused.memory is not None:
+            self.fused.memory.array[:] = self.alone.memory.array
+        else:
+            self.fused._channel.take(self.alone._channel)
+
+    def estimate(self) -> tuple[float, float, float, int]:
+        """See `Joint`."""
+        return self.fused.estimate()
+
+    def stddev(self) -> tuple[float, float]:
+        """See `Joint`; informed, it is as sure as source and angle together."""
+        position, velocity = self.fused.stddev()
+        if self._sure >= 0.0:
+            alone = self.alone.stddev()[1]
+            velocity = alone * math.sqrt(self._sure / (self._sure + alone * alone))
+        return position, velocity
+
+    def set_gains(self, gains: Any) -> None:
+        """See `Joint`."""
+        self.alone.set_gains(gains)
+        self.fused.set_gains(gains)
+
+    def set_settings(self, settings: Any) -> None:
+        """See `Joint`."""
+        self.alone.set_settings(settings)
+        self.fused.set_settings(settings)
+
+    def reset(self) -> None:
+        """See `Joint`; what was learnt of the sources stays."""
+        self.alone.reset()
+        self.fused.reset()
+
+    def rehearse(self) -> None:
+        """See `Joint`."""
+        self.alone.rehearse()
