@@ -37,6 +37,7 @@ from estimator_pkg.sensor.source import (
 
 AS_RATE, AS_ANGLE, AS_ACCELERATION = 'rate', 'angle', 'acceleration'
 DOUBTED = 0.25  # time without agreement after which a source is withheld [s]
+PLAY = 0.8  # the same of a second encoder [s]
 PROOF, LONGEST_PROOF = 1.0, 64.0  # time for which it agrees before it informs [s]: doubled each time
 SILENT = 5.0  # its sample times without a value, after which it is silent
 BETTER = 4.0  # times the variance of the speed from the angle alone, to be worth it
@@ -129,6 +130,8 @@ class Teller:
         if not self._knows:
             source.readings = max(source.readings, sigma_x * sigma_x)
             forget_source(source, angle)
+            if self._own is not None:
+                source.p[BIAS][BIAS] = 0.0  # encoders do not drift
             self._knows, self._agrees_ns, source.news = True, stamp_ns, False
             return None
         fits = meet_angle(
@@ -142,14 +145,15 @@ class Teller:
         )
         told = speed_of(source, since, acceleration)
         variance = variance_of_speed(source)
-        if not agree(told, speed, variance + sigma_v * sigma_v):
+        plays = self._own is not None  # backlash lies between two encoders: both may be right
+        if not agree(told, speed, variance + sigma_v * sigma_v) or (plays and not fits):
             self._doubt += source.dt
             resume_source(source, angle)
-            if self._doubt < DOUBTED:
+            if self._doubt < (PLAY if plays else DOUBTED):
                 return None
         elif fits:
             self._doubt = max(0.0, self._doubt - source.dt)
-        if not fits or self._doubt >= DOUBTED:
+        if (not fits and not plays) or self._doubt >= (PLAY if plays else DOUBTED):
             self._withhold(
                 f'it says {told:.4g} rad/s, the angle {speed:.4g} +- {sigma_v:.2g}', stamp_ns
             )
@@ -197,13 +201,15 @@ class Informed:
 
     compiled = memory = None  # its messages are taken one by one
 
-    def __init__(self, observer: Any, gains: Any, settings: Any, tellings: Sequence[Telling]):
+    def __init__(self, observer: Any, gains: Any, settings: Any, tellings: Sequence[tuple[int, Telling]]):
         self.alone = Joint(observer, gains, settings)
         self.fused = Joint(observer, gains, settings)
-        self.tellers = [
-            Teller(each, Joint(observer, observer.gains(), settings) if each.kind == AS_ANGLE else None)
-            for each in tellings
-        ]
+        self.tellers = {
+            number: Teller(
+                each, Joint(observer, observer.gains(), settings) if each.kind == AS_ANGLE else None
+            )
+            for number, each in tellings
+        }
         self._sure = math.nan  # variance of what the surest source told
 
     def __getattr__(self, name: str) -> Any:
@@ -211,7 +217,8 @@ class Informed:
 
     def hear(self, number: int, stamp_ns: int, value: float) -> None:
         """Take a value of a source."""
-        self.tellers[number].hear(stamp_ns, value)
+        if number in self.tellers:
+            self.tellers[number].hear(stamp_ns, value)
 
     def update(self, stamp_ns: int, measurement: float, known_input: float = 0.0) -> bool:
         """See `Joint`."""
@@ -220,7 +227,7 @@ class Informed:
         if not used:
             return False
         sure, came = 0.0, False  # 1/variance of what was told
-        for teller in self.tellers:
+        for teller in self.tellers.values():
             before = teller.source.stamp_ns
             told = teller.tell(self.alone, stamp_ns, self.alone.written(measurement))
             came = came or teller.source.stamp_ns != before or not teller.used
