@@ -17,7 +17,7 @@ from typing import Any
 
 from estimator_pkg.circle import nearest_turn
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.estimate import STATUS_NAMES, TRACKING
+from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.maths.informing import ACCELERATION, RATE
 from estimator_pkg.sensor.source import (
     BIAS,
@@ -37,9 +37,14 @@ from estimator_pkg.sensor.source import (
 
 AS_RATE, AS_ANGLE, AS_ACCELERATION = 'rate', 'angle', 'acceleration'
 DOUBTED = 0.25  # time without agreement after which a source is withheld [s]
+FADING = 0.2  # time of doubt that a time of agreement takes back, over it
 PLAY = 0.8  # the same of a second encoder [s]
-PROOF, LONGEST_PROOF = 1.0, 64.0  # time for which it agrees before it informs [s]: doubled each time
-SILENT = 5.0  # its sample times without a value, after which it is silent
+PROOF, LONGEST_PROOF = (
+    1.0,
+    64.0,
+)  # time for which it agrees before it informs [s]: doubled each time
+SILENT = 0.5  # time without a value, after which it is silent [s]
+OLD = 2.0  # sample times after which a value tells nothing any more
 BETTER = 4.0  # times the variance of the speed from the angle alone, to be worth it
 QUEUE = 4096  # values that wait for a reading at most
 
@@ -105,11 +110,15 @@ class Teller:
                     source.stamp_ns = 0
                     continue
                 period = self._own.settings.wrap_period
-                moved = nearest_turn(position - before, 0.0, period) if period else position - before
+                moved = (
+                    nearest_turn(position - before, 0.0, period) if period else position - before
+                )
             follow_source(source, stamp_ns, value, moved, variance)
         del self._queue[:late]
 
-    def tell(self, alone: Joint, stamp_ns: int, reading: float) -> float | None:
+    def tell(
+        self, alone: Joint, fused: float, acceleration: float, stamp_ns: int, reading: float
+    ) -> float | None:
         """Return the speed [rad/s] that the source tells at a reading [rad]; None: nothing.
 
         The variance is in `variance` then.
@@ -117,16 +126,19 @@ class Teller:
         self._follow(stamp_ns)
         self.variance = math.nan
         source = self.source
-        angle, speed, acceleration, status = alone.estimate()
+        angle, speed, _, status = alone.estimate()
         if status != TRACKING or source.stamp_ns == 0:
             self._knows = False
             return None
         since = (stamp_ns - source.stamp_ns) * 1e-9
-        if not source.news:
-            if self.used and since > SILENT * source.dt + 0.05:
-                self._withhold(f'silent for {since:.2g} s', stamp_ns)
+        if since > SILENT and self.used:
+            self.used, self.said = False, 'silent'
+            self.notices.append(f'{self.telling.name} is silent for {since:.2g} s')
+        if not source.news or since > OLD * source.dt:
             return None
         sigma_x, sigma_v = alone.stddev()
+        if self.telling.kind == AS_ACCELERATION:
+            return self._accelerate(speed, fused, sigma_v * sigma_v, stamp_ns)
         if not self._knows:
             source.readings = max(source.readings, sigma_x * sigma_x)
             forget_source(source, angle)
@@ -146,20 +158,22 @@ class Teller:
         told = speed_of(source, since, acceleration)
         variance = variance_of_speed(source)
         plays = self._own is not None  # backlash lies between two encoders: both may be right
-        if not agree(told, speed, variance + sigma_v * sigma_v) or (plays and not fits):
+        if plays and not fits:
+            resume_source(source, angle)
+        if not agree(told, speed, variance + sigma_v * sigma_v):
             self._doubt += source.dt
             resume_source(source, angle)
             if self._doubt < (PLAY if plays else DOUBTED):
                 return None
         elif fits:
-            self._doubt = max(0.0, self._doubt - source.dt)
+            self._doubt = max(0.0, self._doubt - FADING * source.dt)
         if (not fits and not plays) or self._doubt >= (PLAY if plays else DOUBTED):
             self._withhold(
                 f'it says {told:.4g} rad/s, the angle {speed:.4g} +- {sigma_v:.2g}', stamp_ns
             )
             return None
         agreed = (stamp_ns - self._agrees_ns) * 1e-9
-        if agreed < self._proof and not self.used or variance * BETTER > sigma_v * sigma_v:
+        if (agreed < self._proof and not self.used) or variance * BETTER > sigma_v * sigma_v:
             return None  # unproven, or less sure than the angle
         if not self.used and self._proof > PROOF:
             self.notices.append(f'{self.telling.name} agrees again and is used')
@@ -168,32 +182,59 @@ class Teller:
         self.used, self.said, self.variance = True, '', variance
         return told
 
+    def _accelerate(
+        self, alone: float, fused: float, variance: float, stamp_ns: int
+    ) -> float | None:
+        """Return the acceleration that the source tells, as long as the speed stays right.
+
+        Parameters
+        ----------
+        alone, fused : speed from the angle alone, and informed [rad/s]. variance : of the former.
+        """
+        source = self.source
+        source.news = False
+        if not self._knows:
+            source.known[RATIO], self._knows, self._agrees_ns = self.telling.ratio, True, stamp_ns
+        self._doubt = max(0.0, self._doubt - FADING * source.dt)
+        apart = self.used and not agree(alone, fused, variance)
+        if apart:  # which takes a while to show, and begins again from the angle alone
+            self._doubt += DOUBTED / 3.0
+        if self._doubt >= DOUBTED:
+            self._withhold(
+                f'with it the speed is {fused:.4g} rad/s, of the angle {alone:.4g}', stamp_ns
+            )
+        if apart or (stamp_ns - self._agrees_ns) * 1e-9 < self._proof or not self._knows:
+            return None
+        self.used, self.said, self.variance = True, '', white(source)
+        return source.known[RATIO] * source.value
+
     def _withhold(self, seen: str, stamp_ns: int) -> None:
         """Use the source no more until it has agreed for a while."""
         if self.used:
             self.notices.append(f'{self.telling.name} is withheld: {seen}')
-            self.said = f'withheld: {seen}'
-        elif self.said in ('', 'no value yet'):
+            self.said, self._proof = f'withheld: {seen}', min(2.0 * self._proof, LONGEST_PROOF)
+        elif not self.said.startswith('withheld'):
             self.said = f'not used: {seen}'
-        self._proof = min(2.0 * self._proof, LONGEST_PROOF)
         self._knows = self.used = False
         self._doubt, self.variance = 0.0, math.nan
 
+    def learnt(self) -> dict[str, tuple[float, float, str]]:
+        """Return what was learnt by name: value, standard deviation, unit."""
+        known, p = self.source.known, self.source.p
+        ratio, shift = known[RATIO], known[SHIFT]
+        found = {
+            'bias': (known[BIAS], p[BIAS][BIAS], ' rad/s'),
+            'ratio': (ratio, p[RATIO][RATIO], ''),
+            'delay': (shift / ratio, p[SHIFT][SHIFT] / (ratio * ratio), ' s'),
+        }
+        return {k: (value, math.sqrt(p), unit) for k, (value, p, unit) in found.items() if p > 0.0}
+
     def text(self) -> str:
         """Return what is known of the source, for people."""
-        known, p = self.source.known, self.source.p
         if not self._knows:
             return self.said
-        ratio, shift = known[RATIO], known[SHIFT]
-        learnt = (
-            ('bias', known[BIAS], p[BIAS][BIAS], ' rad/s'),
-            ('ratio', ratio, p[RATIO][RATIO], ''),
-            ('delay', shift / ratio, p[SHIFT][SHIFT] / (ratio * ratio), ' s'),
-        )
-        return ', '.join(
-            [self.said or 'used']
-            + [f'{n} {v:.4g} +- {math.sqrt(p):.1g}{unit}' for n, v, p, unit in learnt if p > 0.0]
-        )
+        learnt = [f'{k} {v:.4g} +- {s:.1g}{unit}' for k, (v, s, unit) in self.learnt().items()]
+        return ', '.join([self.said or 'used', *learnt])
 
 
 class Informed:
@@ -201,7 +242,9 @@ class Informed:
 
     compiled = memory = None  # its messages are taken one by one
 
-    def __init__(self, observer: Any, gains: Any, settings: Any, tellings: Sequence[tuple[int, Telling]]):
+    def __init__(
+        self, observer: Any, gains: Any, settings: Any, tellings: Sequence[tuple[int, Telling]]
+    ):
         self.alone = Joint(observer, gains, settings)
         self.fused = Joint(observer, gains, settings)
         self.tellers = {
@@ -226,16 +269,21 @@ class Informed:
         self.fused.update(stamp_ns, measurement)
         if not used:
             return False
-        sure, came = 0.0, False  # 1/variance of what was told
+        sure, came, informed = 0.0, False, False  # 1/variance of the told speeds
+        reading, acceleration = self.alone.written(measurement), self.alone.estimate()[2]
+        fused = self.fused.estimate()[1]
+        acceleration = acceleration if math.isfinite(acceleration) else 0.0
         for teller in self.tellers.values():
             before = teller.source.stamp_ns
-            told = teller.tell(self.alone, stamp_ns, self.alone.written(measurement))
+            told = teller.tell(self.alone, fused, acceleration, stamp_ns, reading)
             came = came or teller.source.stamp_ns != before or not teller.used
             if told is not None:
-                self._inform(RATE, told, teller.variance)
-                sure += 1.0 / teller.variance
+                rate = teller.telling.kind != AS_ACCELERATION
+                self._inform(RATE if rate else ACCELERATION, told, teller.variance)
+                sure += rate / teller.variance
+                informed = True
         self._sure = 1.0 / sure if sure > 0.0 else math.nan
-        if sure == 0.0 and came:
+        if came and not informed:
             self._go_on_alone()
         return True
 

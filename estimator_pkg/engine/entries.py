@@ -55,7 +55,12 @@ ENTRIES: tuple[Entry, ...] = (
         for function in functions
     ),
     *(
-        Entry('estimator_pkg.driver.channel', 'inform', {'observer': OF_AN_ANGLE[name]}, f'{name}_inform')
+        Entry(
+            'estimator_pkg.driver.channel',
+            'inform',
+            {'observer': OF_AN_ANGLE[name]},
+            f'{name}_inform',
+        )
         for name in INFORMED
     ),
     *(

@@ -140,7 +140,8 @@ class ObserverNode(Node):
         self._endpoints.open(steady)  # last: the queues of subscriptions are not long
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} from '
-            f'{" and ".join(self._endpoints.inputs)} on {self._endpoints.outputs[0].topic_name} '
+            f'{" and ".join(dict.fromkeys(self._endpoints.inputs))} '
+            f'on {self._endpoints.outputs[0].topic_name} '
             f'({self._ros.changed()})'
         )
         for name, hint in self._ros.of_others().items():

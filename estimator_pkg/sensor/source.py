@@ -25,6 +25,7 @@ UNKNOWN_BIAS, UNKNOWN_RATIO, UNKNOWN_DELAY = 1.0, 10.0, 0.02  # deviations befor
 WALK = 1e-4  # of the bias [rad/s per square root of a second]
 READINGS = 0.01  # weight of one reading in the mean square of what readings and estimates differ
 SLACK, ALARM = 1.0, 12.0  # of the cumulative sums [deviations]: a false one in 10^10 readings
+HOLE = 3.0  # sample times, after which values were lost
 APART = 25.0  # squared deviations between two speeds that do not agree
 
 
@@ -63,14 +64,13 @@ def forget_source(source: Source, angle: float) -> None:
     for i in range(4):
         for j in range(4):
             source.p[i][j] = 0.0
-    source.known[X], source.known[BIAS] = angle, 0.0
+    source.known[BIAS] = 0.0
     source.known[RATIO] = ratio if ratio != 0.0 else 1.0
     source.known[SHIFT] = source.known[RATIO] * delay if delay > 0.0 else 0.0
-    source.p[X][X] = source.readings
     source.p[BIAS][BIAS] = UNKNOWN_BIAS * UNKNOWN_BIAS
     source.p[RATIO][RATIO] = UNKNOWN_RATIO * UNKNOWN_RATIO if ratio == 0.0 else 0.0
     source.p[SHIFT][SHIFT] = UNKNOWN_DELAY * UNKNOWN_DELAY if delay < 0.0 else 0.0
-    source.up = source.down = 0.0
+    resume_source(source, angle)
 
 
 def follow_source(
@@ -98,6 +98,10 @@ def follow_source(
             source.p[i][X] += dt * source.p[i][BIAS] + moved * source.p[i][RATIO]
         source.p[BIAS][BIAS] += WALK * WALK * dt
         source.slope = (value - source.value) / dt
+        if source.dt > 0.0 and dt > HOLE * source.dt:  # what happened meanwhile is not known
+            source.p[X][X] += moved * moved * source.known[RATIO] * source.known[RATIO]
+            resume_scatter(source.scatter, value)
+            dt = source.dt
     source.variance = source.scatter.variance if variance == 0.0 else variance
     source.p[X][X] += white(source) * dt * dt
     source.value, source.stamp_ns, source.dt, source.news = value, stamp_ns, dt, True
@@ -105,10 +109,11 @@ def follow_source(
 
 def resume_source(source: Source, angle: float) -> None:
     """Go on at another angle [rad], after a hole or where the source did not agree."""
-    source.known[X] = angle
+    known, p, w = source.known, source.p, source.value
+    known[X] = angle - w * known[SHIFT]
     for i in range(4):
-        source.p[X][i] = source.p[i][X] = 0.0
-    source.p[X][X] = source.readings
+        p[X][i] = p[i][X] = -w * p[SHIFT][i]
+    p[X][X] = source.readings + w * w * p[SHIFT][SHIFT]
     source.up = source.down = 0.0
 
 
@@ -118,7 +123,13 @@ def white(source: Source) -> float:
 
 
 def meet_angle(
-    source: Source, stamp_ns: int, reading: float, angle: float, step: float, r: float, period: float
+    source: Source,
+    stamp_ns: int,
+    reading: float,
+    angle: float,
+    step: float,
+    r: float,
+    period: float,
 ) -> bool:
     """Learn from an angle since the newest value; return False if the source does not agree.
 

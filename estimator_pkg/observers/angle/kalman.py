@@ -173,6 +173,8 @@ def forget(core: Core, design: Design, measurement: float) -> None:
     core.acceleration = 0.0 if design.order == 3 else math.nan
     core.started = False
     set_first(core.p)
+    core.told.last = core.told.mean = 0.0
+    core.told.now = False
 
 
 def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
