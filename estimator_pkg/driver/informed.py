@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg.circle import nearest_turn
+from estimator_pkg.driver.configuration import AS_ACCELERATION, AS_ANGLE
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.maths.informing import ACCELERATION, RATE
@@ -35,7 +36,6 @@ from estimator_pkg.sensor.source import (
     white,
 )
 
-AS_RATE, AS_ANGLE, AS_ACCELERATION = 'rate', 'angle', 'acceleration'
 DOUBTED = 0.25  # time without agreement after which a source is withheld [s]
 FADING = 0.2  # time of doubt that a time of agreement takes back, over it
 PLAY = 0.8  # the same of a second encoder [s]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimator_pkg import observers, params_file
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.configuration import Configuration, SensorSettings
+from estimator_pkg.driver.configuration import Configuration, SensorSettings, SourceSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError, UserError, plainly, suggestion
@@ -193,6 +193,7 @@ class AngleStream(Stream):
     NODE = 'joint_observer'
     SETTINGS = AngleSettings
     PER_JOINT = SensorSettings
+    PER_SOURCE = SourceSettings
     SEPARATE = True
     IN_ARRAYS = True
     bank: Bank
@@ -239,15 +240,13 @@ class AngleStream(Stream):
     @classmethod
     def groups(cls, settings: AngleSettings) -> dict[str, type]:
         """See `Stream`."""
-        from estimator_pkg.streams.informed import SourceSettings  # which is an `AngleStream`
-
         return {f'source.{name}': SourceSettings for name in settings.sources or () if name}
 
     @classmethod
     def start(cls, settings: AngleSettings, configuration: Configuration) -> Stream:
         """See `Stream`."""
         if settings.groups and cls is AngleStream:
-            from estimator_pkg.streams.informed import InformedStream
+            from estimator_pkg.streams.informed import InformedStream  # an `AngleStream`
 
             return InformedStream.start(settings, configuration)
         return super().start(settings, configuration)

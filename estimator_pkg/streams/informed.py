@@ -6,50 +6,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
-from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.informed import AS_ACCELERATION, AS_ANGLE, AS_RATE, Informed, Telling
+from estimator_pkg.driver.configuration import AS_ACCELERATION, Configuration, SourceSettings
+from estimator_pkg.driver.informed import Informed, Telling
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.field import Field
-from estimator_pkg.parameters import structural
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
 from estimator_pkg.streams.contract import PUBLISHER, Answer, Answers, Port
-
-
-@dataclass(frozen=True)
-class SourceSettings:
-    """Parameters of one source."""
-
-    topic: str = structural('', description='topic of the messages; automatic: the name')
-    field_type: str = structural(
-        'sensor_msgs/msg/Imu', description='their type; any that is installed where the node runs'
-    )
-    field: str = structural(
-        'angular_velocity.z', description='the number in these messages, as in velocity[0]'
-    )
-    kind: str = structural(
-        AS_RATE,
-        choices=(AS_RATE, AS_ANGLE, AS_ACCELERATION),
-        description='what the number is: rate (gyro, tachometer, velocity of a drive) [rad/s], '
-        'angle (second encoder) [rad], acceleration (torque over inertia, a command) [rad/s^2]',
-    )
-    joint: str = structural('', description='the joint that it is of; automatic: every joint')
-    ratio: float = structural(
-        0.0,
-        range=(-1e6, 1e6),
-        description="the joint's motion over that of the source; 0: learnt (not of accelerations)",
-    )
-    delay: float = structural(
-        -1.0,
-        unit='s',
-        range=(-1.0, 1.0),
-        description='of its stamps behind those of the angle; below 0: learnt',
-    )
 
 
 class InformedBank(Bank):
