@@ -15,13 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.engine.entries import FUNCTIONS, MODELS, OF_A_MECHANISM, loop_name
+from estimator_pkg.engine.entries import FUNCTIONS, INFORMED, MODELS, OF_A_MECHANISM, loop_name
 from estimator_pkg.engine.load import LIBRARY, load
 from estimator_pkg.printable import show
 from estimator_pkg.record import values
 
 PREFIXES = {  # of a module: of its functions, and their names
-    module: (name, (*functions, 'walk') if observers is OF_A_MECHANISM else functions)
+    module: (
+        name,
+        (
+            *functions,
+            *(('walk',) if observers is OF_A_MECHANISM else ()),
+            *(('inform',) if name in INFORMED else ()),
+        ),
+    )
     for observers, functions in FUNCTIONS.values()
     for name, module in observers.items()
 } | {module: (name, ('course',)) for name, module in MODELS.items()}
@@ -48,6 +55,7 @@ class Functions:
     """The compiled functions of one observer or model."""
 
     take: Any
+    inform: Any
     show: Any
     show_deviation: Any
     message: Any

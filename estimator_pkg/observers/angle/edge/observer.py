@@ -68,6 +68,7 @@ from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Estimate, Observer
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
 from estimator_pkg.observers.maths.covariance import Covariance
+from estimator_pkg.observers.maths.informing import ANGLE, RATE, Told, told
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention, begin, follow, present
@@ -199,6 +200,7 @@ class State:
     doubt: Doubt
     other: Other
     reading: Reading
+    told: Told  # by another sensor
 
 
 def design(gains: Gains, circle: Circle) -> Design:
@@ -333,6 +335,7 @@ def step(
 ) -> None:
     """Take one reading [rad]: what it is, when it came, what it shows."""
     reading, dt = state.reading, coefficients.dt
+    state.told.now = False
     if not receive(state, design, measurement, known_input, dt):
         predict_alone(state, coefficients, design)
         return
@@ -675,6 +678,26 @@ def hear(state: State, design: Design, dt: float, flickers: bool) -> bool:
     return False
 
 
+def inform(
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    kind: int,
+    value: float,
+    variance: float,
+) -> None:
+    """Take what another sensor tells of the present motion; see `maths.informing`."""
+    motion = state.motion
+    if state.lock.status != TRACKING:
+        return
+    y = motion.velocity if kind == RATE else motion.angle if kind == ANGLE else motion.acceleration
+    x, v, a = told(state.p, state.told, kind, value - y, variance)
+    motion.angle += x
+    motion.velocity += v
+    motion.acceleration += a
+    set_alike(state.other)
+
+
 def settle_lock(lock: Lock, p11: float, dt: float, floor: float) -> None:
     """Take one more believed reading of a start, a gap or a doubt.
 
@@ -699,7 +722,7 @@ def estimate(
     """Set the estimate; the known input is by how much a cell reaches further than a quantum."""
     motion, other, sensor = state.motion, state.other, state.sensor
     v = motion.velocity + other.v
-    if sensor.since > 0.0:
+    if sensor.since > 0.0 and not state.told.now:
         most = fastest(sensor, known_input)
         v = most if v > most else -most if v < -most else v
     angle = motion.angle + other.x
