@@ -54,7 +54,8 @@ class Function(Expressions):
         self.outputs: list[str] = []  # pointers through which several numbers are returned
         for items in zip(*(value.elts for value in returned if isinstance(value, ast.Tuple))):
             names = [getattr(item, 'id', getattr(item, 'attr', '')) for item in items]
-            name = next(filter(None, names), f'result{len(self.outputs)}')
+            names = [name for name in names if name and not name.isupper()]  # a constant is no role
+            name = names[0] if names else f'result{len(self.outputs)}'
             self.outputs.append(self.fresh(f'{name}_out'))
 
     def translate(self) -> None:
