@@ -37,6 +37,7 @@ from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention, begin, follow, present
 from estimator_pkg.sensor.late_stamps import Timing, follow_pace, is_uneven, retake
+from estimator_pkg.sensor.outliers import FAR, Doubt, believed
 
 SINGLE_ANGLE = True
 EDGES = False
@@ -139,6 +140,7 @@ class State:
     lock: Lock
     start: Start
     stamps: Timing
+    doubt: Doubt
 
 
 def variance_floor(quantum: float) -> float:
@@ -206,6 +208,7 @@ def _begin_but_convention(observer: Any, state: Any, design: Any, measurement: f
     stamps.mean_dt = stamps.taken_dt = stamps.late = 0.0
     stamps.before.take(state.core)
     stamps.other.take(state.core)
+    state.doubt.far, state.doubt.off = 0, 0.0
 
 
 def resume(observer: Any, state: Any, coefficients: Any, design: Any, measurement: float) -> None:
@@ -224,6 +227,7 @@ def resume(observer: Any, state: Any, coefficients: Any, design: Any, measuremen
     follow(state.convention, measurement, period)
     state.reading.change = state.reading.since = 0.0
     state.stamps.taken_dt = state.stamps.late = 0.0
+    state.doubt.far = 0
 
 
 def step(
@@ -238,6 +242,17 @@ def step(
     core, stamps = state.core, state.stamps
     speed, dt, mean_dt = core.velocity, coefficients.dt, stamps.mean_dt
     uneven = is_uneven(stamps, dt)
+    off = measurement - core.position - speed * dt
+    if off * off > FAR * state.reading.recent and not uneven and design.shared.restarts:
+        taken = believe(state, design.shared, measurement, dt)
+        if taken != measurement:
+            observer.correct(core, coefficients, design, taken)
+            if not is_inside(state.doubt.off, state.reading, design.shared):
+                size = abs(state.doubt.off)
+                relock(observer, state, design, measurement, size, speed, dt, mean_dt)
+            return
+    else:
+        state.doubt.far = 0
     if uneven:
         stamps.before.take(core)
     innovation = observer.correct(core, coefficients, design, measurement)
@@ -254,6 +269,20 @@ def step(
         taken = observer.Coefficients()
         observer.prepare(taken, design, dt)
         learn(observer, state, taken, design, measurement, innovation, speed, mean_dt)
+
+
+def believe(state: Any, shared: SharedDesign, measurement: float, dt: float) -> float:
+    """Return the measurement [rad], or what is taken in its place; see `sensor.outliers`."""
+    core, reading = state.core, state.reading
+    if state.lock.status == INITIALISING:
+        return measurement
+    ahead = core.velocity * dt
+    if core.acceleration == core.acceleration:
+        ahead += 0.5 * core.acceleration * dt * dt
+    quantum = shared.quantum if shared.quantum > 0.0 else reading.smallest
+    power = quantum * quantum + reading.recent
+    expected = core.position + ahead
+    return believed(state.doubt, measurement, expected, ahead, dt, power, shared.period)
 
 
 def learn(
@@ -531,5 +560,9 @@ def _deviation(
     sigma = math.sqrt(of_velocity)
     if reading.since > 0.0 and shared.low_speed_bound:
         sigma = clamped(observer, sigma, state, coefficients, design, reading.change)
+    if state.doubt.far == 1:  # what was read lies within two deviations
+        of_doubt = 0.25 * state.doubt.off * state.doubt.off
+        of_position += of_doubt
+        sigma = math.sqrt(sigma * sigma + of_doubt / (dt * dt))
     out.position = math.sqrt(of_position)
     out.velocity = sigma

@@ -1,0 +1,64 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Readings that are not those of the shaft: glitches, and flips of a symmetric sensor.
+
+A reading that is much further from the expected one than the innovations of late is not believed
+until the next reading shows that it was right: the expected one is taken in its place, and the
+standard deviation covers both. A real blow so costs one sample. What is believed at once: a bounce,
+since an impact stops a joint or turns it round within a sample, and the first step of a joint that
+rests. A reading off by half a turn is a pose of a symmetric set of markers that flipped, or a
+magnet read upside down: it is believed, less the half turn.
+"""
+
+from __future__ import annotations
+
+from estimator_pkg.circle import wrap
+from estimator_pkg.record import record
+
+FAR = 400.0  # (20)^2: times the power of recent innovations; a reading further off is doubted
+BOUNCE = 2.0  # times the way expected within the sample: an impact turns the speed round at most
+LEAP = 100.0  # [rad/s] no joint is faster by more, one sample later
+
+
+@record
+class Doubt:
+    """Whether the newest readings are as expected."""
+
+    far: int  # how many in a row were not; the first of them is not believed
+    off: float  # how far the last of them was from the expected one [rad]
+
+
+def believed(
+    doubt: Doubt,
+    measurement: float,
+    expected: float,
+    ahead: float,
+    dt: float,
+    power: float,
+    period: float,
+) -> float:
+    """Return the reading [rad], or what is to be taken in its place.
+
+    Parameters
+    ----------
+    expected : reading [rad]; `ahead` of it is the way since the last sample.
+    dt : that time [s].
+    power : of an innovation that is no surprise [rad^2].
+    period : wrap period [rad]; 0: none.
+    """
+    off = wrap(measurement - expected, period)
+    square = off * off
+    least = LEAP * dt + (BOUNCE * abs(ahead) if off * ahead < 0.0 else 0.0)
+    if square <= FAR * power or -least <= off <= least:
+        doubt.far = 0
+        return measurement
+    doubt.far += 1
+    doubt.off = off
+    if doubt.far == 1:
+        return expected
+    if period > 0.0:
+        flipped = wrap(off + 0.5 * period, period)
+        if flipped * flipped <= FAR * power:
+            return expected + flipped
+    return measurement
