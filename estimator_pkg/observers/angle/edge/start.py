@@ -64,12 +64,12 @@ def unknown_speed(size: float, dt: float) -> float:
 def begin_line(state: Any) -> None:
     """Begin with the line through this reading and the one before.
 
-    Only the bandwidth stays, where the joint started from a rest. Third differences across the
+    Third differences across the
     start are neither noise nor vibration, so the sensor's means start again.
     """
-    motion, p, band, sensor, doubt = state.motion, state.p, state.band, state.sensor, state.doubt
+    motion, p, sensor, doubt = state.motion, state.p, state.sensor, state.doubt
     change, dt, quantum = state.reading.change, state.reading.passed, sensor.quantum
-    rests, density, pace = doubt.to_settle == UNSURE, band.density, sensor.pace
+    rests, pace = doubt.to_settle == UNSURE, sensor.pace
     if rests:
         sensing.first_step(sensor, quantum, change, dt)
         sensor.pace = pace
@@ -83,9 +83,8 @@ def begin_line(state: Any) -> None:
     p.p11 = (2.0 * floor + 0.25 * bend) * rate * rate
     p.p12 = 0.5 * bend * rate * rate * rate
     p.p22 = bend * rate * rate * rate * rate
-    bandwidth.begin_band(band, CALM * quantum * quantum)
+    bandwidth.begin_band(state.band, CALM * quantum * quantum)
     if rests:
-        band.density = density if density > band.density else band.density
         set_doubt(doubt, 0.0, SETTLES, doubt.since, doubt.age)
     state.lock.count += 1.0
     bandwidth.forget_sway(state.sway)
