@@ -154,7 +154,7 @@ def explain(state: Any, d: float, date: float, dt: float, flickers: bool) -> Non
     noisy = sensor.noise > PLAIN * square
     if noisy:
         date += 1.5 * SIGMAS / ALARM * (date / dt - 2.0) * date
-    date = max(date + dt, sensor.pace)  # readings that come in bursts do not date it
+    date += dt
     if flickers:
         most = STRAY * sensor.quantum
         if -most < d < most and p.p11 > 0.0:
