@@ -19,7 +19,7 @@ from estimator_pkg.observers.angle.edge.constants import PLAIN, SIGMAS
 ROOT_HALF = math.sqrt(0.5)
 DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
 TAIL = 6.0  # sigmas from which the tail's own series is used: erfc's digits would cancel
-THIN = 1e-3  # an interval thinner than this part of sigma is a point
+THIN = 1e-3  # an interval thinner than this part of sigma is a point; the least part of a variance
 
 NOTHING = 0  # the reading has no news for the prediction
 INTERVAL = 1  # a measurement: centre, half width
@@ -52,7 +52,8 @@ def news(p00: float, noise: float, centre: float, half: float) -> tuple[float, f
 
     Either end of the interval may be wrong by a part of its width.
     """
-    r = noise + 4.0 * PLAIN * half * half
+    width = 2.0 * half
+    r = noise + PLAIN * width * width
     d, left = within(centre, half, math.sqrt(p00 + r))
     return d, left, r
 

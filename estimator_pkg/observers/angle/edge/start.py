@@ -14,7 +14,7 @@ import math
 from typing import Any
 
 from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference
-from estimator_pkg.observers.angle.edge.constants import BLUR, CALM, LONGEST, SIGMAS
+from estimator_pkg.observers.angle.edge.constants import BLUR, CALM, CONFIRMED, LONGEST, SIGMAS
 from estimator_pkg.record import record
 from estimator_pkg.sensor import noise as sensing
 
@@ -27,7 +27,7 @@ RESTS = 0.1  # [s] without motion: a rest. In noise: without leaving a quantum a
 # start is likely, and a reading that shows it alone
 UNMOVED = 1.0
 FAR = 1.5
-SURELY = 4.0
+SURELY = CONFIRMED * UNMOVED  # which as many readings inside the cell take back
 LAG = 0.2  # of the speed error at the end of a ramp, see `unseen`: so that five of it cover it
 LAST = 0.5  # in place of the changed readings, where `RECENT` alone has not passed
 PERHAPS = 0.75  # the same, where noise alone may have looked like a start

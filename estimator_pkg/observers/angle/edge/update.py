@@ -13,13 +13,12 @@ import math
 from typing import Any
 
 from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference
+from estimator_pkg.observers.angle.edge import interval as cells
 from estimator_pkg.observers.angle.edge.constants import ALARM, CALM, STRAY
-from estimator_pkg.observers.angle.edge.interval import HELD, INTERVAL, NOTHING, interval, news
 from estimator_pkg.observers.angle.edge.start import doubt_overdue
 from estimator_pkg.sensor.noise import follow_noise, vibration
 
 SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
-LEAST_PART = 0.05  # of its variance an innovation has at least, were it to count in sigmas
 
 
 def update(state: Any, design: Any, off: float, size: float, flickers: bool, dt: float) -> bool:
@@ -32,15 +31,15 @@ def update(state: Any, design: Any, off: float, size: float, flickers: bool, dt:
     """
     motion, p, band, sensor = state.motion, state.p, state.band, state.sensor
     quantum, noise, ahead = sensor.quantum, sensor.noise, state.reading.ahead
-    kind, centre, half = interval(off, ahead, size, p.p00, noise, flickers)
-    if kind == NOTHING:
+    kind, centre, half = cells.interval(off, ahead, size, p.p00, noise, flickers)
+    if kind == cells.NOTHING:
         return True
-    held = kind == HELD
+    held = kind == cells.HELD
     # the interval meets the Gaussian: S = P_00 + R, the mean d, f = 1 - left
-    d, left, r = news(p.p00, noise, centre, half)
+    d, left, r = cells.news(p.p00, noise, centre, half)
     s, f = p.p00 + r, 1.0 - left
     score = d * d / s - f
-    z = d / math.sqrt(s * (f if f > LEAST_PART else LEAST_PART))
+    z = d / math.sqrt(s * (f if f > cells.THIN else cells.THIN))
     beyond = z > ALARM or z < -ALARM
     if beyond:
         z = ALARM if z > 0.0 else -ALARM
@@ -59,18 +58,18 @@ def update(state: Any, design: Any, off: float, size: float, flickers: bool, dt:
     if date > 0.0:
         bandwidth.explain(state, d, date, dt, flickers)
         # the whole cell is news to a prediction that is so vague now
-        kind = INTERVAL
-        d, left, r = news(p.p00, noise, off, 0.5 * size)
+        kind = cells.INTERVAL
+        d, left, r = cells.news(p.p00, noise, off, 0.5 * size)
     elif growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
-        kind, centre, half = interval(off, ahead, size, p.p00, noise, flickers)
-        d, left, r = news(p.p00, noise, centre, half)
+        kind, centre, half = cells.interval(off, ahead, size, p.p00, noise, flickers)
+        d, left, r = cells.news(p.p00, noise, centre, half)
     s = p.p00 + r
     # the noise follows the score: flicker shows it from either side alike; elsewhere what is
     # correlated is motion
-    if white if flickers else kind != HELD and (score < 0.0 or product < 1.0):
+    if white if flickers else kind != cells.HELD and (score < 0.0 or product < 1.0):
         most = noise if flickers and sensor.scatter < noise else sensor.scatter
         sensor.noise = follow_noise(noise, score * noise / s, most, quantum)
-    measured = kind != HELD  # that no edge came moves the estimate only
+    measured = kind != cells.HELD  # that no edge came moves the estimate only
     ratio = d / s  # K d = P_.0 d/S
     if held:
         doubt_overdue(state.doubt, p.p01 * ratio)
