@@ -27,8 +27,19 @@ The mean square of the normalised innovations also scales the published standard
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from estimator_pkg.observers.angle.edge.constants import ALARM, MEMORY, RATE, SHARE, SIGMAS
+from estimator_pkg.observers.angle.edge.constants import (
+    ALARM,
+    MEMORY,
+    PLAIN,
+    RATE,
+    SHARE,
+    SIGMAS,
+    SLACK,
+    STRAY,
+)
+from estimator_pkg.observers.angle.edge.covariance import add_manoeuvre
 from estimator_pkg.record import record
 from estimator_pkg.sensor.noise import jerk_density
 
@@ -71,67 +82,94 @@ def begin_sums(band: Band) -> None:
     band.variance = 1.0
 
 
-def follow_band(
-    band: Band, z: float, gain: float, idle: float, least: float, slack: float
-) -> tuple[float, float, float]:
-    """Take an innovation; return (growth of log density, date of a manoeuvre, product).
+def forget_sway(sway: Sway) -> None:
+    """Forget what the readings moved by beyond the prediction."""
+    sway.mean = sway.last = sway.before = 0.0
+
+
+def follow_sums(band: Band, z: float, idle: float) -> float:
+    """Take an innovation of `z` standard deviations; return the date of a manoeuvre [s], or 0.
+
+    Fast law (Page 1954): g = max(0, g + z - SIGMAS), alarm at g > ALARM.
 
     Parameters
     ----------
-    z : innovation over its standard deviation, at most the alarm.
-    gain : the part of it by which the position is corrected.
     idle : time since the last innovation [s].
-    least : the density never falls below this.
-    slack : of the product: what is left of it where motion is followed best.
-
-    Returns
-    -------
-    The growth is 0 where it fell; the date [s] is 0 where there is no manoeuvre.
     """
-    band.squares += (z * z - band.squares) / MEMORY
-    # slow law: C = z m / sqrt(var m), log c += RATE b (C - slack), with b = weight
-    weight = SHARE * gain
-    product = z * band.low / math.sqrt(band.variance)
-    band.low += weight * (z - band.low)
-    band.variance = (1.0 - weight) * (1.0 - weight) * band.variance + weight * weight
-    move = RATE * weight * (product - slack)
-    band.density *= math.exp(move)
-    if band.density < least:
-        band.density, move = least, 0.0
-    # fast law (Page 1954): g = max(0, g + z - SIGMAS), alarm at g > ALARM
     band.quiet += idle
     band.up_time += idle
     band.down_time += idle
     band.up += z - SIGMAS
     band.down -= z + SIGMAS
-    date = 0.0
-    if band.up > ALARM:
-        date = band.up_time
-    elif band.down > ALARM:
-        date = band.down_time
+    date = band.up_time if band.up > ALARM else band.down_time if band.down > ALARM else 0.0
     if band.up <= 0.0 or date > 0.0:
         band.up = band.up_time = 0.0
     if band.down <= 0.0 or date > 0.0:
         band.down = band.down_time = 0.0
-    return move if move > 0.0 else 0.0, date, product
+    return date
 
 
-def expect_manoeuvres(band: Band, beyond: float, date: float, most: float) -> None:
-    """After a manoeuvre the density expects more of its kind.
+def follow_band(band: Band, z: float, gain: float, least: float) -> tuple[float, float]:
+    """Take an innovation of `z` standard deviations; return (growth of log density, product).
+
+    Slow law: C = z m / sqrt(var m), log c += RATE b (C - SLACK), with b = weight.
+
+    Parameters
+    ----------
+    gain : the part of the innovation by which the position is corrected.
+    least : the density never falls below this.
+
+    Returns
+    -------
+    The growth is 0 where the density fell.
+    """
+    band.squares += (z * z - band.squares) / MEMORY
+    weight = SHARE * gain
+    product = z * band.low / math.sqrt(band.variance)
+    band.low += weight * (z - band.low)
+    band.variance = (1.0 - weight) * (1.0 - weight) * band.variance + weight * weight
+    move = RATE * weight * (product - SLACK)
+    band.density *= math.exp(move)
+    if band.density < least:
+        band.density, move = least, 0.0
+    return move if move > 0.0 else 0.0, product
+
+
+def explain(state: Any, d: float, date: float, dt: float, flickers: bool) -> None:
+    """Explain an innovation of `d` [rad] by a manoeuvre, and expect more of its kind.
+
+    Without noise a deviation is large at once. In noise one that grows as the cube of time is
+    `SIGMAS` large at n, if the excess over `SIGMAS` takes m samples more to sum up to the alarm:
+    3 SIGMAS/n m^2/2 = ALARM. The two samples that it takes at least are no growth.
 
     What explains the manoeuvre is spread over the time since the last one.
 
     Parameters
     ----------
-    beyond : deviation that the manoeuvre explains, without what cell and noise may hide [rad].
-    date : time since the manoeuvre began [s].
-    most : the density is not raised beyond this.
+    date : run time of the cumulative sum that raised the alarm [s].
+    flickers : noise crosses an edge more often than the angle does.
     """
-    if beyond > 0.0:
-        share = date / max(date, band.quiet)
-        explains = min(share * jerk_density(beyond * beyond, date), most)
-        band.density = max(band.density, explains)
-    band.quiet = 0.0
+    p, band, sensor = state.p, state.band, state.sensor
+    square = sensor.quantum * sensor.quantum
+    noisy = sensor.noise > PLAIN * square
+    if noisy:
+        date += 1.5 * SIGMAS / ALARM * (date / dt - 2.0) * date
+    date += dt
+    if flickers:
+        most = STRAY * sensor.quantum
+        if -most < d < most and p.p11 > 0.0:
+            # flicker that begins again: it moved in all the time that is remembered
+            date = max(date, math.sqrt(p.p00 / p.p11))
+    elif state.reading.warm:
+        # without what cell and noise may hide; where edges are times the next is news anyway
+        hidden = 0.5 * sensor.quantum + SIGMAS * math.sqrt(sensor.scatter)
+        beyond = abs(d) - hidden
+        if noisy and beyond > 0.0:
+            explains = date / max(date, band.quiet) * jerk_density(beyond * beyond, date)
+            explains = min(explains, jerk_density(sensor.scatter + square, dt))
+            band.density = max(band.density, explains)
+        band.quiet = 0.0
+    add_manoeuvre(p, d, date)
 
 
 def follow_sway(sway: Sway, ahead: float, most: float, believed: bool) -> None:
@@ -154,21 +192,6 @@ def follow_sway(sway: Sway, ahead: float, most: float, believed: bool) -> None:
         sway.last = sway.before = 0.0
         return
     product = ahead * (sway.last - sway.before)
-    if product > most:
-        product = most
-    elif product < -most:
-        product = -most
+    product = most if product > most else -most if product < -most else product
     sway.mean += (product - sway.mean) / MEMORY
     sway.before, sway.last = sway.last, ahead
-
-
-def began(date: float, dt: float, noisy: bool) -> float:
-    """Return how long ago [s] the manoeuvre began whose cumulative sum has run for `date` [s].
-
-    Without noise a deviation is large at once. In noise one that grows as the cube of time is
-    `SIGMAS` large at n, if the excess over `SIGMAS` takes m samples more to sum up to the alarm:
-    3 SIGMAS/n m^2/2 = ALARM. The two samples that it takes at least are no growth.
-    """
-    if noisy:
-        date += 1.5 * SIGMAS / ALARM * (date / dt - 2.0) * date
-    return date + dt

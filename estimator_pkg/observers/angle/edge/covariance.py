@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The covariance of angle, speed and acceleration: what time, a reading and each law do to it.
+"""Angle, speed and acceleration and their covariance: what time, a reading and each law do to it.
 
 a' = -a/fade + w,  v' = a,  x' = v,       w white jerk
 """
@@ -14,6 +14,16 @@ from estimator_pkg.observers.angle.edge.constants import FADE
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
 from estimator_pkg.sensor.noise import OUTLIER
+
+
+@record
+class Motion:
+    """The motion as the first filter estimates it."""
+
+    angle: float  # x [rad], on the turn of the newest reading
+    velocity: float  # v [rad/s]
+    acceleration: float  # a [rad/s^2]
+    idle: float  # time since the last informative reading [s]
 
 
 @record
@@ -35,13 +45,18 @@ def set_covariance(
     p.p00, p.p01, p.p02, p.p11, p.p12, p.p22 = p00, p01, p02, p11, p12, p22
 
 
-def let_fade(coefficients: Coefficients, a: float, p22: float) -> None:
-    """Set how much of the acceleration is kept: all of one that is known to be one.
+def predict(motion: Motion, p: Covariance, density: float, coefficients: Coefficients) -> None:
+    """Predict speed, acceleration and covariance one sample on; the angle is left to the caller.
 
-    Where it is five standard deviations, a ramp lasts and fading would be a lag; elsewhere it fades
-    within `FADE`, which is what makes constant speeds exact.
+    An acceleration of five standard deviations is kept: a ramp lasts, and fading would be a lag.
+    Elsewhere it fades within `FADE`, which is what makes constant speeds exact.
     """
-    coefficients.kept = 1.0 if a * a > OUTLIER * p22 else FADE / (FADE + coefficients.dt)
+    a, dt = motion.acceleration, coefficients.dt
+    coefficients.kept = 1.0 if a * a > OUTLIER * p.p22 else FADE / (FADE + dt)
+    motion.velocity += a * dt
+    motion.acceleration = coefficients.kept * a
+    motion.idle += dt
+    predict_covariance(p, density, coefficients)
 
 
 def predict_covariance(p: Covariance, density: float, coefficients: Coefficients) -> None:

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.constants import SIGMAS
+from estimator_pkg.observers.angle.edge.constants import PLAIN, SIGMAS
 
 ROOT_HALF = math.sqrt(0.5)
 DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
 TAIL = 6.0  # sigmas from which the tail's own series is used: erfc's digits would cancel
-THIN = 1e-3  # an interval thinner than this part of sigma is a point
+THIN = 1e-3  # an interval thinner than this part of sigma is a point; the least part of a variance
 
 NOTHING = 0  # the reading has no news for the prediction
 INTERVAL = 1  # a measurement: centre, half width
@@ -44,7 +44,18 @@ def within(e: float, half: float, sigma: float) -> tuple[float, float]:
     at_b = DENSITY * math.exp(-0.5 * b * b)
     mean = (at_a - at_b) / inside
     ratio = 1.0 + (a * at_a - b * at_b) / inside - mean * mean
-    return side * mean, (ratio if ratio > 1e-6 else 1e-6)
+    return side * mean, (ratio if ratio > THIN * THIN else THIN * THIN)
+
+
+def news(p00: float, noise: float, centre: float, half: float) -> tuple[float, float, float]:
+    """Return what an interval shows: the mean d [rad], 1 - f, and the variance R [rad^2].
+
+    Either end of the interval may be wrong by a part of its width.
+    """
+    width = 2.0 * half
+    r = noise + PLAIN * width * width
+    d, left = within(centre, half, math.sqrt(p00 + r))
+    return d, left, r
 
 
 def interval(
@@ -70,19 +81,13 @@ def interval(
     if flickers:
         near = half - hold
         return INTERVAL if off > near or off < -near else NOTHING, off, half
-    if ahead > half:
-        width = quantum - ahead
+    if ahead > half or ahead < -half:
+        side = half if ahead > 0.0 else -half
+        width = quantum - abs(ahead)
         if width > -quantum:  # else the speed is not what was thought: the cell alone
             width = (width if width > 0.0 else 0.0) + edges
             if width < quantum:
-                return INTERVAL, off - half + 0.5 * width, 0.5 * width
-        return INTERVAL, off, half
-    if ahead < -half:
-        width = quantum + ahead
-        if width > -quantum:
-            width = (width if width > 0.0 else 0.0) + edges
-            if width < quantum:
-                return INTERVAL, off + half - 0.5 * width, 0.5 * width
+                return INTERVAL, off - side + math.copysign(0.5 * width, ahead), 0.5 * width
         return INTERVAL, off, half
     if off > half + hold or off < -half - hold:
         return HELD, off, half

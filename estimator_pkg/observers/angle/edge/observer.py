@@ -18,14 +18,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg.circle import Circle, is_angle, is_next_count, wrap
-from estimator_pkg.observers.angle.edge.bandwidth import (
-    Band,
-    Sway,
-    begin_band,
-    begin_sums,
-    follow_sway,
-)
+from estimator_pkg.circle import Circle, is_next_count, wrap
+from estimator_pkg.circle import is_angle as is_reading  # noqa: F401
+from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference, sigma
+from estimator_pkg.observers.angle.edge import start as starts
+from estimator_pkg.observers.angle.edge.bandwidth import Band, Sway
 from estimator_pkg.observers.angle.edge.constants import (
     CONFIRMED,
     MEMORY,
@@ -35,35 +32,9 @@ from estimator_pkg.observers.angle.edge.constants import (
     RESTED,
     SIGMAS,
 )
-from estimator_pkg.observers.angle.edge.covariance import (
-    Coefficients,
-    add_manoeuvre,
-    add_sway,
-    correct_covariance,
-    let_fade,
-    predict_covariance,
-    set_covariance,
-)
-from estimator_pkg.observers.angle.edge.interval import NOTHING, interval
-from estimator_pkg.observers.angle.edge.motion import Motion
-from estimator_pkg.observers.angle.edge.preference import Other, predict_other, ratios, set_alike
-from estimator_pkg.observers.angle.edge.sigma import deviation, fastest  # noqa: F401
-from estimator_pkg.observers.angle.edge.start import (
-    LAST,
-    RECENT,
-    RESTS,
-    SETTLES,
-    UNSURE,
-    Doubt,
-    begin_line,
-    doubt_in_noise,
-    doubt_overdue,
-    doubt_speed,
-    pass_time,
-    set_doubt,
-    settle,
-    stand,
-)
+from estimator_pkg.observers.angle.edge.covariance import Coefficients, Motion
+from estimator_pkg.observers.angle.edge.sigma import deviation  # noqa: F401
+from estimator_pkg.observers.angle.edge.start import Doubt
 from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Estimate, Observer
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
@@ -71,38 +42,10 @@ from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.observers.maths.informing import ANGLE, RATE, Told, told
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
+from estimator_pkg.sensor import noise as sensing
+from estimator_pkg.sensor import quantum as counts
+from estimator_pkg.sensor import sampling
 from estimator_pkg.sensor.convention import Convention, begin, follow, present
-from estimator_pkg.sensor.noise import (
-    OUTLIER,
-    Sensor,
-    age_noise,
-    begin_differences,
-    begin_sensor,
-    first_step,
-    follow_sensor,
-)
-from estimator_pkg.sensor.quantum import (
-    JUMP,
-    UNIT,
-    Steps,
-    begin_steps,
-    follow_steps,
-    is_residue,
-    misfit,
-    quantum_of,
-    search,
-    shows_quantum,
-)
-from estimator_pkg.sensor.sampling import (
-    BELIEVED,
-    EVEN,
-    UNEVEN,
-    Clock,
-    begin_clock,
-    elapsed,
-    is_repeat,
-    resume_clock,
-)
 
 LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
@@ -192,13 +135,13 @@ class State:
     p: Covariance
     band: Band
     sway: Sway
-    sensor: Sensor
-    steps: Steps
-    clock: Clock
+    sensor: sensing.Sensor
+    steps: counts.Steps
+    clock: sampling.Clock
     convention: Convention
     lock: Lock
     doubt: Doubt
-    other: Other
+    other: preference.Other
     reading: Reading
     told: Told  # by another sensor
 
@@ -210,7 +153,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     made.half_turn = 0.5 * period if period > 0.0 else math.inf
     made.outside = OUTSIDE * period if period > 0.0 else math.inf
     made.quantum = float(gains.quantum)
-    made.ratio, made.of_angle, made.of_speed = ratios(RATIO[gains.prefer])
+    made.ratio, made.of_angle, made.of_speed = preference.ratios(RATIO[gains.prefer])
     made.log_ratio = math.log(made.ratio)
     return made
 
@@ -222,12 +165,7 @@ def group_delay(design: Design, dt: float) -> float:
 
 def why(state: State, design: Design) -> str:
     """Return what a person should know of the given quantum, or ''."""
-    return misfit(state.steps, design.quantum)
-
-
-def is_reading(measurement: float) -> bool:
-    """Return False for NaN, infinities and numbers that no encoder gives [rad or m]."""
-    return is_angle(measurement)
+    return counts.misfit(state.steps, design.quantum)
 
 
 def lateness(state: State) -> float:
@@ -251,10 +189,15 @@ def start(observer: Any, state: State, design: Design, measurement: float) -> No
     blank = State()
     state.take(blank)
     begin(state.convention, measurement)
-    begin_steps(state.steps)
-    begin_sensor(state.sensor, design.quantum if design.quantum > 0.0 else UNIT)
-    set_doubt(state.doubt, 0.0, LAST, 0.0, 0.0)
-    begin_clock(state.clock)
+    counts.begin_steps(state.steps)
+    begin_anew(state, design.quantum, measurement)
+
+
+def begin_anew(state: State, quantum: float, measurement: float) -> None:
+    """Begin at this measurement [rad], with nothing known but the quantum [rad]; 0: nor that."""
+    sensing.begin_sensor(state.sensor, quantum if quantum > 0.0 else counts.UNIT)
+    starts.set_doubt(state.doubt, 0.0, starts.LAST, 0.0, 0.0)
+    sampling.begin_clock(state.clock)
     begin_motion_at(state, measurement)
 
 
@@ -263,28 +206,19 @@ def begin_motion_at(state: State, measurement: float) -> None:
     motion, quantum = state.motion, state.sensor.quantum
     motion.angle = measurement
     motion.velocity = motion.acceleration = motion.idle = 0.0
-    set_covariance(state.p, quantum * quantum / 12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    begin_band(state.band, 0.0)
+    covariance.set_covariance(state.p, quantum * quantum / 12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    bandwidth.begin_band(state.band, 0.0)
     state.lock.status, state.lock.count, state.lock.astray = INITIALISING, 1.0, 0.0
-    forget_sway(state)
-    set_alike(state.other)
-
-
-def forget_sway(state: State) -> None:
-    """Forget what the readings moved by beyond the prediction."""
-    state.sway.mean = state.sway.last = state.sway.before = 0.0
+    bandwidth.forget_sway(state.sway)
+    preference.set_alike(state.other)
 
 
 def restart(
     observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: float
 ) -> None:
     """Start again after an outage or a jump of the clock: what is known of the quantum stays."""
-    quantum = quantum_of(state.steps, design.quantum)
-    begin_sensor(state.sensor, quantum if quantum > 0.0 else UNIT)
     follow(state.convention, measurement, design.period)
-    set_doubt(state.doubt, 0.0, LAST, 0.0, 0.0)
-    begin_clock(state.clock)
-    begin_motion_at(state, measurement)
+    begin_anew(state, counts.quantum_of(state.steps, design.quantum), measurement)
 
 
 def resume(
@@ -301,28 +235,28 @@ def resume(
     if not -design.half_turn <= off < design.half_turn:
         off = wrap(off, design.period)
     off -= v * dt
-    set_covariance(p, quantum * quantum / 12.0, 0.0, 0.0, p.p11, 0.0, p.p22)
+    covariance.set_covariance(p, quantum * quantum / 12.0, 0.0, 0.0, p.p11, 0.0, p.p22)
     variance = v * v
     motion.angle, motion.acceleration, motion.idle = measurement, 0.0, 0.0
     if abs(v) * dt < design.half_turn:  # the reading shows how far it moved
-        add_manoeuvre(p, off, dt)
+        covariance.add_manoeuvre(p, off, dt)
         ratio = off / (p.p00 + sensor.noise)
         motion.velocity += p.p01 * ratio
         motion.acceleration = p.p02 * ratio
-        correct_covariance(p, quantum * quantum / 12.0 + sensor.noise, 0.0)
+        covariance.correct_covariance(p, quantum * quantum / 12.0 + sensor.noise, 0.0)
         variance = off * off / (dt * dt)
-    begin_sums(state.band)
-    begin_differences(sensor)
+    bandwidth.begin_sums(state.band)
+    sensing.begin_differences(sensor)
     state.steps.jump = 0.0
     follow(state.convention, measurement, design.period)
     if state.lock.status == TRACKING:
         state.lock.status = COASTING
     state.lock.count = 0.0
-    forget_sway(state)
-    set_doubt(state.doubt, variance, SETTLES, state.doubt.since, 0.0)
+    bandwidth.forget_sway(state.sway)
+    starts.set_doubt(state.doubt, variance, starts.SETTLES, state.doubt.since, 0.0)
     clock.late = clock.held = 0.0
     clock.grew = False
-    set_alike(state.other)
+    preference.set_alike(state.other)
 
 
 def step(
@@ -340,9 +274,13 @@ def step(
         predict_alone(state, coefficients, design)
         return
     clock, pace, taken = state.clock, state.sensor.pace, dt
-    if clock.uneven > 0.0 or dt > (1.0 + UNEVEN) * pace or dt < (1.0 - UNEVEN) * pace:
+    if (
+        clock.uneven > 0.0
+        or dt > (1.0 + sampling.UNEVEN) * pace
+        or dt < (1.0 - sampling.UNEVEN) * pace
+    ):
         moved = reading.change + state.convention.last - state.motion.angle
-        taken = elapsed(clock, dt, moved, state.motion, state.p, state.sensor)
+        taken = sampling.elapsed(clock, dt, moved, state.motion, state.p, state.sensor)
     if taken == dt:
         listen(state, coefficients, design)
     else:  # the stamp was wrong
@@ -371,23 +309,23 @@ def receive(
         change += steps.jump
     if change == 0.0 and not lasts and abs(motion.velocity) * dt > REPEATS * sensor.quantum:
         tracking = state.lock.status == TRACKING
-        if is_repeat(clock, motion, state.p, sensor.pace, tracking, dt):
+        if sampling.is_repeat(clock, motion, state.p, sensor.pace, tracking, dt):
             return False
     if starting:
-        pass_time(state.doubt, dt)
+        starts.pass_time(state.doubt, dt)
         if lasts:
             believe_jump(state, design, last, dt)
         else:
             steps.jump = 0.0
     reading.angle, reading.change, reading.further = measurement, change, known_input
     reading.unsure, reading.starting = state.doubt.variance, starting
-    reading.warm, reading.evidence = state.doubt.since >= RECENT, clock.evidence
+    reading.warm, reading.evidence = state.doubt.since >= starts.RECENT, clock.evidence
     reading.extent = state.convention.high - state.convention.low
     reading.rested, reading.stepped = sensor.since, sensor.step
     reading.held = clock.held
     reading.passed = clock.held + dt
     if clock.held > 0.0 or clock.evidence > 0.0:
-        resume_clock(clock, change, reading.passed, sensor.pace, motion.velocity)
+        sampling.resume_clock(clock, change, reading.passed, sensor.pace, motion.velocity)
     return True
 
 
@@ -399,29 +337,24 @@ def believe_jump(state: State, design: Design, last: float, dt: float) -> None:
     last : the reading after the jump [rad].
     """
     steps, motion, jump = state.steps, state.motion, state.steps.jump
-    begin_steps(steps)
-    follow_steps(steps, jump, 0.0, dt, 0.0, design.quantum, math.inf)
-    quantum = quantum_of(steps, design.quantum)
+    counts.begin_steps(steps)
+    counts.follow_steps(steps, jump, 0.0, dt, 0.0, design.quantum, math.inf)
+    quantum = counts.quantum_of(steps, design.quantum)
     motion.angle = last - 0.5 * jump  # at the edge
     motion.velocity = motion.acceleration = motion.idle = 0.0
-    stand(state.p, state.band, quantum)
-    first_step(state.sensor, quantum, jump, dt)
-    doubt_speed(state.doubt, max(quantum, abs(jump)), dt, 0.0, 0.0)
-    set_alike(state.other)
+    starts.stand(state, quantum)
+    sensing.first_step(state.sensor, quantum, jump, dt)
+    starts.doubt_speed(state.doubt, max(quantum, abs(jump)), dt, 0.0, 0.0)
+    preference.set_alike(state.other)
 
 
 def predict_alone(state: State, coefficients: Coefficients, design: Design) -> None:
     """Predict one sample on, without a reading."""
-    motion, density = state.motion, state.band.density
-    dt, v, a = coefficients.dt, motion.velocity, motion.acceleration
-    let_fade(coefficients, a, state.p.p22)
+    motion, dt = state.motion, coefficients.dt
+    v, a = motion.velocity, motion.acceleration
     motion.angle = motion.angle + v * dt + a * coefficients.half
-    motion.velocity += a * dt
-    motion.acceleration = coefficients.kept * a
-    motion.idle += dt
-    predict_covariance(state.p, density, coefficients)
-    if design.ratio != 1.0:
-        predict_other(state.other, state.p, design.ratio * density, coefficients, 0.0, dt)
+    covariance.predict(motion, state.p, state.band.density, coefficients)
+    preference.predict_other(state, design, coefficients, 0.0, dt)
     state.clock.held += dt
 
 
@@ -432,7 +365,7 @@ def listen(state: State, coefficients: Coefficients, design: Design) -> None:
     learn_sensor(state, design)
     unknown = reading.starting or reading.first or state.p.p02 == 0.0
     if unknown and shows_line(state, design, dt, pace, previous):
-        begin_with_line(state, design)
+        starts.begin_line(state)
         return
     predict(state, coefficients, design, pace)
     usual = pace if 0.0 < pace < dt else dt  # samples may have been lost
@@ -453,32 +386,35 @@ def learn_sensor(state: State, design: Design) -> None:
     quantum, change, last = sensor.quantum, reading.change, convention.last
     reading.first = change != 0.0 and convention.low == convention.high
     reading.counted = change + reading.further
-    if change != 0.0 and shows_quantum(steps, reading.counted, sensor.size, sensor.since, quantum):
+    if change != 0.0 and counts.shows_quantum(
+        steps, reading.counted, sensor.size, sensor.since, quantum
+    ):
         extent = abs(reading.angle) + abs(last)
-        if is_residue(reading.counted, extent, design.quantum, quantum, reading.first):
+        if counts.is_residue(reading.counted, extent, design.quantum, quantum, reading.first):
             reading.angle, reading.change, reading.first = last, 0.0, False  # it is used again
         else:
-            found = search(steps, reading.counted, extent, design.quantum, sensor)
+            found = counts.search(steps, reading.counted, extent, design.quantum, sensor)
             if found != quantum:
                 rescale(state, found, reading.first)
                 quantum = found
-                set_alike(state.other)
+                preference.set_alike(state.other)
     believed = state.lock.count if state.lock.status == COASTING else math.inf
-    follow_sensor(sensor, reading.change, reading.counted, reading.passed, quantum, believed)
-    if reading.evidence > BELIEVED:
-        age_noise(sensor, state.motion.velocity)
+    sensing.follow_sensor(
+        sensor, reading.change, reading.counted, reading.passed, quantum, believed
+    )
+    if reading.evidence > sampling.BELIEVED:
+        sensing.age_noise(sensor, state.motion.velocity)
     follow(convention, reading.angle, design.period)
 
 
 def rescale(state: State, quantum: float, first: bool) -> None:
     """Use another quantum [rad] from now on.
 
-    Covariance, band and sensor stay as they were in quanta, but a finer quantum makes no estimate
-    surer.
+    The bandwidth stays as it was in quanta, at the first step the rest, too.
 
     Parameters
     ----------
-    first : this is the first step of all, and everything was relative to `UNIT`.
+    first : this is the first step of all, and everything was relative to `counts.UNIT`.
     """
     p, sensor = state.p, state.sensor
     used, noise = sensor.quantum, sensor.noise
@@ -489,13 +425,8 @@ def rescale(state: State, quantum: float, first: bool) -> None:
     if first:
         sensor.noise *= scale
         sensor.lasting *= scale
-    if scale > 1.0 or first:
-        p.p00 *= scale
-        p.p01 *= scale
-        p.p02 *= scale
-        p.p11 *= scale
-        p.p12 *= scale
-        p.p22 *= scale
+        p.p00, p.p01, p.p02 = p.p00 * scale, p.p01 * scale, p.p02 * scale
+        p.p11, p.p12, p.p22 = p.p11 * scale, p.p12 * scale, p.p22 * scale
 
 
 def shows_line(state: State, design: Design, dt: float, pace: float, previous: float) -> bool:
@@ -515,39 +446,10 @@ def shows_line(state: State, design: Design, dt: float, pace: float, previous: f
         or (
             reading.starting
             and reading.stepped * reading.change > 0.0
-            and state.doubt.to_settle == UNSURE
+            and state.doubt.to_settle == starts.UNSURE
         )
         or (reading.first and design.quantum == 0.0 and reading.rested <= CONFIRMED * dt)
     )
-
-
-def begin_with_line(state: State, design: Design) -> None:
-    """Begin with the line through this reading and the one before.
-
-    Only the bandwidth stays, where the joint started from a rest. Third differences across the
-    start are neither noise nor vibration, so the sensor's means start again.
-    """
-    reading, sensor, band, doubt = state.reading, state.sensor, state.band, state.doubt
-    rests, density, pace = doubt.to_settle == UNSURE, band.density, sensor.pace
-    if rests:
-        first_step(sensor, sensor.quantum, reading.change, reading.passed)
-        sensor.pace = pace
-    begin_line(
-        state.motion,
-        state.p,
-        band,
-        reading.angle,
-        reading.change,
-        reading.passed,
-        sensor.quantum,
-        sensor.noise,
-    )
-    if rests:
-        band.density = density if density > band.density else band.density
-        set_doubt(doubt, 0.0, SETTLES, doubt.since, doubt.age)
-    state.lock.count += 1.0
-    forget_sway(state)
-    set_alike(state.other)
 
 
 def predict(state: State, coefficients: Coefficients, design: Design, pace: float) -> None:
@@ -558,8 +460,7 @@ def predict(state: State, coefficients: Coefficients, design: Design, pace: floa
     pace : mean sample time before this one [s].
     """
     motion, p, sensor, reading = state.motion, state.p, state.sensor, state.reading
-    dt, v, a, density = coefficients.dt, motion.velocity, motion.acceleration, state.band.density
-    let_fade(coefficients, a, p.p22)
+    dt, v, a = coefficients.dt, motion.velocity, motion.acceleration
     moved = v * dt + a * coefficients.half
     ahead = reading.change - moved
     if reading.held > 0.0:  # and moved while the reading repeated
@@ -568,19 +469,13 @@ def predict(state: State, coefficients: Coefficients, design: Design, pace: floa
     if off + off >= design.period or off + off < -design.period:
         off = wrap(off, design.period)
     reading.moved, reading.ahead, reading.off = moved, ahead, off
-    motion.velocity += a * dt
-    motion.acceleration = a * coefficients.kept
-    motion.idle += dt
-    predict_covariance(p, density, coefficients)
+    covariance.predict(motion, p, state.band.density, coefficients)
     swing = lasted = 0.0
     if state.sway.mean > 0.0:
-        lasted = dt if dt > EVEN * pace else pace  # readings in bursts are not that near
+        lasted = dt if dt > sampling.EVEN * pace else pace  # readings in bursts are not that near
         swing = state.sway.mean - sensor.quantum * sensor.quantum / 6.0 - 2.0 * sensor.noise
-        add_sway(p, swing, lasted)
-    if design.ratio != 1.0:
-        predict_other(state.other, p, design.ratio * density, coefficients, swing, lasted)
-    elif state.other.apart:
-        set_alike(state.other)
+        covariance.add_sway(p, swing, lasted)
+    preference.predict_other(state, design, coefficients, swing, lasted)
 
 
 def stir(state: State, design: Design, dt: float) -> None:
@@ -595,8 +490,8 @@ def stir(state: State, design: Design, dt: float) -> None:
         reading.first or 12.0 * state.p.p00 > RESTED * square
     ):
         since = 0.0 if reading.first else doubt.since
-        age = doubt.age if reading.rested < RESTS else 0.0
-        doubt_speed(doubt, max(quantum, abs(reading.change)), dt, since, age)
+        age = doubt.age if reading.rested < starts.RESTS else 0.0
+        starts.doubt_speed(doubt, max(quantum, abs(reading.change)), dt, since, age)
         reading.starting = False
 
 
@@ -625,10 +520,12 @@ def meet(state: State, design: Design, dt: float) -> None:
     sway, lock, quantum, off = state.sway, state.lock, sensor.quantum, reading.off
     mean, last, before, square = sway.mean, sway.last, sway.before, quantum * quantum
     # unless it moved away from a reading that was not believed
-    follow_sway(sway, reading.ahead, OUTLIER * (sensor.scatter + square), lock.count > 0.0)
+    bandwidth.follow_sway(
+        sway, reading.ahead, sensing.OUTLIER * (sensor.scatter + square), lock.count > 0.0
+    )
     half, noisy = 0.5 * quantum, sensor.noise > PLAIN * square
     if noisy:
-        doubt_in_noise(state.doubt, off, motion.velocity, quantum, sensor.noise, dt)
+        starts.doubt_in_noise(state, dt)
     elif reading.change * reading.stepped < 0.0 and -half < reading.moved < half:
         if sway.mean <= 0.0:
             # a reading that the next undoes: its noise is as unknown as an angle in its cell
@@ -645,9 +542,9 @@ def meet(state: State, design: Design, dt: float) -> None:
             begin_motion_at(state, reading.angle)  # faster than half a turn per sample: lost
             return
     if reading.change != 0.0 and reading.unsure > 0.0:
-        doubt_overdue(state.doubt, 0.0)
+        starts.doubt_overdue(state.doubt, 0.0)
     if reading.starting and reading.change != 0.0:
-        settle(state.doubt, motion.velocity, reading.change, reading.rested, dt, square, noise)
+        starts.settle(state, noise, dt)
     if lock.status != TRACKING:
         settle_lock(lock, p.p11, dt, square + 12.0 * noise)
     motion.angle = reading.angle - reading.off
@@ -659,21 +556,17 @@ def hear(state: State, design: Design, dt: float, flickers: bool) -> bool:
     The cell of an unchanged reading may reach further than a quantum; by a quarter of what is known
     of that either end may be wrong.
     """
-    reading, sensor = state.reading, state.sensor
-    quantum = sensor.quantum
+    reading, motion, quantum = state.reading, state.motion, state.sensor.quantum
     further = reading.further if reading.change == 0.0 else 0.0
     off, size = reading.off + 0.5 * further, quantum + 1.5 * abs(further)
-    kind, centre, half = interval(off, reading.ahead, size, state.p.p00, sensor.noise, flickers)
-    if kind == NOTHING:
+    if update(state, design, off, size, flickers, dt):
         return True
-    if update(state, design, kind, centre, half, off, size, flickers, dt):
-        return True
-    if quantum != design.quantum and abs(reading.change) > JUMP * reading.extent:
+    if quantum != design.quantum and abs(reading.change) > counts.JUMP * reading.extent:
         # what moved before was residue, or this is a glitch: the next reading decides
         state.steps.jump = reading.change
-        doubt_speed(state.doubt, max(quantum, abs(reading.change)), dt, 0.0, 0.0)
-    state.motion.angle = reading.angle - reading.off
-    state.motion.velocity -= state.motion.acceleration * dt  # it is not extrapolated meanwhile
+        starts.doubt_speed(state.doubt, max(quantum, abs(reading.change)), dt, 0.0, 0.0)
+    motion.angle = reading.angle - reading.off
+    motion.velocity -= motion.acceleration * dt  # it is not extrapolated meanwhile
     coast(state.lock)
     return False
 
@@ -695,7 +588,7 @@ def inform(
     motion.angle += x
     motion.velocity += v
     motion.acceleration += a
-    set_alike(state.other)
+    preference.set_alike(state.other)
 
 
 def settle_lock(lock: Lock, p11: float, dt: float, floor: float) -> None:
@@ -723,7 +616,7 @@ def estimate(
     motion, other, sensor = state.motion, state.other, state.sensor
     v = motion.velocity + other.v
     if sensor.since > 0.0 and not state.told.now:
-        most = fastest(sensor, known_input)
+        most = sigma.fastest(sensor, known_input)
         v = most if v > most else -most if v < -most else v
     angle = motion.angle + other.x
     out.position = present(state.convention, angle, design.period, design.unwrap)

@@ -12,6 +12,8 @@ velocity, and its delay is RATIO^(-1/2) times that of the first.
 
 from __future__ import annotations
 
+from typing import Any
+
 from estimator_pkg.observers.angle.edge.covariance import (
     Coefficients,
     add_sway,
@@ -41,61 +43,55 @@ def set_alike(other: Other) -> None:
 
 
 def predict_other(
-    other: Other,
-    p: Covariance,
-    density: float,
-    coefficients: Coefficients,
-    sway: float,
-    lasted: float,
+    state: Any, design: Any, coefficients: Coefficients, sway: float, lasted: float
 ) -> None:
-    """Predict the second filter one sample on.
+    """Predict the second filter one sample on, after the first one's covariance.
 
     Parameters
     ----------
-    p : covariance of the first filter, one sample later.
-    density : of the second one's jerk [(rad/s^3)^2 s].
     sway, lasted : see `covariance.add_sway`; the time in which the speed sways [s].
     """
-    if not other.apart:
+    other, dt = state.other, coefficients.dt
+    if design.ratio == 1.0:
+        if other.apart:
+            set_alike(other)
+    elif not other.apart:
         other.apart = True
-        other.p.take(p)
-        return
-    predict_covariance(other.p, density, coefficients)
-    add_sway(other.p, sway, lasted)
-    dt = coefficients.dt
-    other.x = other.x + other.v * dt + other.a * coefficients.half
-    other.v += other.a * dt
-    other.a *= coefficients.kept
+        other.p.take(state.p)
+    else:
+        predict_covariance(other.p, design.ratio * state.band.density, coefficients)
+        add_sway(other.p, sway, lasted)
+        other.x = other.x + other.v * dt + other.a * coefficients.half
+        other.v += other.a * dt
+        other.a *= coefficients.kept
 
 
 def inform_other(
-    other: Other,
-    p: Covariance,
+    state: Any,
+    design: Any,
     s: float,
     d: float,
     left: float,
     measured: bool,
     growth: float,
     manoeuvre: bool,
-    log_ratio: float,
 ) -> None:
-    """Take news as the first filter takes it.
+    """Take news as the first filter takes it, before its own covariance is corrected.
 
     For the first filter it is a Gaussian measurement of variance S/f - P_00 at a distance of d/f.
 
     Parameters
     ----------
-    p : covariance of the first filter before the news.
     s, d : S [rad^2] and d [rad] of the news. left : 1 - f.
     measured : it is a measurement; else it only moves the estimate.
     growth, manoeuvre : of the log density, and whether a manoeuvre was found.
-    log_ratio : log of its density over the first one's.
     """
+    other, p = state.other, state.p
     f = 1.0 - left
     own = other.p
     if manoeuvre:
         own.take(p)
-        widen(own, log_ratio)
+        widen(own, design.log_ratio)
     elif growth > 0.0:
         widen(own, growth)
     own_00, own_01, own_02 = own.p00, own.p01, own.p02

@@ -57,7 +57,7 @@ def deviation(
         if starting or abs(rate) > abs(speed):  # it may have begun in the last quarter of a sample
             variance += 16.0 * rate * rate
     if starting:
-        variance += unseen(motion.acceleration, quantum, sensor.noise, dt, doubt.age)
+        variance += unseen(state, dt)
     sigma = math.sqrt(variance)
     if sensor.since > 0.0:
         most = fastest(sensor, 0.0)

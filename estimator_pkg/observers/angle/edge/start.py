@@ -11,17 +11,14 @@ the speed in doubt: the published variance gets what the readings since then lea
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from estimator_pkg.observers.angle.edge.bandwidth import Band, begin_band
-from estimator_pkg.observers.angle.edge.constants import BLUR, CALM, LONGEST
-from estimator_pkg.observers.angle.edge.covariance import set_covariance
-from estimator_pkg.observers.angle.edge.motion import Motion
-from estimator_pkg.observers.maths.covariance import Covariance
+from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference
+from estimator_pkg.observers.angle.edge.constants import BLUR, CALM, CONFIRMED, LONGEST, SIGMAS
 from estimator_pkg.record import record
+from estimator_pkg.sensor import noise as sensing
 
 UNKNOWN = 8.0  # changes of the reading: so unknown is a starting speed
-
-
 SETTLES = 2.0  # changed readings after which a speed in doubt is known
 UNSURE = 3.0  # the same when the first has just come: the next one may be a line's second point
 RECENT = 0.25  # [s] a start lasts: so long a change of its acceleration may not be seen
@@ -30,7 +27,7 @@ RESTS = 0.1  # [s] without motion: a rest. In noise: without leaving a quantum a
 # start is likely, and a reading that shows it alone
 UNMOVED = 1.0
 FAR = 1.5
-SURELY = 4.0
+SURELY = CONFIRMED * UNMOVED  # which as many readings inside the cell take back
 LAG = 0.2  # of the speed error at the end of a ramp, see `unseen`: so that five of it cover it
 LAST = 0.5  # in place of the changed readings, where `RECENT` alone has not passed
 PERHAPS = 0.75  # the same, where noise alone may have looked like a start
@@ -43,7 +40,7 @@ class Doubt:
     variance: float  # of the speed, in addition to the covariance's [(rad/s)^2]
     to_settle: float  # changed readings until it is settled; above 0 while anything is in doubt
     since: float  # time since the first motion of all [s]
-    age: float  # time since the last start [s]
+    age: float  # time since the last start [s]; 0: this is one
     total: float  # sum of the readings of a rest in noise, see `doubt_in_noise`
     ran: float  # its run time [s]
 
@@ -54,37 +51,9 @@ def set_doubt(doubt: Doubt, variance: float, to_settle: float, since: float, age
     doubt.total = doubt.ran = 0.0
 
 
-def begin_line(
-    motion: Motion,
-    p: Covariance,
-    band: Band,
-    measurement: float,
-    change: float,
-    dt: float,
-    quantum: float,
-    noise: float,
-) -> None:
-    """Set the line through two readings, `change` [rad] and `dt` [s] after each other.
-
-    Parameters
-    ----------
-    noise : variance of a reading, without the quantum's own [rad^2].
-    """
-    rate = 1.0 / dt
-    floor = quantum * quantum / 12.0 + noise
-    bend = swerve(max(quantum, abs(change)))
-    motion.angle, motion.velocity = measurement, change * rate
-    motion.acceleration = motion.idle = 0.0
-    p.p00, p.p01, p.p02 = floor, floor * rate, 0.0
-    p.p11 = (2.0 * floor + 0.25 * bend) * rate * rate
-    p.p12 = 0.5 * bend * rate * rate * rate
-    p.p22 = bend * rate * rate * rate * rate
-    begin_band(band, CALM * quantum * quantum)
-
-
-def swerve(size: float) -> float:
-    """Return the variance [rad^2] of what an unknown speed adds in one sample."""
-    return UNKNOWN * UNKNOWN * size * size / 3.0
+def doubt_speed(doubt: Doubt, size: float, dt: float, since: float, age: float) -> None:
+    """Doubt the speed at the first changed reading after a rest, by `size` [rad]: none is known."""
+    set_doubt(doubt, unknown_speed(size, dt), UNSURE, since, age)
 
 
 def unknown_speed(size: float, dt: float) -> float:
@@ -92,34 +61,66 @@ def unknown_speed(size: float, dt: float) -> float:
     return UNKNOWN * UNKNOWN * size * size / (dt * dt)
 
 
-def doubt_speed(doubt: Doubt, size: float, dt: float, since: float, age: float) -> None:
-    """Doubt the speed at the first changed reading after a rest: none is known.
+def begin_line(state: Any) -> None:
+    """Begin with the line through this reading and the one before.
 
-    Parameters
-    ----------
-    since : time since the first motion of all [s].
-    age : time since the last start [s]; 0: this is one.
+    Third differences across the
+    start are neither noise nor vibration, so the sensor's means start again.
     """
-    set_doubt(doubt, unknown_speed(size, dt), UNSURE, since, age)
+    motion, p, sensor, doubt = state.motion, state.p, state.sensor, state.doubt
+    change, dt, quantum = state.reading.change, state.reading.passed, sensor.quantum
+    rests, pace = doubt.to_settle == UNSURE, sensor.pace
+    if rests:
+        sensing.first_step(sensor, quantum, change, dt)
+        sensor.pace = pace
+    rate = 1.0 / dt
+    floor = quantum * quantum / 12.0 + sensor.noise
+    size = max(quantum, abs(change))
+    bend = UNKNOWN * UNKNOWN * size * size / 3.0  # what an unknown speed adds in one sample
+    motion.angle, motion.velocity = state.reading.angle, change * rate
+    motion.acceleration = motion.idle = 0.0
+    p.p00, p.p01, p.p02 = floor, floor * rate, 0.0
+    p.p11 = (2.0 * floor + 0.25 * bend) * rate * rate
+    p.p12 = 0.5 * bend * rate * rate * rate
+    p.p22 = bend * rate * rate * rate * rate
+    bandwidth.begin_band(state.band, CALM * quantum * quantum)
+    if rests:
+        set_doubt(doubt, 0.0, SETTLES, doubt.since, doubt.age)
+    state.lock.count += 1.0
+    bandwidth.forget_sway(state.sway)
+    preference.set_alike(state.other)
 
 
-def doubt_in_noise(
-    doubt: Doubt, off: float, v: float, quantum: float, noise: float, dt: float
-) -> None:
+def stand(state: Any, quantum: float) -> None:
+    """Set what is known of a shaft that has stood for long, and is at an edge.
+
+    A straight line through an angle of its cell, `LONGEST` [s] ago, and the edge.
+    """
+    rate = 1.0 / LONGEST
+    floor = quantum * quantum / 12.0
+    square = rate * rate
+    covariance.set_covariance(
+        state.p,
+        BLUR * BLUR * quantum * quantum,
+        0.0,
+        0.0,
+        floor * square,
+        0.0,
+        floor * square * square,
+    )
+    bandwidth.begin_band(state.band, CALM * quantum * quantum)
+
+
+def doubt_in_noise(state: Any, dt: float) -> None:
     """Take a reading in which noise hides single edges.
 
     The joint rests if it would not leave the noise and a quantum within `RESTS`. It may have
     started where the cumulative sum (Page 1954) of the readings' distances from its cell is above
     `FAR`: since the sum began to run. It has not where the sum is 0 again.
-
-    Parameters
-    ----------
-    off : of the reading from the predicted angle [rad].
-    v : predicted speed [rad/s].
-    noise : variance of a reading, without the quantum's own [rad^2].
     """
-    sigma = math.sqrt(noise)
-    if RESTS * abs(v) > sigma + quantum:
+    doubt, off, quantum = state.doubt, state.reading.off, state.sensor.quantum
+    sigma = math.sqrt(state.sensor.noise)
+    if RESTS * abs(state.motion.velocity) > sigma + quantum:
         return
     beyond = (abs(off) - 0.5 * quantum) / sigma  # outside the cell
     if beyond > SURELY:
@@ -144,28 +145,22 @@ def doubt_in_noise(
         doubt.total = math.copysign(SURELY, total)
 
 
-def unseen(a: float, quantum: float, noise: float, dt: float, age: float) -> float:
+def unseen(state: Any, dt: float) -> float:
     """Return the variance of the speed [(rad/s)^2] that no reading of a start can show yet.
 
     A parabola that stays within one quantum of a line for `age` [s] ends steeper than the line by
     at most 4 quanta in that time; half of its square is the variance. Where an acceleration ends,
     the speed is wrong by sqrt(2 a w) before the angle is wrong by w, and by 2 a dt more until two
     samples have shown it.
-
-    Parameters
-    ----------
-    a : estimated acceleration [rad/s^2].
-    noise : variance of a reading, without the quantum's own [rad^2].
     """
-    size = abs(a)
-    hidden = quantum + 3.0 * math.sqrt(noise)
+    quantum, noise, age = state.sensor.quantum, state.sensor.noise, state.doubt.age
+    size = abs(state.motion.acceleration)
+    hidden = quantum + SIGMAS * math.sqrt(noise)
     ends = LAG * (math.sqrt(2.0 * size * hidden) + 2.0 * size * dt)
     return 8.0 * (quantum * quantum + 12.0 * noise) / (age * age) + ends * ends
 
 
-def settle(
-    doubt: Doubt, v: float, change: float, rested: float, dt: float, square: float, noise: float
-) -> None:
+def settle(state: Any, noise: float, dt: float) -> None:
     """Take one more changed reading of a start.
 
     The speed may be off by as much as it differs from the mean since the reading changed last, and
@@ -173,18 +168,18 @@ def settle(
 
     Parameters
     ----------
-    v : estimated speed [rad/s].
-    change : of the reading [rad], after it had not changed for `rested` [s].
-    square : of the quantum [rad^2].
-    noise : variance of the reading, without the quantum's own [rad^2].
+    noise : variance of the reading when it came, without the quantum's own [rad^2].
     """
+    doubt, quantum = state.doubt, state.sensor.quantum
     if doubt.to_settle < 1.0:
         return
-    rate = 1.0 / (rested + dt)
-    secant = change * rate
-    beyond = secant - v
+    square = quantum * quantum
+    rate = 1.0 / (state.reading.rested + dt)
+    secant = state.reading.change * rate
+    beyond = secant - state.motion.velocity
     way = secant * secant * dt * dt
-    variance = beyond * beyond + ((way if way < square else square) + 12.0 * noise) * rate * rate
+    variance = (way if way < square else square) + 12.0 * noise
+    variance = beyond * beyond + variance * rate * rate
     doubt.to_settle -= 1.0
     if doubt.to_settle <= 0.0:
         doubt.variance = 0.0
@@ -212,17 +207,3 @@ def pass_time(doubt: Doubt, dt: float) -> None:
     doubt.age += dt
     if doubt.since >= RECENT and doubt.age >= RECENT and doubt.to_settle < 1.0:
         doubt.to_settle = 0.0
-
-
-def stand(p: Covariance, band: Band, quantum: float) -> None:
-    """Set what is known of a shaft that has stood for long, and is at an edge.
-
-    A straight line through an angle of its cell, `LONGEST` [s] ago, and the edge.
-    """
-    rate = 1.0 / LONGEST
-    floor = quantum * quantum / 12.0
-    square = rate * rate
-    set_covariance(
-        p, BLUR * BLUR * quantum * quantum, 0.0, 0.0, floor * square, 0.0, floor * square * square
-    )
-    begin_band(band, CALM * quantum * quantum)

@@ -10,8 +10,7 @@ import pytest
 from estimator_pkg.circle import Circle
 from estimator_pkg.observers.angle.edge import observer
 from estimator_pkg.observers.angle.edge.constants import MEMORY, SIGMAS
-from estimator_pkg.observers.angle.edge.covariance import set_covariance
-from estimator_pkg.observers.angle.edge.motion import Motion
+from estimator_pkg.observers.angle.edge.covariance import Motion, set_covariance
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.sensor.noise import Sensor
 from estimator_pkg.sensor.sampling import ODD, UNEVEN, Clock, begin_clock, elapsed, is_repeat

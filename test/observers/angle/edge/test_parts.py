@@ -13,7 +13,7 @@ from estimator_pkg.observers.angle.edge import constants as edge_constants
 from estimator_pkg.observers.angle.edge import covariance as edge_covariance
 from estimator_pkg.observers.angle.edge import observer as edge_observer
 from estimator_pkg.observers.angle.edge import start as edge_start
-from estimator_pkg.observers.angle.edge.bandwidth import Band, Sway
+from estimator_pkg.observers.angle.edge.bandwidth import Sway
 from estimator_pkg.observers.angle.edge.interval import within
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.sensor import noise as edge_sensor
@@ -154,14 +154,18 @@ def test_a_measurement_far_finer_than_the_prediction_leaves_a_covariance():
         assert p.p22 * p.p00 >= p.p02 * p.p02 * (1.0 - 1e-12)
 
 
+def stood(quantum):
+    """The covariance of a shaft that has stood for long."""
+    state = edge_observer.State()
+    edge_start.stand(state, quantum)
+    return values(state.p)
+
+
 def test_a_shaft_that_stood_is_a_straight_line_from_its_cell_to_the_edge():
-    p, finer, band = Covariance(), Covariance(), Band()
-    edge_start.stand(p, band, Q)
-    edge_start.stand(finer, band, 0.1 * Q)
     blur, floor, long = edge_constants.BLUR, Q * Q / 12.0, edge_constants.LONGEST
     expected = (blur * blur, 0.0, 0.0, floor / long**2, 0.0, floor / long**4)
-    assert values(p) == pytest.approx(expected)
-    assert values(finer) == pytest.approx([0.01 * each for each in values(p)])
+    assert stood(Q) == pytest.approx(expected)
+    assert stood(0.1 * Q) == pytest.approx([0.01 * each for each in stood(Q)])
 
 
 def begun_state(design, reading=7.0):
@@ -172,14 +176,13 @@ def begun_state(design, reading=7.0):
 
 @pytest.mark.parametrize('jump', [0.6, -0.6, 3e-8])
 def test_a_jump_that_lasts_is_the_quantum_whatever_was_read_before(jump):
-    design, p = edge_observer.Design(), Covariance()
+    design = edge_observer.Design()
     state = begun_state(design)
     state.steps.jump = jump
     edge_observer.believe_jump(state, design, 7.0, 1e-3)
     assert edge_quantum.quantum_of(state.steps, 0.0) == state.sensor.quantum == abs(jump)
     assert state.motion.angle == 7.0 - 0.5 * jump  # at the edge
-    edge_start.stand(p, Band(), abs(jump))
-    assert values(state.p) == values(p)
+    assert values(state.p) == stood(abs(jump))
 
 
 @pytest.mark.parametrize('part, starts', [(0.68, False), (0.72, True)])
