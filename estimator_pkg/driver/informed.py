@@ -313,6 +313,11 @@ class Informed:
             velocity = alone * math.sqrt(self._variance / (self._variance + alone * alone))
         return position, velocity
 
+    def samples(self) -> dict[str, Any]:
+        """See `Joint`; in addition the state of each source."""
+        states = {each.name: each.text() for each in self.sensors.values()}
+        return {**self.alone.samples(), 'sources': states}
+
     def set_gains(self, gains: Any) -> None:
         """See `Joint`."""
         self.alone.set_gains(gains)

@@ -109,10 +109,6 @@ class InformedStream(AngleStream):
         sensors = self.bank.joints[name].sensors.values()
         return {**super().about(name), **{f'source {each.name}': each.text() for each in sensors}}
 
-    def _summary_of(self, name: str, joint: Any) -> dict[str, Any]:
-        sources = {each.name: each.text() for each in joint.sensors.values()}
-        return {**super()._summary_of(name, joint), 'sources': sources}
-
     def notices(self) -> list[str]:
         """See `Stream`."""
         found = super().notices()
