@@ -104,6 +104,32 @@ SIMULATED: dict[str, list[str]] = {
         '--set',
         'convention=raw_counts',
     ],
+    'simulated/gyro': [
+        '--duration',
+        '5',
+        '--seed',
+        '4',
+        '--set',
+        'rate=500',
+        '--set',
+        'gyro_rate=250',
+        '--set',
+        'gyro_delay=0.004',
+    ],
+    'simulated/motor_encoder': [
+        '--duration',
+        '5',
+        '--seed',
+        '5',
+        '--set',
+        'rate=500',
+        '--set',
+        'amplitude=1',
+        '--set',
+        'motor_ratio=100',
+        '--set',
+        'backlash=0.02',
+    ],
 }
 DRIVES: dict[str, list[str]] = {
     'simulated/drive_startup': [

@@ -44,6 +44,7 @@ from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleStream
 from estimator_pkg.streams.contract import Request
 
+SECOND = ('gyro', 'motor_encoder')  # bags with a second sensor: `benchmarks.second`
 SKIPPED = 0.5  # ignored at the beginning [s]
 MARGIN = 1.15  # a new bound over the measured value
 RAW = Entry('finite_difference, raw', 'finite_difference', (('bandwidth_hz', 1e6),))
@@ -54,7 +55,7 @@ POSE, YAW = '/vicon/Group466CF/Group466CF/pose', 'pose.orientation.yaw'
 
 
 def recordings(folder: Path) -> list[Path]:
-    """Return the bags below `folder` that contain a measurement and a truth.
+    """Return the bags below `folder` that contain a measurement, a truth and no second sensor.
 
     Raises
     ------
@@ -62,6 +63,8 @@ def recordings(folder: Path) -> list[Path]:
     """
     found = []
     for metadata in sorted(folder.rglob(METADATA)):
+        if metadata.parent.name in SECOND:
+            continue
         with open_bag(metadata.parent) as bag:
             if MEASUREMENT in bag.topics and TRUTH in bag.topics:
                 found.append(metadata.parent)

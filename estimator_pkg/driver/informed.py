@@ -1,22 +1,21 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A joint of which other sensors tell something, too.
+"""A joint that is measured by further sensors in addition to its angle.
 
 Two joints run on the same samples: one on the angle alone, the other is also informed by the
-sources. A source informs only while it agrees with the angle alone; else the informed joint goes on
-as the other one, so that a wrong source does not stay in it.
+sources. A source informs only while it agrees with the angle alone; else the informed joint
+continues as a copy of the other one, so that no error of a source stays in it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg.circle import nearest_turn
-from estimator_pkg.driver.configuration import AS_ACCELERATION, AS_ANGLE
+from estimator_pkg.driver.configuration import AS_ACCELERATION, AS_ANGLE, SourceSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.maths.informing import ACCELERATION, RATE
@@ -37,60 +36,44 @@ from estimator_pkg.sensor.source import (
 )
 
 DOUBTED = 0.25  # time without agreement after which a source is withheld [s]
-FADING = 0.2  # time of doubt that a time of agreement takes back, over it
-PLAY = 0.8  # the same of a second encoder [s]
-PROOF, LONGEST_PROOF = (
-    1.0,
-    64.0,
-)  # time for which it agrees before it informs [s]: doubled each time
-SILENT = 0.5  # time without a value, after which it is silent [s]
-OLD = 2.0  # sample times after which a value tells nothing any more
+PLAY = 0.8  # the same of a second encoder, which backlash moves [s]
+FADING = 0.2  # time of doubt that each second of agreement takes back [s]
+PROOF, LONGEST_PROOF = 1.0, 64.0  # time of agreement before it informs [s]; doubled each time
+SILENT = 0.5  # time without a value after which it is silent [s]
+OLD = 2.0  # sample times after which a value is not used
 BETTER = 4.0  # times the variance of the speed from the angle alone, to be worth it
 QUEUE = 4096  # values that wait for a reading at most
 
 
-@dataclass(frozen=True)
-class Telling:
-    """What a user says of a source.
-
-    kind : 'rate', 'angle' or 'acceleration'. ratio : of the joint's motion to the value; 0: learnt.
-    delay : of the value behind the angle [s]; below 0: learnt.
-    """
-
-    name: str
-    kind: str
-    ratio: float
-    delay: float
-
-
-class Teller:
+class SecondSensor:
     """One source of one joint.
 
     Attributes
     ----------
-    source : what is learnt of it. used : True while it informs.
-    said : why it does not, or what was seen when it was withheld; '' while it informs.
+    source : its estimated bias, ratio and delay. used : True while it informs.
+    reason : why it does not inform; '' while it does.
     notices : new texts for the user.
+    variance : of the value that `measure` returned last; nan: it returned None.
     """
 
-    def __init__(self, telling: Telling, own: Joint | None) -> None:
-        self.telling, self._own = telling, own
+    def __init__(self, name: str, settings: SourceSettings, own: Joint | None) -> None:
+        self.name, self.settings, self._own = name, settings, own
         self.source = Source()
-        begin_source(self.source, telling.ratio, telling.delay)
+        begin_source(self.source, settings.ratio, settings.delay)
         self._queue: list[tuple[int, float]] = []
         self._doubt, self._proof, self._agrees_ns = 0.0, PROOF, 0
         self._knows = self.used = False
-        self.said, self.notices = 'no value yet', list[str]()
-        self.variance = math.nan  # of what it told last; nan: nothing
+        self.reason, self.notices = 'no value yet', list[str]()
+        self.variance = math.nan
 
-    def hear(self, stamp_ns: int, value: float) -> None:
-        """Take a value; it counts from the joint's next reading on."""
+    def receive(self, stamp_ns: int, value: float) -> None:
+        """Queue a value for the joint's next reading."""
         if math.isfinite(value) and stamp_ns > self.source.stamp_ns:
             self._queue.append((stamp_ns, value))
             del self._queue[:-QUEUE]
 
     def _follow(self, until_ns: int) -> None:
-        """Take the values up to this time [ns]."""
+        """Filter the queued values up to this time [ns]."""
         source = self.source
         late = 0
         for stamp_ns, value in self._queue:
@@ -100,7 +83,7 @@ class Teller:
             if stamp_ns <= source.stamp_ns:
                 continue
             moved, variance = math.nan, 0.0
-            if self._own is not None:  # an angle: what it moves, and how fast
+            if self._own is not None:  # an angle: its displacement and its speed
                 before = self._own.estimate()[0] if self._own.running else math.nan
                 if not self._own.update(stamp_ns, value):
                     continue
@@ -116,12 +99,15 @@ class Teller:
             follow_source(source, stamp_ns, value, moved, variance)
         del self._queue[:late]
 
-    def tell(
+    def measure(
         self, alone: Joint, fused: float, acceleration: float, stamp_ns: int, reading: float
     ) -> float | None:
-        """Return the speed [rad/s] that the source tells at a reading [rad]; None: nothing.
+        """Return the joint's speed [rad/s] (or acceleration) by the source; None: it is not used.
 
-        The variance is in `variance` then.
+        Parameters
+        ----------
+        alone : the joint on its angle alone. fused : informed speed [rad/s].
+        acceleration : of the joint [rad/s^2]. reading : of its angle [rad].
         """
         self._follow(stamp_ns)
         self.variance = math.nan
@@ -132,12 +118,14 @@ class Teller:
             return None
         since = (stamp_ns - source.stamp_ns) * 1e-9
         if since > SILENT and self.used:
-            self.used, self.said = False, 'silent'
-            self.notices.append(f'{self.telling.name} is silent for {since:.2g} s')
+            self.used, self.reason = False, 'silent'
+            self.notices.append(
+                f'{self.name} is silent for {since:.2g} s and is not used: check its publisher'
+            )
         if not source.news or since > OLD * source.dt:
             return None
         sigma_x, sigma_v = alone.stddev()
-        if self.telling.kind == AS_ACCELERATION:
+        if self.settings.kind == AS_ACCELERATION:
             return self._accelerate(speed, fused, sigma_v * sigma_v, stamp_ns)
         if not self._knows:
             source.readings = max(source.readings, sigma_x * sigma_x)
@@ -155,12 +143,12 @@ class Teller:
             sigma_x * sigma_x,
             alone.settings.wrap_period,
         )
-        told = speed_of(source, since, acceleration)
+        measured = speed_of(source, since, acceleration)
         variance = variance_of_speed(source)
         plays = self._own is not None  # backlash lies between two encoders: both may be right
         if plays and not fits:
             resume_source(source, angle)
-        if not agree(told, speed, variance + sigma_v * sigma_v):
+        if not agree(measured, speed, variance + sigma_v * sigma_v):
             self._doubt += source.dt
             resume_source(source, angle)
             if self._doubt < (PLAY if plays else DOUBTED):
@@ -169,23 +157,25 @@ class Teller:
             self._doubt = max(0.0, self._doubt - FADING * source.dt)
         if (not fits and not plays) or self._doubt >= (PLAY if plays else DOUBTED):
             self._withhold(
-                f'it says {told:.4g} rad/s, the angle {speed:.4g} +- {sigma_v:.2g}', stamp_ns
+                f'it measures {measured:.4g} rad/s, the angle shows {speed:.4g} +- {sigma_v:.2g} '
+                'rad/s',
+                stamp_ns,
             )
             return None
         agreed = (stamp_ns - self._agrees_ns) * 1e-9
         if (agreed < self._proof and not self.used) or variance * BETTER > sigma_v * sigma_v:
             return None  # unproven, or less sure than the angle
-        if not self.used and self._proof > PROOF:
-            self.notices.append(f'{self.telling.name} agrees again and is used')
+        if self.reason.startswith(('withheld', 'silent')):
+            self.notices.append(f'{self.name} agrees again and is used')
         elif agreed > LONGEST_PROOF:
             self._proof = PROOF
-        self.used, self.said, self.variance = True, '', variance
-        return told
+        self.used, self.reason, self.variance = True, '', variance
+        return measured
 
     def _accelerate(
         self, alone: float, fused: float, variance: float, stamp_ns: int
     ) -> float | None:
-        """Return the acceleration that the source tells, as long as the speed stays right.
+        """Return the acceleration by the source while the informed speed agrees with the angle.
 
         Parameters
         ----------
@@ -194,32 +184,35 @@ class Teller:
         source = self.source
         source.news = False
         if not self._knows:
-            source.known[RATIO], self._knows, self._agrees_ns = self.telling.ratio, True, stamp_ns
+            source.known[RATIO], self._knows, self._agrees_ns = self.settings.ratio, True, stamp_ns
         self._doubt = max(0.0, self._doubt - FADING * source.dt)
         apart = self.used and not agree(alone, fused, variance)
-        if apart:  # which takes a while to show, and begins again from the angle alone
+        if apart:  # shows late, as the informed joint continues from the angle alone
             self._doubt += DOUBTED / 3.0
         if self._doubt >= DOUBTED:
             self._withhold(
-                f'with it the speed is {fused:.4g} rad/s, of the angle {alone:.4g}', stamp_ns
+                f'with it the speed is {fused:.4g} rad/s, the angle shows {alone:.4g} rad/s',
+                stamp_ns,
             )
         if apart or (stamp_ns - self._agrees_ns) * 1e-9 < self._proof or not self._knows:
             return None
-        self.used, self.said, self.variance = True, '', white(source)
+        self.used, self.reason, self.variance = True, '', white(source)
         return source.known[RATIO] * source.value
 
     def _withhold(self, seen: str, stamp_ns: int) -> None:
-        """Use the source no more until it has agreed for a while."""
+        """Stop using the source until it has agreed for `_proof` seconds."""
         if self.used:
-            self.notices.append(f'{self.telling.name} is withheld: {seen}')
-            self.said, self._proof = f'withheld: {seen}', min(2.0 * self._proof, LONGEST_PROOF)
-        elif not self.said.startswith('withheld'):
-            self.said = f'not used: {seen}'
+            self.notices.append(
+                f'{self.name} is withheld: {seen}; check its joint, sign, ratio and stamps'
+            )
+            self.reason, self._proof = f'withheld: {seen}', min(2.0 * self._proof, LONGEST_PROOF)
+        elif not self.reason.startswith('withheld'):
+            self.reason = f'not used: {seen}'
         self._knows = self.used = False
         self._doubt, self.variance = 0.0, math.nan
 
     def learnt(self) -> dict[str, tuple[float, float, str]]:
-        """Return what was learnt by name: value, standard deviation, unit."""
+        """Return the learnt quantities by name: value, standard deviation, unit."""
         known, p = self.source.known, self.source.p
         ratio, shift = known[RATIO], known[SHIFT]
         found = {
@@ -230,38 +223,44 @@ class Teller:
         return {k: (value, math.sqrt(p), unit) for k, (value, p, unit) in found.items() if p > 0.0}
 
     def text(self) -> str:
-        """Return what is known of the source, for people."""
+        """Return its state and the learnt quantities, for people."""
         if not self._knows:
-            return self.said
+            return self.reason
         learnt = [f'{k} {v:.4g} +- {s:.1g}{unit}' for k, (v, s, unit) in self.learnt().items()]
-        return ', '.join([self.said or 'used', *learnt])
+        return ', '.join([self.reason or 'used', *learnt])
 
 
 class Informed:
-    """A `Joint` that other sensors inform; what it does not define is that of the angle alone."""
+    """A `Joint` that other sensors inform; all other attributes are those of the angle alone."""
 
     compiled = memory = None  # its messages are taken one by one
 
     def __init__(
-        self, observer: Any, gains: Any, settings: Any, tellings: Sequence[tuple[int, Telling]]
+        self,
+        observer: Any,
+        gains: Any,
+        settings: Any,
+        sources: Sequence[tuple[int, str, SourceSettings]],
     ):
         self.alone = Joint(observer, gains, settings)
         self.fused = Joint(observer, gains, settings)
-        self.tellers = {
-            number: Teller(
-                each, Joint(observer, observer.gains(), settings) if each.kind == AS_ANGLE else None
+        self.sensors = {
+            number: SecondSensor(
+                name,
+                each,
+                Joint(observer, observer.gains(), settings) if each.kind == AS_ANGLE else None,
             )
-            for number, each in tellings
+            for number, name, each in sources
         }
-        self._sure = math.nan  # variance of what the surest source told
+        self._variance = math.nan  # of the speed by all sources that inform
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.alone, name)
 
-    def hear(self, number: int, stamp_ns: int, value: float) -> None:
+    def receive(self, number: int, stamp_ns: int, value: float) -> None:
         """Take a value of a source."""
-        if number in self.tellers:
-            self.tellers[number].hear(stamp_ns, value)
+        if number in self.sensors:
+            self.sensors[number].receive(stamp_ns, value)
 
     def update(self, stamp_ns: int, measurement: float, known_input: float = 0.0) -> bool:
         """See `Joint`."""
@@ -269,20 +268,21 @@ class Informed:
         self.fused.update(stamp_ns, measurement)
         if not used:
             return False
-        sure, came, informed = 0.0, False, False  # 1/variance of the told speeds
+        weight, came, informed = 0.0, False, False  # weight: sum of 1/variance
         reading, acceleration = self.alone.written(measurement), self.alone.estimate()[2]
         fused = self.fused.estimate()[1]
         acceleration = acceleration if math.isfinite(acceleration) else 0.0
-        for teller in self.tellers.values():
-            before = teller.source.stamp_ns
-            told = teller.tell(self.alone, fused, acceleration, stamp_ns, reading)
-            came = came or teller.source.stamp_ns != before or not teller.used
-            if told is not None:
-                rate = teller.telling.kind != AS_ACCELERATION
-                self._inform(RATE if rate else ACCELERATION, told, teller.variance)
-                sure += rate / teller.variance
+        for sensor in self.sensors.values():
+            before = sensor.source.stamp_ns
+            value = sensor.measure(self.alone, fused, acceleration, stamp_ns, reading)
+            judged = sensor.source.stamp_ns != before and not sensor.source.news
+            came = came or judged or not sensor.used
+            if value is not None:
+                rate = sensor.settings.kind != AS_ACCELERATION
+                self._inform(RATE if rate else ACCELERATION, value, sensor.variance)
+                weight += rate / sensor.variance
                 informed = True
-        self._sure = 1.0 / sure if sure > 0.0 else math.nan
+        self._variance = 1.0 / weight if weight > 0.0 else math.nan
         if came and not informed:
             self._go_on_alone()
         return True
@@ -295,7 +295,7 @@ class Informed:
             fused.plain.inform(fused.module, fused._channel, kind, value, variance)
 
     def _go_on_alone(self) -> None:
-        """Continue the informed joint as the other one."""
+        """Continue the informed joint as a copy of the other one."""
         if self.fused.memory is not None:
             self.fused.memory.array[:] = self.alone.memory.array
         else:
@@ -306,12 +306,17 @@ class Informed:
         return self.fused.estimate()
 
     def stddev(self) -> tuple[float, float]:
-        """See `Joint`; informed, it is as sure as source and angle together."""
+        """See `Joint`; informed, the variance is that of sources and angle combined."""
         position, velocity = self.fused.stddev()
-        if self._sure >= 0.0:
+        if self._variance >= 0.0:
             alone = self.alone.stddev()[1]
-            velocity = alone * math.sqrt(self._sure / (self._sure + alone * alone))
+            velocity = alone * math.sqrt(self._variance / (self._variance + alone * alone))
         return position, velocity
+
+    def samples(self) -> dict[str, Any]:
+        """See `Joint`; in addition the state of each source."""
+        states = {each.name: each.text() for each in self.sensors.values()}
+        return {**self.alone.samples(), 'sources': states}
 
     def set_gains(self, gains: Any) -> None:
         """See `Joint`."""
@@ -324,7 +329,7 @@ class Informed:
         self.fused.set_settings(settings)
 
     def reset(self) -> None:
-        """See `Joint`; what was learnt of the sources stays."""
+        """See `Joint`; bias, ratio and delay of the sources stay."""
         self.alone.reset()
         self.fused.reset()
 

@@ -1,14 +1,14 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rate from another sensor beside the angle: its bias, ratio and delay, and what it tells.
+"""A rate from another sensor of the joint: its bias, ratio and delay, and the joint's speed by it.
 
     v(t) = r w(t + d) + b,   x(t) = x0 + r I(t) + b t + g w(t),   I' = w,   g = r d
 
-w is the source's value: the integral of what it says is the angle, but for four unknowns, in which
-the angle is linear. A Kalman filter of (x, b, r, g) finds them; x walks by the source's noise, b
-slowly by itself. The innovation is white while the source agrees with the angle. Cumulative sums
-of it (Page 1954) tell when it does not.
+w is the value of the source. The angle x is linear in the unknowns x0, b, r and g; a Kalman filter
+of (x, b, r, g) estimates them. The source's noise drives x, and b is a slow random walk. The
+innovation is white while the source agrees with the angle; cumulative sums of it (Page 1954)
+detect when it does not.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter,
 X, BIAS, RATIO, SHIFT = 0, 1, 2, 3  # places in the filter: x [rad], b [rad/s], r, g = r d [s]
 UNKNOWN_BIAS, UNKNOWN_RATIO, UNKNOWN_DELAY = 1.0, 10.0, 0.02  # deviations before the first value
 WALK = 1e-4  # of the bias [rad/s per square root of a second]
-READINGS = 0.01  # weight of one reading in the mean square of what readings and estimates differ
+READINGS = 0.01  # weight of one reading in the mean square of reading minus estimate
 SLACK, ALARM = 1.0, 12.0  # of the cumulative sums [deviations]: a false one in 10^10 readings
 HOLE = 3.0  # sample times, after which values were lost
 APART = 25.0  # squared deviations between two speeds that do not agree
@@ -31,10 +31,10 @@ APART = 25.0  # squared deviations between two speeds that do not agree
 
 @record
 class Source:
-    """What is known of a source, and its newest value."""
+    """The unknowns of a source, and its newest value."""
 
-    ratio: float  # as given; 0: learnt
-    delay: float  # as given [s]; below 0: learnt
+    ratio: float  # set by the user; 0: learnt
+    delay: float  # set by the user [s]; below 0: learnt
     known: Annotated[list[float], 4]  # x [rad], b [rad/s], r, g [s]
     p: Annotated[list[list[float]], 4, 4]  # their covariance
     scatter: Scatter  # of the values
@@ -43,7 +43,7 @@ class Source:
     slope: float  # w' [per second]
     stamp_ns: int  # of it; 0: none yet
     dt: float  # between the last two values [s]
-    readings: float  # mean square of what readings and estimates differ [rad^2]
+    readings: float  # mean square of reading minus estimate [rad^2]
     up: float  # cumulative sums of the innovations [deviations]
     down: float
     news: bool  # a value has come since the last reading
@@ -52,14 +52,14 @@ class Source:
 
 
 def begin_source(source: Source, ratio: float, delay: float) -> None:
-    """Begin without a value."""
+    """Start without a value."""
     blank = Source()
     source.take(blank)
     source.ratio, source.delay = ratio, delay
 
 
 def forget_source(source: Source, angle: float) -> None:
-    """Begin to learn at this angle [rad]; what a user gave stays."""
+    """Restart learning at this angle [rad]; ratio and delay that a user set stay."""
     ratio, delay = source.ratio, source.delay
     for i in range(4):
         for j in range(4):
@@ -80,8 +80,8 @@ def follow_source(
 
     Parameters
     ----------
-    moved : since the value before [of the value, times s]; nan: the integral of the two.
-    variance : of the value; 0: it follows from the values.
+    moved : integral since the value before; nan: by the trapezoidal rule.
+    variance : of the value; 0: estimated from the values' scatter.
     """
     dt = (stamp_ns - source.stamp_ns) * 1e-9
     if source.stamp_ns == 0:
@@ -98,7 +98,7 @@ def follow_source(
             source.p[i][X] += dt * source.p[i][BIAS] + moved * source.p[i][RATIO]
         source.p[BIAS][BIAS] += WALK * WALK * dt
         source.slope = (value - source.value) / dt
-        if source.dt > 0.0 and dt > HOLE * source.dt:  # what happened meanwhile is not known
+        if source.dt > 0.0 and dt > HOLE * source.dt:  # the motion in between is unknown
             source.p[X][X] += moved * moved * source.known[RATIO] * source.known[RATIO]
             resume_scatter(source.scatter, value)
             dt = source.dt
@@ -108,7 +108,7 @@ def follow_source(
 
 
 def resume_source(source: Source, angle: float) -> None:
-    """Go on at another angle [rad], after a hole or where the source did not agree."""
+    """Continue at another angle [rad], after a hole or a disagreement."""
     known, p, w = source.known, source.p, source.value
     known[X] = angle - w * known[SHIFT]
     for i in range(4):
@@ -135,12 +135,12 @@ def meet_angle(
 
     Parameters
     ----------
-    reading : [rad]. angle : as readings alone estimate it [rad]. step : what the joint moves
-        between two readings [rad]; where that is more than a count, errors of readings are white,
-        and the estimate's lag would pass for a delay.
+    reading : [rad]. angle : estimated from readings alone [rad]. step : displacement between two
+        readings [rad]; if it exceeds a count, the errors of readings are white and readings are
+        used, because the estimate's lag would be learnt as a delay.
     r : variance of the estimate [rad^2]. period : wrap period [rad]; 0: none.
     """
-    off, ahead = reading - angle, (stamp_ns - source.stamp_ns) * 1e-9
+    apart, ahead = reading - angle, (stamp_ns - source.stamp_ns) * 1e-9
     h, c, known, p = source.h, source.c, source.known, source.p
     h[X], h[BIAS], h[SHIFT] = 1.0, ahead, source.value
     h[RATIO] = (source.value + 0.5 * source.slope * ahead) * ahead
@@ -152,8 +152,8 @@ def meet_angle(
         s += h[i] * c[i]
         nu -= h[i] * known[i]
     if period > 0.0:
-        nu, off = wrap(nu, period), wrap(off, period)
-    source.readings += READINGS * (off * off - source.readings)
+        nu, apart = wrap(nu, period), wrap(apart, period)
+    source.readings += READINGS * (apart * apart - source.readings)
     for i in range(4):
         known[i] += c[i] * nu / s
         for j in range(4):
@@ -166,15 +166,15 @@ def meet_angle(
 
 
 def speed_of(source: Source, ahead: float, acceleration: float) -> float:
-    """Return the speed that the newest value tells [rad/s].
+    """Return the joint's speed by the newest value [rad/s].
 
     Parameters
     ----------
-    ahead : time since the value [s]; its delay is added. acceleration : meanwhile [rad/s^2].
+    ahead : time since the value [s]; its delay is added. acceleration : of the joint [rad/s^2].
     """
     known = source.known
-    told = known[RATIO] * source.value + known[BIAS]
-    return told + acceleration * ahead + acceleration * known[SHIFT] / known[RATIO]
+    speed = known[RATIO] * source.value + known[BIAS]
+    return speed + acceleration * ahead + acceleration * known[SHIFT] / known[RATIO]
 
 
 def variance_of_speed(source: Source) -> float:

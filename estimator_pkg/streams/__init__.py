@@ -9,10 +9,11 @@ The entry point of a stream, in the group ``velocity_estimator.streams``, has th
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import observers, registry
-from estimator_pkg.parameters import Parameter, declared
+from estimator_pkg.parameters import Parameter, build, declared
 
 if TYPE_CHECKING:
     from estimator_pkg.streams.contract import Stream
@@ -31,10 +32,21 @@ def of_observer(observer: str) -> type[Stream]:
     return named(observers.find(observer).kind)
 
 
-def parameters(observer: str) -> dict[str, Parameter]:
-    """Return the parameters of this observer and its node, by name; raise UsageError."""
-    stream = of_observer(observer)
-    return {**stream.parameters(observer), **declared(stream.SETTINGS)}
+def parameters(observer: str, values: Mapping[str, Any] | None = None) -> dict[str, Parameter]:
+    """Return the parameters of this observer and its node, by name; raise UsageError.
+
+    Parameters
+    ----------
+    values : parameters by name, of which some may name groups of others (see `Stream.groups`).
+    """
+    stream, own = of_observer(observer), declared(of_observer(observer).SETTINGS)
+    settings = build(stream.SETTINGS, {k: v for k, v in (values or {}).items() if k in own})
+    groups = {
+        f'{prefix}.{name}': parameter
+        for prefix, declaring in stream.groups(settings).items()
+        for name, parameter in declared(declaring).items()
+    }
+    return {**stream.parameters(observer), **own, **groups}
 
 
 def every() -> list[type[Stream]]:

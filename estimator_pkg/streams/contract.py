@@ -48,9 +48,9 @@ Answer = dict[int, bytes]  # CDR bytes by number of the output; one left out has
 class Port(NamedTuple):
     """An input.
 
-    topic : relative name. type : as in 'sensor_msgs/msg/JointState'. answered : estimates answer
-    its messages. optional : the stream works without it. any_number : in a bag the topic may have
-    any type with a number. field : path of the number in its messages, for `Stream.read_field`;
+    topic : name, relative or absolute. type : as in 'sensor_msgs/msg/JointState'. answered :
+    estimates answer its messages. optional : the stream works without it. any_number : in a bag
+    the topic may have any type with a number. field : path of the number in its messages, for `Stream.read_field`;
     '': the stream reads the type itself.
     """
 
@@ -60,6 +60,11 @@ class Port(NamedTuple):
     optional: bool = False
     any_number: bool = False
     field: str = ''
+
+    @property
+    def in_bag(self) -> str:
+        """Name of the topic in a bag, in which the namespace is the root."""
+        return f'/{self.topic.lstrip("/")}'
 
 
 class Output(NamedTuple):
@@ -239,7 +244,7 @@ class Stream(ABC):
         self.answered = 0
         self.skip = settings.no_estimate == SKIP
         self.complaint = ('', '')
-        self.topics = [f'/{port.topic}' for port in self.inputs]
+        self.topics = [port.in_bag for port in self.inputs]
         self.history: dict[str, History] | None = None
         self._notices: list[str] = []
 

@@ -319,7 +319,7 @@ class DriveStream(Stream):
     def recognises(cls, has: Callable[[str], bool], joints: bool) -> bool:
         """See `Stream`."""
         return not joints and any(
-            all(has(f'/{port.topic}') for port in ports) for ports in PORTS.values()
+            all(has(port.in_bag) for port in ports) for ports in PORTS.values()
         )
 
     @classmethod
@@ -336,7 +336,7 @@ class DriveStream(Stream):
         if 'input' not in values and not request.measurement:
             batches, *_ = PORTS[DRIVE_SAMPLES]
             if not has(f'/{batches.topic}') and all(
-                has(f'/{port.topic}') for port in PORTS[CURRENT_VOLTAGE]
+                has(port.in_bag) for port in PORTS[CURRENT_VOLTAGE]
             ):
                 values['input'] = CURRENT_VOLTAGE
         return values

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Single angles beside other sensors: the node `joint_observer` with `sources`."""
+"""Single angles with further sensors: the node `joint_observer` with `sources`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import AS_ACCELERATION, Configuration, SourceSettings
-from estimator_pkg.driver.informed import Informed, Telling
+from estimator_pkg.driver.informed import Informed
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.field import Field
@@ -24,10 +24,10 @@ class InformedBank(Bank):
 
     sources: Mapping[str, SourceSettings]
 
-    def of_joint(self, joint: str) -> list[tuple[int, Telling]]:
-        """Return (number, what the user said) of each source of a joint."""
+    def of_joint(self, joint: str) -> list[tuple[int, str, SourceSettings]]:
+        """Return (number, name, settings) of each source of a joint."""
         return [
-            (number, Telling(name, source.kind, source.ratio, source.delay))
+            (number, name, source)
             for number, (name, source) in enumerate(self.sources.items())
             if source.joint in ('', joint)
         ]
@@ -97,7 +97,7 @@ class InformedStream(AngleStream):
             stamp_ns = publish_ns
         if value is not None:
             for joint in self.bank.joints.values():
-                joint.hear(port - 1, stamp_ns, value)
+                joint.receive(port - 1, stamp_ns, value)
         return ()
 
     def feed_block(self, ports: Sequence[int], block: Block) -> Iterable[Answers] | None:
@@ -106,21 +106,14 @@ class InformedStream(AngleStream):
 
     def about(self, name: str) -> Mapping[str, Any]:
         """See `Stream`."""
-        tellers = self.bank.joints[name].tellers.values()
-        return {
-            **super().about(name),
-            **{f'source {each.telling.name}': each.text() for each in tellers},
-        }
-
-    def _summary_of(self, name: str, joint: Any) -> dict[str, Any]:
-        sources = {each.telling.name: each.text() for each in joint.tellers.values()}
-        return {**super()._summary_of(name, joint), 'sources': sources}
+        sensors = self.bank.joints[name].sensors.values()
+        return {**super().about(name), **{f'source {each.name}': each.text() for each in sensors}}
 
     def notices(self) -> list[str]:
         """See `Stream`."""
         found = super().notices()
         for name, joint in self.bank.joints.items():
-            for teller in joint.tellers.values():
-                found += [f'{name}: {notice}' for notice in teller.notices]
-                teller.notices.clear()
+            for sensor in joint.sensors.values():
+                found += [f'{name}: {notice}' for notice in sensor.notices]
+                sensor.notices.clear()
         return found

@@ -19,6 +19,7 @@ from estimator_pkg.parameters import structural
 from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic
 from sim_pkg.joints.profiles import Profile, ProfileParameters, make_profile
+from sim_pkg.joints.second import GYRO, MOTOR, Play, SecondParameters, SecondSensors
 from sim_pkg.joints.sensor import (
     RAW_COUNTS,
     SECOND,
@@ -38,7 +39,7 @@ CHUNK = 64  # samples made at a time: few, so that none is published late
 
 
 @dataclass(frozen=True)
-class EncoderParameters(ProfileParameters, SensorParameters):
+class EncoderParameters(ProfileParameters, SensorParameters, SecondParameters):
     """The parameters of the simulator."""
 
     joints: tuple[str, ...] = structural(
@@ -65,17 +66,23 @@ class EncoderParameters(ProfileParameters, SensorParameters):
 
 
 def topics(parameters: EncoderParameters) -> tuple[Topic, ...]:
-    """Return the topics: measurement and truth."""
-    return (COUNTS if parameters.convention == RAW_COUNTS else MEASURED), TRUTH
+    """Return the topics: measurement, second sensors and truth."""
+    return (
+        COUNTS if parameters.convention == RAW_COUNTS else MEASURED,
+        *((GYRO,) if parameters.gyro_rate > 0.0 else ()),
+        *((MOTOR,) if parameters.motor_ratio != 0.0 else ()),
+        TRUTH,
+    )
 
 
 class Shaft:
     """One joint: its motion and its sensor."""
 
     def __init__(self, parameters: EncoderParameters, seed: int, joint: int) -> None:
-        self.motion: Profile = make_profile(
+        self.motor: Profile = make_profile(
             parameters, random_stream(seed, 'profile', joint), ratio=parameters.joint_ratio**joint
         )
+        self.play = Play(self.motor, parameters.backlash if joint == 0 else 0.0)
         self.sensor = AngleSensor(parameters, seed, joint)
 
 
@@ -92,16 +99,18 @@ def _chunks(
     parameters: EncoderParameters, counts: Iterator[int], seed: int
 ) -> Iterator[tuple[list[Message], int]]:
     shafts = [Shaft(parameters, seed, joint) for joint in range(len(parameters.joints))]
-    line = Line(parameters, seed)
+    line, p = Line(parameters, seed), parameters
+    second = SecondSensors(p, p.counts_per_revolution, p.joints[0], shafts[0].motor, seed)
     measure = _counts if parameters.convention == RAW_COUNTS else _joint_states(parameters.joints)
     measured = topics(parameters)[0].name
     true = Encoder()
     for count in counts:
         samples = line.carry(count)
         taken, stamped = _seconds(samples.taken_ns), _seconds(samples.stamp_ns)
-        readings = np.array([shaft.sensor.read(shaft.motion(taken)[0]) for shaft in shafts]).T
-        motions = np.array([shaft.motion(stamped)[:2] for shaft in shafts]).transpose(2, 1, 0)
-        messages: list[Message] = []
+        moved = [tuple(shaft.play.motions(taken, stamped)) for shaft in shafts]
+        readings = np.array([shaft.sensor.read(at[0]) for shaft, (at, _) in zip(shafts, moved)]).T
+        motions = np.array([at_stamp for _, at_stamp in moved]).transpose(2, 1, 0)
+        messages = list(second.messages(samples, moved[0][0][1]))
         for stamp, taken_ns, due, copies, reading, (position, velocity) in zip(
             samples.stamp_ns.tolist(),
             samples.taken_ns.tolist(),

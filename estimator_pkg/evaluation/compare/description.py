@@ -56,6 +56,8 @@ def describe(comparison: Comparison, wide: bool = False, period: float = math.ta
                 'dropped': every if wide else str(sum(kinds.values())),
             }
         )
+        for source, state in row.samples.get('sources', {}).items():
+            remarks.append(f'{row.source}, {row.joint}: source {source}: {state}')
         counts = row.matched
         moved = row.joint in comparison.corrected  # by its lag, so nearly all truth is interpolated
         ends = moved or row.joint in comparison.smoothed  # such a reference ends earlier

@@ -1,0 +1,45 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``evaluate`` and ``replay`` with a second sensor."""
+
+import json
+from pathlib import Path
+
+from estimator_pkg.cli import main
+
+BAGS = Path(__file__).parents[3] / 'bags/simulated'
+ALONE = ('--set', 'quantum=0.00153398')
+GYRO = (*ALONE, '--set', 'sources=[gyro]', '--set', 'source.gyro.topic=/imu')
+
+
+def of_wheel(file):
+    (bag,) = json.loads(file.read_text())['bags'].values()
+    return bag['estimates']['edge_adaptive']['joints']['wheel']
+
+
+def test_evaluate_prints_the_row_and_what_was_learnt(tmp_path, capsys):
+    rms = []
+    for words in (ALONE, GYRO):
+        file = tmp_path / 'result.json'
+        words = [str(BAGS / 'gyro'), '--observer', 'edge_adaptive', '--skip', '2', *words]
+        assert main(['evaluate', *words, '--json', str(file)]) == 0
+        rms.append(of_wheel(file)['velocity']['rms'])
+    assert rms[1] < 0.5 * rms[0]
+    output = ' '.join(capsys.readouterr().out.split())
+    assert 'edge_adaptive, wheel: source gyro: used, bias 0.0298' in output
+    assert 'delay 0.00398' in output
+    assert 'delay 0.00398' in of_wheel(file)['samples']['sources']['gyro']
+
+
+def test_replay_gives_the_same_from_an_absolute_topic(capsys):
+    assert main(['replay', str(BAGS / 'gyro'), *GYRO]) == 0
+    assert 'gyro used, bias 0.0298' in capsys.readouterr().out
+
+
+def test_a_source_that_is_not_in_the_bag_or_misspelt_is_named(capsys):
+    assert main(['replay', str(BAGS / 'sine_12bit'), *GYRO]) == 2
+    assert "'/imu' is not in the bag: omit it in 'sources'" in capsys.readouterr().err
+    words = ('--observer', 'edge_adaptive', *GYRO, '--set', 'source.gyro.rato=1')
+    assert main(['evaluate', str(BAGS / 'gyro'), *words]) == 2
+    assert "did you mean 'source.gyro.ratio'?" in capsys.readouterr().err
