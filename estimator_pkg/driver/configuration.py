@@ -17,7 +17,7 @@ from estimator_pkg.parameters import Parameter, build, declared, structural
 from estimator_pkg.sensor.guard import GuardSettings
 
 # What to do to have another observer's gain, with {0} for its name.
-NAME_IT = "write 'observer: {0}' in the parameter file, or choose the observer {0}"
+NAME_IT = "write 'observer: {0}' in the parameter file, or use --observer {0}"
 
 
 @dataclass(frozen=True)
