@@ -10,6 +10,7 @@ all streams of the checkout (signals, recordings, captures, and those of tests),
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import shutil
 import subprocess
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from benchmarks import ROOT
+from benchmarks import ROOT, accuracy, field, motions
 from benchmarks.columns import Column, published, shared
 from estimator_pkg.engine.entries import ENTRIES
 from estimator_pkg.engine.translate import FLAGS, translate
@@ -55,9 +56,8 @@ def switched_off(source: str, pattern: str, without: str) -> str:
 
 def columns() -> Iterator[tuple[str, Column]]:
     """Yield each column with the name of its list."""
+    sys.path += [str(ROOT / each) for each in TESTS]
     from edge_streams import PHASES, streams
-
-    from benchmarks import accuracy, field, motions
 
     for kind, found in {
         **field.columns(ROOT / 'bags'),
@@ -71,14 +71,19 @@ def columns() -> Iterator[tuple[str, Column]]:
             yield 'streams', Column(f'{name} @{phase}', samples, 0.0, period=period)
 
 
-def measure() -> dict[str, Any]:
-    """Return {list: {stream: (rms error [rad/s], covered fraction)}}, and starts beyond `FAR`."""
+def measure(path: str) -> dict[str, Any]:
+    """Return {list: {stream: (rms error [rad/s], covered fraction)}}, and starts beyond `FAR`.
+
+    Parameters
+    ----------
+    path : file of pickled columns.
+    """
     from sigma_starts import MOTIONS, Case, measure
 
     from estimator_pkg.evaluation.entries import Entry
 
     found: dict[str, Any] = {}
-    for kind, column in columns():
+    for kind, column in pickle.loads(Path(path).read_bytes()):
         joint = Entry(OBSERVER, OBSERVER).joint(wrap_period=column.period)
         out = joint.run(column.samples.stamps, column.samples.angle)
         told = published(out) & column.counted & np.isfinite(out.velocity)
@@ -95,7 +100,7 @@ def measure() -> dict[str, Any]:
     return {**found, 'starts': beyond}
 
 
-def without(source: str = '', text: str = '') -> dict[str, Any]:
+def without(path: Path, source: str = '', text: str = '') -> dict[str, Any]:
     """Build the sources with this text in place of one, in a folder of its own, and measure."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
@@ -104,24 +109,15 @@ def without(source: str = '', text: str = '') -> dict[str, Any]:
             shutil.copytree(ROOT / package, root / package, ignore=unused)
         if source:
             (root / source).write_text(text)
-        paths = [root, ROOT, *(ROOT / each for each in TESTS)]
-        code = f'import sys; sys.path[:0] = {[*map(str, paths)]}; import json; '
-        code += 'from benchmarks import rules; print(json.dumps(rules.measure()))'
         entries = [each for each in ENTRIES if each.name.startswith(f'{OBSERVER}_')]
         (root / 'engine.c').write_text(translate(entries, root))
-        build = [
-            'cc',
-            *FLAGS,
-            '-fPIC',
-            '-shared',
-            'engine.c',
-            '-o',
-            'estimator_pkg/_engine.so',
-            '-lm',
-        ]
-        subprocess.run(build, cwd=root, check=True)
+        build = ['cc', *FLAGS, '-fPIC', '-shared', 'engine.c', '-lm', '-o']
+        subprocess.run([*build, 'estimator_pkg/_engine.so'], cwd=root, check=True)
+        paths = [str(each) for each in (root, ROOT, *(ROOT / each for each in TESTS))]
+        code = f'import sys; sys.path[:0] = {paths}; import json; from benchmarks import rules; '
+        code += f'print(json.dumps(rules.measure({str(path)!r})))'
         run = [sys.executable, '-c', code]
-        return json.loads(subprocess.run(run, cwd=root, check=True, capture_output=True).stdout)
+        return json.loads(subprocess.run(run, cwd=root, check=True, stdout=-1).stdout)
 
 
 def row(name: str, purpose: str, new: dict[str, Any], old: dict[str, Any]) -> list[str]:
@@ -141,13 +137,21 @@ def main() -> None:
     """Print the table."""
     every = rules()
     texts = {name: switched_off(*rule[1:]) for name, rule in every.items()}
-    old = without()
+    with tempfile.NamedTemporaryFile() as file:
+        path = Path(file.name)
+        path.write_bytes(pickle.dumps([*columns()]))
+        printed(path, every, texts)
+
+
+def printed(path: Path, every: dict[str, Any], texts: dict[str, str]) -> None:
+    """Print the table, a row as soon as its rule is measured."""
+    old = without(path)
     kinds = list(old)[:-1]
     head = ['rule', 'for', 'needed most by', *kinds, 'covered [points]', 'starts beyond five sigma']
     print(f'| {" | ".join(head)} |\n|{"---|" * len(head)}')
     print('| none of them | | | ' + '1 | ' * len(kinds) + f'0 | {old["starts"]} |', flush=True)
     for name, (purpose, source, *_) in every.items():
-        new = without(source, texts[name])
+        new = without(path, source, texts[name])
         print(f'| {" | ".join(row(name, purpose, new, old))} |', flush=True)
 
 
