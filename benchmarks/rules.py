@@ -134,25 +134,20 @@ def row(name: str, purpose: str, new: dict[str, Any], old: dict[str, Any]) -> li
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the table, a row as soon as its rule is measured."""
     every = rules()
     texts = {name: switched_off(*rule[1:]) for name, rule in every.items()}
     with tempfile.NamedTemporaryFile() as file:
         path = Path(file.name)
         path.write_bytes(pickle.dumps([*columns()]))
-        printed(path, every, texts)
-
-
-def printed(path: Path, every: dict[str, Any], texts: dict[str, str]) -> None:
-    """Print the table, a row as soon as its rule is measured."""
-    old = without(path)
-    kinds = list(old)[:-1]
-    head = ['rule', 'for', 'needed most by', *kinds, 'covered [points]', 'starts beyond five sigma']
-    print(f'| {" | ".join(head)} |\n|{"---|" * len(head)}')
-    print('| none of them | | | ' + '1 | ' * len(kinds) + f'0 | {old["starts"]} |', flush=True)
-    for name, (purpose, source, *_) in every.items():
-        new = without(path, source, texts[name])
-        print(f'| {" | ".join(row(name, purpose, new, old))} |', flush=True)
+        old = without(path)
+        kinds = list(old)[:-1]
+        head = ['rule', 'for', 'needed most by', *kinds, 'covered', 'starts']
+        print(f'| {" | ".join(head)} |\n|{"---|" * len(head)}')
+        print('| all | | | ' + '1 | ' * len(kinds) + f'0 | {old["starts"]} |', flush=True)
+        for name, (purpose, source, *_) in every.items():
+            new = without(path, source, texts[name])
+            print(f'| {" | ".join(row(name, purpose, new, old))} |', flush=True)
 
 
 if __name__ == '__main__':
