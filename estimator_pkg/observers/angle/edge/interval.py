@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.constants import PLAIN, SIGMAS
+from estimator_pkg.observers.angle.edge.constants import SIGMAS
 
 ROOT_HALF = math.sqrt(0.5)
 DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
@@ -45,17 +45,6 @@ def within(e: float, half: float, sigma: float) -> tuple[float, float]:
     mean = (at_a - at_b) / inside
     ratio = 1.0 + (a * at_a - b * at_b) / inside - mean * mean
     return side * mean, (ratio if ratio > THIN * THIN else THIN * THIN)
-
-
-def news(p00: float, noise: float, centre: float, half: float) -> tuple[float, float, float]:
-    """Return what an interval shows: the mean d [rad], 1 - f, and the variance R [rad^2].
-
-    Either end of the interval may be wrong by a part of its width.
-    """
-    width = 2.0 * half
-    r = noise + PLAIN * width * width
-    d, left = within(centre, half, math.sqrt(p00 + r))
-    return d, left, r
 
 
 def interval(

@@ -368,9 +368,9 @@ def listen(state: State, coefficients: Coefficients, design: Design) -> None:
         starts.begin_line(state)
         return
     predict(state, coefficients, design, pace)
-    usual = pace if 0.0 < pace < dt else dt  # samples may have been lost
-    if reading.change != 0.0 and reading.rested > MEMORY * usual:
-        stir(state, design, dt)  # a rest ends: the speed is in doubt
+    if reading.change != 0.0:  # a rest ends, in which samples may have been lost?
+        if reading.rested > MEMORY * (pace if 0.0 < pace < dt else dt):
+            stir(state, dt)
     off, quantum = reading.off, state.sensor.quantum
     if (off > design.outside or off < -design.outside) and not is_next_count(
         off, quantum, design.period
@@ -475,10 +475,11 @@ def predict(state: State, coefficients: Coefficients, design: Design, pace: floa
         lasted = dt if dt > sampling.EVEN * pace else pace  # readings in bursts are not that near
         swing = state.sway.mean - sensor.quantum * sensor.quantum / 6.0 - 2.0 * sensor.noise
         covariance.add_sway(p, swing, lasted)
-    preference.predict_other(state, design, coefficients, swing, lasted)
+    if design.ratio != 1.0 or state.other.apart:
+        preference.predict_other(state, design, coefficients, swing, lasted)
 
 
-def stir(state: State, design: Design, dt: float) -> None:
+def stir(state: State, dt: float) -> None:
     """Doubt the speed at the first changed reading after a rest.
 
     Not where noise hides single edges (see `doubt_in_noise`), and where the angle is known too

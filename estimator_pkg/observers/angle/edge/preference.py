@@ -53,8 +53,7 @@ def predict_other(
     """
     other, dt = state.other, coefficients.dt
     if design.ratio == 1.0:
-        if other.apart:
-            set_alike(other)
+        set_alike(other)
     elif not other.apart:
         other.apart = True
         other.p.take(state.p)

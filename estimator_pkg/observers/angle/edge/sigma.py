@@ -54,8 +54,8 @@ def deviation(
         if off + off >= design.period or off + off < -design.period:
             off = wrap(off, design.period)
         rate = off / dt
-        if starting or abs(rate) > abs(speed):  # it may have begun in the last quarter of a sample
-            variance += 16.0 * rate * rate
+        if starting or abs(rate) > abs(speed):  # it may have begun half a sample ago
+            variance += (2.0 * rate) * (2.0 * rate)
     if starting:
         variance += unseen(state, dt)
     sigma = math.sqrt(variance)

@@ -14,7 +14,7 @@ from typing import Any
 
 from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference
 from estimator_pkg.observers.angle.edge import interval as cells
-from estimator_pkg.observers.angle.edge.constants import ALARM, CALM, STRAY
+from estimator_pkg.observers.angle.edge.constants import ALARM, CALM, PLAIN, STRAY
 from estimator_pkg.observers.angle.edge.start import doubt_overdue
 from estimator_pkg.sensor.noise import follow_noise, vibration
 
@@ -35,9 +35,11 @@ def update(state: Any, design: Any, off: float, size: float, flickers: bool, dt:
     if kind == cells.NOTHING:
         return True
     held = kind == cells.HELD
-    # the interval meets the Gaussian: S = P_00 + R, the mean d, f = 1 - left
-    d, left, r = cells.news(p.p00, noise, centre, half)
-    s, f = p.p00 + r, 1.0 - left
+    # the interval, either end of which may be wrong, meets the Gaussian: S = P_00 + R, mean d
+    r = noise + PLAIN * (2.0 * half) * (2.0 * half)
+    s = p.p00 + r
+    d, left = cells.within(centre, half, math.sqrt(s))
+    f = 1.0 - left
     score = d * d / s - f
     z = d / math.sqrt(s * (f if f > cells.THIN else cells.THIN))
     beyond = z > ALARM or z < -ALARM
@@ -55,14 +57,14 @@ def update(state: Any, design: Any, off: float, size: float, flickers: bool, dt:
     growth, product = bandwidth.follow_band(band, z, f * p.p00 / s, least)
     if growth > 0.0:
         covariance.widen(p, growth)
-    if date > 0.0:
-        bandwidth.explain(state, d, date, dt, flickers)
-        # the whole cell is news to a prediction that is so vague now
-        kind = cells.INTERVAL
-        d, left, r = cells.news(p.p00, noise, off, 0.5 * size)
-    elif growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
-        kind, centre, half = cells.interval(off, ahead, size, p.p00, noise, flickers)
-        d, left, r = cells.news(p.p00, noise, centre, half)
+    if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
+        if date > 0.0:
+            bandwidth.explain(state, d, date, dt, flickers)
+            kind, centre, half = cells.INTERVAL, off, 0.5 * size  # the whole cell is news now
+        else:
+            kind, centre, half = cells.interval(off, ahead, size, p.p00, noise, flickers)
+        r = noise + PLAIN * (2.0 * half) * (2.0 * half)
+        d, left = cells.within(centre, half, math.sqrt(p.p00 + r))
     s = p.p00 + r
     # the noise follows the score: flicker shows it from either side alike; elsewhere what is
     # correlated is motion

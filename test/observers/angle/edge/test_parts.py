@@ -188,13 +188,12 @@ def test_a_jump_that_lasts_is_the_quantum_whatever_was_read_before(jump):
 @pytest.mark.parametrize('part, starts', [(0.68, False), (0.72, True)])
 def test_a_shaft_of_which_less_than_a_cell_is_known_may_start(part, starts):
     def stirs(first=False, **sensor):
-        design = made(edge_observer.Design, quantum=Q)
-        state = begun_state(design)
+        state = begun_state(made(edge_observer.Design, quantum=Q))
         state.p.p00, state.p.p11, state.p.p22 = part * Q * Q / 12.0, 1.0, 1.0
         state.reading.rested, state.reading.first = 1.0, first
         for name, value in sensor.items():
             setattr(state.sensor, name, value)
-        edge_observer.stir(state, design, 1e-3)
+        edge_observer.stir(state, 1e-3)
         return state.doubt.to_settle == edge_start.UNSURE
 
     assert stirs() is starts
