@@ -50,8 +50,8 @@ class Port(NamedTuple):
 
     topic : name, relative or absolute. type : as in 'sensor_msgs/msg/JointState'. answered :
     estimates answer its messages. optional : the stream works without it. any_number : in a bag
-    the topic may have any type with a number. field : path of the number in its messages, for `Stream.read_field`;
-    '': the stream reads the type itself.
+    the topic may have any type with a number. field : path of the number in its messages, for
+    `Stream.read_field`; '': the stream reads the type itself.
     """
 
     topic: str
