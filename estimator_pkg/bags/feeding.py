@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,20 +29,24 @@ def answers(stream: Stream, names: Sequence[str], block: Block) -> list[Answers]
     ------
     UserError : the observer failed (a user's own model or observer can).
     """
-    port_of = {name: port for port, name in enumerate(stream.topics)}
-    ports = [port_of.get(name, -1) for name in names]
+    every = [[port for port, topic in enumerate(stream.topics) if topic == name] for name in names]
     with plainly('the observer'):
-        found = stream.feed_block(ports, block)
-        return _one_by_one(stream, ports, block) if found is None else list(found)
+        found = stream.feed_block([ports[0] if ports else -1 for ports in every], block)
+        return _one_by_one(stream, every, block) if found is None else list(found)
 
 
-def _one_by_one(stream: Stream, ports: Sequence[int], block: Block) -> list[Answers]:
+def _one_by_one(stream: Stream, ports: Sequence[Sequence[int]], block: Block) -> list[Answers]:
+    """Return the answers; a message of several ports goes to the last port first.
+
+    So a source on the topic of the angle is known before the angle.
+    """
     made: dict[tuple[int, int], tuple[list[int], list[int], list[bytes]]] = {}
     of_message = [ports[topic] for topic in block.topic.tolist()]
     times = block.publish_ns.tolist()
     for row in range(len(block)):
         raw = block.data[block.start[row] : block.end[row]].tobytes()
-        for number, answer in enumerate(stream.feed(of_message[row], raw, times[row])):
+        fed = [stream.feed(port, raw, times[row]) for port in reversed(of_message[row])]
+        for number, answer in enumerate(chain.from_iterable(fed)):
             for output, message in answer.items():
                 rows, ranks, raws = made.setdefault((output, len(message)), ([], [], []))
                 rows.append(row)

@@ -163,8 +163,14 @@ class SecondSensor:
             )
             return None
         agreed = (stamp_ns - self._agrees_ns) * 1e-9
-        if (agreed < self._proof and not self.used) or variance * BETTER > sigma_v * sigma_v:
-            return None  # unproven, or less sure than the angle
+        proven = self.used or agreed >= self._proof
+        if not proven or variance * BETTER > sigma_v * sigma_v:
+            if proven and not self.used and not self.reason.startswith('withheld'):
+                self.reason = (
+                    f'not used: standard deviation {math.sqrt(variance):.2g} rad/s, that of the '
+                    f'angle alone is {sigma_v:.2g} rad/s'
+                )
+            return None
         if self.reason.startswith(('withheld', 'silent')):
             self.notices.append(f'{self.name} agrees again and is used')
         elif agreed > LONGEST_PROOF:

@@ -72,8 +72,9 @@ def sine(seconds=10.0, **kwargs):
 @pytest.mark.parametrize(('noise', 'bound'), [(0.005, 0.15), (0.02, 0.45), (0.3, 1.02)])
 def test_a_gyro_is_worth_its_noise(noise, bound):
     run = sine()
-    run(*run.gyro(noise))
+    sensor, _ = run(*run.gyro(noise))
     assert run.error() <= bound
+    assert sensor.text().startswith('used' if noise < 0.1 else 'not used: standard deviation 0.')
     covered = np.abs(run.rows[0] - run.speed)[2000:] < 1.96 * run.rows[1][2000:]
     assert 0.9 < covered.mean() <= 1.0
 

@@ -27,7 +27,7 @@ from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.checks.joint import LONGEST
 from estimator_pkg.evaluation.checks.readings import WARN, Finding, Readings
 from estimator_pkg.evaluation.compare import requested
-from estimator_pkg.evaluation.doctor import drive, report
+from estimator_pkg.evaluation.doctor import drive, report, second
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
 from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
@@ -189,9 +189,10 @@ def _examined(
         chosen = setup(bag, parsed.measurement, parsed.angle, parsed.wrap_period, settings)
         joints = readings(bag, chosen)
         topic = chosen.topics[0].name
+        others = second.candidates(bag)
     samples = sum(min(len(each.rows), LONGEST) for each in joints)
     many = samples * len(candidates(1e3)) >= MANY
-    jobs = [(each, parsed.motion_hz) for each in joints]
+    jobs = [(each, parsed.motion_hz, topic, others) for each in joints]
     with (
         workers(min(2, len(jobs)) if many else 1) as run_many,
         progress(f'{origin}: joints', len(joints)) as advance,

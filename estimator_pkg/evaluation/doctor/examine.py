@@ -28,7 +28,7 @@ from estimator_pkg.evaluation.checks.joint import (
     stretch,
 )
 from estimator_pkg.evaluation.checks.readings import Finding, Readings
-from estimator_pkg.evaluation.doctor import velocities
+from estimator_pkg.evaluation.doctor import second, velocities
 from estimator_pkg.evaluation.doctor.choice import Answer, answer
 from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.text import units
@@ -42,6 +42,7 @@ class Examined:
     """One joint's findings, and the verdict on its estimates; None if there is none.
 
     said : the verdict in words, if it is none of an angle. panels : of its plots, as well.
+    sources : parameters of the second sensor that pays.
     """
 
     readings: Readings
@@ -49,6 +50,7 @@ class Examined:
     answer: Answer | None = None
     said: tuple[str, ...] = ()
     panels: Mapping[str, Sequence[Curve]] = field(default_factory=dict)
+    sources: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def failed(self) -> list[Finding]:
@@ -113,12 +115,18 @@ def readings(bag: Bag, chosen: Setup) -> list[Readings]:
     ]
 
 
-def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
+def examine(
+    seen: Readings,
+    motion_hz: float | None = None,
+    topic: str = '',
+    others: Sequence[second.Candidate] = (),
+) -> Examined:
     """Return all findings on one joint, and the verdict on its estimates if no check FAILs.
 
     Parameters
     ----------
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
+    topic : of the readings. others : what may be second sensors.
     """
     found, seen = checked(seen), stamped(seen)
     if len(seen.rows) < FEWEST:
@@ -126,8 +134,10 @@ def examine(seen: Readings, motion_hz: float | None = None) -> Examined:
     rows = np.sort(stretch(seen))
     moved = reference(seen, rows)
     found += velocities.checks(seen, moved, rows)
-    made = None
+    made, sources = None, {}
     if moved is not None and not failed(found):
         made = answer(seen, moved, rows, motion_hz)
+        more, sources = second.examine(seen, moved, rows, topic, others, motion_hz)
+        found += more
     found = [each._replace(value=units(each.value, seen.period)) for each in found]
-    return Examined(seen, found, made)
+    return Examined(seen, found, made, sources=sources)

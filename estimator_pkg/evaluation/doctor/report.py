@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import params_file, yaml_text
+from estimator_pkg import observers, params_file, yaml_text
 from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.checks.readings import (
     FAIL,
@@ -24,6 +24,7 @@ from estimator_pkg.evaluation.checks.readings import (
     Readings,
     to_mend,
 )
+from estimator_pkg.evaluation.doctor import second
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.plots import Curve
@@ -74,12 +75,21 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
             found[name] = [f'No ranking: {why}. {keep}']
         else:
             found[name] = sentences(name, each.answer, choice)
+        if _sources([each], choice):
+            lines = ', '.join(f'{k}: {yaml_text.scalar(v)}' for k, v in each.sources.items())
+            found[name].append(f'Use the second sensor with {lines}.')
     period = {each.readings.name: each.readings.period for each in examined}
     found = {name: [units(each, period[name]) for each in said] for name, said in found.items()}
     same = set.intersection(*map(set, found.values())) if len(found) > 1 else set()
     common = [sentence for sentence in next(iter(found.values()), []) if sentence in same]
     found = {name: [each for each in said if each not in same] for name, said in found.items()}
     return found | ({ALL: common} if common else {})
+
+
+def _sources(examined: Sequence[Examined], choice: Choice) -> dict[str, Any]:
+    """Return the parameters of second sensors, if the observer takes them."""
+    informed = hasattr(observers.find(choice.observer).module, 'inform')
+    return second.together([each.sources for each in examined]) if informed else {}
 
 
 def text(examined: Sequence[Examined], choice: Choice, width: int = WIDTH) -> str:
@@ -181,7 +191,8 @@ def as_yaml(
     ]
     written += ['/**:', '  ros__parameters:', f'    observer: {yaml_text.scalar(choice.observer)}']
     written += [
-        f'    {yaml_text.key(name)}: {yaml_text.scalar(value)}' for name, value in settings.items()
+        f'    {yaml_text.key(name)}: {yaml_text.scalar(value)}'
+        for name, value in (dict(settings) | _sources(examined, choice)).items()
     ]
     if common:
         written.append(f'    quantum: {next(iter(known.values()))}')

@@ -224,7 +224,7 @@ def parameter_file(
     observer = source if entry is None else entry.observer
     values = {} if entry is None else dict(entry.values)
     stream = streams.of_observer(observer)
-    known = streams.parameters(observer)
+    known = streams.parameters(observer, values)
     lines = [
         yaml_text.comment(f'{observer}, from {Path(comparison.bag).name}'),
         f'# ros2 run velocity_estimator {stream.NODE} \\',

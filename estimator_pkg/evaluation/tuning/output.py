@@ -83,7 +83,7 @@ def as_yaml(
     lines += ['/**:', '  ros__parameters:']
     if 'observer' in declared(stream.SETTINGS):
         lines.append(f'    observer: {scalar(observer)}')
-    known = streams.parameters(observer)
+    known = streams.parameters(observer, held)
     lines += [
         f'    {yaml_text.key(name)}: {known[params_file.parameter_of(name)].text(value)}'
         for name, value in held.items()

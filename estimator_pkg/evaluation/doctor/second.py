@@ -1,0 +1,225 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Second sensors of a joint in a bag: gyros, other joints that move with it, its own velocity.
+
+Those that follow the joint run as `sources` of `joint_observer` would, each alone. They are judged
+as observers are, by the off-line reference from the angle. It does not know the source, so the
+error with a source is an upper bound.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg import observers
+from estimator_pkg.bags.definitions import fields_of, store_for
+from estimator_pkg.bags.reader import Bag
+from estimator_pkg.bags.selection import measured_topics
+from estimator_pkg.bags.series import joint_series
+from estimator_pkg.driver.configuration import AS_ANGLE, AS_RATE, Configuration, SourceSettings
+from estimator_pkg.driver.informed import Informed
+from estimator_pkg.estimate import VALID
+from estimator_pkg.evaluation.checks.readings import PASS, Finding, Readings, Rows
+from estimator_pkg.evaluation.doctor.choice import DEFAULT
+from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
+from estimator_pkg.evaluation.ranking.verdict import shown
+from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.messages.field import Field
+from estimator_pkg.messages.joint_state import TYPE
+
+Array = NDArray[np.float64]
+
+IMU = SourceSettings.field_type
+FOLLOWS = 0.9  # correlation with the joint's position from which a sensor may be of the joint
+FEWEST = 100  # values without which nothing is examined
+LONGEST, ENOUGH = 10_000, 2_500  # readings that are run; and that are, before it was used once
+MOST = 3  # sensors of a joint that are run
+USED = 0.2  # of the readings, informed by a source that agrees
+ALONE, WITH = 'without', 'with'
+
+
+class Candidate(NamedTuple):
+    """A number that may measure a joint: settings of a source, and its values.
+
+    joint : the joint that its messages name; '': none.
+    stamps_ns, arrival_ns, values : shape (n,), in the order of their arrival.
+    """
+
+    topic: str
+    type: str
+    field: str
+    kind: str
+    joint: str
+    stamps_ns: Rows
+    arrival_ns: Rows
+    values: Array
+
+    def may_measure(self, joint: str, topic: str) -> bool:
+        """Return True unless it is the angle itself, or the velocity of another joint."""
+        same = self.joint == joint
+        return not self.joint or (same if self.kind == AS_RATE else not same or self.topic != topic)
+
+
+def candidates(bag: Bag) -> list[Candidate]:
+    """Return the angular velocities of the gyros, and positions and velocities of the joints."""
+    found = []
+    for topic in bag.topics.values():
+        if topic.type == IMU and topic.count >= FEWEST:
+            store = store_for(topic.type, topic.definition)
+            for axis in 'xyz':
+                path, parts = f'angular_velocity.{axis}', []
+                field = Field(fields_of(store), IMU, path)
+                for _, block in bag.blocks([topic.name]):
+                    for group in field.decode_block(block)[0]:
+                        arrived = block.publish_ns[group.rows]
+                        stamps = arrived if group.stamps_ns is None else group.stamps_ns
+                        if group.values is not None:
+                            parts.append((stamps, arrived, group.values))
+                if parts:
+                    arrays = map(np.concatenate, zip(*parts))
+                    found.append(Candidate(topic.name, IMU, path, AS_RATE, '', *arrays))
+    for name in measured_topics(bag):
+        series, arrived = joint_series(bag, name), joint_series(bag, name, True)
+        if len({len(each.stamps_ns) for each in series.values()}) != 1:
+            continue  # not every message has every joint, so an index is not that of a joint
+        for number, (joint, each) in enumerate(series.items()):
+            times = each.stamps_ns, arrived[joint].stamps_ns
+            for path, kind, values in (
+                ('position', AS_ANGLE, each.position),
+                ('velocity', AS_RATE, each.velocity),
+            ):
+                if np.count_nonzero(np.isfinite(values)) >= FEWEST and np.nanmax(
+                    values
+                ) > np.nanmin(values):
+                    found.append(
+                        Candidate(name, TYPE, f'{path}[{number}]', kind, joint, *times, values)
+                    )
+    return found
+
+
+def examine(
+    seen: Readings,
+    moved: Motion,
+    rows: Rows,
+    topic: str,
+    every: Sequence[Candidate],
+    motion_hz: float | None,
+) -> tuple[list[Finding], dict[str, Any]]:
+    """Return a finding for each second sensor of a joint, and the parameters of the best one.
+
+    Parameters
+    ----------
+    moved : the reference. rows : the readings that it is of. topic : of the readings.
+    every : those of the bag. motion_hz : see `rank`.
+    """
+    found: list[Finding] = []
+    best, least = None, math.inf
+    may = [each for each in every if each.may_measure(seen.name, topic)]
+    follows = {id(each): _follows(each, moved, seen.period) for each in may}
+    for imu in dict.fromkeys(each.topic for each in may if each.type == IMU):
+        axes = [each for each in may if each.topic == imu]
+        chosen = max(axes, key=lambda each: follows[id(each)])
+        if follows[id(chosen)] < FOLLOWS:
+            text = f'{imu}: no axis follows the joint (correlation {follows[id(chosen)]:.2f})'
+            found.append(Finding('second sensor', PASS, text))
+        may = [each for each in may if each.topic != imu or each is chosen]
+    may = [each for each in may if follows[id(each)] >= FOLLOWS]
+    for each in sorted(may, key=lambda each: -follows[id(each)])[:MOST]:
+        text, error, numbers = _judged(each, seen, moved, rows, motion_hz)
+        found.append(Finding('second sensor', PASS, text, '', numbers))
+        if error < least:
+            least, best = error, each
+    return found, {} if best is None else _parameters(best, seen.name)
+
+
+def _follows(each: Candidate, moved: Motion, period: float) -> float:
+    """Return the correlation of its angle or integral with the joint's position, without trends."""
+    start, end = int(moved.stamps[0]), int(moved.stamps[-1])
+    kept = (each.stamps_ns >= start) & (each.stamps_ns <= end) & np.isfinite(each.values)
+    time = (each.stamps_ns[kept] - start) * 1e-9
+    if len(time) < FEWEST or not np.all(np.diff(time) >= 0.0):
+        return 0.0
+    angle = each.values[kept]
+    if each.kind == AS_RATE:
+        angle = np.cumsum(angle * np.diff(time, prepend=time[0]))
+    elif period:
+        angle = np.unwrap(angle, period=period)
+    position = np.unwrap(moved.position, period=period) if period else moved.position
+    other = np.interp(time, (moved.stamps - start) * 1e-9, position)
+    a, b = (v - np.polyval(np.polyfit(time, v, 1), time) for v in (angle, other))
+    size = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
+    return abs(float(np.sum(a * b))) / size if size > 0.0 else 0.0
+
+
+def _judged(
+    each: Candidate, seen: Readings, moved: Motion, rows: Rows, motion_hz: float | None
+) -> tuple[str, float, dict[str, Any]]:
+    """Return the result in words, the error if it pays (else infinite), and its numbers."""
+    more = {'quantum': seen.quantum} if seen.quantum else {}
+    observer = observers.find(DEFAULT)
+    configuration = Configuration(observer, {'wrap_period': seen.period, **more})
+    settings = SourceSettings(kind=each.kind)
+    joint = Informed(observer, *configuration.for_joint(''), [(0, each.field, settings)])
+    sensor, at, used = joint.sensors[0], 0, 0
+    made: list[tuple[int, float, float]] = []
+    first = int(np.searchsorted(each.arrival_ns, seen.arrival_ns[rows[0]] - 10**9))
+    arrived, stamps, values = (
+        array[first:].tolist() for array in (each.arrival_ns, each.stamps_ns, each.values)
+    )
+    rows = rows[:LONGEST]
+    for stamp, now, position in zip(
+        seen.stamps_ns[rows].tolist(), seen.arrival_ns[rows].tolist(), seen.position[rows].tolist()
+    ):
+        while at < len(arrived) and arrived[at] <= now:
+            joint.receive(0, stamps[at], values[at])
+            at += 1
+        if not used and len(made) >= ENOUGH:
+            break
+        if joint.update(stamp, position):
+            used += sensor.used
+            informed, alone = joint.estimate(), joint.alone.estimate()
+            if informed[3] in VALID and alone[3] in VALID:
+                made.append((stamp, informed[1], alone[1]))
+    lead = f'{each.topic} {each.field}: '
+    numbers: dict[str, Any] = {'topic': each.topic, 'field': each.field, 'used': used / len(rows)}
+    numbers |= {k: {'value': v, 'stddev': s} for k, (v, s, _) in sensor.learnt().items()}
+    if used < USED * len(rows) or not made:
+        return f'{lead}{sensor.text()}', math.inf, numbers
+    times, *velocities = (np.array(column) for column in zip(*made))
+    part = moved.between(int(times[0]) - 1, int(times[-1]))
+    estimates = {
+        name: at_reference(part, times, one) for name, one in zip((WITH, ALONE), velocities)
+    }
+    verdict = rank(estimates, part, ALONE, motion_hz)
+    if len(verdict.rms) < 2:
+        return f'{lead}{sensor.text()}', math.inf, numbers
+    pays = verdict.better(WITH, ALONE) > 0
+    numbers |= {'error_with': verdict.rms[WITH], 'error_without': verdict.rms[ALONE], 'pays': pays}
+    text = (
+        f'{lead}{sensor.text()}; error {shown(verdict.rms[ALONE])} rad/s rms without it, at most '
+        f'{shown(verdict.rms[WITH])} with it: '
+        + ('it pays (95 %)' if pays else 'no gain is proven')
+    )
+    return text, verdict.rms[WITH] if pays else math.inf, numbers
+
+
+def _parameters(each: Candidate, joint: str) -> dict[str, Any]:
+    name = re.sub(r'\W+', '_', f'{each.topic}_{joint}').strip('_')
+    own = {'topic': each.topic, 'field_type': each.type, 'field': each.field, 'kind': each.kind}
+    if joint:
+        own['joint'] = joint
+    return {'sources': [name]} | {f'source.{name}.{key}': value for key, value in own.items()}
+
+
+def together(every: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the parameters of the sources of several joints."""
+    names = [name for each in every for name in each.get('sources', ())]
+    found = {key: value for each in every for key, value in each.items()}
+    return {**found, 'sources': names} if names else {}
