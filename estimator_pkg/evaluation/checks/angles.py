@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from estimator_pkg.engine.calls import run
 from estimator_pkg.evaluation.checks.readings import (
     BESIDE,
     FAIL,
@@ -21,7 +22,16 @@ from estimator_pkg.evaluation.checks.readings import (
     short,
     times,
 )
-from estimator_pkg.sensor.guard import REPEATED
+from estimator_pkg.sensor.faults import (
+    NAMES,
+    NONE,
+    STOPPED,
+    Faults,
+    begin_faults,
+    find_faults,
+    text_of,
+)
+from estimator_pkg.sensor.guard import DUPLICATE, REPEATED
 
 TURN = 2.0 * math.pi
 COARSE = 1000.0  # fewer counts per turn are coarse
@@ -240,4 +250,22 @@ def motion(seen: Readings) -> Finding:
     return Finding('motion', PASS, text, '', numbers | {'speed': seen.speed})
 
 
-CHECKS = (finite, motion, resolution, wrap, jumps, repeated_readings, sticking)
+def encoder(seen: Readings) -> Finding:
+    """Return the faults of the encoder that its readings alone show, as the nodes report them."""
+    used = seen.of(*range(DUPLICATE))
+    record, kinds = Faults(), np.full(len(used), NONE)
+    begin_faults(record)
+    stamps, readings = seen.stamps_ns[used], seen.position[used]
+    run(find_faults, record, len(used), seen.period, seen.step, stamps, readings, kinds)
+    texts = [
+        f'{text_of(kind, record.size[kind], record.rate[kind])}, '
+        f'{times(seen.when(used[kinds == kind]))}'
+        for kind in np.unique(kinds[kinds != NONE]).tolist()
+    ]
+    faulty = bool(np.any((kinds != NONE) & (kinds != STOPPED)))
+    remedy = 'check sensor, cable and bus' if faulty else ''
+    numbers = {'counts': dict(zip(NAMES, record.counts))}
+    return Finding('encoder', WARN if faulty else PASS, '; '.join(texts) or 'none', remedy, numbers)
+
+
+CHECKS = (finite, motion, resolution, wrap, jumps, repeated_readings, sticking, encoder)
