@@ -38,6 +38,8 @@ FIRST = {  # what users set, and what for
     'ros2_control or MoveIt, which need finite velocities': '`no_estimate: skip`',
     'raw counts': '`input: angle`, `angle_type: Int32`, `counts_per_revolution: 4096`',
     'a number of another message': '`input: field`, `field_type`, `field`',
+    'a gyro or a second encoder as well': '`sources`, `source.<name>.topic` '
+    '([page](second_sensor.md))',
     'a linear observer with a known delay': '`observer: hybrid_angle`, `bandwidth_hz: 20.0`',
     'a mechanism and its torque (`mechanical_observer`)': '`model`, `model_parameters`',
     'a motor without an encoder (`pmsm_observer`)': '`resistance`, `inductance`, `flux`, '
@@ -154,6 +156,7 @@ def catalogue() -> dict[str, list[Item]]:
     return {
         'observers': _entries(registry.OBSERVERS, 'gains'),
         'settings of each joint': _settings(families, 'PER_JOINT'),
+        'settings of each source': _settings(families, 'PER_SOURCE', live=False),
         'nodes': [
             Item(name, f'({stream})')
             if isinstance(stream, UserError)
@@ -203,7 +206,7 @@ def _settings(records: Mapping[str, Any], attribute: str, live: bool = True) -> 
     classes = dict.fromkeys(
         getattr(record, attribute)
         for record in records.values()
-        if not isinstance(record, UserError)
+        if hasattr(record, attribute)  # an error has none
     )
     return [_declared(_name(cls), cls, live) for cls in classes]
 

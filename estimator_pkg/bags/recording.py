@@ -98,7 +98,7 @@ def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
     UserError : the bag has no position, and the family needs only positions.
     """
     stream = streams.named(setup.kind)
-    if stream.IN_ARRAYS:
+    if stream.IN_ARRAYS and not setup.values.get('sources'):
         known = known or measured(bag, setup)
         if not known:
             raise UserError(

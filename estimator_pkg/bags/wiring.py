@@ -78,6 +78,12 @@ class Setup:
         if self.path and measurement is not None:
             store = store_for(measurement.type, measurement.definition)
             stream.read_field(Field(fields_of(store), measurement.type, self.path))
+        for number, (port, topic) in enumerate(zip(stream.inputs, self.ports)):
+            if number and port.field:
+                if topic is None:
+                    raise UsageError(f"'{port.topic}' is not in the bag: omit it in 'sources'")
+                store = store_for(topic.type, topic.definition)
+                stream.read_field(Field(fields_of(store), topic.type, port.field), number)
         return stream
 
 

@@ -52,6 +52,40 @@ class SensorSettings(JointSettings):
     )
 
 
+AS_RATE, AS_ANGLE, AS_ACCELERATION = 'rate', 'angle', 'acceleration'  # kinds of sources
+
+
+@dataclass(frozen=True)
+class SourceSettings:
+    """Parameters of one source."""
+
+    topic: str = structural('', description='topic of the messages; automatic: the name')
+    field_type: str = structural(
+        'sensor_msgs/msg/Imu', description='their type; any that is installed where the node runs'
+    )
+    field: str = structural(
+        'angular_velocity.z', description='the number in these messages, as in velocity[0]'
+    )
+    kind: str = structural(
+        AS_RATE,
+        choices=(AS_RATE, AS_ANGLE, AS_ACCELERATION),
+        description='what the number is: rate (gyro, tachometer, velocity of a drive) [rad/s], '
+        'angle (second encoder) [rad], acceleration (torque over inertia, a command) [rad/s^2]',
+    )
+    joint: str = structural('', description='the joint that it is of; automatic: every joint')
+    ratio: float = structural(
+        0.0,
+        range=(-1e6, 1e6),
+        description="the joint's motion over that of the source; 0: learnt (not of accelerations)",
+    )
+    delay: float = structural(
+        -1.0,
+        unit='s',
+        range=(-1.0, 1.0),
+        description='of its stamps behind those of the angle; below 0: learnt',
+    )
+
+
 class Configuration:
     """Checked values of an observer's gains and of the joint settings.
 

@@ -14,6 +14,7 @@ OF_AN_ANGLE = {  # observers of a single angle, by the prefix of their functions
     'pll': f'{ANGLE}.pll',
     'super_twisting': f'{ANGLE}.super_twisting.observer',
 }
+INFORMED = ('edge_adaptive', 'kalman')  # observers that other sensors may inform
 OF_A_DRIVE = {'pmsm': 'estimator_pkg.observers.pmsm.observer'}
 CHANNEL = ('take', 'show', 'show_deviation', 'message', 'deviations', 'batch')
 DRIVE_CHANNEL = ('take', 'show', 'show_deviation', 'batch', 'trace')
@@ -53,6 +54,15 @@ ENTRIES: tuple[Entry, ...] = (
         for channel, (observers, functions) in FUNCTIONS.items()
         for name, module in observers.items()
         for function in functions
+    ),
+    *(
+        Entry(
+            'estimator_pkg.driver.channel',
+            'inform',
+            {'observer': OF_AN_ANGLE[name]},
+            f'{name}_inform',
+        )
+        for name in INFORMED
     ),
     *(
         Entry(f'{MECHANISM}.core', 'walk', {'observer': module}, f'{name}_walk')

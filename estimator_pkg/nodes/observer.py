@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from traceback import format_exception
@@ -72,6 +73,11 @@ class ObserverNode(Node):
         try:
             self._ros = RosParameters(self)
             settings: Any = self._ros.declare(family.SETTINGS)
+            groups: dict[str, Any] = {
+                name: self._ros.declare(declaring, f'{name}.')
+                for name, declaring in family.groups(settings).items()
+            }
+            settings = replace(settings, groups=groups)
             observer = settings.find_observer()
             self._per_joint = (*declared(observer.gains), *declared(family.PER_JOINT))
             self._ros.declare(observer.gains)
@@ -90,10 +96,11 @@ class ObserverNode(Node):
                     observer, settings, self._common(self._ros.values), self._ros.overrides
                 ),
             )
-            for port in self.stream.inputs:
+            for number, port in enumerate(self.stream.inputs):
                 if port.field:
                     message_types.find(port.type)
-                    self.stream.read_field(Field(message_types.fields_of, port.type, port.field))
+                    found = Field(message_types.fields_of, port.type, port.field)
+                    self.stream.read_field(found, number)
             self._open()
         except BaseException as error:
             if isinstance(error, ArithmeticError) and observer is not None:
@@ -133,7 +140,8 @@ class ObserverNode(Node):
         self._endpoints.open(steady)  # last: the queues of subscriptions are not long
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} from '
-            f'{" and ".join(self._endpoints.inputs)} on {self._endpoints.outputs[0].topic_name} '
+            f'{" and ".join(dict.fromkeys(self._endpoints.inputs))} '
+            f'on {self._endpoints.outputs[0].topic_name} '
             f'({self._ros.changed()})'
         )
         for name, hint in self._ros.of_others().items():

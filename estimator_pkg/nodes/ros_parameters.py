@@ -17,6 +17,7 @@ The node is made with ``allow_undeclared_parameters=True``, because an override 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -89,19 +90,26 @@ class RosParameters:
         self._declaring = False
         self.instead: Callable[[str], str] = lambda gain: ''
 
-    def declare(self, cls: type[T]) -> T:
+    def declare(self, cls: type[T], prefix: str = '') -> T:
         """Declare the parameters of the dataclass `cls`; return an instance with their values.
+
+        Parameters
+        ----------
+        prefix : before each of their names.
 
         Raises
         ------
         UsageError : an initial value is wrong.
         """
-        known = declared(cls)
+        known = {
+            prefix + name: replace(parameter, name=prefix + name)
+            for name, parameter in declared(cls).items()
+        }
         values = {
             name: parameter.check(self._initial.get(name, parameter.default))
             for name, parameter in known.items()
         }
-        instance = build(cls, values)
+        instance = build(cls, {name.removeprefix(prefix): v for name, v in values.items()})
         self._known.update(known)
         self.values.update(values)
         for name, parameter in known.items():

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimator_pkg import observers, params_file
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.configuration import Configuration, SensorSettings
+from estimator_pkg.driver.configuration import Configuration, SensorSettings, SourceSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError, UserError, plainly, suggestion
@@ -124,6 +124,13 @@ class AngleSettings(JointsSettings):
         'are left alone. Estimates keep the stamps of their messages',
     )
 
+    sources: tuple[str, ...] | None = structural(
+        None,
+        kind=tuple,
+        description='names of other sensors of the joints; each has the parameters '
+        'source.<name>.topic, field_type, field, kind, joint, ratio and delay',
+    )
+
     def find_observer(self) -> Observer:
         """Return the observer.
 
@@ -186,6 +193,7 @@ class AngleStream(Stream):
     NODE = 'joint_observer'
     SETTINGS = AngleSettings
     PER_JOINT = SensorSettings
+    PER_SOURCE = SourceSettings
     SEPARATE = True
     IN_ARRAYS = True
     bank: Bank
@@ -209,8 +217,8 @@ class AngleStream(Stream):
         super().__init__(
             settings,
             observer,
-            Bank(configuration, settings.only),
-            [port],
+            self._bank(settings, configuration),
+            [port, *self._others()],
             [ESTIMATE, STDDEV, *([ACCELERATION] if accelerates else []), SMOOTHED, SMOOTHED_STDDEV],
         )
         self.estimation = Estimation(self.bank)
@@ -228,6 +236,27 @@ class AngleStream(Stream):
     ) -> Configuration:
         """See `Stream`."""
         return Configuration(observer, settings.implied(common) if settings else common, overrides)
+
+    @classmethod
+    def groups(cls, settings: AngleSettings) -> dict[str, type]:
+        """See `Stream`."""
+        return {f'source.{name}': SourceSettings for name in settings.sources or () if name}
+
+    @classmethod
+    def start(cls, settings: AngleSettings, configuration: Configuration) -> Stream:
+        """See `Stream`."""
+        if settings.groups and cls is AngleStream:
+            from estimator_pkg.streams.informed import InformedStream  # an `AngleStream`
+
+            return InformedStream.start(settings, configuration)
+        return super().start(settings, configuration)
+
+    def _bank(self, settings: AngleSettings, configuration: Configuration) -> Bank:
+        return Bank(configuration, settings.only)
+
+    def _others(self) -> list[Port]:
+        """Return the inputs beside the angle."""
+        return []
 
     # Messages
 
@@ -258,7 +287,7 @@ class AngleStream(Stream):
         estimated = self.estimation.update(groups, self.history, times)
         return (answers for group in estimated for answers in self._answering.block(group))
 
-    def read_field(self, field: Field) -> None:
+    def read_field(self, field: Field, port: int = 0) -> None:
         """See `Stream`."""
         settings = self.settings
         if field.is_integer and settings.counts_per_revolution <= 0.0:
@@ -281,7 +310,7 @@ class AngleStream(Stream):
 
     def _summary_of(self, name: str, joint: Joint) -> dict[str, Any]:
         summary = super()._summary_of(name, joint)
-        about = self.about(name)
+        about = {} if self._clocks is None else self._clocks.about(name)
         if about:
             summary['stamps'] = {
                 key: None if isinstance(value, float) and math.isnan(value) else value

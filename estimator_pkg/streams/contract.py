@@ -14,8 +14,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ NO_NUMBERS = 'numbers become too large or too small for these gains'
 HEADER, PUBLISHER = 'header', 'publisher'  # of the parameter stamp_source
 NAN, SKIP = 'nan', 'skip'  # of the parameter no_estimate
 
+T = TypeVar('T')
 Values = Mapping[str, Any]
 Answer = dict[int, bytes]  # CDR bytes by number of the output; one left out has nothing to say
 
@@ -139,6 +140,8 @@ class StreamSettings:
         'first subscriber, which then gets the last ones at once, at most the depth of the topic; '
         '0: they do not wait',
     )
+
+    groups: Mapping[str, Any] = field(default_factory=dict, kw_only=True)  # see `Stream.groups`
 
     def find_observer(self) -> Observer:
         """Return the observer; raise UsageError for inconsistent settings."""
@@ -256,6 +259,11 @@ class Stream(ABC):
         return Configuration(observer, common, overrides, cls.PER_JOINT)
 
     @classmethod
+    def groups(cls, settings: Any) -> dict[str, type]:
+        """Return the declarations of parameters that these settings name, by prefix."""
+        return {}
+
+    @classmethod
     def start(cls, settings: Any, configuration: Any) -> Stream:
         """Return a stream; raise UserError for problems beyond ranges."""
         family: Any = cls  # each takes settings and configuration
@@ -274,6 +282,10 @@ class Stream(ABC):
         common, overrides = params_file.split(values)
         of_node = {name: common.pop(name) for name in declared(cls.SETTINGS) if name in common}
         settings = build(cls.SETTINGS, of_node)
+        groups = cls.groups(settings)
+        settings = replace(
+            settings, groups={name: _taken(common, name, each) for name, each in groups.items()}
+        )
         observer = settings.find_observer()
         common.pop('observer', None)  # of a node with a single observer
         known = cls.parameters(observer)
@@ -327,8 +339,8 @@ class Stream(ABC):
         """
         return None
 
-    def read_field(self, field: Field) -> None:
-        """Take the measurement from a number in messages of any type.
+    def read_field(self, field: Field, port: int = 0) -> None:
+        """Take the measurement, or another input, from a number in messages of any type.
 
         Raises
         ------
@@ -567,6 +579,15 @@ class Stream(ABC):
     def recognises(cls, has: Callable[[str], bool], joints: bool) -> bool:
         """Return True if a bag is only for this family; `joints`: it has measured joint states."""
         return False
+
+
+def _taken(values: dict[str, Any], prefix: str, declaring: type[T]) -> T:
+    """Return an instance of a declaration with the values below a prefix, which are removed."""
+    own = {name: f'{prefix}.{name}' for name in declared(declaring)}
+    try:
+        return build(declaring, {k: values.pop(v) for k, v in own.items() if v in values})
+    except UsageError as error:
+        raise UsageError(str(error).replace("'", f"'{prefix}.", 1)) from None
 
 
 def stamp_remedy(source: str) -> str:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
@@ -58,6 +59,7 @@ from estimator_pkg.observers.maths.covariance import (
     update_2,
     update_3,
 )
+from estimator_pkg.observers.maths.informing import ANGLE, RATE, Told, told
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
@@ -116,6 +118,7 @@ class Design:
     density: float  # q of the white jerk or acceleration, per R where that is known
     per_dt: bool  # the density is per R dt
     estimated: bool  # R is estimated
+    variance: float  # R where it is known [rad^2]
 
 
 @record
@@ -136,6 +139,7 @@ class Core:
     p: Covariance  # P/R
     started: bool  # after the second sample
     scatter: Scatter  # of the measurement, where R is estimated
+    told: Told  # by another sensor
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
@@ -169,6 +173,8 @@ def forget(core: Core, design: Design, measurement: float) -> None:
     core.acceleration = 0.0 if design.order == 3 else math.nan
     core.started = False
     set_first(core.p)
+    core.told.last = core.told.mean = 0.0
+    core.told.now = False
 
 
 def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
@@ -200,6 +206,22 @@ def correct(core: Core, coefficients: Coefficients, design: Design, measurement:
     core.position = measurement - of_s * innovation
     core.velocity = core.velocity + gained + K1 * innovation
     return innovation
+
+
+def inform(
+    state: Any, coefficients: Coefficients, design: Design, kind: int, value: float, variance: float
+) -> None:
+    """Take what another sensor tells of the present motion; see `maths.informing`."""
+    core = state.core
+    if not core.started or (design.order == 2 and kind != RATE):
+        return
+    y = core.velocity if kind == RATE else core.position if kind == ANGLE else core.acceleration
+    r = core.scatter.variance if design.estimated else design.variance
+    x, v, a = told(core.p, core.told, kind, (value - y) / math.sqrt(r), variance / r)
+    core.position += x * math.sqrt(r)
+    core.velocity += v * math.sqrt(r)
+    if design.order == 3:
+        core.acceleration += a * math.sqrt(r)
 
 
 def noise_of_third(alpha: float, beta: float, dt: float) -> tuple[float, float, float]:
@@ -239,6 +261,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     made.order = 2 if gains.model == VELOCITY else 3
     made.density = gains.acceleration_psd if made.order == 2 else gains.jerk_psd
     variance = variance_of(gains)
+    made.variance = variance if variance > 0.0 else FIRST_VARIANCE
     if gains.bandwidth_hz is not None:
         radius = 2.0 * math.pi * gains.bandwidth_hz / BANDWIDTH_RATIO[gains.model]
         made.density = radius ** (2 * made.order)
