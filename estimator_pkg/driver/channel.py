@@ -29,7 +29,7 @@ from estimator_pkg.sensor.clock import (
     has_waited,
     judge,
 )
-from estimator_pkg.sensor.faults import Faults, begin_faults, cover, doubted, follow_faults
+from estimator_pkg.sensor.faults import Faults, begin_faults, cover, follow_faults, forget_motion
 from estimator_pkg.sensor.guard import (
     AFTER_GAP,
     AFTER_OUTAGE,
@@ -153,10 +153,9 @@ def take(
         )
     if observer.SINGLE_ANGLE:
         if verdict == USED:
-            mean_dt, period = channel.track.clock.mean_dt, channel.limits.period
-            follow_faults(channel.faults, stamp_ns, measurement, period, mean_dt)
+            follow_faults(channel.faults, measurement, channel.track.clock, channel.limits.period)
         elif verdict < DUPLICATE:
-            channel.faults.ready = 0
+            forget_motion(channel.faults, measurement)
     channel.verdict = verdict
     channel.counts[verdict] += 1
     if verdict < DUPLICATE:
@@ -385,9 +384,10 @@ def show_deviation(observer: Any, channel: Channel) -> None:
             observer, bare, track.state, track.coefficients, channel.design, corrected, 0.0
         )
         widen(channel.map, channel.deviation, bare.velocity)
-    if observer.SINGLE_ANGLE and doubted(channel.faults):
-        show(observer, channel)
-        cover(channel.faults, channel.deviation, channel.estimate.velocity)
+    if observer.SINGLE_ANGLE:
+        if channel.faults.doubted:
+            show(observer, channel)
+            cover(channel.faults, channel.deviation, channel.estimate.velocity)
 
 
 def inform(observer: Any, channel: Channel, kind: int, value: float, variance: float) -> None:

@@ -25,10 +25,12 @@ from benchmarks.signals import SIGNALS
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.engine.calls import available, run
+from estimator_pkg.evaluation.checks.angles import faults_of
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import MEASUREMENT
-from estimator_pkg.sensor.faults import NAMES, NONE, STOPPED, Faults, begin_faults, find_faults
+from estimator_pkg.sensor.faults import KINDS, NONE, STOPPED
 
+NAMES = [name for name, _ in KINDS]
 BAGS = Path(__file__).parents[2] / 'bags'
 SOON = 1.0  # [s]
 FEW, MANY = 12, 100
@@ -47,13 +49,9 @@ class Found(NamedTuple):
     before: int
 
 
-def kinds_of(stamps, readings, period=TURN, call=run):
+def kinds_of(stamps, readings, period=TURN):
     """The kind of the fault that each reading decides, as `doctor` finds it."""
-    faults, kinds = Faults(), np.full(len(stamps), NONE)
-    begin_faults(faults)
-    dt = float(np.median(np.diff(stamps))) * 1e-9
-    call(find_faults, faults, len(stamps), period, dt, stamps, readings, kinds)
-    return kinds
+    return faults_of(stamps, readings, period, float(np.median(np.diff(stamps))) * 1e-9)[1]
 
 
 def alarms(stamps, readings, period=TURN):

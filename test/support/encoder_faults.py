@@ -192,18 +192,18 @@ FAULTS: dict[str, tuple[Callable[..., Faulted], tuple[str, ...]]] = {
     'toggling by a count': (toggling, ('toggle',)),
     'reversed': (reversed_from_here, ('reversed',)),
     'reversed about zero': (reversed_about_zero, ('reversed',)),
-    'stuck bit 1 to 3': (stuck_low_bit, ('bit', 'jump', 'repeating')),
+    'stuck bit 1 to 3': (stuck_low_bit, ('bit', 'jump')),
     'stuck bit 6 to 10': (stuck_high_bit, ('bit', 'jump')),
     'zero for one reading': (single_zeros, ('zero', 'glitch')),
     'zero for 2 to 19': (zeros_for_a_while, ('zero', 'glitch', 'stuck')),
-    'hold of 3 to 39': (holds, ('held', 'repeating')),
-    'hold of one': (single_holds, ('held', 'repeating')),
+    'hold of 3 to 39': (holds, ('held',)),
+    'hold of one': (single_holds, ('held',)),
     'counts lost for 3 to 19': (counts_lost_for_a_while, ('lost',)),
     'counts lost at once': (counts_lost_at_once, ('lost', 'jump')),
     'jump': (one_jump, ('jump', 'lost')),
     'glitches': (glitches, ('glitch', 'zero')),
-    'repetition of every second': (every_second, ('held', 'repeating')),
-    'repetition of every nth': (every_nth, ('held', 'repeating')),
+    'repetition of every second': (every_second, ('held',)),
+    'repetition of every nth': (every_nth, ('held',)),
 }
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator_pkg.engine.calls import run
 from estimator_pkg.evaluation.checks.readings import (
@@ -22,8 +23,9 @@ from estimator_pkg.evaluation.checks.readings import (
     short,
     times,
 )
+from estimator_pkg.sensor.clock import Clock
 from estimator_pkg.sensor.faults import (
-    NAMES,
+    KINDS,
     NONE,
     STOPPED,
     Faults,
@@ -250,13 +252,27 @@ def motion(seen: Readings) -> Finding:
     return Finding('motion', PASS, text, '', numbers | {'speed': seen.speed})
 
 
+def faults_of(
+    stamps: NDArray[np.int64], readings: NDArray[np.float64], period: float, dt: float
+) -> tuple[Faults, NDArray[np.int64]]:
+    """Return the faults of an encoder, and the kind that each reading decides, shape (n,).
+
+    Parameters
+    ----------
+    stamps [ns], readings [rad or m] : shape (n,). period : wrap period [rad]; 0: none. dt : mean
+    sample time [s].
+    """
+    record, clock, kinds = Faults(), Clock(), np.full(len(stamps), NONE)
+    begin_faults(record)
+    clock.mean_dt = dt
+    run(find_faults, record, clock, len(stamps), period, stamps, readings, kinds)
+    return record, kinds
+
+
 def encoder(seen: Readings) -> Finding:
     """Return the faults of the encoder that its readings alone show, as the nodes report them."""
     used = seen.of(*range(DUPLICATE))
-    record, kinds = Faults(), np.full(len(used), NONE)
-    begin_faults(record)
-    stamps, readings = seen.stamps_ns[used], seen.position[used]
-    run(find_faults, record, len(used), seen.period, seen.step, stamps, readings, kinds)
+    record, kinds = faults_of(seen.stamps_ns[used], seen.position[used], seen.period, seen.step)
     texts = [
         f'{text_of(kind, record.size[kind], record.rate[kind])}, '
         f'{times(seen.when(used[kinds == kind]))}'
@@ -264,7 +280,7 @@ def encoder(seen: Readings) -> Finding:
     ]
     faulty = bool(np.any((kinds != NONE) & (kinds != STOPPED)))
     remedy = 'check sensor, cable and bus' if faulty else ''
-    numbers = {'counts': dict(zip(NAMES, record.counts))}
+    numbers = {'counts': {name: n for (name, _), n in zip(KINDS, record.counts)}}
     return Finding('encoder', WARN if faulty else PASS, '; '.join(texts) or 'none', remedy, numbers)
 
 
