@@ -274,7 +274,7 @@ def encoder(seen: Readings) -> Finding:
     used = seen.of(*range(DUPLICATE))
     record, kinds = faults_of(seen.stamps_ns[used], seen.position[used], seen.period, seen.step)
     texts = [
-        f'{text_of(kind, record.size[kind], record.rate[kind])}, '
+        f'{text_of(record, kind)}, '
         f'{times(seen.when(used[kinds == kind]))}'
         for kind in np.unique(kinds[kinds != NONE]).tolist()
     ]
