@@ -32,7 +32,7 @@ STOPPED, STUCK, HELD, LOST, JUMP, GLITCH, REVERSED, TOGGLE, BIT = range(9)
 KINDS = (  # name, text with (size, speed before, reading)
     ('stopped', 'the readings stopped at {1:.3g} rad/s within a sample: a stop, or a stuck sensor'),
     ('stuck', 'the reading is stuck within a count of {2:.6g} rad since it moved at {1:.3g} rad/s'),
-    ('held', 'the reading was held for {0:.0f} samples at {1:.3g} rad/s, and caught up'),
+    ('held', 'the reading was held for {0:.0f} samples at {1:.3g} rad/s, and jumped on'),
     ('lost', 'a way of {0:.3g} rad was not counted at {1:.3g} rad/s'),
     ('jump', 'the reading jumped by {0:.3g} rad at {1:.3g} rad/s before and after'),
     ('glitch', 'a reading of {2:.6g} rad was {0:.3g} rad off the motion before and after it'),
@@ -48,7 +48,8 @@ WEIGHT = 0.25  # of the newest step in the mean
 RESIDUE = 1e-6  # of a step: rounding
 FINEST = 1e-4  # [rad or m] smaller steps are compared with it
 QUANTISED = 1.05  # grains by which a uniform motion's step differs from their mean
-WINDOW = 64  # readings in which each bit that they pass changes; before the first suspicion, too
+WINDOW = 40  # readings in which each bit that they pass changes; before the first suspicion, too
+TOGGLES = 160  # readings that show a count on every second one
 SOON_NS = 900_000_000  # time from one window to the end of the next [ns]
 WINDOWS = 4  # before a bit is judged: the counter is known
 FORGET = 0.75  # part of the largest bend that is left after a window
@@ -82,18 +83,16 @@ class Faults:
     age: int  # readings of the suspicion; 0: none
     off: float  # distance from the line of the motion before,
     first: float  # and the first, where it moves
-    place: float  # reading that was off first
+    place: float  # the reading there
     soft: int  # readings on the way from there to the line
     worst: float  # largest change of a step in it
-    held: int  # readings since its beginning that rest
-    flips: int  # changes of them by a count
+    held: int  # readings from its beginning that rest
     decided: bool  # the rest is reported already
     calm: int  # newest steps in a row as before it,
     mirrored: int  # that go backwards,
     steady: int  # that are alike,
     equal: int  # and zero
-    held_ns: int  # stamp of the newest hold
-    holds: int  # holds close to each other
+    moved: int  # steps that are not
     window: int  # readings of the window so far; 0: none
     settled: int  # windows since the grain is as now
     code: int  # newest reading in grains
@@ -108,7 +107,7 @@ class Faults:
     counts: Annotated[list[int], 9]  # of events by kind
     size: Annotated[list[float], 9]  # of the newest by kind
     rate: Annotated[list[float], 9]  # speed before the newest by kind [rad/s or m/s]
-    reading: Annotated[list[float], 9]  # that began the newest by kind [rad or m]
+    reading: Annotated[list[float], 9]  # of the newest by kind [rad or m]
 
 
 def begin_faults(faults: Faults) -> None:
@@ -168,48 +167,44 @@ def follow_faults(faults: Faults, reading: float, clock: Clock, period: float) -
 def look(faults: Faults, step: float, clock: Clock, period: float) -> int:
     """Look at a reading; return the kind of a fault that it decides, or NONE."""
     faults.now_ns, faults.dt = clock.last_ns, clock.mean_dt
-    before = faults.step if faults.usual < 0.0 else faults.slope
+    consecutive = faults.usual < 0.0
+    before = faults.step if consecutive else faults.slope
     faults.step = step
     times = 1e-9 * clock.dt_ns / faults.dt
-    if math.isnan(faults.slope) or not 0.5 < times < 1.5:
+    regular = 0.5 < times < 1.5
+    if math.isnan(faults.slope) or not regular:
         forget_motion(faults, faults.last)
         faults.slope = step / times
-        if not 0.5 < times < 1.5:
+        if not regular:
             faults.usual = math.inf
             faults.due_ns = max(faults.due_ns, faults.now_ns + PAUSE_NS)
         return NONE
-    faults.warm -= 1
     change, off = wrap(step - before, period), wrap(step - faults.slope, period)
     for each in (abs(step), abs(change)):
-        if faults.usual < 0.0 and RESIDUE * (abs(step) + FINEST) < each < faults.grain:
+        if consecutive and RESIDUE * (abs(step) + FINEST) < each < faults.grain:
             faults.grain = each
             faults.ever = faults.settled = 0
+    faults.warm = max(faults.warm - 1, 0)
     faults.cover = max(faults.cover - 1, 0)
     limit = 2.0 * faults.bend + 2.2 * faults.grain
+    odd = abs(off) > limit
     kind = NONE
     if faults.window > 0 or faults.now_ns >= faults.due_ns:
-        kind = examine(faults, step, change, abs(off) <= limit)
-    odd = abs(off) > limit or (step == 0.0 and abs(off) > usual_of(faults))
-    if faults.age == 0 and not (odd and faults.warm <= 0):
-        faults.bend = max(faults.bend, abs(off) - QUANTISED * faults.grain)
-        faults.slope += WEIGHT * off
-    else:
-        if faults.age == 0:
-            begin(faults)
+        kind = examine(faults, step, change, odd)
+    odd = odd or (step == 0.0 and abs(off) > faults.bend + QUANTISED * faults.grain)
+    if faults.age > 0 or (odd and faults.warm == 0):
         found = follow(faults, step, change, limit)
         kind = found if kind == NONE else kind
+    else:
+        faults.bend = max(faults.bend, abs(off) - QUANTISED * faults.grain)
+        faults.slope += WEIGHT * off
     faults.doubted = faults.age + faults.cover > 0
-    busy = faults.warm > 0 or faults.window + faults.age + faults.cover > 0
-    faults.usual = -1.0 if busy else usual_of(faults)
+    busy = faults.warm + faults.window + faults.age + faults.cover > 0
+    faults.usual = -1.0 if busy else faults.bend + QUANTISED * faults.grain
     return kind
 
 
-def usual_of(faults: Faults) -> float:
-    """Return the largest difference of a step from the mean that is usual."""
-    return faults.bend + QUANTISED * faults.grain if faults.grain < math.inf else 0.0
-
-
-def examine(faults: Faults, step: float, change: float, ordinary: bool) -> int:
+def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
     """Take a reading of a window; return TOGGLE, BIT or NONE."""
     if faults.window == 0:
         faults.changed = faults.moves = 0
@@ -224,12 +219,15 @@ def examine(faults: Faults, step: float, change: float, ordinary: bool) -> int:
     if faults.window > 1:
         faults.changed |= (code | faults.code) - (code & faults.code)  # exclusive or
     faults.code = code
-    if ordinary:
+    if not odd:
         faults.way += step
         faults.moves += 1 if step != 0.0 and abs(change) > 0.5 * faults.grain else 0
     if faults.window < WINDOW:
         return NONE
-    faults.window = 0
+    mean, swing = faults.changes / faults.window, abs(faults.swing) / faults.window
+    alternates = swing > 0.8 * mean and abs(swing - 2.0 * faults.grain) < 0.5 * faults.grain
+    if alternates and faults.window < TOGGLES:
+        return NONE
     faults.due_ns = faults.now_ns
     if faults.settled >= WINDOWS:
         faults.due_ns += SOON_NS - round(2e9 * WINDOW * faults.dt)
@@ -237,12 +235,10 @@ def examine(faults: Faults, step: float, change: float, ordinary: bool) -> int:
     faults.ever |= faults.changed
     faults.settled += 1
     faults.bend *= FORGET
+    faults.window = 0
     if bit >= 0:
         return note(faults, BIT, float(bit))
-    swing = abs(faults.swing)
-    if swing > 0.75 * faults.changes and abs(swing / WINDOW - 2.0 * faults.grain) < 0.5 * faults.grain:
-        return note(faults, TOGGLE, faults.grain)
-    return NONE
+    return note(faults, TOGGLE if alternates and faults.settled > 1 else NONE, faults.grain)
 
 
 def stuck_bit(faults: Faults) -> int:
@@ -251,9 +247,9 @@ def stuck_bit(faults: Faults) -> int:
     A mean step that is nearly a multiple of what the bit repeats after may leave it as it is.
     """
     passed = faults.ever - (faults.ever & faults.changed)
-    if passed == 0 or faults.settled <= WINDOWS or 4 * faults.moves <= WINDOW:
+    if passed == 0 or faults.settled <= WINDOWS or 4 * faults.moves <= faults.window:
         return NONE
-    mean = faults.way / (WINDOW * faults.grain)
+    mean = faults.way / (faults.window * faults.grain)
     k, size = 0, 1
     while 4.0 * size * faults.grain <= abs(faults.way):
         if passed & size != 0 and abs(wrap(mean, 2.0 * size)) > 0.1 * size:
@@ -263,18 +259,15 @@ def stuck_bit(faults: Faults) -> int:
     return NONE
 
 
-def begin(faults: Faults) -> None:
-    """Begin a suspicion before its first reading."""
-    faults.off = faults.worst = 0.0
-    faults.soft = faults.held = faults.flips = 0
-    faults.calm = faults.mirrored = faults.steady = faults.equal = 0
-    faults.decided = False
-
-
 def follow(faults: Faults, step: float, change: float, limit: float) -> int:
     """Take a reading of a suspicion; return the kind of a fault that it decides, or NONE."""
-    slope, grain = faults.slope, faults.grain
+    slope, grain, dt = faults.slope, faults.grain, faults.dt
     fast = abs(slope)
+    if faults.age == 0:
+        faults.off = faults.worst = 0.0
+        faults.soft = faults.held = faults.calm = faults.mirrored = 0
+        faults.steady = faults.equal = faults.moved = 0
+        faults.decided = False
     faults.age += 1
     faults.off += step - slope
     faults.worst = max(faults.worst, abs(change))
@@ -282,42 +275,48 @@ def follow(faults: Faults, step: float, change: float, limit: float) -> int:
     if faults.held == faults.age - 1:
         if abs(off + faults.age * slope) <= 1.5 * grain:
             faults.held = faults.age
-            faults.flips += 1 if step != 0.0 else 0
+            faults.moved += 1 if step != 0.0 else 0
             return follow_rest(faults)
-        if faults.flips == 0 and abs(step) > 1.5 * fast and faults.held > 0:
-            if abs(off) <= limit + 0.3 * abs(step):
-                return end_hold(faults, limit)
         faults.first, faults.place = off, faults.last
     first, since = faults.first, faults.age - faults.held
-    near = limit + 0.05 * fast
+    drift = (faults.bend + grain) * faults.age
+    near = limit + min(0.05 * fast, drift)
     on = abs(step - slope) <= near and (step != 0.0 or fast <= 2.0 * grain)
     faults.calm = faults.calm + 1 if on else 0
     abrupt = abs(first + 2.0 * slope) <= limit or abs(first) > limit + 4.0 * fast
     way = fast * (since - 1)
-    back = abs(off - first + 2.0 * slope * (since - 1))
-    faults.mirrored = faults.mirrored + 1 if abrupt and back <= limit + 0.12 * way else 0
+    backwards = abs(off - first + 2.0 * slope * (since - 1)) <= limit + 0.05 * way
+    faults.mirrored = faults.mirrored + 1 if abrupt and backwards else 0
     faults.steady = faults.steady + 1 if abs(change) <= near else 0
     faults.equal = faults.equal + 1 if step == 0.0 else 0
-    faults.soft += 1 if 0.2 < abs(off / first) < 0.5 or abs(off) > 2.0 * abs(first) else 0
-    least = 4.0 * faults.bend + 8.0 * grain
+    faults.moved += 1 if step != 0.0 else 0
+    if 0.2 * abs(first) < abs(off) < 0.5 * abs(first) or abs(off) > 2.0 * abs(first):
+        faults.soft += 1
+    if faults.held > 0 and faults.moved == 1 and since == 1 and abs(step) > 1.5 * fast:
+        if abs(off) <= limit + 0.3 * abs(step):
+            return end_hold(faults, limit)
+    leap = abs(first + (faults.held + 1) * slope)
+    if faults.held > 1 and faults.moved == since == 2:
+        if leap > limit + 2.0 * max(fast, abs(step)):
+            return end_hold(faults, limit)
+    absurd = faults.held == 0 and abs(first) > ABSURD * dt * dt
+    far = abs(first) > 4.0 * faults.bend + 8.0 * grain and (fast > limit or absurd)
+    returned = abs(off) <= max(2.0 * limit + 0.5 * drift, 0.1 * abs(first))
+    if far and returned and faults.soft == 0 and max(faults.calm, faults.steady) >= CALM:
+        return end(faults, GLITCH, abs(first)) if faults.held == 0 else end_hold(faults, limit)
     if faults.calm >= CALM:
-        absurd = abs(first) > ABSURD * faults.dt * faults.dt
-        if abs(first) <= least or not (fast > limit or absurd):
-            return end(faults, NONE, 0.0)
-        if abs(off) <= 2.0 * limit + 0.5 * (faults.bend + grain) * faults.age:
-            return end(faults, GLITCH if faults.soft == 0 else NONE, abs(first))
-        if abs(first - off) > near + 0.2 * abs(off):
+        if returned or not far or abs(first - off) > limit + 0.2 * abs(off):
             return end(faults, NONE, 0.0)
         slipped = off * slope < 0.0 and abs(off) <= 1.5 * fast * max(faults.held, 1)
         return end(faults, LOST if slipped else JUMP, off)
-    if faults.mirrored >= AWAY and way > 12.0 * limit:
+    if faults.mirrored >= AWAY and way > 12.0 * limit and fast > limit:
         return end(faults, REVERSED, fast)
-    out = abs(first) > least + 1.5 * fast and fast > 2.0 * grain
-    if out and faults.equal >= AWAY and faults.equal * faults.dt > SHORTEST:
+    out = far and abs(first) > 1.5 * fast and fast > 2.0 * grain
+    if out and faults.equal >= AWAY and faults.equal * dt > SHORTEST:
         return end(faults, STUCK, off)
+    waits = faults.mirrored > 0 or faults.equal > 0
     alike = faults.steady >= CALM and not (faults.mirrored > 0 or (out and faults.equal > 0))
-    late = since > PATIENCE and faults.equal == 0 and faults.mirrored == 0
-    return end(faults, NONE, 0.0) if alike or late else NONE
+    return end(faults, NONE, 0.0) if alike or (faults.moved > PATIENCE and not waits) else NONE
 
 
 def follow_rest(faults: Faults) -> int:
@@ -325,23 +324,20 @@ def follow_rest(faults: Faults) -> int:
     fast, passed = abs(faults.slope), faults.age * faults.dt
     unclear = faults.grain + faults.bend
     if faults.decided or passed <= SHORTEST or faults.age * fast <= 16.0 * unclear:
-        rests = passed > DOUBT and (faults.newest == STOPPED or not faults.decided)
+        rests = faults.decided and passed > DOUBT and faults.newest == STOPPED
         return end(faults, NONE, 0.0) if rests else NONE
+    if fast <= faults.bend + 1.6 * faults.grain:
+        return end(faults, NONE, 0.0)
     faults.decided = True
     faults.place = faults.last
     return note(faults, STUCK if 2.5 * unclear <= CHANCE * fast else STOPPED, passed)
 
 
 def end_hold(faults: Faults, limit: float) -> int:
-    """End a suspicion: the reading was held, once more."""
-    close_ns = round(4e9 * (faults.held + 1) * faults.dt)
-    faults.holds = faults.holds + 1 if faults.now_ns - faults.held_ns <= close_ns else 1
-    faults.held_ns = faults.now_ns
-    faults.place = faults.last
-    if faults.holds > CALM or faults.held > 1 or abs(faults.slope) >= limit:
-        return end(faults, HELD, float(faults.held))
-    faults.age = 0
-    return NONE
+    """End a suspicion: the reading was held; a single one of a slow joint may be chance."""
+    faults.worst = 0.0
+    sure = faults.held > 1 or abs(faults.slope) >= limit
+    return end(faults, HELD if sure else NONE, float(faults.held))
 
 
 def end(faults: Faults, kind: int, size: float) -> int:
@@ -360,7 +356,7 @@ def end(faults: Faults, kind: int, size: float) -> int:
 
 
 def note(faults: Faults, kind: int, size: float) -> int:
-    """Count a fault; return its kind."""
+    """Count a fault if it is one; return its kind."""
     if kind != NONE:
         faults.newest, faults.newest_ns = kind, faults.now_ns
         faults.counts[kind] += 1
