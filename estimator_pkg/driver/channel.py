@@ -29,7 +29,7 @@ from estimator_pkg.sensor.clock import (
     has_waited,
     judge,
 )
-from estimator_pkg.sensor.faults import Faults, begin_faults, cover, follow_faults, forget_motion
+from estimator_pkg.sensor.faults import Faults, begin_faults, cover, forget_motion, is_usual, look
 from estimator_pkg.sensor.guard import (
     AFTER_GAP,
     AFTER_OUTAGE,
@@ -153,7 +153,8 @@ def take(
         )
     if observer.SINGLE_ANGLE:
         if verdict == USED:
-            follow_faults(channel.faults, measurement, channel.track.clock, channel.limits.period)
+            if not is_usual(channel.faults, measurement, stamp_ns):
+                look(channel.faults, channel.track.clock, channel.limits.period)
         elif verdict < DUPLICATE:
             forget_motion(channel.faults, measurement)
     channel.verdict = verdict

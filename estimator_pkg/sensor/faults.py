@@ -73,7 +73,8 @@ class Faults:
     usual: float  # a larger difference of a step is looked at; negative: each reading is
     due_ns: int  # stamp of the next window
     warm: int  # readings before a suspicion may begin
-    step: float  # newest step, where each reading is looked at
+    step: float  # newest step, where it is looked at,
+    before: float  # and the one before
     dt: float  # mean sample time [s]
     now_ns: int  # newest stamp that was looked at
     grain: float  # smallest step, or change of a step
@@ -93,6 +94,7 @@ class Faults:
     steady: int  # that are alike,
     equal: int  # and zero
     moved: int  # steps that are not
+    unusual: bool  # a step was, since the last window
     window: int  # readings of the window so far; 0: none
     settled: int  # windows since the grain is as now
     code: int  # newest reading in grains
@@ -148,38 +150,42 @@ def note_on_faults(faults: Faults, stamp_ns: int) -> str:
     return text_of(faults, faults.newest)
 
 
-def follow_faults(faults: Faults, reading: float, clock: Clock, period: float) -> int:
-    """Take a reading that was used; return the kind of a fault that it decides, or NONE.
+def is_usual(faults: Faults, reading: float, stamp_ns: int) -> bool:
+    """Take a reading that was used; return False if it is to be looked at."""
+    step = reading - faults.last
+    off = step - faults.slope
+    faults.last = reading
+    if -faults.usual <= off <= faults.usual and stamp_ns < faults.due_ns:
+        faults.slope += WEIGHT * off
+        return True
+    faults.step = step
+    return False
+
+
+def look(faults: Faults, clock: Clock, period: float) -> int:
+    """Look at the newest reading; return the kind of a fault that it decides, or NONE.
 
     Parameters
     ----------
     period : wrap period [rad]; 0: none.
     """
-    step = reading - faults.last
-    off = step - faults.slope
-    faults.last = reading
-    if abs(off) <= faults.usual and clock.last_ns < faults.due_ns:
-        faults.slope += WEIGHT * off
-        return NONE
-    return look(faults, wrap(step, period), clock, period)
-
-
-def look(faults: Faults, step: float, clock: Clock, period: float) -> int:
-    """Look at a reading; return the kind of a fault that it decides, or NONE."""
     faults.now_ns, faults.dt = clock.last_ns, clock.mean_dt
     consecutive = faults.usual < 0.0
-    before = faults.step if consecutive else faults.slope
-    faults.step = step
-    times = 1e-9 * clock.dt_ns / faults.dt
-    regular = 0.5 < times < 1.5
+    before = faults.before if consecutive else faults.slope
+    step = wrap(faults.step, period)
+    faults.step = faults.before = step
+    passed = 1e-9 * clock.dt_ns
+    regular = 0.5 * faults.dt < passed < 1.5 * faults.dt
     if math.isnan(faults.slope) or not regular:
         forget_motion(faults, faults.last)
-        faults.slope = step / times
+        faults.slope = step * faults.dt / passed
         if not regular:
             faults.usual = math.inf
             faults.due_ns = max(faults.due_ns, faults.now_ns + PAUSE_NS)
         return NONE
-    change, off = wrap(step - before, period), wrap(step - faults.slope, period)
+    change, off = step - before, step - faults.slope
+    if abs(change) + abs(off) > 0.5 * period:
+        change, off = wrap(change, period), wrap(off, period)
     for each in (abs(step), abs(change)):
         if consecutive and RESIDUE * (abs(step) + FINEST) < each < faults.grain:
             faults.grain = each
@@ -187,12 +193,12 @@ def look(faults: Faults, step: float, clock: Clock, period: float) -> int:
     faults.warm = max(faults.warm - 1, 0)
     faults.cover = max(faults.cover - 1, 0)
     limit = 2.0 * faults.bend + 2.2 * faults.grain
-    odd = abs(off) > limit
+    odd, most = abs(off) > limit, faults.bend + QUANTISED * faults.grain
+    faults.unusual = faults.unusual or abs(off) > most
     kind = NONE
     if faults.window > 0 or faults.now_ns >= faults.due_ns:
         kind = examine(faults, step, change, odd)
-    odd = odd or (step == 0.0 and abs(off) > faults.bend + QUANTISED * faults.grain)
-    if faults.age > 0 or (odd and faults.warm == 0):
+    if faults.age > 0 or (faults.warm == 0 and (odd or (step == 0.0 and abs(off) > most))):
         found = follow(faults, step, change, limit)
         kind = found if kind == NONE else kind
     else:
@@ -207,6 +213,11 @@ def look(faults: Faults, step: float, clock: Clock, period: float) -> int:
 def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
     """Take a reading of a window; return TOGGLE, BIT or NONE."""
     if faults.window == 0:
+        faults.bend *= FORGET
+        if not faults.unusual and faults.settled > WINDOWS:
+            faults.due_ns = faults.now_ns + SOON_NS
+            return NONE
+        faults.unusual = False
         faults.changed = faults.moves = 0
         faults.way = faults.swing = faults.changes = 0.0
     faults.window += 1
@@ -229,12 +240,11 @@ def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
     if alternates and faults.window < TOGGLES:
         return NONE
     faults.due_ns = faults.now_ns
-    if faults.settled >= WINDOWS:
+    if faults.moves == 0 or faults.settled > WINDOWS:
         faults.due_ns += SOON_NS - round(2e9 * WINDOW * faults.dt)
     bit = stuck_bit(faults)
     faults.ever |= faults.changed
-    faults.settled += 1
-    faults.bend *= FORGET
+    faults.settled += 1 if faults.moves > 0 else 0
     faults.window = 0
     if bit >= 0:
         return note(faults, BIT, float(bit))
@@ -379,9 +389,11 @@ def find_faults(
 
     Parameters
     ----------
-    clock : with the mean sample time. period : see `follow_faults`.
+    clock : with the mean sample time. period : see `look`.
     """
     for k in range(count):
         clock.dt_ns = stamps[k] - clock.last_ns
         clock.last_ns = stamps[k]
-        kinds[k] = follow_faults(faults, readings[k], clock, period)
+        kinds[k] = NONE
+        if not is_usual(faults, readings[k], stamps[k]):
+            kinds[k] = look(faults, clock, period)
