@@ -154,7 +154,7 @@ def take(
     if observer.SINGLE_ANGLE:
         if verdict == USED:
             if not is_usual(channel.faults, measurement, stamp_ns):
-                look(channel.faults, channel.track.clock, channel.limits.period)
+                look(channel.faults, measurement, channel.track.clock, channel.limits.period)
         elif verdict < DUPLICATE:
             forget_motion(channel.faults, measurement)
     channel.verdict = verdict

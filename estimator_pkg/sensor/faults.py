@@ -42,14 +42,14 @@ KINDS = (  # name, text with (size, speed before, reading)
 )
 SHOWN_NS = 5_000_000_000  # time for which a fault stays in the status [ns]
 
-PAUSE_NS = 200_000_000  # time without a look after an irregular sample time [ns]
+PAUSE_NS = 300_000_000  # time without a look after an irregular sample time [ns]
 AGAIN = 8  # readings before a suspicion after it
 WEIGHT = 0.25  # of the newest step in the mean
 RESIDUE = 1e-6  # of a step: rounding
 FINEST = 1e-4  # [rad or m] smaller steps are compared with it
 QUANTISED = 1.05  # grains by which a uniform motion's step differs from their mean
-WINDOW = 40  # readings in which each bit that they pass changes; before the first suspicion, too
-TOGGLES = 160  # readings that show a count on every second one
+WINDOW = 32  # readings in which each bit that they pass changes; before the first suspicion, too
+TOGGLES = 128  # readings that show a count on every second one
 SOON_NS = 900_000_000  # time from one window to the end of the next [ns]
 WINDOWS = 4  # before a bit is judged: the counter is known
 FORGET = 0.75  # part of the largest bend that is left after a window
@@ -73,8 +73,7 @@ class Faults:
     usual: float  # a larger difference of a step is looked at; negative: each reading is
     due_ns: int  # stamp of the next window
     warm: int  # readings before a suspicion may begin
-    step: float  # newest step, where it is looked at,
-    before: float  # and the one before
+    step: float  # newest step that was looked at
     dt: float  # mean sample time [s]
     now_ns: int  # newest stamp that was looked at
     grain: float  # smallest step, or change of a step
@@ -151,19 +150,17 @@ def note_on_faults(faults: Faults, stamp_ns: int) -> str:
 
 
 def is_usual(faults: Faults, reading: float, stamp_ns: int) -> bool:
-    """Take a reading that was used; return False if it is to be looked at."""
-    step = reading - faults.last
-    off = step - faults.slope
-    faults.last = reading
-    if -faults.usual <= off <= faults.usual and stamp_ns < faults.due_ns:
+    """Return False if a reading that was used is to be looked at; else take it."""
+    off = reading - faults.last - faults.slope
+    if abs(off) <= faults.usual and stamp_ns < faults.due_ns:
+        faults.last = reading
         faults.slope += WEIGHT * off
         return True
-    faults.step = step
     return False
 
 
-def look(faults: Faults, clock: Clock, period: float) -> int:
-    """Look at the newest reading; return the kind of a fault that it decides, or NONE.
+def look(faults: Faults, reading: float, clock: Clock, period: float) -> int:
+    """Take a reading by looking at it; return the kind of a fault that it decides, or NONE.
 
     Parameters
     ----------
@@ -171,9 +168,9 @@ def look(faults: Faults, clock: Clock, period: float) -> int:
     """
     faults.now_ns, faults.dt = clock.last_ns, clock.mean_dt
     consecutive = faults.usual < 0.0
-    before = faults.before if consecutive else faults.slope
-    step = wrap(faults.step, period)
-    faults.step = faults.before = step
+    before = faults.step if consecutive else faults.slope
+    step = wrap(reading - faults.last, period)
+    faults.last, faults.step = reading, step
     passed = 1e-9 * clock.dt_ns
     regular = 0.5 * faults.dt < passed < 1.5 * faults.dt
     if math.isnan(faults.slope) or not regular:
@@ -199,8 +196,7 @@ def look(faults: Faults, clock: Clock, period: float) -> int:
     if faults.window > 0 or faults.now_ns >= faults.due_ns:
         kind = examine(faults, step, change, odd)
     if faults.age > 0 or (faults.warm == 0 and (odd or (step == 0.0 and abs(off) > most))):
-        found = follow(faults, step, change, limit)
-        kind = found if kind == NONE else kind
+        kind = max(kind, follow(faults, step, change, limit))
     else:
         faults.bend = max(faults.bend, abs(off) - QUANTISED * faults.grain)
         faults.slope += WEIGHT * off
@@ -214,7 +210,7 @@ def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
     """Take a reading of a window; return TOGGLE, BIT or NONE."""
     if faults.window == 0:
         faults.bend *= FORGET
-        if not faults.unusual and faults.settled > WINDOWS:
+        if step == 0.0 or (faults.settled > WINDOWS and not faults.unusual):
             faults.due_ns = faults.now_ns + SOON_NS
             return NONE
         faults.unusual = False
@@ -271,62 +267,68 @@ def stuck_bit(faults: Faults) -> int:
 
 def follow(faults: Faults, step: float, change: float, limit: float) -> int:
     """Take a reading of a suspicion; return the kind of a fault that it decides, or NONE."""
-    slope, grain, dt = faults.slope, faults.grain, faults.dt
-    fast = abs(slope)
+    slope, grain = faults.slope, faults.grain
     if faults.age == 0:
         faults.off = faults.worst = 0.0
-        faults.soft = faults.held = faults.calm = faults.mirrored = 0
-        faults.steady = faults.equal = faults.moved = 0
+        faults.held = faults.calm = faults.mirrored = 0
+        faults.steady = faults.equal = faults.moved = faults.soft = 0
         faults.decided = False
     faults.age += 1
     faults.off += step - slope
     faults.worst = max(faults.worst, abs(change))
-    off = faults.off
+    faults.moved += 1 if step != 0.0 else 0
+    off, fast = faults.off, abs(slope)
     if faults.held == faults.age - 1:
         if abs(off + faults.age * slope) <= 1.5 * grain:
             faults.held = faults.age
-            faults.moved += 1 if step != 0.0 else 0
             return follow_rest(faults)
         faults.first, faults.place = off, faults.last
     first, since = faults.first, faults.age - faults.held
-    drift = (faults.bend + grain) * faults.age
-    near = limit + min(0.05 * fast, drift)
-    on = abs(step - slope) <= near and (step != 0.0 or fast <= 2.0 * grain)
-    faults.calm = faults.calm + 1 if on else 0
-    abrupt = abs(first + 2.0 * slope) <= limit or abs(first) > limit + 4.0 * fast
-    way = fast * (since - 1)
-    backwards = abs(off - first + 2.0 * slope * (since - 1)) <= limit + 0.05 * way
-    faults.mirrored = faults.mirrored + 1 if abrupt and backwards else 0
+    near = limit + min(0.05 * fast, (faults.bend + grain) * faults.age)
+    as_before = abs(step - slope) <= near and (step != 0.0 or fast <= 2.0 * grain)
+    faults.calm = faults.calm + 1 if as_before else 0
     faults.steady = faults.steady + 1 if abs(change) <= near else 0
     faults.equal = faults.equal + 1 if step == 0.0 else 0
-    faults.moved += 1 if step != 0.0 else 0
+    abrupt = abs(first + 2.0 * slope) <= limit or abs(first) > limit + 4.0 * fast
+    way = fast * (since - 1)
+    back = abs(off - first + 2.0 * slope * (since - 1)) <= limit + 0.05 * way
+    faults.mirrored = faults.mirrored + 1 if abrupt and back else 0
     if 0.2 * abs(first) < abs(off) < 0.5 * abs(first) or abs(off) > 2.0 * abs(first):
         faults.soft += 1
-    if faults.held > 0 and faults.moved == 1 and since == 1 and abs(step) > 1.5 * fast:
-        if abs(off) <= limit + 0.3 * abs(step):
+    if faults.held > 0 and faults.moved == since:
+        caught_up = abs(off) <= limit + 0.3 * abs(step) and abs(step) > 1.5 * fast
+        leap = abs(first + (faults.held + 1) * slope)
+        far = faults.held > 1 and leap > limit + 2.0 * max(fast, abs(step))
+        if (since == 1 and caught_up) or (since == 2 and far):
             return end_hold(faults, limit)
-    leap = abs(first + (faults.held + 1) * slope)
-    if faults.held > 1 and faults.moved == since == 2:
-        if leap > limit + 2.0 * max(fast, abs(step)):
-            return end_hold(faults, limit)
+    return judge(faults, limit)
+
+
+def judge(faults: Faults, limit: float) -> int:
+    """Return the kind of a fault that the readings of a suspicion show so far, or NONE."""
+    grain, dt, first, off = faults.grain, faults.dt, faults.first, faults.off
+    fast = abs(faults.slope)
     absurd = faults.held == 0 and abs(first) > ABSURD * dt * dt
     far = abs(first) > 4.0 * faults.bend + 8.0 * grain and (fast > limit or absurd)
-    returned = abs(off) <= max(2.0 * limit + 0.5 * drift, 0.1 * abs(first))
+    drift = 0.5 * (faults.bend + grain) * faults.age
+    returned = abs(off) <= max(2.0 * limit + drift, 0.1 * abs(first))
     if far and returned and faults.soft == 0 and max(faults.calm, faults.steady) >= CALM:
         return end(faults, GLITCH, abs(first)) if faults.held == 0 else end_hold(faults, limit)
     if faults.calm >= CALM:
         if returned or not far or abs(first - off) > limit + 0.2 * abs(off):
             return end(faults, NONE, 0.0)
-        slipped = off * slope < 0.0 and abs(off) <= 1.5 * fast * max(faults.held, 1)
+        slipped = off * faults.slope < 0.0 and abs(off) <= 1.5 * fast * max(faults.held, 1)
         return end(faults, LOST if slipped else JUMP, off)
+    way = fast * (faults.age - faults.held - 1)
     if faults.mirrored >= AWAY and way > 12.0 * limit and fast > limit:
         return end(faults, REVERSED, fast)
-    out = far and abs(first) > 1.5 * fast and fast > 2.0 * grain
-    if out and faults.equal >= AWAY and faults.equal * dt > SHORTEST:
+    rests = faults.equal > 0 and far and abs(first) > 1.5 * fast and fast > 2.0 * grain
+    if rests and faults.equal >= AWAY and faults.equal * dt > SHORTEST:
         return end(faults, STUCK, off)
-    waits = faults.mirrored > 0 or faults.equal > 0
-    alike = faults.steady >= CALM and not (faults.mirrored > 0 or (out and faults.equal > 0))
-    return end(faults, NONE, 0.0) if alike or (faults.moved > PATIENCE and not waits) else NONE
+    if faults.mirrored > 0 or rests:
+        return NONE
+    late = faults.moved > PATIENCE and faults.equal == 0
+    return end(faults, NONE, 0.0) if late or faults.steady >= CALM else NONE
 
 
 def follow_rest(faults: Faults) -> int:
@@ -336,7 +338,7 @@ def follow_rest(faults: Faults) -> int:
     if faults.decided or passed <= SHORTEST or faults.age * fast <= 16.0 * unclear:
         rests = faults.decided and passed > DOUBT and faults.newest == STOPPED
         return end(faults, NONE, 0.0) if rests else NONE
-    if fast <= faults.bend + 1.6 * faults.grain:
+    if fast <= faults.bend + 2.0 * faults.grain:
         return end(faults, NONE, 0.0)
     faults.decided = True
     faults.place = faults.last
@@ -396,4 +398,4 @@ def find_faults(
         clock.last_ns = stamps[k]
         kinds[k] = NONE
         if not is_usual(faults, readings[k], stamps[k]):
-            kinds[k] = look(faults, clock, period)
+            kinds[k] = look(faults, readings[k], clock, period)
