@@ -441,9 +441,7 @@ class Joint(Counted):
         self._faults_before = counts
         faults = self.channel.faults
         return {
-            kind: text_of(faults, kind)
-            for kind, count in enumerate(counts)
-            if count > before[kind]
+            kind: text_of(faults, kind) for kind, count in enumerate(counts) if count > before[kind]
         }
 
     @property

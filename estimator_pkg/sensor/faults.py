@@ -309,7 +309,7 @@ def judge(faults: Faults, limit: float) -> int:
     grain, dt, first, off = faults.grain, faults.dt, faults.first, faults.off
     fast = abs(faults.slope)
     absurd = faults.held == 0 and abs(first) > ABSURD * dt * dt
-    far = abs(first) > 4.0 * faults.bend + 8.0 * grain and (fast > limit or absurd)
+    far = abs(first) > 6.0 * faults.bend + 8.0 * grain and (fast > limit or absurd)
     drift = 0.5 * (faults.bend + grain) * faults.age
     returned = abs(off) <= max(2.0 * limit + drift, 0.1 * abs(first))
     if far and returned and faults.soft == 0 and max(faults.calm, faults.steady) >= CALM:

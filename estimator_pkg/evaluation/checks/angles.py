@@ -274,8 +274,7 @@ def encoder(seen: Readings) -> Finding:
     used = seen.of(*range(DUPLICATE))
     record, kinds = faults_of(seen.stamps_ns[used], seen.position[used], seen.period, seen.step)
     texts = [
-        f'{text_of(record, kind)}, '
-        f'{times(seen.when(used[kinds == kind]))}'
+        f'{text_of(record, kind)}, {times(seen.when(used[kinds == kind]))}'
         for kind in np.unique(kinds[kinds != NONE]).tolist()
     ]
     faulty = bool(np.any((kinds != NONE) & (kinds != STOPPED)))
