@@ -74,19 +74,8 @@ TEXTS: Mapping[str, str] = {
 }
 # Faults that do not explain why nothing is estimated
 HARMLESS = (
-    *(
-        'back',
-        'clock',
-        'expired',
-        'jump',
-        'lost',
-        'no_clock',
-        'rate',
-        'sensor',
-        'shared',
-        'silent',
-        'twice',
-    ),
+    'sensor',
+    *('back', 'clock', 'expired', 'jump', 'lost', 'no_clock', 'rate', 'shared', 'silent', 'twice'),
 )
 
 

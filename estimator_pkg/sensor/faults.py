@@ -6,9 +6,9 @@
 A step (change from one reading to the next [rad or m]) that differs from the mean step by more than
 steps did so far begins a suspicion. The readings after it are compared with the line of the motion
 before. If the joint goes on at its speed, a reading was wrong; if it goes on at another speed, a
-force acted: an impact, a strike, a gripper that closes. Readings that stop are those of a stop or of
-a stuck sensor, and mostly nobody can know until they move again. Until it is decided the deviation
-covers both.
+force acted: an impact, a strike, a gripper that closes. Readings that stop are those of a stop or
+of a stuck sensor, and mostly nobody can know until they move again. Until it is decided the
+deviation covers both.
 
 Most readings cost two comparisons. `look` is called for an unusual step, after a start, during a
 suspicion, and for a window of readings a second, in which the bits of the counter are examined.
