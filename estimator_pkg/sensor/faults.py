@@ -195,7 +195,8 @@ def look(faults: Faults, reading: float, clock: Clock, period: float) -> int:
     kind = NONE
     if faults.window > 0 or faults.now_ns >= faults.due_ns:
         kind = examine(faults, step, change, odd)
-    if faults.age > 0 or (faults.warm == 0 and (odd or (step == 0.0 and abs(off) > most))):
+    stops = step == 0.0 and abs(off) > most + 0.95 * faults.grain
+    if faults.age > 0 or (faults.warm == 0 and (odd or stops)):
         kind = max(kind, follow(faults, step, change, limit))
     else:
         faults.bend = max(faults.bend, abs(off) - QUANTISED * faults.grain)
@@ -338,8 +339,6 @@ def follow_rest(faults: Faults) -> int:
     if faults.decided or passed <= SHORTEST or faults.age * fast <= 16.0 * unclear:
         rests = faults.decided and passed > DOUBT and faults.newest == STOPPED
         return end(faults, NONE, 0.0) if rests else NONE
-    if fast <= faults.bend + 2.0 * faults.grain:
-        return end(faults, NONE, 0.0)
     faults.decided = True
     faults.place = faults.last
     return note(faults, STUCK if 2.5 * unclear <= CHANCE * fast else STOPPED, passed)

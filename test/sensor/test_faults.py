@@ -101,19 +101,19 @@ TABLE = {
     'lost channel': (0.88, 0.90),
     'toggling by a count': (0.56, 0.95),
     'reversed': (0.75, 0.66),
-    'reversed about zero': (0.72, 0.73),
+    'reversed about zero': (0.73, 0.74),
     'stuck bit 1 to 3': (0.74, 0.96),
     'stuck bit 6 to 10': (0.92, 0.99),
     'zero for one reading': (1.00, 0.99),
     'zero for 2 to 19': (0.93, 0.99),
-    'hold of 3 to 39': (0.94, 0.99),
+    'hold of 3 to 39': (0.93, 0.99),
     'hold of one': (0.81, 0.99),
-    'counts lost for 3 to 19': (0.73, 0.99),
+    'counts lost for 3 to 19': (0.74, 0.99),
     'counts lost at once': (0.89, 0.99),
     'jump': (0.92, 1.00),
     'glitches': (0.89, 0.99),
     'repetition of every second': (0.85, 0.98),
-    'repetition of every nth': (0.93, 0.99),
+    'repetition of every nth': (0.89, 0.99),
 }
 
 
