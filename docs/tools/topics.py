@@ -59,7 +59,8 @@ MEANING = {
     '~/estimate_samples': 'every sample: electrical angle, electrical speed, flux linkage, valid',
     '~/identified_parameters': 'parameters with standard deviations, 10 times per second',
     '~/discrete_state': 'the discrete state, by its name in the model',
-    '~/status': 'status of each joint and why, when it changes; the node itself comes last',
+    '~/status': 'status of each joint and why, faults of its encoder too, when it changes; '
+    'the node itself comes last',
     '/diagnostics': 'the same once per second, with all counters',
     'service ~/reset': 'starts every joint again',
     'service ~/save': 'writes the identified parameters to `parameters_file`',

@@ -29,6 +29,7 @@ from estimator_pkg.sensor.clock import (
     has_waited,
     judge,
 )
+from estimator_pkg.sensor.faults import Faults, begin_faults, cover, forget_motion, is_usual, look
 from estimator_pkg.sensor.guard import (
     AFTER_GAP,
     AFTER_OUTAGE,
@@ -88,6 +89,7 @@ class Channel:
     limits: Limits
     track: Track
     turns: Turns
+    faults: Faults
     wrapped: Frame  # with the joint's circle
     counted: Frame  # without, where the sensor counts turns
     map: SensorMap
@@ -111,6 +113,7 @@ def begin(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample, with a circle if the joint has one."""
     use_frame(channel, channel.wrapped)
     begin_track(observer, channel.track, channel.design)
+    begin_faults(channel.faults)
 
 
 def begin_track(observer: Any, track: Any, design: Any) -> None:
@@ -148,6 +151,12 @@ def take(
             measurement,
             known_input,
         )
+    if observer.SINGLE_ANGLE:
+        if verdict == USED:
+            if not is_usual(channel.faults, measurement, stamp_ns):
+                look(channel.faults, measurement, channel.track.clock, channel.limits.period)
+        elif verdict < DUPLICATE:
+            forget_motion(channel.faults, measurement)
     channel.verdict = verdict
     channel.counts[verdict] += 1
     if verdict < DUPLICATE:
@@ -376,6 +385,10 @@ def show_deviation(observer: Any, channel: Channel) -> None:
             observer, bare, track.state, track.coefficients, channel.design, corrected, 0.0
         )
         widen(channel.map, channel.deviation, bare.velocity)
+    if observer.SINGLE_ANGLE:
+        if channel.faults.doubted:
+            show(observer, channel)
+            cover(channel.faults, channel.deviation, channel.estimate.velocity)
 
 
 def inform(observer: Any, channel: Channel, kind: int, value: float, variance: float) -> None:

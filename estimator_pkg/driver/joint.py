@@ -27,6 +27,7 @@ from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.sensor.clock import note_on_queue
+from estimator_pkg.sensor.faults import KINDS, note_on_faults, text_of
 from estimator_pkg.sensor.guard import DUPLICATE, USED, limits, longest_dt
 from estimator_pkg.sensor.learner import Learner
 from estimator_pkg.sensor.map import set_map
@@ -84,6 +85,7 @@ class Joint(Counted):
         self._channel = self.plain.Channel.of(self.module)()
         self.memory: Any = None if self.compiled is None else Memory(type(self._channel))
         self.reset_count = 0
+        self._faults_before = [0] * len(KINDS)
         self._new_starts = 0  # their number at the last reset
         self._use_gains()
         self._begin()
@@ -415,12 +417,32 @@ class Joint(Counted):
         if STATUS_NAMES[status] == 'misconfigured':
             return self.limit(clock.mean_dt) or ''
         note = note_on_repeats(channel.track.repeats.most)
+        if not note and self._shows_faults:
+            note = note_on_faults(channel.faults, clock.last_ns)
         if not note and clock.running:
             note = self.module.why(channel.track.state, channel.design)
         if not note and self.settings.unwrap and self.new_starts() > self._new_starts:
             note = LOST_TURNS
         note = note or note_on_queue(clock.queue)
         return note or ('' if self.learner is None else self.learner.shaft.text())
+
+    @property
+    def _shows_faults(self) -> bool:
+        """True if the channel looks for faults of the sensor."""
+        return hasattr(self._channel, 'faults') and bool(self.module.SINGLE_ANGLE)
+
+    def new_faults(self) -> dict[int, str]:
+        """Return the faults of the sensor since the last call, as texts by kind."""
+        if not self._shows_faults:
+            return {}
+        counts, before = self._value('faults', 'counts'), self._faults_before
+        if counts == before:
+            return {}
+        self._faults_before = counts
+        faults = self.channel.faults
+        return {
+            kind: text_of(faults, kind) for kind, count in enumerate(counts) if count > before[kind]
+        }
 
     @property
     def needs_motion(self) -> bool:

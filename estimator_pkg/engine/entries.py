@@ -38,6 +38,7 @@ SMOOTHER = 'estimator_pkg.evaluation.reference.smoother'
 LOOPS = {  # functions of a module whose arguments are numbers, arrays and records
     f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
     f'{SMOOTHER}.steps': ('backward', 'forward', 'likelihood'),
+    'estimator_pkg.sensor.faults': ('find_faults',),
     'sim_pkg.pmsm.drive': ('run_sensored',),
 }
 

@@ -22,6 +22,7 @@ from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import JointWatch
 from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
 from estimator_pkg.params_file import OVERRIDES
+from estimator_pkg.sensor.faults import STOPPED
 from estimator_pkg.sensor.guard import DUPLICATE, ZERO_STAMP
 from estimator_pkg.streams.contract import PUBLISHER, Stream, stamp_remedy
 
@@ -101,6 +102,17 @@ class Detector:
             subject = of_joints(names, self._stream.KEPT, ('is', 'are'))
             self._report_return(0, subject, max(returned.values()), now, which(names))
             returned.clear()
+        for name, joint in self._stream.bank.joints.items():
+            for kind, what in joint.new_faults().items():
+                self._report_sensor(name, kind, what, now)
+
+    def _report_sensor(self, name: str, kind: int, what: str, now: float) -> None:
+        """Report a fault of a joint's sensor; a stop that may be one is no fault."""
+        if kind == STOPPED:
+            self._node.get_logger().info(f"'{name}': {what}")
+            return
+        text = say('sensor', name=name, topic=self.inputs[0].topic_name, what=what)
+        self._faults.begin(f'sensor {name} {kind}', text, now)
 
     def forget(self, names: Iterable[str]) -> None:
         """Forget joints that were removed."""

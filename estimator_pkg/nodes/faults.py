@@ -64,6 +64,8 @@ TEXTS: Mapping[str, str] = {
     'malformed': 'messages on {topic} are malformed and dropped: {why}',
     'unused': '{count} of {received} messages on {topic} {why}',
     'nothing': 'no estimate for {passed:.0f} s, though messages come on {topic}: {why}',
+    'sensor': "the sensor of '{name}' on {topic} may be faulty: {what}; check sensor, cable and "
+    'bus',
     'mismatched': 'messages on {topic} are dropped: {why}',
     'refused': "{count} samples on {topic} are beyond joints_max (newest name: '{name}'; "
     "{joints} joints exist): name the required joints in 'joints', or raise 'joints_max'",
@@ -72,6 +74,7 @@ TEXTS: Mapping[str, str] = {
 }
 # Faults that do not explain why nothing is estimated
 HARMLESS = (
+    'sensor',
     *('back', 'clock', 'expired', 'jump', 'lost', 'no_clock', 'rate', 'shared', 'silent', 'twice'),
 )
 

@@ -126,13 +126,15 @@ class Health:
         changed = self.watch.look(now, every=due)
         if changed:
             self._report_changes(changed)
+        before = self._faults.present.keys()
         self._detector.look(now)
+        begun = self._faults.present.keys() - before
         if due:
             self._report(now)
             self._report_tracking(now)
             if now - self._started >= INPUT_PATIENCE:
                 self._report_unknown_parameters()
-        if changed or due:
+        if changed or begun or due:
             self._publish_status()
 
     def _expire(self, now: float) -> None:

@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
+from estimator_pkg.engine.calls import run
 from estimator_pkg.evaluation.checks.readings import (
     BESIDE,
     FAIL,
@@ -21,7 +23,17 @@ from estimator_pkg.evaluation.checks.readings import (
     short,
     times,
 )
-from estimator_pkg.sensor.guard import REPEATED
+from estimator_pkg.sensor.clock import Clock
+from estimator_pkg.sensor.faults import (
+    KINDS,
+    NONE,
+    STOPPED,
+    Faults,
+    begin_faults,
+    find_faults,
+    text_of,
+)
+from estimator_pkg.sensor.guard import DUPLICATE, REPEATED
 
 TURN = 2.0 * math.pi
 COARSE = 1000.0  # fewer counts per turn are coarse
@@ -240,4 +252,35 @@ def motion(seen: Readings) -> Finding:
     return Finding('motion', PASS, text, '', numbers | {'speed': seen.speed})
 
 
-CHECKS = (finite, motion, resolution, wrap, jumps, repeated_readings, sticking)
+def faults_of(
+    stamps: NDArray[np.int64], readings: NDArray[np.float64], period: float, dt: float
+) -> tuple[Faults, NDArray[np.int64]]:
+    """Return the faults of an encoder, and the kind that each reading decides, shape (n,).
+
+    Parameters
+    ----------
+    stamps [ns], readings [rad or m] : shape (n,). period : wrap period [rad]; 0: none. dt : mean
+    sample time [s].
+    """
+    record, clock, kinds = Faults(), Clock(), np.full(len(stamps), NONE)
+    begin_faults(record)
+    clock.mean_dt = dt
+    run(find_faults, record, clock, len(stamps), period, stamps, readings, kinds)
+    return record, kinds
+
+
+def encoder(seen: Readings) -> Finding:
+    """Return the faults of the encoder that its readings alone show, as the nodes report them."""
+    used = seen.of(*range(DUPLICATE))
+    record, kinds = faults_of(seen.stamps_ns[used], seen.position[used], seen.period, seen.step)
+    texts = [
+        f'{text_of(record, kind)}, {times(seen.when(used[kinds == kind]))}'
+        for kind in np.unique(kinds[kinds != NONE]).tolist()
+    ]
+    faulty = bool(np.any((kinds != NONE) & (kinds != STOPPED)))
+    remedy = 'check sensor, cable and bus' if faulty else ''
+    numbers = {'counts': {name: n for (name, _), n in zip(KINDS, record.counts)}}
+    return Finding('encoder', WARN if faulty else PASS, '; '.join(texts) or 'none', remedy, numbers)
+
+
+CHECKS = (finite, motion, resolution, wrap, jumps, repeated_readings, sticking, encoder)

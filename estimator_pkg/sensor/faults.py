@@ -1,0 +1,400 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Faults of an encoder that its readings alone show: readings that no joint can make.
+
+A step (change from one reading to the next [rad or m]) that differs from the mean step by more than
+steps did so far begins a suspicion. The readings after it are compared with the line of the motion
+before. If the joint goes on at its speed, a reading was wrong; if it goes on at another speed, a
+force acted: an impact, a strike, a gripper that closes. Readings that stop are those of a stop or
+of a stuck sensor, and mostly nobody can know until they move again. Until it is decided the
+deviation covers both.
+
+Most readings cost two comparisons. `look` is called for an unusual step, after a start, during a
+suspicion, and for a window of readings a second, in which the bits of the counter are examined.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_pkg.circle import wrap
+from estimator_pkg.estimate import Deviation
+from estimator_pkg.record import record
+from estimator_pkg.sensor.clock import Clock
+
+NONE = -1
+STOPPED, STUCK, HELD, LOST, JUMP, GLITCH, REVERSED, TOGGLE, BIT = range(9)
+KINDS = (  # name, text with (size, speed before, reading)
+    ('stopped', 'the readings stopped at {1:.3g} rad/s within a sample: a stop, or a stuck sensor'),
+    ('stuck', 'the reading is stuck within a count of {2:.6g} rad since it moved at {1:.3g} rad/s'),
+    ('held', 'the reading was held for {0:.0f} samples at {1:.3g} rad/s, and jumped on'),
+    ('lost', 'a way of {0:.3g} rad was not counted at {1:.3g} rad/s'),
+    ('jump', 'the reading jumped by {0:.3g} rad at {1:.3g} rad/s before and after'),
+    ('glitch', 'a reading of {2:.6g} rad was {0:.3g} rad off the motion before and after it'),
+    ('reversed', 'the direction reversed within a sample at {1:.3g} rad/s, and the speed stayed'),
+    ('toggle', 'the reading alternates by a count ({0:.3g} rad)'),
+    ('bit', 'bit {0:.0f} of the counter is stuck: the joint passed it at {1:.3g} rad/s'),
+)
+SHOWN_NS = 5_000_000_000  # time for which a fault stays in the status [ns]
+
+PAUSE_NS = 300_000_000  # time without a look after an irregular sample time [ns]
+AGAIN = 8  # readings before a suspicion after it
+WEIGHT = 0.25  # of the newest step in the mean
+RESIDUE = 1e-6  # of a step: rounding
+FINEST = 1e-4  # [rad or m] smaller steps are compared with it
+QUANTISED = 1.05  # grains by which a uniform motion's step differs from their mean
+WINDOW = 32  # readings in which each bit that they pass changes; before the first suspicion, too
+TOGGLES = 128  # readings that show a count on every second one
+SOON_NS = 900_000_000  # time from one window to the end of the next [ns]
+WINDOWS = 4  # before a bit is judged: the counter is known
+FORGET = 0.75  # part of the largest bend that is left after a window
+MOST_COUNTS = 1e6
+CALM = 3  # steps in a row that show how the joint goes on
+PATIENCE = 12  # readings after which a suspicion ends
+AWAY = 8  # equal or reversed readings away from the motion: the sensor is wrong
+CHANCE = 0.05  # a stop looks like a stuck sensor less often than this, or it is not reported
+SHORTEST = 0.05  # equal readings for this time are judged [s]
+DOUBT = 10.0  # time for which a stop may be a stuck sensor [s]
+COVER = 32  # readings after a fault in which an observer may follow what was wrong
+ABSURD = 2.5e4  # no joint accelerates and brakes like this [rad/s^2 or m/s^2]
+
+
+@record
+class Faults:
+    """What the readings of one joint have shown."""
+
+    last: float  # newest reading [rad or m]
+    slope: float  # mean step; in a suspicion: before it
+    usual: float  # a larger difference of a step is looked at; negative: each reading is
+    due_ns: int  # stamp of the next window
+    warm: int  # readings before a suspicion may begin
+    step: float  # newest step that was looked at
+    dt: float  # mean sample time [s]
+    now_ns: int  # newest stamp that was looked at
+    grain: float  # smallest step, or change of a step
+    bend: float  # largest difference of a step from the mean, beyond that of counting
+    doubted: bool  # the joint may still move as before
+    cover: int  # readings for which the deviation covers the motion before
+    age: int  # readings of the suspicion; 0: none
+    off: float  # distance from the line of the motion before,
+    first: float  # and the first, where it moves
+    place: float  # the reading there
+    soft: int  # readings on the way from there to the line
+    worst: float  # largest change of a step in it
+    held: int  # readings from its beginning that rest
+    decided: bool  # the rest is reported already
+    calm: int  # newest steps in a row as before it,
+    mirrored: int  # that go backwards,
+    steady: int  # that are alike,
+    equal: int  # and zero
+    moved: int  # steps that are not
+    unusual: bool  # a step was, since the last window
+    window: int  # readings of the window so far; 0: none
+    settled: int  # windows since the grain is as now
+    code: int  # newest reading in grains
+    changed: int  # bits of it that changed in this window,
+    ever: int  # and in the windows before
+    way: float  # sum of the ordinary steps of the window
+    moves: int  # its readings in which the joint neither rests nor moves uniformly
+    swing: float  # sum of the changes of the steps, every second one negative,
+    changes: float  # and of their sizes
+    newest: int  # kind of the newest event
+    newest_ns: int  # its stamp
+    counts: Annotated[list[int], 9]  # of events by kind
+    size: Annotated[list[float], 9]  # of the newest by kind
+    rate: Annotated[list[float], 9]  # speed before the newest by kind [rad/s or m/s]
+    reading: Annotated[list[float], 9]  # of the newest by kind [rad or m]
+
+
+def begin_faults(faults: Faults) -> None:
+    """Set everything before the first sample; what was found is kept."""
+    faults.warm = WINDOW
+    forget_motion(faults, 0.0)
+    faults.settled = faults.ever = faults.due_ns = 0
+    faults.bend = 0.0
+    faults.grain = math.inf
+    faults.newest = NONE
+
+
+def forget_motion(faults: Faults, reading: float) -> None:
+    """Take a reading whose step from the one before is not known."""
+    faults.cover = faults.age = faults.window = 0
+    faults.warm = max(faults.warm, AGAIN)
+    faults.doubted = False
+    faults.slope, faults.usual, faults.last = math.nan, -1.0, reading
+
+
+def cover(faults: Faults, deviation: Deviation, velocity: float) -> None:
+    """Widen a deviation so that it covers the motion before, too; velocity as published."""
+    off = abs(velocity - faults.slope / faults.dt)
+    if deviation.velocity < off:
+        deviation.velocity = off
+
+
+def text_of(faults: Faults, kind: int) -> str:
+    """Return the newest fault of a kind as text."""
+    return KINDS[kind][1].format(faults.size[kind], faults.rate[kind], faults.reading[kind])
+
+
+def note_on_faults(faults: Faults, stamp_ns: int) -> str:
+    """Return the newest fault as a note for the status, while it is new or lasts; else ''."""
+    lasts = faults.age > 0 and faults.decided
+    if faults.newest == NONE or not (lasts or stamp_ns - faults.newest_ns < SHOWN_NS):
+        return ''
+    return text_of(faults, faults.newest)
+
+
+def is_usual(faults: Faults, reading: float, stamp_ns: int) -> bool:
+    """Return False if a reading that was used is to be looked at; else take it."""
+    off = reading - faults.last - faults.slope
+    if abs(off) <= faults.usual and stamp_ns < faults.due_ns:
+        faults.last = reading
+        faults.slope += WEIGHT * off
+        return True
+    return False
+
+
+def look(faults: Faults, reading: float, clock: Clock, period: float) -> int:
+    """Take a reading by looking at it; return the kind of a fault that it decides, or NONE.
+
+    Parameters
+    ----------
+    period : wrap period [rad]; 0: none.
+    """
+    faults.now_ns, faults.dt = clock.last_ns, clock.mean_dt
+    consecutive = faults.usual < 0.0
+    before = faults.step if consecutive else faults.slope
+    step = wrap(reading - faults.last, period)
+    faults.last, faults.step = reading, step
+    passed = 1e-9 * clock.dt_ns
+    regular = 0.5 * faults.dt < passed < 1.5 * faults.dt
+    if math.isnan(faults.slope) or not regular:
+        forget_motion(faults, faults.last)
+        faults.slope = step * faults.dt / passed
+        if not regular:
+            faults.usual = math.inf
+            faults.due_ns = max(faults.due_ns, faults.now_ns + PAUSE_NS)
+        return NONE
+    change, off = step - before, step - faults.slope
+    if abs(change) + abs(off) > 0.5 * period:
+        change, off = wrap(change, period), wrap(off, period)
+    for each in (abs(step), abs(change)):
+        if consecutive and RESIDUE * (abs(step) + FINEST) < each < faults.grain:
+            faults.grain = each
+            faults.ever = faults.settled = 0
+    faults.warm = max(faults.warm - 1, 0)
+    faults.cover = max(faults.cover - 1, 0)
+    limit = 2.0 * faults.bend + 2.2 * faults.grain
+    odd, most = abs(off) > limit, faults.bend + QUANTISED * faults.grain
+    faults.unusual = faults.unusual or abs(off) > most
+    kind = NONE
+    if faults.window > 0 or faults.now_ns >= faults.due_ns:
+        kind = examine(faults, step, change, odd)
+    stops = step == 0.0 and abs(off) > most + 0.95 * faults.grain
+    if faults.age > 0 or (faults.warm == 0 and (odd or stops)):
+        kind = max(kind, follow(faults, step, change, limit))
+    else:
+        faults.bend = max(faults.bend, abs(off) - QUANTISED * faults.grain)
+        faults.slope += WEIGHT * off
+    faults.doubted = faults.age + faults.cover > 0
+    busy = faults.warm + faults.window + faults.age + faults.cover > 0
+    faults.usual = -1.0 if busy else faults.bend + QUANTISED * faults.grain
+    return kind
+
+
+def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
+    """Take a reading of a window; return TOGGLE, BIT or NONE."""
+    if faults.window == 0:
+        faults.bend *= FORGET
+        if step == 0.0 or (faults.settled > WINDOWS and not faults.unusual):
+            faults.due_ns = faults.now_ns + SOON_NS
+            return NONE
+        faults.unusual = False
+        faults.changed = faults.moves = 0
+        faults.way = faults.swing = faults.changes = 0.0
+    faults.window += 1
+    faults.swing = change - faults.swing
+    faults.changes += abs(change)
+    exact = faults.last / faults.grain
+    code = round(exact) if abs(exact) < MOST_COUNTS else 0
+    if abs(exact - code) > 0.1:  # no counter
+        faults.ever = faults.settled = 0
+    if faults.window > 1:
+        faults.changed |= (code | faults.code) - (code & faults.code)  # exclusive or
+    faults.code = code
+    if not odd:
+        faults.way += step
+        faults.moves += 1 if step != 0.0 and abs(change) > 0.5 * faults.grain else 0
+    if faults.window < WINDOW:
+        return NONE
+    mean, swing = faults.changes / faults.window, abs(faults.swing) / faults.window
+    alternates = swing > 0.8 * mean and abs(swing - 2.0 * faults.grain) < 0.5 * faults.grain
+    if alternates and faults.window < TOGGLES:
+        return NONE
+    faults.due_ns = faults.now_ns
+    if faults.moves == 0 or faults.settled > WINDOWS:
+        faults.due_ns += SOON_NS - round(2e9 * WINDOW * faults.dt)
+    bit = stuck_bit(faults)
+    faults.ever |= faults.changed
+    faults.settled += 1 if faults.moves > 0 else 0
+    faults.window = 0
+    if bit >= 0:
+        return note(faults, BIT, float(bit))
+    return note(faults, TOGGLE if alternates and faults.settled > 1 else NONE, faults.grain)
+
+
+def stuck_bit(faults: Faults) -> int:
+    """Return a bit of the counter that does not change any more while the motion passes it, or -1.
+
+    A mean step that is nearly a multiple of what the bit repeats after may leave it as it is.
+    """
+    passed = faults.ever - (faults.ever & faults.changed)
+    if passed == 0 or faults.settled <= WINDOWS or 4 * faults.moves <= faults.window:
+        return NONE
+    mean = faults.way / (faults.window * faults.grain)
+    k, size = 0, 1
+    while 4.0 * size * faults.grain <= abs(faults.way):
+        if passed & size != 0 and abs(wrap(mean, 2.0 * size)) > 0.1 * size:
+            return k
+        k += 1
+        size *= 2
+    return NONE
+
+
+def follow(faults: Faults, step: float, change: float, limit: float) -> int:
+    """Take a reading of a suspicion; return the kind of a fault that it decides, or NONE."""
+    slope, grain = faults.slope, faults.grain
+    if faults.age == 0:
+        faults.off = faults.worst = 0.0
+        faults.held = faults.calm = faults.mirrored = 0
+        faults.steady = faults.equal = faults.moved = faults.soft = 0
+        faults.decided = False
+    faults.age += 1
+    faults.off += step - slope
+    faults.worst = max(faults.worst, abs(change))
+    faults.moved += 1 if step != 0.0 else 0
+    off, fast = faults.off, abs(slope)
+    if faults.held == faults.age - 1:
+        if abs(off + faults.age * slope) <= 1.5 * grain:
+            faults.held = faults.age
+            return follow_rest(faults)
+        faults.first, faults.place = off, faults.last
+    first, since = faults.first, faults.age - faults.held
+    near = limit + min(0.05 * fast, (faults.bend + grain) * faults.age)
+    as_before = abs(step - slope) <= near and (step != 0.0 or fast <= 2.0 * grain)
+    faults.calm = faults.calm + 1 if as_before else 0
+    faults.steady = faults.steady + 1 if abs(change) <= near else 0
+    faults.equal = faults.equal + 1 if step == 0.0 else 0
+    abrupt = abs(first + 2.0 * slope) <= limit or abs(first) > limit + 4.0 * fast
+    way = fast * (since - 1)
+    back = abs(off - first + 2.0 * slope * (since - 1)) <= limit + 0.05 * way
+    faults.mirrored = faults.mirrored + 1 if abrupt and back else 0
+    if 0.2 * abs(first) < abs(off) < 0.5 * abs(first) or abs(off) > 2.0 * abs(first):
+        faults.soft += 1
+    if faults.held > 0 and faults.moved == since:
+        caught_up = abs(off) <= limit + 0.3 * abs(step) and abs(step) > 1.5 * fast
+        leap = abs(first + (faults.held + 1) * slope)
+        far = faults.held > 1 and leap > limit + 2.0 * max(fast, abs(step))
+        if (since == 1 and caught_up) or (since == 2 and far):
+            return end_hold(faults, limit)
+    return judge(faults, limit)
+
+
+def judge(faults: Faults, limit: float) -> int:
+    """Return the kind of a fault that the readings of a suspicion show so far, or NONE."""
+    grain, dt, first, off = faults.grain, faults.dt, faults.first, faults.off
+    fast = abs(faults.slope)
+    absurd = faults.held == 0 and abs(first) > ABSURD * dt * dt
+    far = abs(first) > 6.0 * faults.bend + 8.0 * grain and (fast > limit or absurd)
+    drift = 0.5 * (faults.bend + grain) * faults.age
+    returned = abs(off) <= max(2.0 * limit + drift, 0.1 * abs(first))
+    if far and returned and faults.soft == 0 and max(faults.calm, faults.steady) >= CALM:
+        return end(faults, GLITCH, abs(first)) if faults.held == 0 else end_hold(faults, limit)
+    if faults.calm >= CALM:
+        if returned or not far or abs(first - off) > limit + 0.2 * abs(off):
+            return end(faults, NONE, 0.0)
+        slipped = off * faults.slope < 0.0 and abs(off) <= 1.5 * fast * max(faults.held, 1)
+        return end(faults, LOST if slipped else JUMP, off)
+    way = fast * (faults.age - faults.held - 1)
+    if faults.mirrored >= AWAY and way > 12.0 * limit and fast > limit:
+        return end(faults, REVERSED, fast)
+    rests = faults.equal > 0 and far and abs(first) > 1.5 * fast and fast > 2.0 * grain
+    if rests and faults.equal >= AWAY and faults.equal * dt > SHORTEST:
+        return end(faults, STUCK, off)
+    if faults.mirrored > 0 or rests:
+        return NONE
+    late = faults.moved > PATIENCE and faults.equal == 0
+    return end(faults, NONE, 0.0) if late or faults.steady >= CALM else NONE
+
+
+def follow_rest(faults: Faults) -> int:
+    """Take a reading that rests since a suspicion began."""
+    fast, passed = abs(faults.slope), faults.age * faults.dt
+    unclear = faults.grain + faults.bend
+    if faults.decided or passed <= SHORTEST or faults.age * fast <= 16.0 * unclear:
+        rests = faults.decided and passed > DOUBT and faults.newest == STOPPED
+        return end(faults, NONE, 0.0) if rests else NONE
+    faults.decided = True
+    faults.place = faults.last
+    return note(faults, STUCK if 2.5 * unclear <= CHANCE * fast else STOPPED, passed)
+
+
+def end_hold(faults: Faults, limit: float) -> int:
+    """End a suspicion: the reading was held; a single one of a slow joint may be chance."""
+    faults.worst = 0.0
+    sure = faults.held > 1 or abs(faults.slope) >= limit
+    return end(faults, HELD if sure else NONE, float(faults.held))
+
+
+def end(faults: Faults, kind: int, size: float) -> int:
+    """End a suspicion; return the kind of the fault, or NONE if a joint can move like this."""
+    note(faults, kind, size)
+    faults.age = 0
+    if kind == NONE:
+        faults.bend = max(faults.bend, faults.worst - QUANTISED * faults.grain)
+    else:
+        faults.cover = COVER
+    if kind == STUCK:
+        faults.slope = 0.0
+    elif kind == NONE or kind == REVERSED:
+        faults.slope = faults.step
+    return kind
+
+
+def note(faults: Faults, kind: int, size: float) -> int:
+    """Count a fault if it is one; return its kind."""
+    if kind != NONE:
+        faults.newest, faults.newest_ns = kind, faults.now_ns
+        faults.counts[kind] += 1
+        faults.size[kind] = size
+        faults.rate[kind] = abs(faults.slope) / faults.dt
+        faults.reading[kind] = faults.place
+    return kind
+
+
+def find_faults(
+    faults: Faults,
+    clock: Clock,
+    count: int,
+    period: float,
+    stamps: NDArray[np.int64],
+    readings: NDArray[np.float64],
+    kinds: NDArray[np.int64],
+) -> None:
+    """Set the kind of the fault that each used reading decides, or NONE; shape (count,) each.
+
+    Parameters
+    ----------
+    clock : with the mean sample time. period : see `look`.
+    """
+    for k in range(count):
+        clock.dt_ns = stamps[k] - clock.last_ns
+        clock.last_ns = stamps[k]
+        kinds[k] = NONE
+        if not is_usual(faults, readings[k], stamps[k]):
+            kinds[k] = look(faults, readings[k], clock, period)
