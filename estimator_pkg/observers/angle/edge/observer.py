@@ -410,7 +410,8 @@ def learn_sensor(state: State, design: Design) -> None:
 def rescale(state: State, quantum: float, first: bool) -> None:
     """Use another quantum [rad] from now on.
 
-    The bandwidth stays as it was in quanta, at the first step the rest, too.
+    Covariance, band and sensor stay as they were in quanta, but a finer quantum makes no estimate
+    surer.
 
     Parameters
     ----------
@@ -425,6 +426,7 @@ def rescale(state: State, quantum: float, first: bool) -> None:
     if first:
         sensor.noise *= scale
         sensor.lasting *= scale
+    if scale > 1.0 or first:
         p.p00, p.p01, p.p02 = p.p00 * scale, p.p01 * scale, p.p02 * scale
         p.p11, p.p12, p.p22 = p.p11 * scale, p.p12 * scale, p.p22 * scale
 
