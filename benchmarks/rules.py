@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from estimator_pkg.engine.translate import FLAGS, translate
 OBSERVER = 'edge_adaptive'
 FOLDERS = {'edge': 'estimator_pkg/observers/angle/edge', 'sensor': 'estimator_pkg/sensor'}
 TESTS = ('test/support', 'test/observers/angle')  # streams that tests have
+OWN = {'sensor_map': 'none'}  # the laws alone
 STARTS, FAR = 280, 5.0  # random starts; standard deviations
 SAME = 1.02  # a smaller ratio of errors names no stream
 Z = 1.959964  # standard deviations of a 95 % interval
@@ -83,8 +85,10 @@ def measure(path: str) -> dict[str, Any]:
     from estimator_pkg.evaluation.entries import Entry
 
     found: dict[str, Any] = {}
+    joints = lru_cache(lambda period: Entry(OBSERVER, OBSERVER).joint(wrap_period=period, **OWN))
     for kind, column in pickle.loads(Path(path).read_bytes()):
-        joint = Entry(OBSERVER, OBSERVER).joint(wrap_period=column.period)
+        joint = joints(column.period)
+        joint.reset()
         out = joint.run(column.samples.stamps, column.samples.angle)
         told = published(out) & column.counted & np.isfinite(out.velocity)
         error = (out.velocity - column.samples.velocity)[told]

@@ -344,7 +344,7 @@ def believe_jump(state: State, design: Design, last: float, dt: float) -> None:
     motion.velocity = motion.acceleration = motion.idle = 0.0
     starts.stand(state, quantum)
     sensing.first_step(state.sensor, quantum, jump, dt)
-    starts.doubt_speed(state.doubt, max(quantum, abs(jump)), dt, 0.0, 0.0)
+    starts.doubt_speed(state, jump, dt, 0.0, 0.0)
     preference.set_alike(state.other)
 
 
@@ -487,34 +487,33 @@ def stir(state: State, dt: float) -> None:
     Not where noise hides single edges (see `doubt_in_noise`), and where the angle is known too
     well: an edge came meanwhile, that noise took back.
     """
-    reading, doubt, quantum = state.reading, state.doubt, state.sensor.quantum
-    square = quantum * quantum
+    reading, doubt = state.reading, state.doubt
+    square = state.sensor.quantum * state.sensor.quantum
     if state.sensor.noise <= PLAIN * square and (
         reading.first or 12.0 * state.p.p00 > RESTED * square
     ):
         since = 0.0 if reading.first else doubt.since
         age = doubt.age if reading.rested < starts.RESTS else 0.0
-        starts.doubt_speed(doubt, max(quantum, abs(reading.change)), dt, since, age)
+        starts.doubt_speed(state, reading.change, dt, since, age)
         reading.starting = False
 
 
-def coast(lock: Lock) -> None:
-    """Follow a reading that is not believed."""
-    if lock.status != INITIALISING:
-        lock.status = COASTING
-    lock.count = 0.0
+def coast(state: State) -> None:
+    """Go on with the prediction: the reading is not believed."""
+    state.motion.angle = state.reading.angle - state.reading.off
+    if state.lock.status != INITIALISING:
+        state.lock.status = COASTING
+    state.lock.count = 0.0
 
 
 def stray(state: State, design: Design, dt: float) -> None:
     """Take a reading an eighth of a turn off: none of this shaft, or not of this speed."""
-    lock, reading = state.lock, state.reading
-    lock.astray += dt
     outside = design.outside
-    if lock.astray > LOST_AFTER or SIGMAS * SIGMAS * state.p.p00 > outside * outside:
-        begin_motion_at(state, reading.angle)
-        return
-    state.motion.angle = reading.angle - reading.off
-    coast(lock)
+    state.lock.astray += dt
+    if state.lock.astray > LOST_AFTER or SIGMAS * SIGMAS * state.p.p00 > outside * outside:
+        begin_motion_at(state, state.reading.angle)
+    else:
+        coast(state)
 
 
 def meet(state: State, design: Design, dt: float) -> None:
@@ -567,10 +566,9 @@ def hear(state: State, design: Design, dt: float, flickers: bool) -> bool:
     if quantum != design.quantum and abs(reading.change) > counts.JUMP * reading.extent:
         # what moved before was residue, or this is a glitch: the next reading decides
         state.steps.jump = reading.change
-        starts.doubt_speed(state.doubt, max(quantum, abs(reading.change)), dt, 0.0, 0.0)
-    motion.angle = reading.angle - reading.off
+        starts.doubt_speed(state, reading.change, dt, 0.0, 0.0)
     motion.velocity -= motion.acceleration * dt  # it is not extrapolated meanwhile
-    coast(state.lock)
+    coast(state)
     return False
 
 

@@ -51,9 +51,10 @@ def set_doubt(doubt: Doubt, variance: float, to_settle: float, since: float, age
     doubt.total = doubt.ran = 0.0
 
 
-def doubt_speed(doubt: Doubt, size: float, dt: float, since: float, age: float) -> None:
-    """Doubt the speed at the first changed reading after a rest, by `size` [rad]: none is known."""
-    set_doubt(doubt, unknown_speed(size, dt), UNSURE, since, age)
+def doubt_speed(state: Any, change: float, dt: float, since: float, age: float) -> None:
+    """Doubt the speed at the first reading after a rest that changed, by `change` [rad]."""
+    size = max(state.sensor.quantum, abs(change))
+    set_doubt(state.doubt, unknown_speed(size, dt), UNSURE, since, age)
 
 
 def unknown_speed(size: float, dt: float) -> float:

@@ -44,6 +44,16 @@ def test_a_sensor_with_another_clock_is_noise_of_one_sample_of_age() -> None:
     assert _rms((velocity - _motion(time)[1])[later]) < 0.04  # 0.22 if repeats were readings
 
 
+def test_readings_of_another_clock_are_up_to_a_sample_old() -> None:
+    """A host reads every 0.8 to 1.2 ms what a sensor takes every 1.03 ms: some repeat, some skip."""
+    time = np.cumsum(np.random.default_rng(3).uniform(0.8e-3, 1.2e-3, 6000))
+    taken = np.floor(time / 1.03e-3) * 1.03e-3
+    angle = np.round(_motion(taken)[0], 6)
+    velocity, _ = _estimate(time, angle)
+    later = time > 1.0
+    assert _rms((velocity - _motion(time)[1])[later]) < 0.008  # 0.016 without the noise of the age
+
+
 @pytest.mark.parametrize('pause', [1, 4, 8])
 def test_pauses_of_a_sensor_that_then_catches_up_are_bridged(pause: int) -> None:
     time = np.arange(4000) * PERIOD

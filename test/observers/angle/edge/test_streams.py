@@ -16,14 +16,14 @@ MOST = 1.25  # of the error of hybrid_angle
 # The ratios that are not mended yet; docs/observers/edge_adaptive.md has the reasons.
 KNOWN = {
     'low-passed counts, slow sine': 3.0,
-    'low-passed counts, point to point': 1.7,
-    '100 Hz, point to point, floats': 4.2,
-    '30 Hz, point to point, floats': 4.0,
-    '10 Hz, point to point, floats': 1.8,
-    '10 Hz, point to point, noise': 1.75,
-    '10 Hz, point to point, counts': 1.45,
-    '10 Hz, slow sine, floats': 2.0,
-    '10 Hz, slow sine, noise': 2.3,
+    'low-passed counts, point to point': 1.5,
+    '200 Hz, point to point, floats': 1.5,
+    '100 Hz, point to point, floats': 2.6,
+    '30 Hz, point to point, floats': 3.5,
+    '10 Hz, point to point, floats': 2.1,
+    '10 Hz, point to point, noise': 2.0,
+    '10 Hz, point to point, counts': 1.75,
+    '10000 Hz, point to point, counts': 1.55,
 }
 
 
