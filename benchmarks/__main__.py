@@ -103,7 +103,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         choices=tuple(PARTS),
         help='run only this part (may be repeated; default: all): cost of updates, batches, replay '
-        'and drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out series; second sensors',
+        'and drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out series; '
+        'second sensors',
     )
     add(
         '--draws',
