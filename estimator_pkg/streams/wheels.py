@@ -1,0 +1,318 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The wheels of a base: the node `wheel_odometry`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from estimator_pkg.driver.bank import Bank, TakenOfJoints
+from estimator_pkg.driver.configuration import Configuration, SensorSettings
+from estimator_pkg.driver.wheels import OBSERVER, Base, Geometry, Gyro, Moving
+from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.estimate import VALID
+from estimator_pkg.messages import odometry
+from estimator_pkg.messages.field import Field
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.messages.odometry import Odometry
+from estimator_pkg.observers.contract import Observer
+from estimator_pkg.parameters import structural
+from estimator_pkg.streams.answer import Answering
+from estimator_pkg.streams.contract import (
+    ESTIMATE,
+    PUBLISHER,
+    STDDEV,
+    Answer,
+    Output,
+    Port,
+    Request,
+    Stream,
+    StreamSettings,
+)
+from estimator_pkg.streams.sources import JointStates
+
+ODOMETRY = Output('odometry', odometry.TYPE)
+SIDES = ('wheels_left', 'wheels_right')
+
+
+@dataclass(frozen=True)
+class WheelSettings(StreamSettings):
+    """Parameters of the node `wheel_odometry`, without those of its observer."""
+
+    wheels_left: tuple[str, ...] = structural(
+        ('wheel_left_joint',), description='names of the wheel joints on the left, one or two'
+    )
+    wheels_right: tuple[str, ...] = structural(
+        ('wheel_right_joint',), description='names of the wheel joints on the right, as many'
+    )
+    radius: tuple[float, ...] | None = structural(
+        None,
+        kind=list,
+        unit='m',
+        range=(1e-4, 100.0),
+        description='radius of the wheels, or of those on the left and on the right; must be set',
+    )
+    track: float | None = structural(
+        None,
+        unit='m',
+        range=(1e-3, 100.0),
+        description='distance between the contacts of the wheels on the left and on the right; '
+        'must be set',
+    )
+    slip_factor: float = structural(
+        1.0,
+        range=(0.1, 10.0),
+        description='effective over geometric track, of skid steering: 1.2 to 2; 1: no skidding',
+    )
+    steering: str = structural(
+        '',
+        description='name of the steering joint of an Ackermann base, positive to the left; its '
+        'wheels are then the rear ones. Automatic: not steered',
+    )
+    wheelbase: float | None = structural(
+        None,
+        unit='m',
+        range=(1e-3, 100.0),
+        description='distance between front and rear axle; must be set if steering is',
+    )
+    radius_stddev: float = structural(
+        0.0, range=(0.0, 1.0), description='standard deviation of radius, relative to it'
+    )
+    track_stddev: float = structural(
+        0.0,
+        range=(0.0, 1.0),
+        description='standard deviation of the effective track, relative to it',
+    )
+    travel_noise: float = structural(
+        0.003,
+        unit='m',
+        range=(0.0, 1.0),
+        description='standard deviation of what a wheel travels on 1 m of ground, beyond what it '
+        'turns; it grows with the root of the distance, and is part of the covariance of the pose',
+    )
+    gyro_topic: str = structural('', description='topic of a gyro on the base; automatic: no gyro')
+    gyro_type: str = structural(
+        'sensor_msgs/msg/Imu', description='type of its messages; any that is installed'
+    )
+    gyro_field: str = structural(
+        'angular_velocity.z', description='the yaw rate in them, positive to the left'
+    )
+    gyro_ratio: float = structural(
+        1.0,
+        range=(-1e6, 1e6),
+        description='factor to rad/s, as 0.0174533 for deg/s; -1.0 for a gyro that is upside down',
+    )
+    gyro_delay: float = structural(
+        -1.0,
+        unit='s',
+        range=(-1.0, 1.0),
+        description='of its stamps behind those of the wheels; below 0: learnt',
+    )
+    frame_id: str = structural('odom', description='frame of the pose in ~/odometry')
+    child_frame_id: str = structural(
+        'base_link',
+        description='frame of the twist in ~/odometry: its origin is midway between the wheels, '
+        'on the rear axle if steered',
+    )
+    stamp_source: str = structural(
+        'header',
+        choices=('header', 'publisher'),
+        description='time of a message: its header stamp, or the time of publishing',
+    )
+
+    def find_observer(self) -> Observer:
+        """Return the observer; raise UsageError for a base that is none."""
+        self.geometry()
+        return OBSERVER
+
+    def geometry(self) -> Geometry:
+        """Return the wheels; raise UsageError for a base that is none."""
+        for name, example in (('radius', '[0.05]'), ('track', '0.3')):
+            if getattr(self, name) is None:
+                raise UsageError(f"parameter '{name}' is not set: set it [m], as in {example}")
+        radius, track = self.radius or (), self.track or 0.0
+        sides = [tuple(name for name in getattr(self, side) if name) for side in SIDES]
+        if len(sides[0]) != len(sides[1]) or not 1 <= len(sides[0]) <= 2:
+            raise UsageError(
+                f"'wheels_left' has {len(sides[0])} names and 'wheels_right' {len(sides[1])}: "
+                'name one or two on either side, as many on both'
+            )
+        if len(radius) > 2:
+            raise UsageError(f"'radius' has {len(radius)} numbers: give one, or left and right")
+        if self.steering and self.wheelbase is None:
+            raise UsageError("'steering' needs 'wheelbase' [m]: set it, as in 0.3")
+        geometry = Geometry(
+            *sides,
+            (radius[0], radius[-1]),
+            track * self.slip_factor,
+            self.steering,
+            self.wheelbase or 0.0,
+            self.radius_stddev,
+            self.track_stddev,
+            self.travel_noise,
+        )
+        if len(set(geometry.names)) < len(geometry.names):
+            raise UsageError(
+                f"'wheels_left', 'wheels_right' and 'steering' name a joint twice "
+                f'({", ".join(geometry.names)}): name each once'
+            )
+        return geometry
+
+
+class WheelStream(Stream):
+    """See `Stream`."""
+
+    KIND = 'wheels'
+    NODE = 'wheel_odometry'
+    SETTINGS = WheelSettings
+    PER_JOINT = SensorSettings
+    USUAL: ClassVar[tuple[str, ...]] = ('/joint_states',)
+    bank: Bank
+    settings: WheelSettings
+
+    def __init__(self, settings: WheelSettings, configuration: Configuration) -> None:
+        geometry = settings.geometry()
+        inputs = [Port('joint_states', JOINT_STATE)]
+        gyro = None
+        if settings.gyro_topic:
+            if settings.gyro_ratio == 0.0:
+                raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
+            gyro = Gyro(settings.gyro_ratio, settings.gyro_delay)
+            inputs.append(
+                Port(
+                    settings.gyro_topic,
+                    settings.gyro_type,
+                    answered=False,
+                    optional=True,
+                    field=settings.gyro_field,
+                )
+            )
+        bank = Bank(configuration, geometry.names)
+        super().__init__(settings, OBSERVER, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
+        of_wheel = configuration.for_joint(geometry.left[0])[1]
+        self.base = Base(geometry, gyro, of_wheel.wrap_period, of_wheel.timeout)
+        self._sample = JointStates(settings.stamp_source == PUBLISHER).sample
+        self._answering = Answering(self)
+        self._field: Field
+        self._partial = 0  # messages in which a wheel is missing
+
+    def read_field(self, field: Field, port: int = 0) -> None:
+        """See `Stream`."""
+        if port == 0:
+            super().read_field(field)
+        self._field = field
+
+    def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
+        """See `Stream`."""
+        if port:
+            stamp_ns, _, value = self._field.decode(raw)
+            if value is not None and self.base.gyro is not None:
+                by_publisher = stamp_ns is None or self.settings.stamp_source == PUBLISHER
+                self.base.gyro.hear(publish_ns if by_publisher else stamp_ns or 0, value)
+            return ()
+        stamp_ns, frame_id, names, positions, efforts = self._sample(raw, publish_ns)
+        taken = self.bank.update(stamp_ns, names, positions, efforts)
+        answer = self._answering(stamp_ns, frame_id, taken)
+        moving = {} if taken is None else _moving(taken)
+        if len(moving) == len(self.base.geometry.names):
+            self.base.update(stamp_ns, moving)
+            if self.wanted[2]:
+                answer[2] = odometry.encode(self._odometry(stamp_ns))
+        elif taken is not None and taken.names:
+            self._partial += len(taken.names) < len(self.base.geometry.names)
+        return (answer,)
+
+    def _odometry(self, stamp_ns: int) -> Odometry:
+        pose, motion = self.base.pose, self.base.motion
+        assert motion is not None
+        (speed, across), (_, rate) = motion.covariance.tolist()
+        return Odometry(
+            stamp_ns,
+            self.settings.frame_id,
+            self.settings.child_frame_id,
+            (pose.x, pose.y, pose.yaw),
+            self.base.covariance().tolist(),
+            (motion.speed, 0.0, motion.rate),
+            ((speed, 0.0, across), (0.0, speed, 0.0), (across, 0.0, rate)),
+        )
+
+    # Texts
+
+    def reset(self) -> str:
+        """See `Stream`; the pose is zero again, and what was learnt of the gyro stays."""
+        self.base.reset()
+        return f'{super().reset()}; the pose is zero'
+
+    def needed(self) -> set[str]:
+        """See `Stream`."""
+        return {*super().needed(), *self.base.geometry.names}
+
+    def about(self, name: str) -> Mapping[str, Any]:
+        """See `Stream`."""
+        base = self.base
+        gyro = {} if base.gyro is None else {'gyro': base.gyro.text(base.geometry.track)}
+        return {'slip': base.slips or 'none', **gyro}
+
+    def notices(self) -> list[str]:
+        """See `Stream`."""
+        base = self.base
+        found = [*super().notices(), *base.notices, *(base.gyro.notices if base.gyro else ())]
+        base.notices.clear()
+        if base.gyro:
+            base.gyro.notices.clear()
+        return found
+
+    def summary(self) -> dict[str, Any]:
+        """See `Stream`."""
+        base = self.base
+        about = {'pose': [base.pose.x, base.pose.y, base.pose.yaw], 'slip': base.slips or 'none'}
+        if base.gyro is not None:
+            about |= {'gyro': base.gyro.text(base.geometry.track), 'slips': base.gyro.slipped}
+        return {**super().summary(), 'base': about}
+
+    def _summary_of(self, name: str, joint: Any) -> dict[str, Any]:
+        gyro = self.base.gyro
+        about = {} if gyro is None else {'gyro': gyro.text(self.base.geometry.track)}
+        return {**super()._summary_of(name, joint), 'sources': about}
+
+    def finish(self, path: str) -> list[str]:
+        """See `Stream`."""
+        names = self.base.geometry.names
+        missing = [name for name in names if name not in self.bank.joints]
+        if missing:
+            raise UserError(
+                f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}': name the wheels "
+                "in 'wheels_left' and 'wheels_right'"
+            )
+        if self.base.motion is None and self._partial:
+            return [f'{path}: no message has all of {", ".join(names)}: publish them together']
+        return []
+
+    @classmethod
+    def requested(
+        cls, values: dict[str, Any], request: Request, has: Callable[[str], bool]
+    ) -> dict[str, Any]:
+        """See `Stream`."""
+        if request.angle or request.joints:
+            raise UsageError(
+                "--angle and --joint are for observers of single angles: name the wheels with "
+                "--set 'wheels_left=[...]'"
+            )
+        return values
+
+
+def _moving(taken: TakenOfJoints) -> dict[str, Moving]:
+    """Return the tracked joints of a message by name."""
+    shown = [k for k, each in enumerate(taken.estimates) if each is not None and each[3] in VALID]
+    found = {}
+    for k, sigmas in zip(shown, taken.stddevs(shown)):
+        estimate = taken.estimates[k]
+        assert estimate is not None
+        position, velocity, acceleration, _ = estimate
+        acceleration = acceleration if math.isfinite(acceleration) else 0.0
+        found[taken.names[k]] = Moving(position, velocity, acceleration, *sigmas)
+    return found
