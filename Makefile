@@ -2,6 +2,7 @@
 # make test     every test but the slow ones, the multi-process ones over real DDS included (installs the rest)
 # make test-fast  a minute: the tests without DDS, without a browser and without those that take long
 # make test-slow  the tests that take minutes, and cases that repeat at length what others hold
+# make test-export  headers of `export` with gcc, clang and g++, and on other machines where qemu is
 # make figures  write the numbers that commands give into README and docs (docs/tools/figures.yaml)
 # make bench    speed and accuracy next to named peers, in one run (BENCH="--part live": a part)
 # make install  only make .venv with the package, ROS 2 Jazzy and all extras
@@ -20,7 +21,7 @@ SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 # Without its cache pytest takes half a minute to read the tests in five processes.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all test-fast test-slow bench figures install check clean
+.PHONY: demo test test-all test-fast test-slow test-export bench figures install check clean
 
 demo: $(DEMO)
 	@$(BIN)/velocity_estimator demo
@@ -52,6 +53,10 @@ test-fast: install
 
 test-slow: install
 	$(BIN)/pytest -m slow -o faulthandler_timeout=7200
+
+# Exported headers with all compilers and settings; on other machines with qemu-user and ziglang.
+test-export: install
+	$(BIN)/pytest test/export -m 'slow or not slow' -n 2
 
 figures: install
 	$(BIN)/python -m docs.tools.figures

@@ -89,7 +89,11 @@ setup(
     version='0.1.0',
     packages=find_packages(include=['estimator_pkg*', 'sim_pkg*']),
     package_data={
-        'estimator_pkg': ['py.typed', 'evaluation/page.css'],
+        'estimator_pkg': [
+            'py.typed',
+            'evaluation/page.css',
+            'export/ros2_control/templates/**/*.in',
+        ],
         'sim_pkg': ['py.typed', 'reproduce/*/references.csv'],
     },
     data_files=[
@@ -124,7 +128,7 @@ setup(
     tests_require=['pytest'],
     entry_points={
         'console_scripts': [
-            'velocity_estimator = estimator_pkg.cli:main',
+            'velocity_estimator = estimator_pkg.__main__:main',
             'joint_observer = estimator_pkg.nodes.executables:joint_observer',
             'adaptive_observer = estimator_pkg.nodes.executables:adaptive_observer',
             'switched_observer = estimator_pkg.nodes.executables:switched_observer',
@@ -186,6 +190,7 @@ setup(
             'identify = estimator_pkg.evaluation.identify.command:COMMAND',
             'tune = estimator_pkg.evaluation.tuning.command:COMMAND',
             'reproduce = sim_pkg.reproduce.command:COMMAND',
+            'export = estimator_pkg.export.command:COMMAND',
         ],
         'velocity_estimator.simulators': [
             'encoder = sim_pkg.joints.encoder:SIMULATOR',

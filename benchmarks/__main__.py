@@ -69,7 +69,7 @@ def _held_out(parsed: argparse.Namespace) -> Result:
         raise UsageError(
             'their files are not shipped: give the folder of the repositories with --held-out'
         )
-    found = held_out.run(Path(parsed.held_out))
+    found = held_out.run(Path(parsed.held_out), parsed.list or tuple(held_out.LISTS))
     lists = {title: held_out.as_dict(each) for title, each in found.items()}
     return lists, held_out.describe(found, parsed.markdown)
 
@@ -106,6 +106,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     add('--bags', metavar='FOLDER', default='bags', help='folder of the recordings (default: bags)')
     add('--held-out', metavar='FOLDER', help='folder of the repositories of the held-out series')
+    add(
+        '--list',
+        action='append',
+        default=[],
+        choices=tuple(held_out.LISTS),
+        help='held-out: only this list (may be repeated; default: all)',
+    )
     add('--markdown', action='store_true', help='print the tables as Markdown')
     add('--quick', action='store_true', help='a quick check, not a measurement: fewer rounds')
 

@@ -22,6 +22,7 @@ from benchmarks.captures import captures
 from benchmarks.columns import Column, shared
 from benchmarks.laws import PEERS, Law, ours, peers
 from benchmarks.practice import practice
+from benchmarks.rivals import rivals
 from estimator_pkg.evaluation.text import fixed, markdown, table
 from estimator_pkg.progress import progress
 
@@ -51,11 +52,11 @@ def laws() -> tuple[list[Law], list[str]]:
     """Return (every law, names of libraries that are not installed)."""
     used, lacking = practice()
     others, missing = peers()
-    return [*ours(), *used, *others], [*lacking, *missing]
+    return [*ours(), *used, *rivals(), *others], [*lacking, *missing]
 
 
 def run(sets: Mapping[str, Sequence[Column]], every: Sequence[Law]) -> list[dict[str, Any]]:
-    """Return one row per law; the peers, which step in Python, are not run at 30 kHz.
+    """Return one row per law; peers and rivals, which step in Python, are not run at 30 kHz.
 
     Returns
     -------

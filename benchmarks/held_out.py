@@ -7,14 +7,19 @@
 gain. The single best one is the observer and setting with the lowest geometric mean rms over a
 list. The best of four is, series by series, the best of the four, each at its own common setting:
 the one with its lowest geometric mean.
+
+`first_contact.yaml` has the last list and the rule by which it was chosen before a file was opened.
+There the baselines have the settings that are best on the lists before, together.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
@@ -44,12 +49,20 @@ from estimator_pkg.progress import progress
 Array = NDArray[np.float64]
 
 LIST = Path(__file__).with_name('held_out.yaml')
-LISTS = {'series': 'first list', 'unseen': 'second list', 'third': 'third list'}
+CONTACT = Path(__file__).with_name('first_contact.yaml')
+LISTS = {
+    'series': 'first list',
+    'unseen': 'second list',
+    'third': 'third list',
+    'contact': 'first contact',
+}
 OBSERVERS = ('edge_adaptive', 'hybrid_angle')
 BASELINES = ('finite_difference', 'pll', 'kalman velocity', 'kalman acceleration')
 SIGMAS = 1.959964  # standard deviations of a 95 % interval
 NEAR = 1.15  # of a baseline's error, at most on each series
 TURN = 2.0 * np.pi
+SHORTEST = 300, 3.0  # readings and duration [s] of a series of the last list, at least
+MOVES = 0.05  # motion of a joint that is not at rest, at least [rad]
 
 
 class Listed(NamedTuple):
@@ -65,11 +78,37 @@ class Listed(NamedTuple):
 
 def listed(which: str = 'series', path: Path = LIST) -> list[Listed]:
     """Return the series of one of `LISTS`; their keys replace the source's."""
+    if which == 'contact':
+        return _contacts(yaml.safe_load(CONTACT.read_text(encoding='utf-8')))
     found = yaml.safe_load(path.read_text(encoding='utf-8'))
     return [
         Listed(name, {**found['sources'][keys['source']], **keys}, found['judged'])
         for name, keys in found[which].items()
     ]
+
+
+def _contacts(found: Mapping[str, Any]) -> list[Listed]:
+    """Return each joint of each file."""
+    series = []
+    for source, keys in found['sources'].items():
+        for name, path in zip(keys['names'], keys['files'], strict=True):
+            for joint, (angle, velocity) in enumerate(keys['columns'], 1):
+                own = {
+                    'path': path,
+                    'angle': {**keys.get('angle', {}), 'column': angle},
+                    'velocity': {**keys.get('velocity', {}), 'column': velocity},
+                }
+                label = f'{source}_{name}' + (f'_{joint}' if len(keys['columns']) > 1 else '')
+                series.append(Listed(label, {**keys, **own}, found['judged']))
+    return series
+
+
+def left_out(column: Column) -> str:
+    """Return why the rule of `first_contact.yaml` leaves a series out; '' if it does not."""
+    angle = column.samples.angle
+    if len(angle) < SHORTEST[0] or column.time[-1] < SHORTEST[1]:
+        return 'short'
+    return 'rest' if np.ptp(angle) < MOVES else ''
 
 
 def column(folder: Path, series: Listed) -> Column:
@@ -118,7 +157,8 @@ def _rows(folder: Path, keys: Mapping[str, Any]) -> tuple[Array, Array, Array | 
         if name not in keys:
             return None
         wanted = {**keys, **keys[name]}
-        return table(folder, wanted)[:, wanted['column']] * float(wanted.get('unit', 1.0))
+        rows = table(folder, wanted)[:: int(keys.get('thin', 1))]
+        return rows[:, wanted['column']] * float(wanted.get('unit', 1.0))
 
     if 'yaw' in keys:
         w, x, y, z = table(folder, keys)[:, keys['yaw']].T
@@ -154,6 +194,9 @@ def _read(path: Path, expected: str, variable: str, width: int) -> Array:
     data = path.read_bytes()
     if hashlib.sha256(data).hexdigest() != expected:
         raise UserError(f'{path} is not the listed file: check out the commit of held_out.yaml')
+    if path.suffix == '.json':
+        rows = json.loads(data)[variable]
+        return np.array([[float(row[name]) for name in sorted(row)] for row in rows])
     if variable:
         from scipy.io import loadmat
 
@@ -184,37 +227,66 @@ class Found(NamedTuple):
     rows : by series: name, reference and noise (its error [rad/s]); results by observer; single and
     best, rms of the single best baseline and of the best of the four [rad/s], which (name of the
     latter); judged, whether the reference is fine enough for the baselines' errors.
+    left_out : of the last list, names of the series by reason.
     """
 
     rows: list[dict[str, Any]]
     single: str
     common: dict[str, str]
+    left_out: dict[str, list[str]]
 
 
-def run(folder: Path) -> dict[str, Found]:
+def run(folder: Path, lists: Iterable[str] = tuple(LISTS)) -> dict[str, Found]:
     """Return the comparison by list, whose files are below `folder`; raise UserError."""
+    frozen = yaml.safe_load(CONTACT.read_text(encoding='utf-8'))['frozen']
+    read = {which: _columns(folder, which) for which in lists}  # a missing file is named at once
     found = {}
-    for which, title in LISTS.items():
-        chosen = listed(which)
-        with progress(title, len(chosen)) as advance:
-            columns = []
-            for each in chosen:
-                columns.append(column(folder, each))
-                advance(1)
-        found[title] = compared(columns, {each.name: each.judged for each in chosen})
+    for which, (columns, judged, excluded) in read.items():
+        compare = compared(columns, judged, frozen if which == 'contact' else None)
+        found[LISTS[which]] = compare._replace(left_out=excluded)
     return found
 
 
-def compared(columns: Sequence[Column], judged: Mapping[str, float]) -> Found:
-    """Return the comparison on these columns; `judged` as in `Listed`, by name."""
+def _columns(
+    folder: Path, which: str
+) -> tuple[list[Column], dict[str, float], dict[str, list[str]]]:
+    """Return the columns of a list, `judged` as in `Listed`, and names left out by reason."""
+    chosen, columns, excluded = listed(which), [], defaultdict(list)
+    with progress(LISTS[which], len(chosen)) as advance:
+        for each in chosen:
+            made = column(folder, each)
+            why = left_out(made) if which == 'contact' else ''
+            if why:
+                excluded[why].append(each.name)
+            else:
+                columns.append(made)
+            advance(1)
+    return columns, {each.name: each.judged for each in chosen}, dict(excluded)
+
+
+def compared(
+    columns: Sequence[Column],
+    judged: Mapping[str, float],
+    frozen: Mapping[str, float] | None = None,
+) -> Found:
+    """Return the comparison on these columns; `judged` as in `Listed`, by name.
+
+    frozen : gain of each baseline, the single best one first; by default they are swept.
+    """
     families = [law for law in ours() if law.name in BASELINES]
+    if frozen is not None:
+        families = [replace(law, values=(frozen[law.name],)) for law in families]
     errors: dict[str, Array] = {}
     with progress('baselines', sum(len(law.values) for law in families)) as advance:
         for law in families:
             errors[law.name] = swept(law, columns, advance)
     best = {name: int(np.argmin(_means(each))) for name, each in errors.items()}
     at_best = {name: each[best[name]] for name, each in errors.items()}
-    single = min(at_best, key=lambda name: float(_means(at_best[name])))
+    single = (
+        next(iter(frozen))
+        if frozen is not None
+        else min(at_best, key=lambda name: float(_means(at_best[name])))
+    )
     settings = {
         law.name: f'{law.name}, {law.gain} {number(float(law.values[best[law.name]]), 3)}'
         for law in families
@@ -237,7 +309,7 @@ def compared(columns: Sequence[Column], judged: Mapping[str, float]) -> Found:
                 }
             )
             advance(1)
-    return Found(rows, settings[single], settings)
+    return Found(rows, settings[single], settings, {})
 
 
 def _means(errors: Array) -> Array:
@@ -329,6 +401,8 @@ def describe(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
 
 def _summarised(title: str, found: Found) -> Iterable[str]:
     yield f'{title}: single: {found.single}; best of four: {"; ".join(found.common.values())}'
+    for why, names in found.left_out.items():
+        yield f'- left out, {why}: {", ".join(names)}'
     for name in OBSERVERS:
         for baseline, meaning in (('single', 'single'), ('best', 'best of four')):
             over = summary(found.rows, name, baseline)

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -31,7 +32,7 @@ from benchmarks.columns import Column
 from benchmarks.laws import COUNT, PRACTICE, Law, grid, installed
 
 Array = NDArray[np.float64]
-Slope = Callable[[Array, Array, float, float], Array]  # (time, angle, quantum, gain) -> velocity
+Slope = Callable[[Array, Array, float, Any], Array]  # (time, angle, quantum, gain) -> velocity
 
 MOST = 3000.0  # [Hz] of the readings in adaptive windows, whose cost grows with its square
 LONGEST = 0.1  # [s] of the adaptive windows at most
@@ -48,20 +49,24 @@ def practice() -> tuple[list[Law], list[str]]:
     found, missing = installed(_savitzky_golay, _algebraic)
     bounds, quanta = grid(1e2, 1e7, COUNT), grid(0.5, 20.0, COUNT)
     own = [
-        _made('rolling mean', rolling_mean, WINDOWS, 'window [s]'),
-        _made('adaptive windows, best fit', thinned, quanta, 'quanta'),
-        _made('time-stamped edges', edges, tuple(range(3, 36, 4)), 'edges'),
-        _made('filtering differentiator', filtering, bounds, 'bound of the jerk'),
+        made('rolling mean', rolling_mean, WINDOWS, 'window [s]'),
+        made('adaptive windows, best fit', thinned, quanta, 'quanta'),
+        made('time-stamped edges', edges, tuple(range(3, 36, 4)), 'edges'),
+        made('filtering differentiator', filtering, bounds, 'bound of the jerk'),
     ]
     return [*own, *found], missing
 
 
-def _made(name: str, slope: Slope, values: tuple[float, ...], gain: str) -> Law:
-    def run(column: Column, value: float) -> Array:
+def made(
+    name: str, slope: Slope, values: tuple[Any, ...], gain: str = '', group: str = PRACTICE
+) -> Law:
+    """Return the law that runs a slope on a column's clean stamps and multi-turn angles."""
+
+    def run(column: Column, value: Any) -> Array:
         rows, time, angle = column.cleaned()
         return column.at_rows(rows, slope(time, angle, max(column.quantum, 1e-6), value))
 
-    return Law(name, run, values, gain, PRACTICE)
+    return Law(name, run, values, gain, group)
 
 
 def _savitzky_golay() -> Law:
@@ -81,7 +86,7 @@ def _savitzky_golay() -> Law:
             found[n - 1 :] = fitted(*past, order=2)[:, 1]
         return found
 
-    return _made('Savitzky-Golay, causal', slope, WINDOWS, 'window [s]')
+    return made('Savitzky-Golay, causal', slope, WINDOWS, 'window [s]')
 
 
 def _algebraic() -> Law:
@@ -92,13 +97,13 @@ def _algebraic() -> Law:
         h = float(np.median(np.diff(time)))
         even = np.max(np.abs(np.diff(time) - h)) < EVEN * h
         ticks = time if even else np.arange(time[0], time[-1], h)
-        made = AlgebraicDifferentiator(
+        library = AlgebraicDifferentiator(
             ts=h, alpha=ALPHA, beta=BETA, N=1, T=max(window, 4.0 * h), display=False
         )
-        found: Array = made.estimateDer(1, angle if even else np.interp(ticks, time, angle))
+        found: Array = library.estimateDer(1, angle if even else np.interp(ticks, time, angle))
         return found if even else np.interp(time, ticks, found)
 
-    return _made('algebraic, AlgDiff', slope, WINDOWS, 'window [s]')
+    return made('algebraic, AlgDiff', slope, WINDOWS, 'window [s]')
 
 
 def length(time: Array, window: float) -> int:

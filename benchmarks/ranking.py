@@ -3,31 +3,38 @@
 
 """How well the ranking without truth agrees with the truth.
 
-    python -m benchmarks.ranking bags
+    python -m benchmarks.ranking bags [--held-out FOLDER]
 
 Series with truth: recordings with the drive's own velocity, recordings made coarser (judged by the
-fine original), and simulated motions. The estimators are ranked from the readings alone and from
-the truth. Regret is the true rms error of the pick over that of the best candidate.
+fine original), simulated motions, and the held-out lists if their files are there (in which no
+check of `doctor` FAILs). The estimators are ranked from the readings alone and from the truth.
+Regret is the true rms error of the pick over that of the best candidate.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import recorded
+from benchmarks import held_out, recorded
 from benchmarks.columns import published
 from benchmarks.motions import FAILURES, MOTIONS, sampled
 from benchmarks.signals import Samples
+from estimator_pkg.evaluation.checks.joint import checked, failed, stretch
+from estimator_pkg.evaluation.checks.joint import reference as moved
+from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.doctor import choice
+from estimator_pkg.evaluation.doctor.choice import DEFAULT
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
-from estimator_pkg.evaluation.reference.motion import motion
+from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.reference.motion import Motion, motion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.progress import progress
@@ -38,17 +45,28 @@ TURN = 2.0 * math.pi
 BANDWIDTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)  # [Hz], of observers that have one
 BOUNDS = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7)  # of super_twisting
 COARSER = (8.0, 32.0, 128.0)  # times the quantum of a recording
-JUDGES = 0.4  # the truth's own error is at most this part of the best candidate's,
-WHITE_JUDGES = 1.0  # and this part if it is white noise of a sensor of its own, which only adds
 RECORDED, COARSENED, SIMULATED = 'recorded', 'coarser', 'simulated'
 USUAL = (RECORDED, COARSENED, SIMULATED)
+HELD_OUT = tuple(held_out.LISTS.values())
+# The truth's own error is at most this part of the best candidate's. White noise of a sensor of its
+# own only adds.
+JUDGES = 1.0
+LIMITS = {COARSENED: 0.4, **dict.fromkeys(HELD_OUT, 0.5)}
+SEEN = 1.1  # a larger regret is named
+FIGURES = {
+    'regret': 'regret',
+    'choice': 'regret_of_choice',
+    'doctor': 'regret_of_doctor',
+    'default': 'regret_of_default',
+}
 VIOLENT = 'system_identification_300hz'  # 3.9 s in which the truth itself lags and rounds off
 HEADER = (
     'series',
     'number',
     "Kendall's tau",
     'regret: median, 90 %, worst',
-    'of the six defaults: 90 %, worst',
+    'choice of evaluate: 90 %, worst',
+    'choice of doctor: 90 %, worst',
     'pairs declared',
     'wrong',
     'best among the ties',
@@ -58,7 +76,7 @@ HEADER = (
 class Case(NamedTuple):
     """One series: readings of a joint and the velocity that judges.
 
-    noise : error of that velocity [rad/s]. motion_hz : as in `rank`.
+    noise : error of that velocity [rad/s]. motion_hz : as in `rank`. period : of the wrap [rad].
     """
 
     name: str
@@ -66,21 +84,27 @@ class Case(NamedTuple):
     samples: Samples
     noise: float = 0.0
     motion_hz: float | None = None
+    period: float = TURN
 
 
 class Outcome(NamedTuple):
     """Agreement of one series.
 
-    tau : Kendall's, over all candidates. regret : of the pick among all; regret_of_six : among the
-    defaults; regret_of_default : of edge_adaptive. pairs, declared, wrong, ratio (median of the
+    tau : Kendall's, over all candidates. regret : of the pick among all; regret_of_choice : of what
+    `evaluate` chooses among the defaults; regret_of_doctor : of what `doctor` chooses among its own
+    candidates, nan without a choice; regret_of_default : of edge_adaptive. few : a few events
+    decide between the pick and edge_adaptive. pairs, declared, wrong, ratio (median of the
     estimated over the true error) : of the defaults.
     """
 
+    name: str
     group: str
     tau: float
     regret: float
-    regret_of_six: float
+    regret_of_choice: float
+    regret_of_doctor: float
     regret_of_default: float
+    few: bool
     pairs: int
     declared: int
     wrong: int
@@ -106,8 +130,13 @@ def candidates() -> list[Entry]:
     return found
 
 
-def cases(bags: Path) -> Iterator[Case]:
-    """Yield every series with truth; those of `FAILURES` have their name as their group."""
+def cases(bags: Path, files: Path | None = None) -> Iterator[Case]:
+    """Yield every series with truth; those of `FAILURES` have their name as their group.
+
+    Parameters
+    ----------
+    files : folder of the repositories of the held-out series; None: without these.
+    """
     for path in recorded.recordings(bags):
         if path.parent.name == 'simulated':
             continue
@@ -122,6 +151,20 @@ def cases(bags: Path) -> Iterator[Case]:
         yield Case(name, group, sampled(name))
         if group == 'hum':
             yield Case(f'{name}, answered', 'hum, --motion-hz 2', sampled(name), motion_hz=2.0)
+    if files is None:
+        return
+    for which, title in held_out.LISTS.items():
+        for each in held_out.listed(which):
+            column = held_out.column(files, each)
+            if not failed(checked(_readings(column.samples, column.period))):
+                yield Case(column.name, title, column.samples, column.noise, period=column.period)
+
+
+def _readings(samples: Samples, period: float) -> Readings:
+    """Return the readings as `doctor` has them."""
+    nothing = np.full(len(samples.angle), np.nan)
+    stamps = samples.stamps
+    return Readings('', stamps, stamps, samples.angle, nothing, period, int(stamps[0]))
 
 
 def _coarser(name: str, fine: Samples) -> Iterator[Case]:
@@ -140,9 +183,11 @@ def _coarser(name: str, fine: Samples) -> Iterator[Case]:
         yield Case(f'{name}, {times:g} times coarser', COARSENED, samples, reference.stddev)
 
 
-def estimates(entry: Entry, samples: Samples) -> tuple[NDArray[np.int64], Array]:
+def estimates(
+    entry: Entry, samples: Samples, period: float = TURN
+) -> tuple[NDArray[np.int64], Array]:
     """Return (stamps, velocities) that the observer publishes."""
-    out = entry.joint().run(samples.stamps, samples.angle)
+    out = entry.joint(wrap_period=period).run(samples.stamps, samples.angle)
     valid = published(out)
     return samples.stamps[valid], out.velocity[valid]
 
@@ -150,40 +195,74 @@ def estimates(entry: Entry, samples: Samples) -> tuple[NDArray[np.int64], Array]
 def judge(case: Case, entries: Sequence[Entry]) -> Outcome | None:
     """Return the agreement; None if the truth cannot rank, or nothing is ranked."""
     samples = case.samples
-    reference = motion(samples.stamps, samples.angle, TURN)
+    reference = motion(samples.stamps, samples.angle, case.period)
     if reference is None or reference.seldom:
         return None
-    found = {entry.label: at_reference(reference, *estimates(entry, samples)) for entry in entries}
-    verdict = rank(found, reference, 'edge_adaptive', case.motion_hz)
+    found = {
+        entry.label: at_reference(reference, *estimates(entry, samples, case.period))
+        for entry in entries
+    }
+    verdict = rank(found, reference, DEFAULT, case.motion_hz)
     six = {name: found[name] for name in angle_observers()}
-    small = rank(six, reference, 'edge_adaptive', case.motion_hz)
+    small = rank(six, reference, DEFAULT, case.motion_hz)
     if not verdict.best or not small.best:
         return None
-    known = at_reference(reference, samples.stamps, samples.velocity)
-    time = reference.time - reference.time[0]
-    use = reference.firm & (time >= min(1.0, 0.15 * time[-1])) & np.isfinite(known)
-    for name in verdict.rms:
-        use &= np.isfinite(found[name])
-    true = {
-        name: max(float(np.mean((found[name] - known)[use] ** 2)) - case.noise**2, 1e-12) ** 0.5
-        for name in verdict.rms
-    }
+    true = _true(case, reference, found, verdict)
     best = min(true, key=lambda name: true[name])
-    if case.noise > (JUDGES if case.group == COARSENED else WHITE_JUDGES) * true[best]:
+    if case.noise > LIMITS.get(case.group, JUDGES) * true[best]:
         return None
     declared = [pair for pair in small.pairs if pair.sign]
+    other = small.pair(small.best, DEFAULT)
     return Outcome(
+        case.name,
         case.group,
         kendall([verdict.rms[name] for name in true], list(true.values())),
         true[verdict.best] / true[best],
-        true[small.best] / min(true[name] for name in small.rms),
-        true['edge_adaptive'] / true[best],
+        true[small.choice] / min(true[name] for name in small.rms),
+        _of_doctor(case),
+        true[DEFAULT] / true[best],
+        bool(other and not other.sign and other.events),
         len(small.pairs),
         len(declared),
         sum(true[pair.first] > true[pair.second] for pair in declared),
         best == verdict.best or best in verdict.ties,
         float(np.median([verdict.rms[name] / true[name] for name in small.rms])),
     )
+
+
+def _true(
+    case: Case, reference: Motion, found: Mapping[str, Array], verdict: Verdict
+) -> dict[str, float]:
+    """Return the true rms errors of the candidates that are ranked, where all have an estimate."""
+    known = at_reference(reference, case.samples.stamps, case.samples.velocity)
+    time = reference.time - reference.time[0]
+    use = reference.firm & (time >= min(1.0, 0.15 * time[-1])) & np.isfinite(known)
+    for name in verdict.rms:
+        use &= np.isfinite(found[name])
+    return {
+        name: max(float(np.mean((found[name] - known)[use] ** 2)) - case.noise**2, 1e-12) ** 0.5
+        for name in verdict.rms
+    }
+
+
+def _of_doctor(case: Case) -> float:
+    """Return the regret of the choice of `doctor`; nan where it compares nothing."""
+    seen = _readings(case.samples, case.period)
+    rows = np.sort(stretch(seen))
+    reference = moved(seen, rows)
+    if reference is None:
+        return math.nan
+    made = choice.answer(seen, reference, rows, case.motion_hz)
+    if not made.compared:
+        return math.nan
+    labels = made.verdict.rms
+    found = {
+        entry.label: choice.estimates(seen, reference, entry, rows)
+        for entry in choice.candidates(1.0 / seen.step)
+        if entry.label in labels
+    }
+    true = _true(case, reference, found, made.verdict)
+    return true[choice.choose({'': made}).label('')] / min(true.values())
 
 
 def kendall(one: Sequence[float], other: Sequence[float], same: float = 0.0) -> float:
@@ -209,24 +288,26 @@ def run(found: Sequence[Case]) -> list[Outcome]:
 
 def summary(outcomes: Sequence[Outcome]) -> dict[str, float]:
     """Return the figures of a group of series."""
-    regret = [each.regret for each in outcomes]
-    six = [each.regret_of_six for each in outcomes]
-    declared = sum(each.declared for each in outcomes)
+
+    def of(name: str, part: float) -> float:
+        values = [getattr(each, name) for each in outcomes]
+        known = [each for each in values if math.isfinite(each)]
+        return float(np.quantile(known, part)) if known else math.nan
+
     return {
         'series': len(outcomes),
-        'tau': float(np.median([each.tau for each in outcomes])),
-        'regret': float(np.median(regret)),
-        'regret_90': float(np.quantile(regret, 0.9)),
-        'regret_worst': max(regret),
-        'six_90': float(np.quantile(six, 0.9)),
-        'six_worst': max(six),
-        'declared': declared,
+        'tau': of('tau', 0.5),
+        'regret': of('regret', 0.5),
+        **{
+            f'{name}_{"worst" if part == 1.0 else "90"}': of(figure, part)
+            for name, figure in FIGURES.items()
+            for part in (0.9, 1.0)
+        },
+        'declared': sum(each.declared for each in outcomes),
         'pairs': sum(each.pairs for each in outcomes),
         'wrong': sum(each.wrong for each in outcomes),
         'among_ties': sum(each.among_ties for each in outcomes),
-        'default_90': float(np.quantile([each.regret_of_default for each in outcomes], 0.9)),
-        'default_worst': max(each.regret_of_default for each in outcomes),
-        'ratio': float(np.median([each.ratio for each in outcomes])),
+        'ratio': of('ratio', 0.5),
     }
 
 
@@ -235,8 +316,9 @@ def groups(outcomes: Sequence[Outcome]) -> dict[str, list[Outcome]]:
     found: dict[str, list[Outcome]] = {}
     for each in outcomes:
         found.setdefault(each.group, []).append(each)
-        if each.group in USUAL:
-            found.setdefault('all three', []).append(each)
+        for title, several in (('all three', USUAL), ('held out', HELD_OUT)):
+            if each.group in several:
+                found.setdefault(title, []).append(each)
     return found
 
 
@@ -244,10 +326,11 @@ def describe(outcomes: Sequence[Outcome]) -> str:
     """Return the table as Markdown."""
     cells = (
         '{series}|{tau:.2f}|{regret:.2f}, {regret_90:.2f}, {regret_worst:.2f}|'
-        '{six_90:.2f}, {six_worst:.2f}|{declared} of {pairs}|{wrong}|{among_ties}'
+        '{choice_90:.2f}, {choice_worst:.2f}|{doctor_90:.2f}, {doctor_worst:.2f}|'
+        '{declared} of {pairs}|{wrong}|{among_ties}'
     )
     rows = [
-        (group, *cells.format(**summary(each)).split('|'))
+        (group, *cells.format(**summary(each)).replace('nan, nan', '-').split('|'))
         for group, each in groups(outcomes).items()
     ]
     text = markdown(HEADER, rows)
@@ -258,6 +341,13 @@ def describe(outcomes: Sequence[Outcome]) -> str:
             f'\n\n- edge_adaptive at its defaults: regret {default["default_90"]:.2f} at 90 %, '
             f'{default["default_worst"]:.1f} at worst, over all three.'
         )
+    for each in outcomes:
+        worst = max(each.regret_of_choice, each.regret_of_doctor)
+        if worst > SEEN and each.group in (*USUAL, *HELD_OUT):
+            text += (
+                f'\n- {each.name}, {each.group}: {each.regret_of_choice:.2f} of evaluate, '
+                f'{each.regret_of_doctor:.2f} of doctor' + (', few events decide' * each.few)
+            )
     return text
 
 
@@ -266,8 +356,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('bags', nargs='?', default='bags', type=Path)
     parser.add_argument('--only', default='', metavar='TEXT', help='of a name or a group')
+    parser.add_argument(
+        '--held-out', type=Path, metavar='FOLDER', help='of the repositories of these series'
+    )
     parsed = parser.parse_args()
-    chosen = [each for each in cases(parsed.bags) if parsed.only in each.name + each.group]
+    every = cases(parsed.bags, parsed.held_out)
+    chosen = [each for each in every if parsed.only in each.name + each.group]
     print(describe(run(chosen)))
 
 

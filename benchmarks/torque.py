@@ -15,40 +15,27 @@ the reason.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import itertools
+import json
 import math
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from estimator_pkg import observers
-from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.series import joint_series
-from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.joint import Joint
-from estimator_pkg.evaluation.compare.truth import truth
-from estimator_pkg.evaluation.delay import delay
-from estimator_pkg.evaluation.identify.command import first_guess
-from estimator_pkg.evaluation.identify.data import recording
-from estimator_pkg.evaluation.identify.fit import fit
-from estimator_pkg.evaluation.identify.model import unknowns
-from estimator_pkg.evaluation.identify.pieces import Recording, accumulated
-from estimator_pkg.evaluation.matching import match
-from estimator_pkg.evaluation.options import MEASUREMENT, Options
+from estimator_pkg import params_file
+from estimator_pkg.cli import main as velocity_estimator
+from estimator_pkg.evaluation.compare.comparison import Row, compare
+from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.text import table
-from estimator_pkg.models.load import load
-from estimator_pkg.parameters import build
-
-Array = NDArray[np.float64]
 
 SKIPPED = 2.0  # ignored at the start [s]
 CLOSE = 1e-4  # accuracy of a delay [s]
-TURN = 2.0 * math.pi
 WIDTH = 'coulomb_speed=0.05'  # rad/s: the quantum of these recordings resolves no finer one
 ANGLE_ONLY = ('hybrid_angle', 'kalman', 'pll')
 
@@ -58,7 +45,7 @@ class Study:
     """A pair of recordings and the observer for it.
 
     identified, judged : bags.
-    observer, model : those that use the torque.
+    observer, model : those that use the torque. joints : of the model, as the bags name them.
     bandwidths, disturbances : the grid [Hz].
     """
 
@@ -66,6 +53,7 @@ class Study:
     judged: str
     observer: str
     model: str
+    joints: tuple[str, ...]
     bandwidths: tuple[float, ...]
     disturbances: tuple[float, ...]
 
@@ -73,22 +61,13 @@ class Study:
 SLOW = (8.0, 11.0, 15.0, 18.0, 22.0, 27.0, 36.0, 50.0)
 FAST = (27.0, 40.0, 55.0, 70.0, 90.0)
 _SIMPLE, _DOUBLE = 'dfki_simple_pendulum/', 'dfki_double_pendulum/'
+_ONE = 'geso', 'single_joint', ('pendulum',), SLOW, (0.0, 2.0, 8.0)
+_TWO = 'hgo', 'two_links', ('shoulder', 'elbow'), FAST, (0.0, 4.0, 8.0)
 STUDIES = (
-    *(
-        Study(
-            _SIMPLE + each,
-            _SIMPLE + 'sac_200hz_multiturn',
-            'geso',
-            'single_joint',
-            SLOW,
-            (0.0, 2.0, 8.0),
-        )
-        for each in ('system_identification_300hz', 'energy_shaping_200hz')
-    ),
-    *(
-        Study(_DOUBLE + one, _DOUBLE + other, 'hgo', 'two_links', FAST, (0.0, 4.0, 8.0))
-        for one, other in itertools.permutations(('sys_id_500hz', 'trajectory_665hz'))
-    ),
+    Study(_SIMPLE + 'system_identification_300hz', _SIMPLE + 'sac_200hz_multiturn', *_ONE),
+    Study(_SIMPLE + 'energy_shaping_200hz', _SIMPLE + 'sac_200hz_multiturn', *_ONE),
+    Study(_DOUBLE + 'sys_id_500hz', _DOUBLE + 'trajectory_665hz', *_TWO),
+    Study(_DOUBLE + 'trajectory_665hz', _DOUBLE + 'sys_id_500hz', *_TWO),
 )
 
 
@@ -117,141 +96,74 @@ class Line(NamedTuple):
         return self.torque.error / self.angle.error
 
 
-class _Judged:
-    """A recording with its reference."""
-
-    def __init__(self, path: Path, model: str) -> None:
-        with open_bag(path) as bag:
-            measured = joint_series(bag, MEASUREMENT)
-            self.samples, self.names = recording(bag, MEASUREMENT, load(model), tuple(measured))
-            known = truth(bag, str(path), measured, Options(correct_reference=True))
-        first = measured[self.names[0]].stamps_ns[0]
-        self.stamps = np.round(self.samples.time * 1e9).astype(np.int64) + int(first)
-        self.noise = [float(known.references[name].noise) for name in self.names]
-        self._matched = [
-            match(
-                self.stamps,
-                known.series[name].stamps_ns,
-                known.series[name].velocity,
-                known.series[name].position,
-                TURN,
-            )
-            for name in self.names
-        ]
-
-    def judge(self, velocities: Array, what: str) -> list[Result]:
-        """Return results per joint; `velocities` has shape (N, n), nan without an estimate."""
-        found = []
-        for column, at in enumerate(self._matched):
-            estimate = velocities[at.rows, column]
-            good = np.isfinite(estimate) & (self.samples.time[at.rows] > SKIPPED)
-            error = float(np.mean((estimate[good] - at.velocity[good]) ** 2))
-            found.append(
-                Result(
-                    math.sqrt(max(error - self.noise[column] ** 2, 0.0)),
-                    delay(self.samples.time[at.rows][good], estimate[good], at.velocity[good]),
-                    what,
-                )
-            )
-        return found
-
-
-def _late(samples: Recording, lag: float) -> Array:
-    """Return the inputs as they acted, `lag` [s] after they were reported."""
-    time, total = samples.time, accumulated(samples.time, samples.inputs)
-    found = np.zeros_like(samples.inputs)
-    for column in range(found.shape[1]):
-        found[1:, column] = np.diff(np.interp(time - lag, time, total[:, column])) / np.diff(time)
-    return found
-
-
-def _run(observer: str, gains: dict[str, Any], judged: _Judged, inputs: Array | None) -> Array:
-    """Return velocities, shape (N, n): of the mechanism, or of each joint alone without inputs."""
-    record = observers.find(observer)
-    settings: Any = build(record.gains, gains, owner=observer)
-    positions, stamps = judged.samples.positions, judged.stamps.tolist()
-    velocities = np.full_like(positions, np.nan)
-    if inputs is not None:
-        joint = Joint(record, settings, JointSettings())
-        for k, stamp in enumerate(stamps):
-            if joint.update(stamp, tuple(positions[k].tolist()), tuple(inputs[k].tolist())):
-                velocities[k] = joint.estimate()[1]
-        return velocities
-    for column, angles in enumerate(positions.T.tolist()):
-        joint = Joint(record, settings, JointSettings())
-        for k, stamp in enumerate(stamps):
-            if joint.update(stamp, angles[k]):
-                velocities[k, column] = joint.estimate()[1]
-    return velocities
-
-
 @lru_cache
-def _identified(path: Path, model: str) -> tuple[tuple[str, ...], float, float]:
-    """Return (assignments, delay of the inputs [s], explained fraction of held-out motion)."""
-    given = {'coulomb_speed': float(WIDTH.partition('=')[2])}
-    wanted, lag = unknowns(model, given, {}), 0.0
-    with open_bag(path) as bag:
-        samples, _ = recording(
-            bag, MEASUREMENT, wanted.make(wanted.start), tuple(joint_series(bag, MEASUREMENT))
-        )
-    if model == 'single_joint':
-        wanted, lag = first_guess(samples, wanted, given, {})
-    found = fit(samples, wanted, lag)
-    return (
-        wanted.texts(found.values[:-1]),
-        max(0.0, float(found.values[-1])),
-        found.explained_elsewhere,
-    )
+def _identified(path: Path, model: str, joints: tuple[str, ...]) -> tuple[dict[str, Any], float]:
+    """Return (parameters of the observer, explained fraction of held-out motion)."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        out, result = Path(folder) / 'model.yaml', Path(folder) / 'result.json'
+        words = ['identify', str(path), '--model', model, '--set', WIDTH, '--out', str(out)]
+        words += [word for joint in joints for word in ('--joint', joint)]
+        if velocity_estimator([*words, '--json', str(result)]):
+            raise RuntimeError(f'{model} cannot be identified on {path}')
+        explained = json.loads(result.read_text())['explained_elsewhere']
+        return params_file.load(out, 'mechanical_observer'), explained
 
 
 def study(folder: Path, which: Study, angle_only: tuple[str, ...] = ANGLE_ONLY) -> Iterator[Line]:
-    """Yield a line for each joint.
+    """Yield a line for each joint; raise UserError if a recording does not exist."""
+    model, explained = _identified(folder / which.identified, which.model, which.joints)
+    lags = sorted({0.0, model.pop('input_delay')})
 
-    Raises
-    ------
-    UserError : a recording does not exist, or its model cannot be identified.
-    """
-    judged = _Judged(folder / which.judged, which.model)
-    texts, lag, explained = _identified(folder / which.identified, which.model)
-    alone = [
-        judged.judge(_run(name, {'bandwidth_hz': hertz}, judged, None), f'{name}, {hertz:g} Hz')
-        for name in angle_only
-        for hertz in which.bandwidths
-    ]
-    driven, idle = [], []
-    lags = sorted({0.0, round(lag, 6)})
-    for hertz in which.bandwidths:
-        for disturbance in which.disturbances:
-            gains = {
-                'model': which.model,
-                'model_parameters': list(texts),
-                'bandwidth_hz': hertz,
-                'disturbance_hz': disturbance,
-            }
-            what = f'{which.observer}, {hertz:g} Hz, disturbance {disturbance:g} Hz'
-            for late in lags:
-                driven.append(
-                    judged.judge(
-                        _run(which.observer, gains, judged, _late(judged.samples, late)),
-                        f'{what}, {1e3 * late:.1f} ms late',
-                    )
-                )
-            idle.append(
-                judged.judge(
-                    _run(which.observer, gains, judged, np.zeros_like(judged.samples.inputs)), what
-                )
+    def entries(scale: float, lags: list[float]) -> list[Entry]:
+        return [
+            Entry(
+                f'{which.observer}, {hertz:g} Hz, disturbance {slow:g} Hz, {1e3 * lag:.1f} ms late',
+                which.observer,
+                tuple(
+                    (
+                        model
+                        | {'bandwidth_hz': hertz, 'disturbance_hz': slow}
+                        | {'input_delay': (lag,), 'input_scale': (scale,)}
+                    ).items()
+                ),
             )
-    for column, name in enumerate(judged.names):
-        best = min(row[column] for row in alone)
+            for hertz in which.bandwidths
+            for slow in which.disturbances
+            for lag in lags
+        ]
+
+    alone = [
+        Entry(f'{name}, {hertz:g} Hz', name, (('bandwidth_hz', hertz),))
+        for name, hertz in itertools.product(angle_only, which.bandwidths)
+    ]
+    every = [
+        [*_judged(folder / which.judged, each)]
+        for each in (alone, entries(1.0, lags), entries(0.0, [0.0]))
+    ]
+    for joint in which.joints:
+        angle, torque, idle = (
+            [_result(row) for row in rows if row.joint == joint] for rows in every
+        )
+        best = min(angle)
         yield Line(
             which,
-            name,
-            judged.noise[column],
+            joint,
+            next(row.reference_noise for row in every[0] if row.joint == joint),
             explained,
             best,
-            _best([row[column] for row in driven], best.delay),
-            _best([row[column] for row in idle], best.delay),
+            _best(torque, best.delay),
+            _best(idle, best.delay),
         )
+
+
+def _judged(path: Path, entries: list[Entry]) -> tuple[Row, ...]:
+    options = Options(observers=tuple(entries), skip=SKIPPED, correct_reference=True)
+    return compare(str(path), options).rows
+
+
+def _result(row: Row) -> Result:
+    error = math.sqrt(max(row.velocity['rms'] ** 2 - row.reference_noise**2, 0.0))
+    return Result(error, row.velocity['delay_s'], row.source)
 
 
 def _best(results: list[Result], longest: float) -> Result:
@@ -260,27 +172,33 @@ def _best(results: list[Result], longest: float) -> Result:
     return min(fast or results)
 
 
+HEADER = (
+    *('judged on', 'joint', 'identified on', 'explained', 'reference noise', 'angle alone', 'by'),
+    *('delay [ms]', 'with torque', 'by', 'delay [ms]', 'torque 0', 'ratio'),
+)
+
+
 def text(lines: list[Line]) -> str:
     """Return the table as text."""
     rows = [
-        {
-            'judged on': line.study.judged.partition('/')[2],
-            'joint': line.joint,
-            'identified on': line.study.identified.partition('/')[2],
-            'explained': f'{100.0 * line.explained:.1f} %',
-            'reference noise': f'{line.noise:.3f}',
-            'angle alone': f'{line.angle.error:.3f}',
-            'by': line.angle.what,
-            'delay [ms]': f'{1e3 * line.angle.delay:.2f}',
-            'with torque': f'{line.torque.error:.3f}',
-            'by ': line.torque.what,
-            'delay [ms] ': f'{1e3 * line.torque.delay:.2f}',
-            'torque 0': f'{line.without.error:.3f}',
-            'ratio': f'{line.ratio:.2f}' if line.angle.error > 0.0 else '-',
-        }
+        (
+            line.study.judged.partition('/')[2],
+            line.joint,
+            line.study.identified.partition('/')[2],
+            f'{100.0 * line.explained:.1f} %',
+            f'{line.noise:.3f}',
+            f'{line.angle.error:.3f}',
+            line.angle.what,
+            f'{1e3 * line.angle.delay:.2f}',
+            f'{line.torque.error:.3f}',
+            line.torque.what,
+            f'{1e3 * line.torque.delay:.2f}',
+            f'{line.without.error:.3f}',
+            f'{line.ratio:.2f}' if line.angle.error > 0.0 else '-',
+        )
         for line in lines
     ]
-    return table(tuple(rows[0]), [tuple(row.values()) for row in rows])
+    return table(HEADER, rows)
 
 
 def main() -> None:

@@ -35,6 +35,7 @@ KINDS = {  # of the observers whose users see the texts of these files
     'streams/adaptive.py': ('angle_and_input',),
     'streams/angle.py': ('angle',),
     'streams/drive.py': ('drive',),
+    'streams/informed.py': ('angle',),
     'streams/mechanical.py': ('mechanical',),
     'streams/switched.py': ('switched',),
     'driver/drive.py': ('drive',),

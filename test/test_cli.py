@@ -6,6 +6,7 @@
 import json
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -103,3 +104,18 @@ def test_bags_of_the_examples_exist():
     for name in registry.names(registry.COMMANDS):
         for words, _ in registry.find(registry.COMMANDS, name).examples:
             assert all((root / word).exists() for word in words.split() if word.startswith('bags/'))
+
+
+def test_ctrl_c_while_the_program_is_imported_ends_it_without_a_traceback():
+    script = (
+        'import os, signal, sys\n'
+        'class Finder:\n'
+        '    def find_spec(self, name, *_):\n'
+        '        if name == "estimator_pkg.cli":\n'
+        '            os.kill(os.getpid(), signal.SIGINT)\n'
+        'sys.meta_path.insert(0, Finder())\n'
+        'from estimator_pkg.__main__ import main\n'
+        'main()\n'
+    )
+    done = subprocess.run([sys.executable, '-c', script, 'list'], text=True, capture_output=True)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, '', '')

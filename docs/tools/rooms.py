@@ -20,6 +20,7 @@ from estimator_pkg.evaluation.text import markdown
 
 PACKAGE = Path(__file__).resolve().parents[2] / 'estimator_pkg'
 CAPTIONS = {  # what is above may import what is below
+    'export': 'a tuned observer as a C99 header',
     'evaluation': 'compare, reference, report, tune, identify',
     'nodes': 'a stream wired to ROS',
     'bags': 'a stream wired to a bag; record and play',

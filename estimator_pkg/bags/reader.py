@@ -28,7 +28,7 @@ from estimator_pkg import whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.source import CDR, Part, Source, Topic, UnreadableError
 from estimator_pkg.destination import METADATA
-from estimator_pkg.errors import UserError
+from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.messages.block import Block, compact, from_messages, join, rows
 from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
@@ -260,7 +260,9 @@ class Bag:
         elif self.path.exists():
             self._open_file(self.path)
         else:
-            raise UserError(f'{self.path} does not exist')
+            there = suggestion(self.path.name, (each.name for each in self.path.parent.glob('*')))
+            remedy = there if 'mean' in there else 'check the path'
+            raise UserError(f'{self.path} does not exist: {remedy}')
         if not self.topics:
             raise UserError(f'{self.path} is an empty bag: it has no topics; name another')
 

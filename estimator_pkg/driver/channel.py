@@ -317,7 +317,7 @@ def start(
     if verdict == FIRST:
         observer.start(observer, track.state, design, measurement)
     elif verdict == AFTER_GAP or verdict == AFTER_STRAY_STAMP:
-        observer.resume(observer, track.state, track.coefficients, design, measurement)
+        resume(observer, track, design, stamp_ns, measurement, verdict)
     else:
         observer.restart(observer, track.state, track.coefficients, design, measurement)
     clock.running = True
@@ -326,6 +326,20 @@ def start(
     if observer.SINGLE_ANGLE:
         track.reading = track.earlier = measurement
         track.calibration.due_ns = BROKEN
+
+
+def resume(
+    observer: Any, track: Any, design: Any, stamp_ns: int, measurement: Any, verdict: int
+) -> None:
+    """Go on after a gap; the coefficients are those of its length."""
+    clock = track.clock
+    gap_ns = stamp_ns - clock.last_ns if verdict == AFTER_GAP else clock.dt_ns
+    if observer.EDGES and clock.dt_ns > 0:  # it takes the line through the gap
+        observer.prepare(track.coefficients, design, gap_ns * 1e-9)
+        observer.resume(observer, track.state, track.coefficients, design, measurement)
+        observer.prepare(track.coefficients, design, clock.dt_ns * 1e-9)
+    else:
+        observer.resume(observer, track.state, track.coefficients, design, measurement)
 
 
 def show(observer: Any, channel: Channel) -> None:

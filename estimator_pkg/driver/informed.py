@@ -80,7 +80,7 @@ class Teller:
         self._queue: list[tuple[int, float]] = []
         self._doubt, self._proof, self._agrees_ns = 0.0, PROOF, 0
         self._knows = self.used = False
-        self.said, self.notices = 'no value yet', []
+        self.said, self.notices = 'no value yet', list[str]()
         self.variance = math.nan  # of what it told last; nan: nothing
 
     def hear(self, stamp_ns: int, value: float) -> None:

@@ -6,15 +6,18 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections.abc import Sequence
 from functools import cache
+from multiprocessing import parent_process
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.engine.entries import FUNCTIONS, INFORMED, MODELS, OF_A_MECHANISM, loop_name
-from estimator_pkg.engine.load import load
+from estimator_pkg.engine.load import LIBRARY, load
+from estimator_pkg.printable import show
 from estimator_pkg.record import values
 
 PREFIXES = {  # of a module: of its functions, and their names
@@ -76,17 +79,31 @@ def pointers(memories: Sequence[Memory]) -> Any:
     return (ctypes.c_void_p * len(memories))(*(memory.pointer for memory in memories))
 
 
+def _loaded() -> Any:
+    """Return the engine, or None; warn once if one was built and is refused."""
+    library, reason = load()
+    if library is None and reason:
+        _refused(reason)
+    return library
+
+
+@cache
+def _refused(reason: str) -> None:
+    if LIBRARY.is_file() and parent_process() is None:  # workers say the same
+        show(f'warning: {reason}; until then everything runs as plain Python', file=sys.stderr)
+
+
 @cache
 def functions_of(module: Any) -> Functions | None:
     """Return the engine's functions of an observer or a model; None: it runs as plain Python."""
     found = PREFIXES.get(getattr(module, '__name__', ''))
-    library, _ = load()
+    library = _loaded()
     return None if library is None or found is None else Functions(library, *found)
 
 
 def available() -> bool:
     """Return True if the engine is there."""
-    return load()[0] is not None
+    return _loaded() is not None
 
 
 def run(function: Any, *arguments: Any) -> Any:
@@ -97,7 +114,7 @@ def run(function: Any, *arguments: Any) -> Any:
     arguments : numbers, arrays and records; the function gets arrays flat. It updates records and
         all arrays that can be written.
     """
-    library, _ = load()
+    library = _loaded()
     given: list[Any] = list(arguments)
     for i, value in enumerate(arguments):
         if isinstance(value, np.ndarray):

@@ -74,6 +74,20 @@ class Local:
 
     def __init__(self, text: str, kind: Any, pointer: bool, own: bool) -> None:
         self.text, self.kind, self.pointer, self.own, self.read = text, kind, pointer, own, False
+        self.written = False  # what it points to
+        self.of: list[Local] = []  # those that an alias comes from
+
+    def use(self) -> None:
+        """Note that it is read, and so what it comes from."""
+        self.read = True
+        for local in self.of:
+            local.use()
+
+    def write(self) -> None:
+        """Note that what it points to is changed."""
+        self.written = True
+        for local in self.of:
+            local.write()
 
 
 def number(value: Any) -> str:
@@ -82,7 +96,9 @@ def number(value: Any) -> str:
         return {True: 'true', False: 'false'}.get(value, 'NAN')
     sign, size = '-' if math.copysign(1.0, value) < 0.0 else '', abs(value)
     if isinstance(value, float):
-        return sign + ('INFINITY' if math.isinf(value) else repr(size))
+        short = f'{size:.0e}'.replace('e+0', 'e').replace('e+', 'e').replace('e-0', 'e-')
+        short = short if size >= 1e5 and float(short) == size else repr(size)
+        return sign + ('INFINITY' if math.isinf(value) else short)
     if value == -(2**63):
         return 'INT64_MIN'
     return f'{sign}{size}'
@@ -141,6 +157,26 @@ class Expressions:
             self.refuse(node, f'the order of evaluation matters: assign {call!r} to a name first')
         return {'reads': any(value.reads for value in values), 'writes': writes}
 
+    def roots(self, node: ast.AST) -> list[Local]:
+        """Return the locals that an expression reads."""
+        names = [item.id for item in ast.walk(node) if isinstance(item, ast.Name)]
+        return [self.locals[name] for name in names if name in self.locals]
+
+    def reads(self) -> dict[Local, bool]:
+        """Return which locals are read so far."""
+        return {local: local.read for local in self.locals.values()}
+
+    @staticmethod
+    def unread(before: dict[Local, bool]) -> None:
+        """Forget what was read since `reads`."""
+        for local, read in before.items():
+            local.read = read
+
+    def changed(self, node: ast.AST) -> None:
+        """Note that an expression names what is changed."""
+        for local in self.roots(node):
+            local.write()
+
     def literal(self, value: Any, node: ast.AST) -> Value:
         """Return a constant."""
         if type(value) is complex:
@@ -162,7 +198,7 @@ class Expressions:
         local = self.locals.get(node.id)
         if local is None:
             return self._on_global(node, self.lookup(node))
-        local.read = True
+        local.use()
         return Value(local.text, local.kind, pointer=local.pointer, own=local.own)
 
     def _on_global(self, node: ast.AST, found: Any) -> Value:
@@ -193,6 +229,7 @@ class Expressions:
         found = self.lookup(node)
         if found is not None:
             return self._on_global(node, found)
+        before = self.reads()
         owner = self.expression(node.value)
         if owner.kind == COMPLEX and node.attr in ('real', 'imag'):
             return owner._replace(text=f'{owner.above(UNARY)}.{node.attr}', kind=FLOAT, level=ATOM)
@@ -203,10 +240,22 @@ class Expressions:
             text = ast.unparse(node.value)
             self.refuse(node, f'{text!r} is {owner.kind}, which has no field {node.attr!r}')
         kind = fields[node.attr]
+        known = self.translator.known_value(owner.kind, node.attr)
+        if known is not None:
+            self.unread(before)
+            return self._known(node, owner.kind, known, kind)
+        self.translator.reached.add((owner.kind.module.name, owner.kind.node.name, node.attr))
         text = f'{owner.text}{"->" if owner.pointer else "."}{node.attr}'
         reads = owner.reads or isinstance(kind, k.Kind)
         text += '_' * (node.attr in KEYWORDS)
         return owner._replace(text=text, kind=kind, pointer=False, reads=reads)
+
+    def _known(self, node: ast.Attribute, record: k.Record, value: Any, kind: Any) -> Value:
+        """Return a field whose value is known at translation: a gain of a header."""
+        if type(value) is bool:
+            return self.literal(value, node)
+        text = self.translator.gain(record, node.attr, value, kind)
+        return Value(text, kind, constant=value)
 
     def _on_subscript(self, node: ast.Subscript) -> Value:
         owner, index = self.expression(node.value), self.expression(node.slice)
@@ -365,7 +414,8 @@ class Expressions:
         if a.kind != b.kind:
             self.refuse(node, f'one of {a.kind} and {b.kind}: both must be of one type')
         if a.kind == INT:  # a literal alone is narrower in C
-            a, b = (value._replace(text=f'(int64_t){value.above(PRODUCT)}') for value in (a, b))
+            if a.text.strip('-').isdigit() and b.text.strip('-').isdigit():
+                a = a._replace(text=f'(int64_t){a.above(PRODUCT)}', level=UNARY)
         text = f'{test.above(TERNARY)} ? {a.address} : {b.address}'
         pointer, own = isinstance(a.kind, k.POINTERS), a.own and b.own
         reads, writes = test.reads or a.reads or b.reads, test.writes or a.writes or b.writes
@@ -406,6 +456,9 @@ class Expressions:
             self.refuse(node, f'{to.kind} takes one {to.kind}, not {kinds}')
         self.in_order(node, to, *of)
         self.writes |= not to.own
+        self.changed(owner)
+        if self.translator.is_empty(to.kind):
+            return Value('', k.NOTHING)
         text = ' = '.join(f'*{value.text}' if value.pointer else value.text for value in (to, *of))
         return Value(text, k.NOTHING, reads=True, writes=True)
 
@@ -482,6 +535,8 @@ class Expressions:
     def _arguments(self, node: ast.Call, found: Found) -> tuple[Any, list[str], dict[str, Any]]:
         parameters = self.translator.parameters(found)
         pairs = [*zip(parameters, node.args), *((item.arg, item.value) for item in node.keywords)]
+        nodes: dict[Any, ast.expr] = dict(pairs)
+        reads = self.reads()
         values = {str(name): self.expression(item) for name, item in pairs}
         for name, (_, default) in parameters.items():
             if name not in values and default is not None:
@@ -494,6 +549,14 @@ class Expressions:
         passed = {name: values[name] for name in parameters if name not in static}
         kinds = {name: value.kind for name, value in passed.items()}
         function = self.translator.function(found, static, kinds, self.module, node)
+        self.unread(reads)
+        for name in [*values]:
+            if name in function.ignored:
+                passed.pop(name, None)
+            elif name in nodes:
+                self.expression(nodes[name])  # read again
+            if name in passed and (k.is_matrix(kinds[name]) or function.locals[name].written):
+                self.changed(nodes[name])
         flags = self.in_order(node, *passed.values())
         pointers = [value for value in passed.values() if isinstance(value.kind, k.POINTERS)]
         self.writes |= function.writes and not all(value.own for value in pointers)

@@ -88,6 +88,11 @@ class Static:
 POINTERS = (Record, Vector, Array)
 
 
+def is_matrix(kind: Any) -> bool:
+    """Whether it is a vector of vectors, to which C99 has no pointer that adds a const."""
+    return isinstance(kind, Vector) and isinstance(kind.of, Vector)
+
+
 class Kinds:
     """Annotations as kinds."""
 

@@ -4,6 +4,12 @@
 """What C lacks of Python's arithmetic, and the names that C and C++ take."""
 
 HELPERS = {  # each is in the C text only where it is called
+    'ZERO': """\
+#ifdef __cplusplus
+#define ZERO {}
+#else
+#define ZERO {0}
+#endif""",
     'Complex': """\
 typedef struct {
     double real, imag;
@@ -44,20 +50,20 @@ static inline bool complex_equal(Complex a, Complex b)
 /* As Python's abs, whose last bit differs from that of math.hypot. */
 static inline double complex_abs(Complex a) { return hypot(a.real, a.imag); }""",
     'whole': """\
-/* The int of floor, ceil or rint as a double: Python's has no -0.0. */
+/* A whole number, of floor, ceil or rint: never -0.0. */
 static inline double whole(double x) { return x + 0.0; }""",
     'to_int': """\
-/* int(x); what does not fit is saturated, and Python refuses NaN. */
+/* x towards zero; what does not fit is saturated, and NaN is the smallest. */
 static inline int64_t to_int(double x)
 {
     if (x >= -9223372036854775808.0 && x < 9223372036854775808.0) return (int64_t)x;
     return x > 0.0 ? INT64_MAX : INT64_MIN;
 }""",
     'smaller': """\
-/* min(a, b) with Python's order: of NaN, and of 0.0 and -0.0, the first. */
+/* The smaller one; a where b is NaN, or where they are 0.0 and -0.0. */
 static inline double smaller(double a, double b) { return b < a ? b : a; }""",
     'larger': """\
-/* max(a, b) with Python's order: of NaN, and of 0.0 and -0.0, the first. */
+/* The larger one; a where b is NaN, or where they are 0.0 and -0.0. */
 static inline double larger(double a, double b) { return b > a ? b : a; }""",
     'smaller_int': """\
 static inline int64_t smaller_int(int64_t a, int64_t b) { return b < a ? b : a; }""",
@@ -66,7 +72,7 @@ static inline int64_t larger_int(int64_t a, int64_t b) { return b > a ? b : a; }
     'abs_int': """\
 static inline int64_t abs_int(int64_t n) { return n < 0 ? -n : n; }""",
     'floor_divide': """\
-/* a // b, rounded down; 0 where Python refuses. */
+/* a / b, rounded down; 0 for a division by zero. */
 static inline int64_t floor_divide(int64_t a, int64_t b)
 {
     if (b == 0) return 0;
@@ -74,7 +80,7 @@ static inline int64_t floor_divide(int64_t a, int64_t b)
     return a / b - (a % b != 0 && (a < 0) != (b < 0));
 }""",
     'modulo': """\
-/* a % b with the sign of b; 0 where Python refuses. */
+/* The rest of a / b, with the sign of b; 0 for a division by zero. */
 static inline int64_t modulo(int64_t a, int64_t b)
 {
     if (b == 0 || b == -1) return 0;
@@ -117,7 +123,7 @@ WORDS = """
     reinterpret_cast requires restrict return short signed sizeof static static_assert static_cast
     struct switch template this thread_local throw true try typedef typeid typename uint64_t uint8_t
     union unix unsigned using virtual void volatile wchar_t while xor xor_eq
-    I INFINITY NAN INT64_MAX INT64_MIN NULL EOF hypot ldexp memset rint
+    I INFINITY NAN INT64_MAX INT64_MIN NULL EOF hypot ldexp rint
 """
 LIBRARY = """
     abs acosh asinh atanh cbrt div drem exit exp10 exp2 fdim finite fma fmax fmin frexp gamma

@@ -4,7 +4,8 @@
 """One function of the subset as C: its statements, its locals and its comments."""
 
 import ast
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from . import kinds as k
@@ -22,22 +23,33 @@ class Function(Expressions):
     """A function, translated for the kinds of its arguments and for static modules."""
 
     def __init__(
-        self, translator: Any, found: Found, static: dict[str, Module], kinds: Any
+        self,
+        translator: Any,
+        found: Found,
+        static: dict[str, Module],
+        kinds: Any,
+        bound: Mapping[str, str],
     ) -> None:
         super().__init__(translator, found.module, static)
+        self.bound = bound  # arguments that are constants of the file, and their names
         self.node, self.kinds, self.exported, self.token = found.node, kinds, '', ''
         self.returns: Any = None  # until it is translated
         self.lines: list[str] = []
         self.depth, self.block_id, self.index = 1, 0, 0
         self.top: list[Local] = []  # declared at the top
-        self.marked: list[Local] = []  # declared elsewhere, perhaps never read
+        self.marked: list[tuple[Local, bool]] = []  # of lines for one that is read, or not
+        self.before: dict[Local, bool] = {}  # what was read before the assignment
+        self.aliases: list[Local] = []  # pointers, perhaps to what is not changed
+        self.ignored: set[str] = set()  # arguments that it does not read
+        self.forwards: list[Any] = []  # functions whose several results it returns
         self.places: dict[str, list[tuple[dict[int, int], bool]]] = {}
         self._note_places(self.node.body, {})
         self.assigned = {n for n, at in self.places.items() if any(stored for _, stored in at)}
         self.declares = {place for name in self.assigned for place in self._declarations(name)}
         self.used = {*kinds, *self.assigned}  # names that C has in this function
         for name, kind in kinds.items():
-            self.local(name, kind, pointer=isinstance(kind, k.POINTERS))
+            self.local(name, kind, pointer=isinstance(kind, k.POINTERS) and name not in bound)
+            self.locals[name].text = bound.get(name, self.locals[name].text)
         returned = [node.value for node in ast.walk(self.node) if isinstance(node, ast.Return)]
         self.outputs: list[str] = []  # pointers through which several numbers are returned
         for items in zip(*(value.elts for value in returned if isinstance(value, ast.Tuple))):
@@ -53,27 +65,49 @@ class Function(Expressions):
             self.refuse(self.node, f'{self.node.name} does not return a value on every path')
         if self.lines[-1:] == ['    return;']:
             self.lines.pop()
+        empty = self.translator.is_empty
+        self.ignored = {  # arguments that are not passed
+            name
+            for name, kind in self.kinds.items()
+            if empty(kind) or not (self.locals[name].read or name in self.assigned)
+        }
+
+    def name_results(self, targets: list[ast.expr]) -> None:
+        """Name results that are expressions as the caller does."""
+        for i, (target, name) in enumerate(zip(targets, self.outputs)):
+            called = getattr(target, 'id', getattr(target, 'attr', '')).strip('_')
+            if re.fullmatch(r'result\d_out_*', name) and called:
+                self.outputs[i] = new = self.fresh(f'{called}_out')
+                self.lines = [re.sub(rf'\b{name}\b', new, line) for line in self.lines]
+        for function in self.forwards:
+            function.name_results(targets)
 
     def text(self) -> str:
         """Return the function in C."""
         parameters = [
-            self.declaration(kind, self.locals[name].text, isinstance(kind, k.POINTERS))
+            self._constant(self.locals[name])
+            + self.declaration(kind, self.locals[name].text, isinstance(kind, k.POINTERS))
             for name, kind in self.kinds.items()
+            if name not in self.bound and (self.exported or name not in self.ignored)
         ]
         result = self.returns
         if isinstance(result, tuple):
             parameters += [f'{kind.c} *{name}' for kind, name in zip(result, self.outputs)]
             result = NOTHING
         doc = ast.get_docstring(self.node)
-        prefix = '' if self.exported else 'static inline '
+        prefix = 'static inline ' * bool(not self.exported or self.translator.prefix)
         lines = [comment(doc)] if doc else []
         lines += [f'{prefix}{result.c} {self.token}({", ".join(parameters) or "void"})', '{']
         lines += [f'    {local.kind.c} {local.text} = {ZEROS[local.kind]};' for local in self.top]
-        arguments = [local for name, local in self.locals.items() if name in self.kinds]
+        arguments = [self.locals[name] for name in self.kinds if name not in self.ignored]
+        arguments = [self.locals[name] for name in self.kinds] if self.exported else arguments
+        arguments = [local for local in arguments if local.text not in self.bound.values()]
         lines += [f'    (void){local.text};' for local in (*arguments, *self.top) if not local.read]
         for line in self.lines:
+            line = re.sub('\2(\\d+)\2', lambda i: self._constant(self.aliases[int(i[1])]), line)
             code, _, mark = line.partition('\0')
-            if not mark or not self.marked[int(mark)].read:
+            local, wanted = self.marked[int(mark)] if mark else (None, True)
+            if local is None or local.read == wanted:
                 lines.append(code)
         return '\n'.join([*lines, '}'])
 
@@ -127,10 +161,26 @@ class Function(Expressions):
         self.locals[name] = Local(text, kind, pointer, own)
         return self.locals[name]
 
-    def _mark(self, local: Local) -> None:
-        """Say that a local is not used, should that be so."""
-        self.emit(f'(void){local.text};\0{len(self.marked)}')
-        self.marked.append(local)
+    @staticmethod
+    def _constant(local: Local) -> str:
+        """Return 'const ' for a pointer to what is not changed."""
+        of = getattr(local.kind, 'of', None)
+        flat = isinstance(local.kind, k.Record) or isinstance(of, k.Kind)
+        return 'const ' * (flat and not local.written)
+
+    def _point(self, local: Local, reads: dict[Local, bool], *nodes: ast.AST) -> str:
+        """Note where an alias comes from; return what stands for its const."""
+        local.of = [root for node in nodes for root in self.roots(node)]
+        self.unread(reads)
+        self.aliases.append(local)
+        if k.is_matrix(local.kind):
+            local.write()
+        return f'\2{len(self.aliases) - 1}\2'
+
+    def _mark(self, local: Local, text: str, unless: bool = False) -> None:
+        """Add a line if a local is read, or unless it is."""
+        self.emit(f'{text}\0{len(self.marked)}')
+        self.marked.append((local, not unless))
 
     # assignments --------------------------------------------------------------------------------
 
@@ -151,6 +201,7 @@ class Function(Expressions):
             if value.writes:
                 self.refuse(node, f'a call in a target changes a record: {FIRST}')
             self.writes |= not value.own
+            self.changed(node.value)
             text, old = value.text, value.kind
         else:
             self.refuse(node, f'{ast.unparse(node)!r} cannot be assigned')
@@ -160,21 +211,37 @@ class Function(Expressions):
             self.refuse(node, f'{ast.unparse(node)!r} is {old} and cannot become {kind}{remedy}')
         return text, declared
 
-    def assign(self, node: ast.expr, value: Value) -> str:
+    def _is_known(self, node: ast.Attribute, value: Value) -> bool:
+        """Return True if a field's value is known at translation; refuse another one."""
+        owner = self.expression(node.value).kind
+        known = self.translator.known_value(owner, node.attr)
+        if known is not None and value.constant != known:
+            self.refuse(node, f'{ast.unparse(node)!r} is a constant of this header')
+        return known is not None
+
+    def assign(self, node: ast.expr, value: Value, source: ast.expr | None = None) -> str:
         """Assign a number, or give a record or vector a name; return the target in C."""
         if value.kind in ZEROS:
             if value.writes and reads_index(node):
                 self.refuse(node, f'the call may change the index: {FIRST}')
+            if isinstance(node, ast.Attribute) and self._is_known(node, value):
+                return value.text
             text, declared = self.target(node, value.kind)
             self.emit(f'{declared}{text} = {value.text};')
         elif not isinstance(value.kind, (k.Record, k.Vector)) or value.constant:
             self.refuse(node, f'{value.kind} cannot be assigned')
         else:
             text = self._alias(node, value.kind, pointer=True, own=value.own)
-            declared = self.declaration(value.kind, text, pointer=True)
-            self.emit(f'{declared} = {value.address};')
+            local = self.locals[node.id]  # type: ignore[attr-defined]
+            constant = self._point(local, self.before, source or node)
+            declared = constant + self.declaration(value.kind, text, pointer=True)
+            if self.translator.is_empty(value.kind):
+                return text
+            self._mark(local, f'{declared} = {value.address};')
+            return text
         if declared:
-            self._mark(self.locals[node.id])  # type: ignore[attr-defined]
+            local = self.locals[node.id]  # type: ignore[attr-defined]
+            self._mark(local, f'(void){local.text};', unless=True)
         return text
 
     def _alias(self, node: ast.expr, kind: Any, pointer: bool, own: bool) -> str:
@@ -187,12 +254,13 @@ class Function(Expressions):
         return self.local(node.id, kind, pointer, own).text
 
     def _on_assign(self, node: ast.Assign) -> None:
-        targets, source = node.targets, node.value
+        targets, source, self.before = node.targets, node.value, self.reads()
         if isinstance(targets[0], ast.Tuple):
             called = self.called(source)
             if len(targets) == 1 and isinstance(source, ast.Tuple):
                 self._tuple(node, targets[0].elts, source.elts)
             elif len(targets) == 1 and called:
+                called[0].name_results(targets[0].elts)
                 self._unpack(node, targets[0].elts, *called[:2])
             else:
                 self.refuse(node, 'only a tuple, or a call of a function of ours, is unpacked')
@@ -201,7 +269,7 @@ class Function(Expressions):
         else:
             value = self.expression(source)
             for target in targets:
-                text = self.assign(target, value)
+                text = self.assign(target, value, source)
                 if value.constant is None:
                     pointer = isinstance(value.kind, k.Record)
                     value = Value(text, value.kind, ATOM, pointer=pointer, own=value.own)
@@ -213,8 +281,8 @@ class Function(Expressions):
             text = ast.unparse(call)
             self.refuse(node, f'{text!r}: a record of one name, without arguments and observer')
         text = self._alias(node.targets[0], kind, pointer=False, own=True)
-        self.emit(self.declaration(kind, text) + ';')
-        self.emit(f'memset(&{text}, 0, sizeof {text});')
+        self.translator.helpers.add('ZERO')
+        self.emit(f'{self.declaration(kind, text)} = ZERO;')
 
     def _tuple(self, node: ast.Assign, targets: list[ast.expr], items: list[ast.expr]) -> None:
         """Assign a tuple as if at once: what an earlier target changes is read before."""
@@ -227,8 +295,11 @@ class Function(Expressions):
                 text = self.fresh(f'{text}_next')
                 self.emit(f'const {value.kind.c} {text} = {value.text};')
                 values[i] = Value(text, value.kind)
-        for target, value in zip(targets, values):
-            self.assign(target, value)
+        for target, value, item in zip(targets, values, items):
+            self.assign(target, value, item)
+        for item, value in zip(items, values):
+            if value.kind in ZEROS:
+                self.expression(item)  # read, whatever an alias forgot
 
     def _unpack(
         self, node: ast.Assign, targets: list[ast.expr], function: Any, arguments: list[str]
@@ -284,9 +355,11 @@ class Function(Expressions):
                     self.emit(f'// {text}')
             first, self.block_id, self.index = len(self.lines), id(body), i
             ended = method(self, node)
-            at = [j for j in range(first, len(self.lines)) if '\0' not in self.lines[j]]
+            at = [j for j in range(first, len(self.lines)) if '(void)' not in self.lines[j]]
             if trailing and at:
-                self.lines[at[0] if hasattr(node, 'body') else at[-1]] += trailing
+                j = at[0] if hasattr(node, 'body') else at[-1]
+                code, mark, number_of_mark = self.lines[j].partition('\0')
+                self.lines[j] = code + trailing + mark + number_of_mark
             line = (node.end_lineno or last) + 1
             if ended:
                 return True
@@ -301,7 +374,9 @@ class Function(Expressions):
 
     def _on_expression(self, node: ast.Expr) -> None:
         if isinstance(node.value, ast.Call):
-            self.emit(self.expression(node.value).text + ';')
+            text = self.expression(node.value).text
+            if text:  # else a copy of constants
+                self.emit(f'{text};')
         elif not isinstance(node.value, ast.Constant):  # a docstring
             self.refuse(node, f'{ast.unparse(node)!r} has no effect')
 
@@ -319,6 +394,7 @@ class Function(Expressions):
         elif called and isinstance(called[0].returns, tuple):
             function, arguments, _ = called
             kind = function.returns
+            self.forwards.append(function)
             self.outputs = self.outputs or [self.fresh(name) for name in function.outputs]
             self.emit(f'{function.token}({", ".join([*arguments, *self.outputs])});')
             self.emit('return;')
@@ -426,13 +502,14 @@ class Function(Expressions):
         if not self._own_loop(name):
             self.refuse(node, f'{name!r} is used or assigned outside of loops over it')
         local = self.local(name, kind, pointer=record, own=all(v.own for v in values))
-        of = f'{self.translator.struct(kind)} *const' if record else f'const {kind.c}'
+        constant = self._point(local, {}, *node.iter.elts)  # type: ignore[attr-defined]
+        of = f'{constant}{self.translator.struct(kind)} *const' if record else f'const {kind.c}'
         index, items = self.fresh(f'{name}_index'), self.fresh(f'{name}_items')
         addresses = ', '.join(value.address for value in values)
         self.emit(f'{of} {items}[{len(values)}] = {{{addresses}}};')
         self.emit(f'for (int {index} = 0; {index} < {len(values)}; {index}++) {{')
         self.emit(f'    {of} {local.text} = {items}[{index}];')
-        self._mark(local)
+        self._mark(local, f'(void){local.text};', unless=True)
 
     def _own_loop(self, name: str) -> bool:
         """Whether a name is only of loops over it and not assigned there: each may declare it."""

@@ -27,7 +27,6 @@ FILE = """\
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
-#include <string.h>
 
 #ifdef __cplusplus
 extern "C" {{
@@ -54,17 +53,32 @@ class Entry(NamedTuple):
     function: str
     static: Mapping[str, str]
     name: str
+    bound: Mapping[str, Any] = {}  # records that arguments are, constants of the text
+
+
+Known = Mapping[tuple[str, str], Mapping[str, Any]]  # values of fields, by module and record
 
 
 class Translator:
     """What the translation of some entry points has come to."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(
+        self,
+        root: Path,
+        prefix: str = '',
+        known: Known | None = None,
+        used: set[tuple[str, str, str]] | None = None,
+    ) -> None:
+        self.prefix, self._known, self.used = prefix, known or {}, used
+        self.reached: set[tuple[str, str, str]] = set()  # module, record and field in use
+        self._gains: dict[tuple[k.Record, str], tuple[str, str]] = {}
+        self._records: dict[str, tuple[str, k.Record, Any]] = {}  # constants
         self.sources = Sources(root)
         self.kinds = k.Kinds(self.sources)
+        self.names: dict[tuple[str, str], str] = {}  # of records, by module and record
         self.helpers: set[str] = set()
         self.functions: dict[Any, Function] = {}  # each after what it calls
-        self._structs: dict[k.Record, tuple[str, str]] = {}
+        self._structs: dict[k.Record, str] = {}
         self._constants: dict[ast.AST, tuple[str, str]] = {}
         self._names: list[list[str]] = []  # of each token, from short to long
         self._exported: list[str] = []  # name, result and arguments of each entry point
@@ -72,8 +86,47 @@ class Translator:
     def _token(self, module: Module, *choices: str) -> str:
         """Return a text that stands for one of these names until all names are known."""
         folder = '_'.join(module.name.split('.')[-2:])
-        self._names.append([*choices[:2], f'{folder}_{choices[0]}', *choices[2:]])
+        found = [*choices[:2], f'{folder}_{choices[0]}', *choices[2:]]
+        self._names.append([self._prefixed(name) for name in found])
         return f'\1{len(self._names) - 1}\1'
+
+    def _prefixed(self, name: str) -> str:
+        """Return a name of the file with the header's prefix, in the style of the name."""
+        if not self.prefix:
+            return name
+        if name.isupper():
+            return f'{self.prefix.upper()}_{name}'
+        return f'{self.prefix}_{name}' if name.islower() else f'{camel(self.prefix)}{name}'
+
+    def known_value(self, record: Any, field: str) -> Any:
+        """Return the value that all records of a class have in a field; None: not known."""
+        if not self._known or not isinstance(record, k.Record):
+            return None
+        return self._known.get((record.module.name, record.node.name), {}).get(field)
+
+    def is_empty(self, kind: Any) -> bool:
+        """Whether the values of all fields of a record are known."""
+        return (
+            bool(self.prefix)
+            and isinstance(kind, k.Record)
+            and all(
+                self.known_value(kind, name) is not None
+                or (self.used is not None and field(kind, name) not in self.used)
+                or self.is_empty(inner)
+                for name, inner in self.kinds.fields(kind).items()
+            )
+        )
+
+    def gain(self, record: k.Record, name: str, value: Any, kind: Any) -> str:
+        """Return the token of a constant whose value is that of a field."""
+        if (record, name) not in self._gains:
+            owner, upper = record.node.name.upper(), name.upper()
+            token = self._token(record.module, upper, f'{owner}_{upper}')
+            (node,) = (item for item in record.declared if item.target.id == name)
+            note = record.module.comments.get(node.end_lineno, ('', True))[0]
+            source = f'static const {self.declaration(kind, token)} = {constant_text(value)};'
+            self._gains[record, name] = token, source + (f'  // {note}' if note else '')
+        return self._gains[record, name][0]
 
     def parameters(self, found: Found) -> dict[str, tuple[ast.expr | None, ast.expr | None]]:
         """Return annotation and default of each parameter of a function."""
@@ -97,6 +150,7 @@ class Translator:
         kinds: dict[str, Any],
         module: Module,
         at: Any,
+        bound: Mapping[str, str] | None = None,
     ) -> Function:
         """Return a function for static modules and kinds of arguments, which ``at`` calls."""
         for name, expected in self.annotated(found, static).items():
@@ -108,7 +162,7 @@ class Translator:
                 module.refuse(at, reason)
         key = found.node, *static.items(), *kinds.items()
         if key not in self.functions:
-            function = self.functions[key] = Function(self, found, static, kinds)
+            function = self.functions[key] = Function(self, found, static, kinds, bound or {})
             function.token = self._token(found.module, *self._choices(found, static, kinds))
             function.translate()
             self.functions[key] = self.functions.pop(key)
@@ -116,12 +170,12 @@ class Translator:
             module.refuse(at, f'{found.name} calls itself, which is not translated')
         return self.functions[key]
 
-    @staticmethod
-    def _choices(found: Found, static: dict[str, Module], kinds: dict[str, Any]) -> list[str]:
+    def _choices(self, found: Found, static: dict[str, Module], kinds: dict[str, Any]) -> list[str]:
         """Return names for a function: by its module, by its observer, by its arguments."""
         observers = [getattr(kind, 'observer', None) for kind in kinds.values()]
         modules = dict.fromkeys(module for module in (*static.values(), *observers) if module)
-        name = '_'.join([*(module.stem for module in modules), found.name.lstrip('_')])
+        stems = () if self.prefix else (module.stem for module in modules)
+        name = '_'.join([*stems, found.name.lstrip('_')])
         longer = f'{found.module.stem}_{name}' + '_' * found.name.startswith('_')
         of = dict.fromkeys(re.sub(r'\W+', '_', str(kind)) for kind in kinds.values())
         return [name, longer, '_'.join([longer, *of])]
@@ -143,18 +197,30 @@ class Translator:
         """Return the token of a record's name in C."""
         if record not in self._structs:
             node, module = record.node, record.module
-            name = (camel(record.observer) if record.observer else '') + node.name
-            token = self._token(module, name, camel(module) + name)
-            lines = [comment(ast.get_docstring(node) or node.name), 'typedef struct {']
-            for field in record.declared:
-                name = field.target.id
-                note = module.comments.get(field.end_lineno, ('', True))[0]
-                text = self.declaration(
-                    self.kinds.fields(record)[name], name + '_' * (name in KEYWORDS)
-                )
-                lines.append(f'    {text};' + (f'  // {note}' if note else ''))
-            self._structs[record] = token, '\n'.join([*lines, f'}} {token};'])
-        return self._structs[record][0]
+            name = node.name
+            fixed = self.names.get((module.name, name))
+            if record.observer and not self.prefix:
+                name = camel(record.observer.stem) + name
+            token = fixed or self._token(module, name, camel(module.stem) + name)
+            for inner in self.kinds.fields(record).values():
+                self.declaration(inner, '')  # its records come before
+            self._structs[record] = token
+        return self._structs[record]
+
+    def _struct_text(self, record: k.Record, token: str) -> str:
+        """Return the declaration of a record in C."""
+        node, module = record.node, record.module
+        lines = [comment(ast.get_docstring(node) or node.name), 'typedef struct {']
+        for field in self._fields(record):
+            name = field.target.id
+            note = module.comments.get(field.end_lineno, ('', True))[0]
+            text = self.declaration(
+                self.kinds.fields(record)[name], name + '_' * (name in KEYWORDS)
+            )
+            if self.prefix and not re.fullmatch(r'.*_ns|t\d', name):  # counts, no times
+                text = text.replace('int64_t', 'int32_t')
+            lines.append(f'    {text};' + (f'  // {note}' if note else ''))
+        return '\n'.join([*lines, f'}} {token};'])
 
     def constant(self, found: Found, value: Any, kind: Any) -> str:
         """Return the token of a constant of a module."""
@@ -162,17 +228,44 @@ class Translator:
         if node not in self._constants:
             name = name.strip('_')
             token = self._token(module, name, f'{module.stem.upper()}_{name}')
-            text = number(value) if isinstance(kind, k.Kind) else ', '.join(map(number, value))
-            text = text if isinstance(kind, k.Kind) else f'{{{text}}}'
             note, alone = module.comments.get(node.end_lineno, ('', True))
             notes = [] if isinstance(node, (ast.Constant, ast.Tuple)) else [ast.unparse(node)]
             notes += [] if alone else [note]
-            source = f'static const {self.declaration(kind, token)} = {text};'
+            source = f'static const {self.declaration(kind, token)} = {constant_text(value)};'
             self._constants[node] = (
                 token,
                 '  // '.join([source, '; '.join(notes)][: 1 + bool(notes)]),
             )
         return self._constants[node][0]
+
+    def _bind(self, name: str, kind: k.Record, item: Any) -> str:
+        """Return the token of a record that is a constant of the text."""
+        if name not in self._records:
+            self._records[name] = self._token(kind.module, name.upper()), kind, item
+        return self._records[name][0]
+
+    def _fields(self, record: k.Record) -> list[Any]:
+        """Return the declarations of the fields that a record has in C."""
+        kinds = self.kinds.fields(record)
+        return [
+            node
+            for node in record.declared
+            if not self.prefix
+            or (
+                field(record, node.target.id) in (self.used or self.reached)
+                and not self.is_empty(kinds[node.target.id])
+            )
+        ]
+
+    def _record_text(self, kind: Any, value: Any) -> str:
+        """Return a value, of a record or of one of its fields, as C initialises it."""
+        if isinstance(kind, k.Vector):
+            return f'{{{", ".join(self._record_text(kind.of, item) for item in value)}}}'
+        if not isinstance(kind, k.Record):
+            return number(value)
+        names, kinds = [node.target.id for node in self._fields(kind)], self.kinds.fields(kind)
+        items = [self._record_text(kinds[name], getattr(value, name)) for name in names]
+        return f'{{{", ".join(items)}}}'
 
     def export(self, entry: Entry) -> None:
         """Translate an entry point."""
@@ -189,7 +282,8 @@ class Translator:
             if kind is None:
                 reason = f'annotate {name!r} of the entry point {found.name}, or make it static'
                 found.module.refuse(found.node, reason)
-        function = self.function(found, static, kinds, found.module, found.node)
+        bound = {name: self._bind(name, kinds[name], item) for name, item in entry.bound.items()}
+        function = self.function(found, static, kinds, found.module, found.node, bound)
         if k.COMPLEX in (*kinds.values(), function.returns):
             reason = f'the entry point {found.name} takes or returns complex: use a record'
             found.module.refuse(found.node, reason)
@@ -201,16 +295,38 @@ class Translator:
         result = '' if several else function.returns.code
         self._exported.append(f'{entry.name}:{result}:{"".join(codes)}')
 
-    def text(self) -> str:
-        """Return all that was translated as C."""
+    def body(self) -> str:
+        """Return records, constants and functions as C."""
         functions = [function.text() for function in self.functions.values()]
+        structs = [
+            (token, self._struct_text(record, token)) for record, token in self._structs.items()
+        ]
+        records = [
+            (token, f'static const {self.struct(kind)} {token} = {self._record_text(kind, item)};')
+            for token, kind, item in self._records.values()
+        ]
+        used = '\n'.join(functions)
+        for some in (records, structs[::-1]):  # what the rest uses
+            for token, text in some:
+                used += text * (token in used)
+        gains, constants, kept, types = (
+            [text for token, text in some if token in used]
+            for some in (self._gains.values(), self._constants.values(), records, structs)
+        )
         parts = [text for name, text in HELPERS.items() if name in self.helpers]
-        parts += [text for _, text in self._structs.values()]
-        parts += ['\n'.join(text for _, text in self._constants.values())]
+        parts += [*types, '\n'.join(gains), '\n'.join(kept), '\n'.join(constants)]
         names = self._resolved()
         body = '\n\n'.join(filter(None, (*parts, *functions)))
         body = re.sub('\1(\\d+)\1', lambda i: names[int(i[1])], body)
-        body = '\n'.join(line for long in body.splitlines() for line in wrapped(long))
+        if self.prefix:
+            calls = '|'.join(self.helpers)
+            ours = rf'\b({calls})\b(?=\()|\b(?<== )ZERO\b|(?<=define )ZERO\b|\bComplex\b(?=[; ])'
+            body = re.sub(ours, lambda i: self._prefixed(i[0]), body)
+        return '\n'.join(line for long in body.splitlines() for line in wrapped(long))
+
+    def text(self) -> str:
+        """Return all that was translated as C, with what `load` needs."""
+        body = self.body()
         read = self.sources.read()
         lists = [digest(self.sources.root, read)], read, self._exported
         texts = ['\n        '.join([f'"{line} "' for line in lines] or ['""']) for lines in lists]
@@ -220,7 +336,10 @@ class Translator:
         """Return a name for each token: the shortest that nothing else has."""
         functions = self.functions.values()
         fixed = {int(f.token.strip('\1')): f.exported for f in functions if f.exported}
-        taken = TAKEN.union(*(function.used for function in functions))
+        helpers = (self._prefixed(name) for name in HELPERS)
+        taken = TAKEN.union(self.names.values(), helpers).union(
+            *(function.used for function in functions)
+        )
         level = [0] * len(self._names)
         while True:
             names = [
@@ -251,9 +370,21 @@ def translate(entries: Iterable[Entry], root: Path) -> str:
     return translator.text()
 
 
-def camel(module: Module) -> str:
-    """Return a module's name as the beginning of a record's."""
-    return ''.join(part.capitalize() for part in module.stem.split('_'))
+def field(record: k.Record, name: str) -> tuple[str, str, str]:
+    """Return what names a field of a record."""
+    return record.module.name, record.node.name, name
+
+
+def constant_text(value: Any) -> str:
+    """Return a number, a vector or a matrix in C."""
+    if isinstance(value, (tuple, list)):
+        return f'{{{", ".join(map(constant_text, value))}}}'
+    return number(value)
+
+
+def camel(name: str) -> str:
+    """Return a name as the beginning of a record's."""
+    return ''.join(part.capitalize() for part in name.split('_'))
 
 
 def wrapped(line: str) -> list[str]:

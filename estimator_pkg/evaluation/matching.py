@@ -95,15 +95,9 @@ def match(
     if not found:
         nothing = np.zeros(0)
         return Matched(np.zeros(0, np.int64), nothing, nothing, nothing, 0, len(stamps))
-    rows = np.concatenate([part[0] for part in found])
-    return Matched(
-        rows,
-        np.concatenate([part[1] for part in found]),
-        np.concatenate([part[2] for part in found]),
-        np.concatenate([part[3] for part in found]),
-        sum(part[4] for part in found),
-        len(stamps) - len(rows),
-    )
+    *arrays, several = zip(*found)
+    rows, time, speeds, angles = map(np.concatenate, arrays)
+    return Matched(rows, time, speeds, angles, sum(several), len(stamps) - len(rows))
 
 
 def exact(stamps: Stamps, known: Stamps, values: Array) -> Array:

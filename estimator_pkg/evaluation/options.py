@@ -68,6 +68,14 @@ def truth_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def worker_arguments(parser: argparse.ArgumentParser, jobs: str = 'local processes') -> None:
+    """Add the options of `workers`; `jobs`: help of ``--jobs``."""
+    parser.add_argument('--jobs', type=int, default=1, metavar='N', help=jobs)
+    parser.add_argument(
+        '--scheduler', metavar='ADDRESS', help='address of a Dask scheduler, used instead of --jobs'
+    )
+
+
 def joint_arguments(parser: argparse.ArgumentParser) -> None:
     """Add options that describe the joints to a command that ranks estimates."""
     parser.add_argument(

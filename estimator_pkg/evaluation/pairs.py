@@ -19,6 +19,7 @@ CONFIDENCE = 0.95  # of a declared pair
 BLOCKS = 40  # of a record, at most
 SHORTEST = 0.25  # length of a block [s], at least
 FEWEST = 8  # blocks of a record, whatever their length
+EIGHTH = 8  # events are few if they are in one of so many blocks at most
 
 
 class Difference(NamedTuple):
@@ -67,6 +68,21 @@ def of_sums(sums: Sequence[NDArray], counts: Sequence[NDArray]) -> Difference:
         variance += float(rest @ rest) + 2.0 * max(0.0, float(rest[1:] @ rest[:-1]))
     error = math.sqrt(variance * number / (number - 1)) / total
     return Difference(mean, student(number - 1) * error)
+
+
+def events(sums: NDArray) -> NDArray[np.int64]:
+    """Return the blocks that make half of the difference of two squared errors, if they are few.
+
+    Empty if these are more than an eighth of the blocks.
+
+    Parameters
+    ----------
+    sums : shape (blocks,), difference of the sums of squared errors.
+    """
+    size = np.abs(sums)
+    order = np.argsort(-size)
+    count = 1 + int(np.searchsorted(np.cumsum(size[order]), 0.5 * np.sum(size)))
+    return np.sort(order[:count]) if count <= max(1, len(sums) // EIGHTH) else order[:0]
 
 
 def student(degrees: int) -> float:

@@ -25,9 +25,18 @@ GREY = '#9a9a9e'  # of references
 NUMBERS = 1_200_000  # of all curves over time of a page: 6.4 MB
 FEWEST = 200  # points of a curve
 TALL, LOW = 250, 130  # height of a panel [pixels]
-# The legend shows and hides estimates in all plots.
+# The legend shows and hides estimates in all plots. On a touch screen a swipe over a plot scrolls
+# the page until a tool is tapped: Bokeh leaves it to the browser while no tool takes it.
 SCRIPT = """
 const models = () => Bokeh.documents.flatMap(each => [...each.all_models]);
+const rest = () => {
+  if (!window.Bokeh?.documents.length) return setTimeout(rest, 50);
+  for (const each of models()) {
+    const tool = each.type === 'ToolProxy' ? each.tools[0] : each;
+    if (/ZoomTool$/.test(tool.type)) each.active = false;
+  }
+};
+if (document.querySelector('.plot') && matchMedia('(pointer: coarse)').matches) rest();
 for (const button of document.querySelectorAll('.legend button'))
   button.onclick = () => {
     const on = button.ariaPressed !== 'true';
@@ -109,6 +118,17 @@ class Curve(NamedTuple):
         hole = (time[after] - time[before] > longest(time)) & (times > time[before])
         found[hole & (times < time[after])] = np.nan
         return found.astype(np.float32)
+
+
+def ahead(time: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Return where times, shape (n,), are later than all before: the clock may jump back."""
+    return np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])[: len(time)]
+
+
+def sample_times(time: NDArray[np.floating]) -> dict[str, list[Curve]]:
+    """Return the panel of the times between samples at `time`, shape (n,) [s], by its title."""
+    steps, line = np.diff(time, prepend=np.nan) * 1e3, Style(COLOURS[0], 'solid').line
+    return {'time since the sample before [ms]': [Curve('sample time', '@ ms', time, steps, line)]}
 
 
 def longest(time: NDArray[np.floating]) -> float:

@@ -73,7 +73,7 @@ class ObserverNode(Node):
         try:
             self._ros = RosParameters(self)
             settings: Any = self._ros.declare(family.SETTINGS)
-            groups = {
+            groups: dict[str, Any] = {
                 name: self._ros.declare(declaring, f'{name}.')
                 for name, declaring in family.groups(settings).items()
             }

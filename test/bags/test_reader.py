@@ -460,7 +460,8 @@ def wrong_bags(tmp_path):
     lonely = make.ours(tmp_path / 'lonely', messages)
     next(lonely.glob('*.mcap')).unlink()
     return [
-        (tmp_path / 'nowhere', 'does not exist'),
+        (tmp_path / 'xyz', 'does not exist: check the path'),
+        (tmp_path / 'lonly', "does not exist: did you mean 'lonely'?"),
         (empty_folder, 'is not a bag: it has no'),
         (tmp_path / 'empty.mcap', 'is empty (0 bytes)'),
         (tmp_path / 'empty.db3', 'is empty (0 bytes)'),

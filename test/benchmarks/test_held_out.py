@@ -150,3 +150,46 @@ def test_the_single_baseline_is_the_one_with_the_least_mean_and_the_best_is_neve
     text = held_out.describe({'two joints': found})
     assert '  fine ' in text and f'two joints: single: {found.single}' in text
     assert held_out.as_dict(found)['rows'][1]['results']['edge_adaptive']['rms'] > 0.0
+
+
+def test_first_contact_takes_every_joint_of_every_file_and_nothing_that_was_used_before() -> None:
+    new = held_out.listed('contact')
+    used = {
+        each.keys['repository']
+        for which in ('series', 'unseen', 'third')
+        for each in held_out.listed(which)
+    }
+    repositories = {each.keys['repository'] for each in new}
+    assert len(repositories) >= 5 and not repositories & used
+    assert len({each.name for each in new}) == len(new)
+    joints = {(each.keys['repository'], each.keys['path']): 0 for each in new}
+    for each in new:
+        joints[each.keys['repository'], each.keys['path']] += 1
+        assert len(each.keys['files'][each.keys['path']]) == 64
+    assert {6, 1, 7} == set(joints.values())
+
+
+def test_first_contact_leaves_out_by_its_rule_and_freezes_the_baselines(tmp_path: Path) -> None:
+    time, angle, velocity = _motion(700)
+    columns = {'time': {'column': 0}, 'angle': {'column': 1}, 'velocity': {'column': 2}}
+    moving = held_out.column(tmp_path, _listed(tmp_path, _log(time, angle, velocity), **columns))
+    still = _log(time, 0.02 * angle, 0.02 * velocity)
+    resting = held_out.column(tmp_path, _listed(tmp_path, still, **columns))
+    thin = held_out.column(
+        tmp_path, _listed(tmp_path, _log(time, angle, velocity), thin=5, **columns)
+    )
+    assert len(thin.samples.angle) == len(time) // 5
+    assert [held_out.left_out(each) for each in (moving, resting, thin)] == ['', 'rest', 'short']
+    frozen = {'pll': 28.12, 'finite_difference': 15.81, 'kalman velocity': 28.12}
+    frozen['kalman acceleration'] = 15.81
+    found = held_out.compared([moving], {'joint': 0.5}, frozen)
+    assert found.single == 'pll, bandwidth_hz 28.1'
+    law = next(each for each in ours() if each.name == 'pll')
+    assert found.rows[0]['single'] == moving.error(law.run(moving, 28.12))[0]
+
+
+def test_a_json_log_has_its_fields_in_the_order_of_their_names(tmp_path: Path) -> None:
+    path = tmp_path / 'log.json'
+    path.write_text('{"entries": [{"t": 0.5, "angle": 2}, {"angle": 3, "t": 1.5}]}')
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert held_out._read(path, digest, 'entries', 0).tolist() == [[2.0, 0.5], [3.0, 1.5]]

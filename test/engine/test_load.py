@@ -6,12 +6,13 @@
 import ctypes
 import shutil
 import subprocess
+import sys
 import time
 
 import pytest
 from engine_build import WARNINGS, build, write
 
-from estimator_pkg.engine import sources
+from estimator_pkg.engine import calls, sources
 from estimator_pkg.engine.entries import ENTRIES
 from estimator_pkg.engine.load import PACKAGE, load
 from estimator_pkg.engine.translate import translate
@@ -113,7 +114,14 @@ def text():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('compiler', ['gcc -std=c99 -O2 -c', 'g++ -std=c++17 -fsyntax-only -x c++'])
+@pytest.mark.parametrize(
+    'compiler',
+    [
+        'gcc -std=c99 -fsyntax-only',
+        'g++ -std=c++17 -fsyntax-only -x c++',
+        pytest.param('gcc -std=c99 -O2 -c', marks=pytest.mark.slow),  # pip compiles with -O2, too
+    ],
+)
 def test_the_engine_of_the_package_compiles_without_a_warning(text, tmp_path, compiler):
     if shutil.which(compiler.split()[0]) is None:
         pytest.skip(f'needs {compiler}')
@@ -133,3 +141,28 @@ def test_the_hash_of_all_sources_takes_milliseconds(text):
         sources.digest(PACKAGE.parent, [name.strip() for name in read])
         times.append(time.perf_counter() - begun)
     assert len(read) > 10 and min(times) < 0.01
+
+
+def test_a_stale_engine_is_reported_once(tmp_path):
+    """By the process that would use it; its workers are silent."""
+    (tmp_path / '_engine.so').touch()
+    script = (
+        'from multiprocessing import get_context\nfrom pathlib import Path\n'
+        'from estimator_pkg.engine import calls\n'
+        'from estimator_pkg.observers.angle import kalman, pll\n'
+        f'calls.LIBRARY = Path({str(tmp_path / "_engine.so")!r})\n'
+        'calls.load = lambda: (None, "_engine.so was made from other sources: install again")\n'
+        'calls.functions_of(kalman), calls.functions_of(pll), calls.available()\n'
+        'fork = get_context("fork").Process(target=calls.available)\n'
+        'calls._refused.cache_clear()\nfork.start()\nfork.join()\n'
+    )
+    done = subprocess.run([sys.executable, '-c', script], text=True, capture_output=True)
+    assert done.returncode == 0 and not done.stdout
+    assert done.stderr.count('\n') == 1
+    assert done.stderr.startswith('warning: _engine.so was made from other sources: install again;')
+
+
+def test_a_machine_without_an_engine_is_silent(monkeypatch, capsys):
+    monkeypatch.setattr(calls, 'LIBRARY', PACKAGE / 'nothing.so')
+    monkeypatch.setattr(calls, 'load', lambda: (None, 'no engine was built'))
+    assert not calls.available() and capsys.readouterr().err == ''

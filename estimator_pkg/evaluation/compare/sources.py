@@ -54,7 +54,7 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
     for entry in chosen:
         setup = _setup(entry, bag, options)
         found = recordings.measured(bag, setup)
-        if not found and setup.kind == DriveStream.KIND and _without_truth(bag, options):
+        if not found and setup.kind == DriveStream.KIND and without_truth(bag, options):
             found = back_emf.measured(bag, setup)
         if found:
             return found
@@ -74,7 +74,7 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
     return {}
 
 
-def _without_truth(bag: Bag, options: Options) -> bool:
+def without_truth(bag: Bag, options: Options) -> bool:
     """Return True if there is no truth, or the off-line reference is requested instead."""
     if options.reference == SMOOTHER:
         return True
@@ -176,7 +176,7 @@ def recording(
     """
     setup = _setup(entry, bag, options)
     found = recordings.recording(bag, setup, measurement)
-    of_drive = setup.kind == DriveStream.KIND and _without_truth(bag, options)
+    of_drive = setup.kind == DriveStream.KIND and without_truth(bag, options)
     return found.per_sample() if of_drive or per_sample.available(bag, options) else found
 
 

@@ -19,9 +19,9 @@ from estimator_pkg.evaluation.checks.joint import FEWEST, checked, failed, stret
 from estimator_pkg.evaluation.checks.joint import reference as reference_of
 from estimator_pkg.evaluation.checks.readings import Readings, to_mend
 from estimator_pkg.evaluation.compare import per_sample
-from estimator_pkg.evaluation.compare.sources import source_of_stamps
+from estimator_pkg.evaluation.compare.sources import source_of_stamps, without_truth
 from estimator_pkg.evaluation.matching import match
-from estimator_pkg.evaluation.options import AUTO, SMOOTHER, TRUTH, Options
+from estimator_pkg.evaluation.options import SMOOTHER, TRUTH, Options
 from estimator_pkg.evaluation.ranking.ranking import AT_MOST, SKIPPED
 from estimator_pkg.evaluation.reference import reference
 from estimator_pkg.evaluation.reference.back_emf import of_angles
@@ -81,12 +81,7 @@ def truth(bag: Bag, path: str, measurement: dict[str, Series], options: Options)
     """
     if options.truth is not None:
         bag.require(options.truth, (TYPE,))
-    if options.reference == SMOOTHER or (
-        options.reference == AUTO
-        and options.truth is None
-        and TRUTH not in bag.topics
-        and measurement
-    ):
+    if without_truth(bag, options) and (measurement or options.reference == SMOOTHER):
         return from_smoother(path, measurement, options)
     return _from_topic(bag, path, measurement, options)
 

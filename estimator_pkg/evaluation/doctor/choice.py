@@ -4,8 +4,9 @@
 """Which observer and which gains to use for the joints of a measurement, ranked without truth.
 
 Each observer estimates the velocity of each joint, at its defaults and with a few bandwidths. Gains
-are chosen on the first part of the record. They replace the defaults only if they are better on
-the rest, joint by joint, by the pair test of `evaluation.ranking`.
+are chosen on the first part of the record, and dropped where they are worse on the rest (95 %). Of
+all that are left, the one with the least error on the whole record is used, by the rule of
+`evaluation.ranking.choice`.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.checks.readings import Readings, late_by
 from estimator_pkg.evaluation.delay import UNKNOWN, Delay, measured
 from estimator_pkg.evaluation.entries import Entry, angle_observers
+from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict, shown
 from estimator_pkg.evaluation.reference.motion import Motion
@@ -57,18 +59,27 @@ class Answer(NamedTuple):
         """True if the motion ranks the candidates: noise alone does not choose an observer."""
         return bool(self.verdict.best) and self.verdict.tunable
 
+    def gains(self, observer: str) -> Entry:
+        """Return its best candidate, or its defaults if they are better on held-out data (95 %)."""
+        found = self.best[observer]
+        worse = self.held_out.better(found.label, observer) < 0
+        return Entry(observer, observer) if worse else found
+
 
 @dataclass(frozen=True)
 class Choice:
     """The observer for all joints, and the gains of each.
 
     observer : its name. gains : joint -> values that differ from the defaults, without the quantum.
-    tuned : True if the gains or the observer beat the default on held-out data.
+    tuned : True if it is not the default as it is. more : by how much the error of that is larger
+    [%]. sure : True if this is significant for a joint.
     """
 
     observer: str = DEFAULT
     gains: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     tuned: bool = False
+    more: float = 0.0
+    sure: bool = False
 
     def label(self, joint: str) -> str:
         """Return the name of this joint's candidate."""
@@ -138,9 +149,9 @@ def answer(
     for label in reversed(list(trained.rms)):
         best[entries[label].observer] = entries[label]
     labels = list(dict.fromkeys([*angle_observers(), *(each.label for each in best.values())]))
-    chosen = ranked(labels, first, last)
+    whole = ranked(labels, first, last)
     held_out = ranked(labels, cut + 1, last)
-    if not trained.tunable or not chosen.best:
+    if not trained.tunable or not whole.best:
         best = {name: Entry(name, name) for name in angle_observers()}
     counted = reference.firm
     delays = {
@@ -149,53 +160,49 @@ def answer(
         ).known
         for label in {*labels, *(each.label for each in best.values())}
     }
-    return Answer(chosen, held_out, best, delays)
+    return Answer(whole, held_out, best, delays)
 
 
 def choose(answers: Mapping[str, Answer]) -> Choice:
     """Return the choice for the joints of one node, which has one observer.
 
-    An observer is taken instead of the default if it is better for one joint at least, both on the
-    whole record and on held-out data, and worse for none.
+    The error of a candidate is the geometric mean over the joints. It is better than another one
+    (95 %) if it is so for a joint. An observer at its defaults is simpler than any gains, and the
+    default observer is the simplest.
     """
     kept = {joint: each for joint, each in answers.items() if each.compared}
-    scores: dict[str, float] = {}
-    gains: dict[str, dict[str, Mapping[str, Any]]] = {}
-    for observer in angle_observers():
-        picked: dict[str, Mapping[str, Any]] = {}
-        score, gained = 0.0, 0
-        for joint, each in kept.items():
-            label, plain = each.best[observer].label, observer
-            if label != plain and each.held_out.better(label, plain) <= 0:
-                label = plain
-            if label not in each.verdict.rms:
-                gained, score = 0, math.inf
-                break
-            sign = each.held_out.better(label, DEFAULT)
-            gained += sign > 0 and each.verdict.better(label, DEFAULT) > 0
-            score += math.inf if sign < 0 else math.log(each.verdict.rms[label])
-            if label != plain:
-                picked[joint] = dict(each.best[observer].values)
-        if gained and math.isfinite(score):
-            scores[observer], gains[observer] = score, picked
-    if not scores:
+    if not kept:
         return Choice()
-    best = min(scores, key=scores.__getitem__)
+    errors: dict[str, float] = {}
+    entries: dict[str, dict[str, Entry]] = {}
+    for observer in angle_observers():
+        plain = Entry(observer, observer)
+        tuned = {joint: each.gains(observer) for joint, each in kept.items()}
+        for name, own in ((observer, dict.fromkeys(kept, plain)), (f'{observer} tuned', tuned)):
+            if all(own[joint].label in each.verdict.rms for joint, each in kept.items()):
+                rms = [each.verdict.rms[own[joint].label] for joint, each in kept.items()]
+                errors[name] = math.exp(sum(map(math.log, rms)) / len(rms))
+                entries[name] = own
+    if not errors:
+        return Choice()
 
-    def as_good(observer: str) -> bool:
-        """Return True if no joint's estimate is declared worse than that of the best observer."""
-        return all(
-            each.verdict.better(
-                _label(best, gains[best].get(joint, {})),
-                _label(observer, gains[observer].get(joint, {})),
-            )
-            <= 0
+    def better(one: str, other: str) -> int:
+        """Return 1 if a joint's estimate is better (95 %), else 0."""
+        return max(
+            each.verdict.better(entries[one][joint].label, entries[other][joint].label)
             for joint, each in kept.items()
         )
 
-    # the least tuned of those that cannot be distinguished from the best
-    observer = min(filter(as_good, scores), key=lambda name: (len(gains[name]), scores[name]))
-    return Choice(observer, gains[observer], True)
+    plain_ones = sorted(filter(errors.__contains__, angle_observers()), key=errors.__getitem__)
+    used = chosen(errors, [DEFAULT, *plain_ones], better)
+    own = entries[used]
+    return Choice(
+        next(iter(own.values())).observer,
+        {joint: dict(each.values) for joint, each in own.items() if each.values},
+        used != DEFAULT,
+        100.0 * (errors.get(DEFAULT, math.inf) / errors[used] - 1.0),
+        DEFAULT not in errors or better(used, DEFAULT) > 0,
+    )
 
 
 def sentences(joint: str, made: Answer, choice: Choice) -> list[str]:
@@ -209,13 +216,15 @@ def sentences(joint: str, made: Answer, choice: Choice) -> list[str]:
             f'Use {choice.observer} {how}: {_quality(label, made)}. Your finite difference, '
             f'low-passed: {_quality(BASELINE, made)}.'
         )
-        if made.compared and verdict.better(verdict.best, label) > 0:
-            alone = made.held_out.better(verdict.best, label) > 0
-            where = (
-                'for each joint' if alone else f'on the last {100.0 - 100.0 * TRAINED:.0f} % alone'
+        if made.compared and chosen(verdict.rms, (label,), verdict.better) != label:
+            used = {made.gains(each).label for each in made.best}.union(made.best)
+            why = (
+                'all joints have one observer'
+                if verdict.best in used
+                else f'it is worse on the last {100.0 - 100.0 * TRAINED:.0f} % alone (95 %)'
             )
-            said.append(f'{verdict.best} is better on the whole record, but not {where} (95 %).')
-    return said + verdict.sentences()
+            said.append(f'{verdict.best} is not used: {why}.')
+    return said + verdict.sentences(label)
 
 
 def _quality(label: str, made: Answer) -> str:

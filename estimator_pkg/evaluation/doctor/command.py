@@ -116,7 +116,7 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     nothing = np.zeros(0)
     no_stamps = np.zeros(0, np.int64)
     none = Readings(found.name, no_stamps, no_stamps, nothing, nothing, math.tau)
-    examined = [Examined(none, found.findings, said=tuple(found.said))]
+    examined = [Examined(none, found.findings, said=tuple(found.said), panels=found.panels)]
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
     parameters = drive.as_yaml(found, origin, chosen.input | settings)
     choice = Choice(drive.OBSERVER, {found.name: found.values}, bool(found.values))
@@ -132,37 +132,11 @@ def _reported(
     setup: Setup,
     of_drive: Verdict | None = None,
 ) -> dict[str, Any]:
-    """Print the report, write the requested files, and return the result for ``--json``."""
+    """Print the report, write the requested files, and return the result for ``--json``.
+
+    The names of the files are printed, and how to start the node.
+    """
     print(report.text(examined, choice))
-    _write(parsed, examined, choice, origin, parameters, setup)
-    verdicts = [of_drive if each.answer is None else each.answer.verdict for each in examined]
-    return {
-        'origin': origin,
-        'topic': setup.topics[0].name,
-        'observer': choice.observer,
-        'tuned': choice.tuned,
-        'parameters': parameters,
-        'joints': {
-            each.readings.name: {
-                'findings': each.as_dict(),
-                'gains': dict(choice.gains.get(each.readings.name, {})),
-                'verdict': None if verdict is None else verdict.as_dict(),
-            }
-            for each, verdict in zip(examined, verdicts)
-        },
-        'ok': not any(each.failed for each in examined),
-    }
-
-
-def _write(
-    parsed: argparse.Namespace,
-    examined: Sequence[Examined],
-    choice: Choice,
-    origin: str,
-    parameters: str,
-    setup: Setup,
-) -> None:
-    """Write the requested files; print their names, and how to start the node."""
     if not parameters:
         checks = dict.fromkeys(found.check for each in examined for found in each.failed)
         none = f'{parsed.out} is not written' if parsed.out else 'No parameter file'
@@ -176,6 +150,23 @@ def _write(
     if parsed.html:
         whole_file.write_text(parsed.html, report.page(examined, choice, origin, parameters))
         show(f'page: {parsed.html}')
+    verdicts = [of_drive if each.answer is None else each.answer.verdict for each in examined]
+    return {
+        'origin': origin,
+        'topic': setup.topics[0].name,
+        'observer': choice.observer,
+        'tuned': choice.tuned,
+        'parameters': parameters,
+        'joints': {
+            each.readings.name: {
+                'findings': [found.as_dict() for found in each.findings],
+                'gains': dict(choice.gains.get(each.readings.name, {})),
+                'verdict': None if verdict is None else verdict.as_dict(),
+            }
+            for each, verdict in zip(examined, verdicts)
+        },
+        'ok': not any(each.failed for each in examined),
+    }
 
 
 def _examined(

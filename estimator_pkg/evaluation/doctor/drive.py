@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Finding
 from estimator_pkg.evaluation.delay import measured
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import exact, pieces
+from estimator_pkg.evaluation.plots import COLOURS, GREY, Curve, Style, ahead, sample_times
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.reference.back_emf import (
@@ -44,7 +46,6 @@ OBSERVER = 'pmsm'
 PHASES = 'phases'  # name of a check
 VARIANTS = ('hybrid', 'continuous')  # the default is 'identifier'
 FILTERS = (100.0, 300.0, 3000.0)  # of the speed [Hz], tried besides the default
-TRAINED = 0.7  # part of the record on which the form is chosen
 GAP = 1.5  # a longer step has lost samples [median sample times]
 LOST = 0.01  # a larger fraction of lost samples is reported
 SEEN = 0.5  # a smaller fraction of angles with enough back-EMF is reported
@@ -72,7 +73,7 @@ UNITS = {
 class Examined(NamedTuple):
     """Findings on a drive, the verdict in words, and the parameters to use besides those given.
 
-    verdict : of the candidates; None without a reference.
+    verdict : of the candidates; None without a reference. panels : of its plots, by title.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Examined(NamedTuple):
     said: list[str]
     values: Mapping[str, Any]
     verdict: Verdict | None = None
+    panels: Mapping[str, Sequence[Curve]] = MappingProxyType({})
 
 
 def examine(
@@ -94,17 +96,36 @@ def examine(
     """
     name = f'{setup.values.get("joint", DriveSettings.joint)}{ELECTRICAL}'
     drive = signals(bag, setup)
+    panels = _panels(drive)
     if missing:
         found = _of_samples(drive)
         give = '; '.join(f'{each} ({UNITS[each]})' for each in missing)
         found.append(Finding('motor data', FAIL, f'not given: {", ".join(missing)}', f'set {give}'))
         options = ' '.join(f'--set {each}=...' for each in missing)
         said = [f'No ranking: the motor data are needed. Add {options}, or --params FILE.']
-        return Examined(name, found, said, {})
+        return Examined(name, found, said, {}, panels=panels)
     found, moved = checked(drive, setup.values)
     if moved is None or moved.seldom:
-        return Examined(name, found, ['No ranking: the rotor cannot be seen. Keep pmsm.'], {})
-    return _judged(name, found, bag, setup, of_angles(moved), motion_hz)
+        said = ['No ranking: the rotor cannot be seen. Keep pmsm.']
+        return Examined(name, found, said, {}, panels=panels)
+    return _judged(name, found, bag, setup, of_angles(moved), motion_hz, panels, drive.stamps[0])
+
+
+def _panels(drive: Drive) -> dict[str, list[Curve]]:
+    """Return the panels of currents, voltages and sample times, by title."""
+    time = (drive.stamps - drive.stamps[:1]) * 1e-9
+    later = ahead(time)
+    time = time[later]
+    if len(time) < 2:
+        return {}
+    panels = {}
+    for what, values, unit in (('current', drive.current, 'A'), ('voltage', drive.voltage, 'V')):
+        axes = {'alpha': values.real[later], 'beta': values.imag[later]}
+        panels[f'{what} [{unit}]; blue: alpha, orange: beta'] = [
+            Curve(f'{what} {axis}', f'@ {unit}', time, each, Style(colour, 'solid').line)
+            for (axis, each), colour in zip(axes.items(), COLOURS)
+        ]
+    return panels | sample_times(time)
 
 
 def checked(drive: Drive, values: Mapping[str, Any]) -> tuple[list[Finding], Motion | None]:
@@ -285,11 +306,23 @@ def _entry(**values: Any) -> Entry:
 
 
 def _judged(
-    name: str, found: list[Finding], bag: Bag, setup: Setup, moved: Motion, motion_hz: float | None
+    name: str,
+    found: list[Finding],
+    bag: Bag,
+    setup: Setup,
+    moved: Motion,
+    motion_hz: float | None,
+    panels: dict[str, list[Curve]],
+    start_ns: int,
 ) -> Examined:
-    """Return the result with the ranking of the candidates."""
+    """Return the result with the ranking of the candidates, and the panel of the speed.
+
+    Parameters
+    ----------
+    panels : of the other plots. start_ns : of all times in them.
+    """
     whole = recording(bag, setup, {}).per_sample()
-    velocity, tracked, why = {}, {}, ''
+    velocity, share, why = {}, 0.0, ''
     run = max(pieces(moved.stamps), key=len)
     entries = {entry.label: entry for entry in candidates()}
     for label, entry in entries.items():
@@ -301,28 +334,18 @@ def _judged(
         if made is None or not len(made.stamps):
             continue
         velocity[label] = at_reference(moved, made.stamps, made.velocity)[run]
-        tracked[label] = len(np.unique(made.stamps)) / max(len(made.due), 1)
-    default = OBSERVER
-    share = tracked.get(default, 0.0)
+        if label == OBSERVER:
+            share = len(np.unique(made.stamps)) / max(len(made.due), 1)
     text = f'pmsm has an estimate for {100.0 * share:.0f} % of the samples'
     remedy = '' if share >= SEEN else why or 'see flux linkage and resistance'
     level = PASS if share >= SEEN else WARN if share else FAIL
     found.append(Finding('lock', level, text, remedy))
     if not velocity:
-        return Examined(name, found, [f'No ranking: {why or "no form has an estimate"}.'], {})
+        said = [f'No ranking: {why or "no form has an estimate"}.']
+        return Examined(name, found, said, {}, panels=panels)
     moved = moved.part(run)
-    first, last = int(moved.stamps[0]), int(moved.stamps[-1])
-    cut = first + round(TRAINED * (last - first))
-
-    def ranked(begin: int, end: int) -> Verdict:
-        kept = (moved.stamps > begin) & (moved.stamps <= end)
-        part = {label: each[kept] for label, each in velocity.items()}
-        return rank(part, moved.between(begin, end), default, motion_hz)
-
-    trained, verdict, held_out = ranked(first - 1, cut), ranked(first - 1, last), ranked(cut, last)
-    best = trained.choice
-    sure = verdict.better(best, default) > 0 and held_out.better(best, default) > 0
-    chosen = best if best != default and sure else default
+    verdict = rank(velocity, moved, OBSERVER, motion_hz)
+    chosen = verdict.choice
     values = dict(entries[chosen].values)
     said = []
     if chosen in verdict.rms:
@@ -333,7 +356,15 @@ def _judged(
             text += f', {number(late * 1e3, 2)} +- {number(half * 1e3, 1)} ms late'
         said.append(f'{text}.')
     said += verdict.sentences()
-    return Examined(name, found, said, values, verdict)
+    time = (moved.stamps - start_ns) * 1e-9
+    of_emf = Curve('back-EMF', '@ rad/s', time, moved.velocity, Style(GREY, 'solid').line)
+    blue = Style(COLOURS[0], 'solid').line
+    speed = [
+        *(Curve(each, '@ rad/s', time, velocity[each], blue) for each in {chosen} & {*velocity}),
+        of_emf,
+    ]
+    panels = {f'electrical speed [rad/s]; blue: {chosen}, grey: back-EMF': speed, **panels}
+    return Examined(name, found, said, values, verdict, panels)
 
 
 def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str:

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from estimator_pkg.evaluation.checks.joint import (
 from estimator_pkg.evaluation.checks.readings import Finding, Readings
 from estimator_pkg.evaluation.doctor import velocities
 from estimator_pkg.evaluation.doctor.choice import Answer, answer
+from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.streams.contract import PUBLISHER, Request
@@ -40,22 +41,19 @@ from estimator_pkg.streams.drive import DriveStream
 class Examined:
     """One joint's findings, and the verdict on its estimates; None if there is none.
 
-    said : the verdict in words, if it is none of an angle.
+    said : the verdict in words, if it is none of an angle. panels : of its plots, as well.
     """
 
     readings: Readings
     findings: list[Finding]
     answer: Answer | None = None
     said: tuple[str, ...] = ()
+    panels: Mapping[str, Sequence[Curve]] = field(default_factory=dict)
 
     @property
     def failed(self) -> list[Finding]:
         """The checks that FAIL: while there is one, nothing is recommended."""
         return failed(self.findings)
-
-    def as_dict(self) -> list[dict[str, Any]]:
-        """Return the findings for ``--json``."""
-        return [each.as_dict() for each in self.findings]
 
 
 def setup(

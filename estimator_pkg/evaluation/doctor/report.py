@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -26,7 +27,7 @@ from estimator_pkg.evaluation.checks.readings import (
 from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.plots import Curve
-from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.ranking.verdict import Verdict, percent
 from estimator_pkg.evaluation.text import for_node, units
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.streams.angle import AngleStream
@@ -34,7 +35,6 @@ from estimator_pkg.streams.angle import AngleStream
 WIDTH = 80
 NAME = 19  # columns of a check's name
 ALL = 'all joints'
-NUMBERS = 6  # of each instant of a joint's plots
 
 
 def shared(examined: Sequence[Examined]) -> tuple[list[Finding], list[list[Finding]]]:
@@ -158,13 +158,16 @@ def as_yaml(
         *for_node(AngleStream.NODE, remaps),
     ]
     how = f'{choice.observer} with these gains' if any(choice.gains.values()) else choice.observer
-    usual = 'at its defaults' if choice.observer == DEFAULT else f'{DEFAULT}, the default,'
     if choice.tuned:
-        lines.append(f'{how} is better than {usual} on the last 30 % of the record (95 %).')
-    elif any(each.answer is not None and each.answer.compared for each in examined):
+        certain = '95 % sure' if choice.sure else 'not significant'
         lines.append(
-            f'{how}, the default: nothing was better on the last 30 % of the record (95 %).'
+            f'{how}: {DEFAULT} at its defaults, the default, has {percent(choice.more)} % more '
+            f'error ({certain}).'
+            if math.isfinite(choice.more)
+            else f'{how}: {DEFAULT}, the default, has too few estimates.'
         )
+    elif any(each.answer is not None and each.answer.compared for each in examined):
+        lines.append(f'{how}, the default: no other has 3 % less error, or surely less (95 %).')
     else:
         lines.append(f'{how}, the default: no joint moves enough to compare observers.')
     for name, said in verdicts(examined, choice).items():
@@ -219,41 +222,36 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
             for each in findings
         ]
         parts.append('</table>')
-    drawn = [each.readings for each in examined if len(each.readings.rows) > 1]
-    if drawn:
+    found = {
+        each.readings.name: each.panels or panels(each.readings)
+        for each in examined
+        if each.panels or len(each.readings.rows) > 1
+    }
+    if found:
         parts.append('<h2>Plots</h2>')
-    for each in drawn:
-        panels, note = over_time(each, plots.NUMBERS // (len(drawn) * NUMBERS))
-        parts += [f'<h3>{escaped(each.name or "joint")}</h3>', made.add(panels)]
+    numbers = sum(2 + sum(map(len, each.values())) for each in found.values())  # of an instant
+    for name, curves in found.items():
+        drawn, note = plots.over_time(curves, plots.NUMBERS // numbers, whole=True)
+        parts += [f'<h3>{escaped(name or "joint")}</h3>', made.add(drawn)]
         parts += [f'<p class="note">{note}</p>'] if note else []
     return made.page(f'Doctor: {origin}', '\n'.join(parts))
 
 
-def over_time(readings: Readings, instants: int) -> tuple[Any, str]:
-    """Return (position, velocities and sample times of a joint, what is left out)."""
+def panels(readings: Readings) -> dict[str, list[Curve]]:
+    """Return position, velocities and sample times of a joint, by title."""
     rows, estimates = readings.rows, readings.difference
     time = (readings.stamps_ns[rows] - readings.start_ns) * 1e-9
-    ahead = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])  # the clock jumps back
-    rows, time = rows[ahead], time[ahead]
-    grey, blue = (
-        {'line_color': colour, 'line_width': 1.5} for colour in (plots.GREY, plots.COLOURS[0])
-    )
+    later = plots.ahead(time)
+    rows, time = rows[later], time[later]
+    grey, blue = (plots.Style(each, 'solid').line for each in (plots.GREY, plots.COLOURS[0]))
     unit = units('rad', readings.period)
     recorded = readings.velocity[rows]
     difference = np.where(estimates.used, estimates.velocity, np.nan)[rows]
     velocities = [Curve('finite difference', f'@ {unit}/s', time, difference, blue)]
     if np.isfinite(recorded).any():
         velocities.insert(0, Curve('in the messages', f'@ {unit}/s', time, recorded, grey))
-    steps = np.diff(time, prepend=np.nan) * 1e3
-    return plots.over_time(
-        {
-            f'position [{unit}]': [
-                Curve('position', f'@ {unit}', time, readings.position[rows], blue)
-            ],
-            f'velocity [{unit}/s]; blue: finite difference'
-            + ', grey: in the messages' * (len(velocities) > 1): velocities,
-            'time since the sample before [ms]': [Curve('sample time', '@ ms', time, steps, blue)],
-        },
-        instants,
-        whole=True,
-    )
+    return {
+        f'position [{unit}]': [Curve('position', f'@ {unit}', time, readings.position[rows], blue)],
+        f'velocity [{unit}/s]; blue: finite difference'
+        + ', grey: in the messages' * (len(velocities) > 1): velocities,
+    } | plots.sample_times(time)

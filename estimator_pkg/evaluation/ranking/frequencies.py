@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -73,17 +75,8 @@ def rests_on(ranked: Sequence[Frequencies], rate: float) -> float:
     return math.nan
 
 
+@cache
 def _smooth_length(count: int) -> int:
     """Return the largest number up to `count` whose prime factors are 2, 3 and 5: quick FFTs."""
-    best = 1
-    two = 1
-    while two <= count:
-        three = two
-        while three <= count:
-            five = three
-            while five <= count:
-                best = max(best, five)
-                five *= 5
-            three *= 3
-        two *= 2
-    return best
+    powers = ([factor**k for k in range(count.bit_length())] for factor in (2, 3, 5))
+    return max(each for each in map(math.prod, product(*powers)) if each <= count)

@@ -71,7 +71,8 @@ def rank(
     candidates : name -> velocities at `reference.stamps`, shape (n,) [rad/s]; nan: no estimate.
         Each is read three times, one at a time, so a mapping may load them when they are read.
     reference : None: too few readings.
-    default : the candidate that is kept where no other is better; ignored if it has no estimates.
+    default : the candidate that is kept where it is as good as the best; ignored if it has no
+        estimates.
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known, or it was given
         to `Motion.below` already.
     skip : time ignored at the beginning [s]; None: 1 s, at most 15 % of the record.
@@ -104,14 +105,15 @@ def rank(
     scores = {
         name: _score(candidates[name][rows], references, block, reference.rate) for name in names
     }
-    found = _ranked(scores, reference, default)
+    when = np.bincount(block, elapsed[rows]) / np.maximum(np.bincount(block), 1)
+    found = _ranked(scores, reference, default, when)
     found = replace(found, cautions=said, unranked=unranked, tunable=not reference.constant)
     if reference.motion_hz is not None:
         found = replace(found, motion_hz=min(found.motion_hz, ABOVE * reference.motion_hz))
     if len(references) == 1:
         return found
-    plain = {name: replace(each, of=each.of[1:]) for name, each in scores.items()}
-    other = _ranked(plain, reference, default)
+    plain = {name: each[1:] for name, each in scores.items()}
+    other = _ranked(plain, reference, default, when)
     same = other.best == found.best or found.best in other.ties
     return replace(
         found,
@@ -133,11 +135,7 @@ class _Against:
         return float(np.sum(self.sums) / np.sum(self.count))
 
 
-@dataclass(frozen=True)
-class _Score:
-    """An estimate against each reference, the one with the vibration first."""
-
-    of: tuple[_Against, ...]
+_Score = tuple[_Against, ...]  # against each reference, the one with the vibration first
 
 
 def _common(
@@ -159,22 +157,25 @@ def _score(
 ) -> _Score:
     """Return the score of an estimate; arrays of shape (n,)."""
     count = np.bincount(block).astype(float)
-    return _Score(
-        tuple(
-            _Against(
-                np.bincount(block, (values - each) ** 2), count, Frequencies.of(values, each, rate)
-            )
-            for each in references
+    return tuple(
+        _Against(
+            np.bincount(block, (values - each) ** 2), count, Frequencies.of(values, each, rate)
         )
+        for each in references
     )
 
 
-def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str) -> Verdict:
-    """Return best, ties, rms, pairs and frequency against the first of the references."""
+def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str, when: Array) -> Verdict:
+    """Return best, ties, rms, pairs and frequency against the first of the references.
+
+    Parameters
+    ----------
+    when : shape (blocks,), time of each block in the record [s].
+    """
     own = float(reference.stddev**2)
-    rms = {name: math.sqrt(each.of[0].mean + own) for name, each in scores.items()}
+    rms = {name: math.sqrt(each[0].mean + own) for name, each in scores.items()}
     order = sorted(rms, key=rms.__getitem__)
-    found = tuple(_pair(a, b, scores, own) for a, b in combinations(order, 2))
+    found = tuple(_pair(a, b, scores, own, when) for a, b in combinations(order, 2))
     best = order[0]
     return Verdict(
         best,
@@ -182,23 +183,24 @@ def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str) -> Ve
         tuple(pair.second for pair in found if pair.first == best and not pair.sign),
         {name: rms[name] for name in order},
         found,
-        rests_on([scores[name].of[0].frequencies for name in order], reference.rate),
+        rests_on([scores[name][0].frequencies for name in order], reference.rate),
     )
 
 
-def _pair(first: str, second: str, scores: Mapping[str, _Score], own: float) -> Pair:
+def _pair(first: str, second: str, scores: Mapping[str, _Score], own: float, when: Array) -> Pair:
     """Return a pair; every reference must agree on its sign."""
     found = [
         test.of_sums([one.sums - other.sums], [one.count])
-        for one, other in zip(scores[first].of, scores[second].of)
+        for one, other in zip(scores[first], scores[second])
     ]
-    scale = 2.0 * max(scores[first].of[0].mean + own, 1e-300)
+    scale = 2.0 * max(scores[first][0].mean + own, 1e-300)
     signs = {each.sign for each in found}
-    printed = {shown(math.sqrt(scores[name].of[0].mean + own)) for name in (first, second)}
+    printed = {shown(math.sqrt(scores[name][0].mean + own)) for name in (first, second)}
     return Pair(
         first,
         second,
         signs.pop() if len(signs) == 1 and len(printed) == 2 else 0,
         100.0 * (math.sqrt(1.0 + 2.0 * abs(found[0].mean) / scale) - 1.0),
         100.0 * max(each.half for each in found) / scale,
+        tuple(when[test.events(scores[first][0].sums - scores[second][0].sums)].tolist()),
     )

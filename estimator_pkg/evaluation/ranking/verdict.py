@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.text import number
 
 STANDING = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
@@ -25,6 +26,8 @@ class Pair:
     sign : 1: the first is better; 0: they cannot be distinguished, or print the same error.
     difference : by how much the second error is larger [%].
     resolution : the smallest difference that would be declared [%].
+    events : times in the record of the few events that make half of their difference [s]; ():
+        there are many.
     """
 
     first: str
@@ -32,6 +35,7 @@ class Pair:
     sign: int
     difference: float
     resolution: float
+    events: tuple[float, ...] = ()
 
     @property
     def within(self) -> float:
@@ -51,7 +55,7 @@ class Verdict:
     """The ranking of the estimates of one joint.
 
     best : the name with the smallest error; '' if nothing can be ranked.
-    default : the estimate that is used where no other is better; '': none.
+    default : the estimate that is used where it is as good as the best; '': none.
     ties : names that are as good as the best, as far as the readings show.
     rms : expected rms error by name, the reference's own variance added [rad/s]; best first.
     pairs : all pairs, best first.
@@ -79,8 +83,8 @@ class Verdict:
 
     @property
     def choice(self) -> str:
-        """The estimate to use: the default, unless another one is better."""
-        return self.default if not self.best or self.default in self.ties else self.best
+        """The estimate to use, by the rule of `chosen`; the default if nothing can be ranked."""
+        return chosen(self.rms, (self.default,), self.better) if self.best else self.default
 
     def pair(self, one: str, other: str) -> Pair | None:
         """Return the pair of these names, in the order of their errors."""
@@ -93,33 +97,45 @@ class Verdict:
         found = self.pair(one, other)
         return 0 if found is None else found.sign * (1 if found.first == one else -1)
 
-    def sentences(self) -> list[str]:
-        """Return the verdict in words; the cautions are last."""
-        if not self.best:
-            use = f'; use {self.default} as it is' if self.default else ''
-            return [f'No ranking: {self.why}{use}.', *map(_sentence, self.cautions)]
-        return [*self._best(), *self._pairs(), *self._rests(), *map(_sentence, self.cautions)]
+    def sentences(self, use: str | None = None) -> list[str]:
+        """Return the verdict in words; the cautions are last.
 
-    def _best(self) -> list[str]:
+        Parameters
+        ----------
+        use : the estimate that is used; None: the choice.
+        """
+        if not self.best:
+            keep = f'; use {self.default} as it is' if self.default else ''
+            return [f'No ranking: {self.why}{keep}.', *map(_sentence, self.cautions)]
+        use = self.choice if use is None else use
+        said = [self._first(use), *self._pairs(use), *self._events(), *self._rests(use)]
+        return [*said, *map(_sentence, self.cautions)]
+
+    def _first(self, use: str) -> str:
         own = f'{shown(self.rms[self.best])} rad/s rms'
         if len(self.rms) == 1:
-            return [f'{self.best}: {own}.']
-        if not self._declared():
+            return f'{self.best}: {own}.'
+        if not self._differ(use):
             within = max(pair.within for pair in self._of_best())
             keep = f': keep {self.default}' if self.default else ''
             if within > EQUAL:
                 most = f' (within {percent(within)} %)' if within < VAGUE else ''
-                return [f'None can be distinguished here{most}{keep}.']
-            return [f'All are equal within {percent(within)} % here{keep}.']
+                return f'None can be distinguished here{most}{keep}.'
+            return f'All are equal within {percent(within)} % here{keep}.'
         text = f'{self.best} is best: {own}'
-        if self.default in self.rms and self.default != self.best:
-            known = '95 % sure' if self.better(self.best, self.default) else 'not significant'
-            text += f'; {self.default} makes {shown(self.rms[self.default])} ({known})'
-        return [f'{text}.']
+        pair = self.pair(self.best, self.default)
+        if pair is not None:
+            known = '95 % sure' if pair.sign else 'not significant'
+            text += (
+                f'; {self.default} makes {shown(self.rms[self.default])}, '
+                f'{percent(pair.difference)} % more ({known}): '
+                + (f'keep {use}' if use == self.default else f'use {use}')
+            )
+        return f'{text}.'
 
-    def _pairs(self) -> list[str]:
-        """Return the pairs of the best, if any pair is declared."""
-        if not self._declared():
+    def _pairs(self, use: str) -> list[str]:
+        """Return the pairs of the best, unless all are alike."""
+        if not self._differ(use):
             return []
         worse = [pair.second for pair in self._of_best() if pair.sign]
         found = [f'{self.best} is better than {listed(worse)} (95 %).'] if worse else []
@@ -130,13 +146,25 @@ class Verdict:
             [f'{self.best} and {listed(vague)} cannot be distinguished.'] if vague else []
         )
 
+    def _events(self) -> list[str]:
+        pair = self.pair(self.best, self.default)
+        if pair is None or pair.sign or not pair.events:
+            return []
+        times = listed([f'{number(each, 3)} s' for each in pair.events])
+        return [
+            f'Few events decide: half of the difference of {pair.first} and {pair.second} is at '
+            f'{times}.'
+        ]
+
     def _of_best(self) -> list[Pair]:
         return [pair for pair in self.pairs if pair.first == self.best]
 
-    def _declared(self) -> bool:
-        return any(pair.sign for pair in self.pairs)
+    def _differ(self, use: str) -> bool:
+        """Return True if a pair is declared, or another estimate than the default is used."""
+        other = bool(self.default) and use != self.default
+        return other or any(pair.sign for pair in self.pairs)
 
-    def _rests(self) -> list[str]:
+    def _rests(self, use: str) -> list[str]:
         found = []
         if self.other is not None:
             hz = percent(self.question_hz)
@@ -144,7 +172,7 @@ class Verdict:
                 f'{self.other.best} is best if the {hz} Hz are sensor noise, {self.best} if they '
                 'are motion: answer with --motion-hz.'
             )
-        if math.isfinite(self.motion_hz) and self._declared():
+        if math.isfinite(self.motion_hz) and self._differ(use):
             found.append(
                 f'This rests on motion up to {percent(self.motion_hz)} Hz. If the joint is slower, '
                 'set --motion-hz.'
@@ -165,6 +193,7 @@ class Verdict:
                     'sign': each.sign,
                     'difference_percent': each.difference,
                     'resolution_percent': each.resolution,
+                    'events_s': list(each.events),
                     'text': each.sentence(),
                 }
                 for each in self.pairs

@@ -31,6 +31,7 @@ from estimator_pkg.evaluation.options import (
     check_joints,
     joint_arguments,
     truth_argument,
+    worker_arguments,
 )
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import full_data
@@ -119,12 +120,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='show every column of the table, in more than 80 characters',
     )
     unpacking.arguments(parser)
-    parser.add_argument(
-        '--jobs', type=int, default=1, metavar='N', help='local processes, for many bags'
-    )
-    parser.add_argument(
-        '--scheduler', metavar='ADDRESS', help='address of a Dask scheduler, used instead of --jobs'
-    )
+    worker_arguments(parser, 'local processes, for many bags')
     parser.add_argument('--plot', metavar='FILE', help='draw velocities and errors (PNG, SVG, PDF)')
 
 

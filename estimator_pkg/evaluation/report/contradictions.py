@@ -9,7 +9,6 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from estimator_pkg.evaluation.compare.comparison import BAND, Comparison, Row
-from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.reference.late import MATTERS
 from estimator_pkg.evaluation.report.findings import has
 from estimator_pkg.evaluation.report.tradeoff import of_row
@@ -17,26 +16,25 @@ from estimator_pkg.evaluation.text import interval
 from estimator_pkg.streams.angle import AngleSettings
 
 SURE = 2.0  # --correct-reference removes a lag above this many of its standard deviations
-BETTER = 1.05  # ratio of errors from which on another observer is called better
 NARROW = 0.85  # smallest coverage of a 95 % interval that is not reported
 SMALLER = 0.9  # a part of the error is smaller below this ratio
 
 
 def contradictions(
-    comparison: Comparison, rows: Mapping[str, Sequence[Row]], verdicts: Mapping[str, Verdict]
+    comparison: Comparison, rows: Mapping[str, Sequence[Row]], chosen: Mapping[str, Row]
 ) -> list[str]:
     """Return the findings.
 
     Parameters
     ----------
-    rows : by joint.
+    rows : by joint. chosen : by joint, the row to use.
     """
     late: list[str] = []
     other_best: dict[tuple[str, str, str], dict[str, float]] = {}
     narrow: dict[tuple[str, ...], dict[str, float]] = {}
     for joint, of_joint in rows.items():
         late += _late_reference(comparison, joint)
-        other = _better_than_default(of_joint, verdicts.get(joint))
+        other = _better_than_default(of_joint, chosen.get(joint))
         if other is not None:
             default, better, why = other
             ratio = better.velocity['rms'] / max(default.velocity['rms'], 1e-300)
@@ -102,28 +100,18 @@ def _late_reference(comparison: Comparison, joint: str) -> list[str]:
     ]
 
 
-def _better_than_default(
-    rows: Sequence[Row], verdict: Verdict | None
-) -> tuple[Row, Row, str] | None:
-    """Return (default, the better one, why); None if the default is not beaten."""
+def _better_than_default(rows: Sequence[Row], used: Row | None) -> tuple[Row, Row, str] | None:
+    """Return (default, the one that is used instead, why); None if the default is used."""
     default = next((row for row in rows if row.source == AngleSettings.observer), None)
-    if default is None:
+    if default is None or used is None or used is default:
         return None
-    if verdict is not None:
-        other = next((row for row in rows if row.source == verdict.choice), default)
-    else:
-        other = min(rows, key=lambda row: row.velocity['rms'])
-        if default.velocity['rms'] <= BETTER * other.velocity['rms']:
-            return None
-    if other is default:
-        return None
-    (late, noise), (late_other, noise_other) = of_row(default), of_row(other)
+    (late, noise), (late_other, noise_other) = of_row(default), of_row(used)
     why = ''
     if noise_other < SMALLER * noise:
         why = ', because it is less noisy'
     elif abs(late_other) < SMALLER * abs(late):
         why = ', because it is less late'
-    return default, other, why
+    return default, used, why
 
 
 def _is_narrow(row: Row) -> bool:

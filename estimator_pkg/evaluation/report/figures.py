@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.evaluation.compare.comparison import BAND, Comparison, Row
-from estimator_pkg.evaluation.plots import GREY, Curve, Style, figure, over_time
+from estimator_pkg.evaluation.plots import GREY, Curve, Style, ahead, figure, over_time
 from estimator_pkg.evaluation.report.spectrum import by_speed, density
 from estimator_pkg.printable import printable
 
@@ -42,7 +42,7 @@ def group(
         time = (series.stamps_ns - comparison.starts[joint]) * 1e-9
         good = np.isfinite(series.position) & (series.stamps_ns > 0)
         good &= (time >= first) & (time <= last)
-        good &= np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])[: len(time)]
+        good &= ahead(time)
         if good.any():
             style = {'line_color': GREY, 'line_width': 1.5}
             panels['measured position [rad]'] = [

@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from estimator_pkg import observers, params_file, registry, streams, yaml_text
+from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.verdict import Verdict, listed
 from estimator_pkg.evaluation.report.contradictions import grouped
 from estimator_pkg.evaluation.report.tables import SHOWN, changed
@@ -22,7 +24,6 @@ from estimator_pkg.evaluation.text import interval, number
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleSettings
 
-KEEP = 1.05  # the default is kept where the best error is not smaller than by this
 NO_DELAY = 1e-4  # shorter delays are not worth a number [s]
 
 
@@ -39,14 +40,29 @@ def ordered(rows: Sequence[Row], verdict: Verdict | None) -> list[Row]:
 
 
 def choice(rows: Sequence[Row], verdict: Verdict | None) -> Row:
-    """Return the row to use: the default, unless another one is better."""
+    """Return the row to use, by the rule of `chosen`."""
     order = ordered(rows, verdict)
-    default = next((row for row in order if row.source == AngleSettings.observer), None)
     if verdict is not None:
         return next((row for row in order if row.source == verdict.choice), order[0])
-    if default is None or default.velocity['rms'] > KEEP * order[0].velocity['rms']:
-        return order[0]
-    return default
+    by_source = {row.source: row for row in order}
+    errors = {
+        source: row.velocity['rms'] if _finite(row, 'rms') else math.inf
+        for source, row in by_source.items()
+    }
+
+    def better(one: str, other: str) -> int:
+        """Return the result of the pair against the truth, where both have an estimate."""
+        a, b = by_source[one], by_source[other]
+        time, *rows = np.intersect1d(a.time, b.time, return_indices=True)
+        if len(time) < 2:
+            return 0
+        squares = [(row.estimate[at] - row.truth[at]) ** 2 for row, at in zip((a, b), rows)]
+        block = pairs.blocks(time)
+        return pairs.of_sums(
+            [np.bincount(block, squares[0] - squares[1])], [np.bincount(block)]
+        ).sign
+
+    return by_source[chosen(errors, (AngleSettings.observer,), better)]
 
 
 def words(

@@ -28,6 +28,7 @@ from estimator_pkg.streams.drive import ELECTRICAL
 PER_ESTIMATE, SHARED = 4, 4  # numbers per instant: velocity, error, deviation, status; and others
 USE = (
     'Drag to zoom; Ctrl and the wheel zoom, too. The tools beside a plot pan, reset and save it. '
+    'On a touch screen a swipe scrolls the page: tap a tool before you zoom or pan. '
     'The pointer shows the values of all estimates at one instant. The names below show and hide '
     'an estimate in all plots.'
 )
@@ -116,7 +117,7 @@ class Report:
             }
             self._know(rows, chosen)
             findings = grouped(
-                [*contradictions(comparison, rows, verdicts), *sentences(comparison, of_readings)],
+                [*contradictions(comparison, rows, chosen), *sentences(comparison, of_readings)],
                 joints,
             ) or [NONE]
             parts = self._opening(comparison, rows, chosen, raw, quanta)

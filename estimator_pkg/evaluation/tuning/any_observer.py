@@ -13,6 +13,7 @@ from estimator_pkg import streams
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.evaluation.entries import Entry, angle_observers
+from estimator_pkg.evaluation.ranking.choice import chosen as to_use
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.tuning.held_out import Compared, compared
 from estimator_pkg.evaluation.tuning.objective import costs, mean, measure
@@ -73,7 +74,7 @@ def against_default(
 ) -> tuple[bool, dict[str, str]]:
     """Return whether the tuned observer replaces the default as it is, and why, by group.
 
-    It must be better on held-out data for one group at least, and worse for none. Where the motion
+    Their errors on held-out data decide, over the groups, by the rule of `chosen`. Where the motion
     shows no delay, noise alone would decide: the default stays.
 
     Parameters
@@ -81,7 +82,7 @@ def against_default(
     tuned : results of `seek`. groups : the records that have their own gains. judged : as in
         `seek`.
     """
-    signs, said = [], {}
+    pairs, said = [], {}
     for each in tuned:
         joint = each['joint']
         chosen = [record for record in groups[joint] if not record.why]
@@ -95,9 +96,14 @@ def against_default(
             said[joint] = f'the motion shows no delay, so {DEFAULT} stays, the default observer'
             continue
         pair = compared(parts, observer, each['gains'], tuning.weights, DEFAULT)
-        signs.append(pair.sign if pair is not None else 0)
         said[joint] = _sentence(observer, bool(each['gains']), pair)
-    return 1 in signs and -1 not in signs, said
+        pairs += [] if pair is None else [pair]
+    if not pairs:
+        return False, said
+    ratios = [math.log(1.0 + pair.difference / 100.0) for pair in pairs]
+    errors = {DEFAULT: math.exp(mean(ratios)), tuning.entry.observer: 1.0}
+    sign = max(pair.sign for pair in pairs)
+    return to_use(errors, (DEFAULT,), lambda *_: sign) != DEFAULT, said
 
 
 def _sentence(observer: str, tuned: bool, pair: Compared | None) -> str:
@@ -111,5 +117,7 @@ def _sentence(observer: str, tuned: bool, pair: Compared | None) -> str:
         return f'{name} is better than {usual_} (95 %): its error is smaller by {smaller} %'
     if pair.sign < 0:
         return f'{usual_}, is better than {name} (95 %)'
+    if pair.used:
+        return f'{name} has less error than {usual_}, by {smaller} %, which is not significant'
     within = number(abs(pair.difference) + pair.resolution, 2)
     return f'{name} and {usual_}, cannot be distinguished: within {within} %'

@@ -27,6 +27,7 @@ from estimator_pkg.evaluation.options import (
     angle_argument,
     joint_arguments,
     truth_argument,
+    worker_arguments,
 )
 from estimator_pkg.evaluation.text import started
 from estimator_pkg.evaluation.tuning import any_observer, live, output, picture
@@ -139,10 +140,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--plot', metavar='FILE', help='draw noise against delay of every trial (PNG, SVG, PDF)'
     )
     unpacking.arguments(parser)
-    parser.add_argument('--jobs', type=int, default=1, metavar='N', help='local processes')
-    parser.add_argument(
-        '--scheduler', metavar='ADDRESS', help='address of a Dask scheduler, used instead of --jobs'
-    )
+    worker_arguments(parser)
     parser.add_argument(
         '--storage',
         metavar='URL',

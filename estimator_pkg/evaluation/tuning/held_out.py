@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whether the tuned gains beat the defaults on held-out data: a test of the pair."""
+"""Whether the tuned gains replace the defaults: the pair on held-out data, and its test."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from estimator_pkg.bags.recording import Estimate
 from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import pairs
+from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
 from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.tuning.objective import (
@@ -37,12 +38,20 @@ class Compared(NamedTuple):
     sign : 1: the tuned gains are better (95 %), -1: worse, 0: not known. difference : by how much
     the weighted error of the defaults is larger [%]; resolution : the smallest difference that
     would be declared [%]. motion_hz : the choice rests on motion up to this frequency [Hz].
+    events : parts of the records that make half of the difference, if they are few; else 0.
     """
 
     sign: int
     difference: float
     resolution: float
     motion_hz: float
+    events: int = 0
+
+    @property
+    def used(self) -> bool:
+        """True if the tuned gains are used, by the rule of `chosen`."""
+        errors = {'defaults': 1.0 + self.difference / 100.0, 'tuned': 1.0}
+        return chosen(errors, ('defaults',), lambda *_: self.sign) == 'tuned'
 
 
 def compared(
@@ -94,6 +103,7 @@ def compared(
         100.0 * ((1.0 + min(max(mean, -0.999999), 1e6)) ** -0.5 - 1.0),
         50.0 * max(each.half for each in tests),
         highest,
+        len(pairs.events(np.concatenate([each for each, _ in found[0]]))),
     )
 
 

@@ -29,7 +29,7 @@ def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         gains = each['gains'] or {
             name: value for name, value in each['default_gains'].items() if value is not None
         }
-        found.update({prefix + name: rounded(value) for name, value in gains.items()})
+        found.update({prefix + name: value for name, value in gains.items()})
     return found
 
 
@@ -39,16 +39,11 @@ def written_gains(each: Mapping[str, Any], quantum: bool = True) -> dict[str, di
     Tuned gains as they are. Defaults with the quantum of the readings, if the observer has it.
     """
     if each['gains']:
-        return {each['joint']: {name: rounded(value) for name, value in each['gains'].items()}}
-    quanta = {joint: rounded(value) for joint, value in each['quanta'].items()} if quantum else {}
+        return {each['joint']: each['gains']}
+    quanta = each['quanta'] if quantum else {}
     if quanta and (each['joint'] or len(set(quanta.values())) == 1):
         return {each['joint']: {'quantum': next(iter(quanta.values()))}}
     return {joint: {'quantum': value} for joint, value in quanta.items()}
-
-
-def rounded(value: Any) -> Any:
-    """Return a gain rounded to six digits."""
-    return value if isinstance(value, str) else float(f'{value:.6g}')
 
 
 def written(value: Any) -> str:
@@ -170,10 +165,17 @@ def founded(each: Mapping[str, Any]) -> list[str]:
     elif pair is None:
         found = ['The tuned gains are used: the defaults do not work here.']
     else:
+        smaller = number(100.0 - 100.0 / (1.0 + pair['difference'] / 100.0), 2)
         found = [
             'The tuned gains are better than the defaults (95 %): their error is smaller by '
-            f'{number(100.0 - 100.0 / (1.0 + pair["difference"] / 100.0), 2)} %.'
+            f'{smaller} %.'
+            if pair['sign']
+            else f'The tuned gains are used: their error is smaller by {smaller} %, which is not '
+            'significant.'
         ]
+    if pair is not None and pair['events'] and not pair['sign']:
+        parts = f'{pair["events"]} part{"s" * (pair["events"] > 1)}'
+        found.append(f'Few events decide: half of the difference is in {parts} of the record.')
     if each['cautions'] and pair is not None and pair['resolution'] > 0.0:
         found.append('Judged without ground truth.')
         if math.isfinite(pair['motion_hz']):

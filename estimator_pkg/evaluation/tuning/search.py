@@ -5,7 +5,8 @@
 
 Trials run in batches of a fixed size and are recorded in a fixed order, so the result depends on
 the seed and not on the number of workers. The first batch contains the defaults, and the defaults
-with one gain changed at a time: a gain without effect there is no longer searched.
+with one gain changed at a time: a gain without effect there is no longer searched. The last trials
+are near the best.
 """
 
 from __future__ import annotations
@@ -23,6 +24,10 @@ from estimator_pkg.errors import UserError, first_line
 
 BATCH = 8
 ELSEWHERE = 0.3  # change of a gain that shows its effect, as a fraction of its range
+NEAR = {
+    0.6: 0.25,
+    0.8: 0.05,
+}  # after this part of the trials: width around the best, as such a fraction
 ABOUT = 'about'
 ATTEMPTS, PAUSE = 4, 0.4  # attempts to open a storage, pause between them [s]
 
@@ -87,8 +92,6 @@ def search(
     ------
     UserError : the storage cannot be used, or its study of this name has other data.
     """
-    from optuna.trial import create_trial
-
     study = _opened(storage, name, seed, about)
     with _stored(storage):
         earlier = study.get_trials(deepcopy=False)
@@ -106,7 +109,10 @@ def search(
             size = min(BATCH, trials - found.asked)
             first = not found.trials
             # not queued in the study: another process that shares it would take them
-            points = _first(ranges, start)[:size] if first else []
+            if first:
+                points = _first(ranges, start)[:size]
+            else:
+                points = _near(study.sampler, ranges, found, found.asked / trials, size)
             with _stored(storage):
                 asked = [study.ask(ranges) for _ in range(size - len(points))]
             points += [trial.params for trial in asked]
@@ -115,9 +121,7 @@ def search(
             ):
                 with _stored(storage):
                     if trial is None:
-                        study.add_trial(
-                            create_trial(params=values, distributions=ranges, value=cost)
-                        )
+                        _add(study, ranges, Trial(values, cost))
                     else:
                         study.tell(trial, cost)
                 found.trials.append(Trial(values, cost, details))
@@ -145,7 +149,10 @@ def _stored(storage: str | None) -> Iterator[None]:
     except Exception as error:
         if storage is None:
             raise
-        raise UserError(f"the storage '{storage}' cannot be used: {first_line(error)}") from error
+        raise UserError(
+            f"the storage '{storage}' cannot be used: {first_line(error)}; it must be a URL, "
+            'as in sqlite:///study.db'
+        ) from error
 
 
 def _opened(storage: str | None, name: str, seed: int, about: str) -> Any:
@@ -192,6 +199,47 @@ def _first(ranges: Ranges, start: Mapping[str, Value]) -> list[dict[str, Value]]
     if len(ranges) == 1:
         return [begin]
     return [begin, *({**begin, name: moved(each, begin[name])} for name, each in ranges.items())]
+
+
+def _near(
+    sampler: Any, ranges: Ranges, found: Search, done: float, count: int
+) -> list[dict[str, Value]]:
+    """Return gains near the best, from a study of their own; none before the part `NEAR` is done.
+
+    The study of all trials keeps the whole ranges, so that it can continue.
+    """
+    import optuna
+
+    widths = [width for part, width in NEAR.items() if done >= part]
+    if not widths or found.best is None:
+        return []
+    near = {
+        name: _around(each, found.best.values[name], widths[-1]) for name, each in ranges.items()
+    }
+    study = optuna.create_study(sampler=sampler)
+    for trial in found.trials:
+        _add(study, ranges, trial)
+    return [study.ask(near).params for _ in range(count)]
+
+
+def _add(study: Any, ranges: Ranges, trial: Trial) -> None:
+    """Add a trial that another study, or nobody, suggested."""
+    from optuna.trial import create_trial
+
+    values = {name: trial.values[name] for name in ranges}
+    study.add_trial(create_trial(params=values, distributions=ranges, value=trial.cost))
+
+
+def _around(gain: Any, value: Value, width: float) -> Any:
+    """Return the part of a range around a value, of this fraction of its width; choices as is."""
+    if hasattr(gain, 'choices'):
+        return gain
+    into, back = (math.log, math.exp) if gain.log else (float, float)
+    low, high, at = into(gain.low), into(gain.high), into(float(value))
+    width *= high - low
+    start = min(max(at - 0.5 * width, low), high - width)
+    ends = max(back(start), gain.low), min(back(start + width), gain.high)
+    return type(gain)(*ends, log=gain.log)
 
 
 def moved(gain: Any, value: Value | None = None) -> Value:

@@ -102,7 +102,7 @@ def seek(
         names = ' nor '.join(f"'{name}'" for name in tuning.ranges)
         return kept(joint, chosen, f'nothing in these bags depends on {names}', found)
     idle = found.idle
-    gains = {name: value for name, value in best.values.items() if name not in idle}
+    gains = {name: rounded(value) for name, value in best.values.items() if name not in idle}
     held = [record.held_out for record in chosen if record.held_out is not None]
     parts = [record.seen for record in judged] or held or seen
     default, better = (
@@ -162,6 +162,11 @@ def kept(
     }
 
 
+def rounded(value: Any) -> Any:
+    """Return a gain rounded to six digits, as it is validated and written."""
+    return value if isinstance(value, str) else float(f'{value:.6g}')
+
+
 def _so_far(found: Search) -> str:
     """Return the best trial as text for the progress bar."""
     if found.best is None:
@@ -177,7 +182,7 @@ def _quanta(chosen: Sequence[Record]) -> dict[str, float]:
         for joint, value in record.quanta.items():
             found.setdefault(joint, []).append(value)
     return {
-        joint: values[0]
+        joint: rounded(values[0])
         for joint, values in found.items()
         if 0.0 < max(values) <= (1.0 + ALIKE) * min(values)
     }
@@ -189,7 +194,7 @@ def _why(
     best: Mapping[str, Any] | None,
     held_out: bool,
 ) -> str:
-    """Return why the defaults stay; '' if the tuned gains beat them."""
+    """Return why the defaults stay; '' if the tuned gains are used."""
     where = 'on held-out data' if held_out else 'on the data of the search'
     if best is None:
         return f'the tuned gains do not work {where}'
@@ -199,7 +204,7 @@ def _why(
         return f'there are too few estimates {where}'
     if pair.difference == 0.0 == pair.resolution:
         return 'the search finds no better gains'
-    if pair.sign == 1 and best['cost'] <= default['cost']:
+    if pair.used and best['cost'] <= default['cost']:
         if number(best['cost']) == number(default['cost']):
             return f'the tuned gains cost as much as the defaults {where}'
         return ''

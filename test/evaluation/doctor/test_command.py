@@ -309,15 +309,28 @@ def test_each_observer_as_it_is_has_a_delay_too():
     assert found.delays['pll'].late > found.delays['hybrid_angle'].late
 
 
-def test_the_default_stays_where_nothing_is_declared_better():
-    choice = choose({'elbow': answered({}, set())})
-    assert (choice.observer, choice.tuned, choice.gains) == (DEFAULT, False, {})
+@pytest.mark.parametrize(
+    'error, sure, stays', [(0.98, False, True), (0.96, False, False), (0.98, True, False)]
+)
+def test_the_default_stays_where_it_is_as_good_and_costs_less_than_3_percent(error, sure, stays):
+    pairs = {('kalman 16 Hz', each) for each in angle_observers()} if sure else set()
+    choice = choose({'elbow': answered({'kalman 16 Hz': error}, pairs)})
+    assert choice.tuned is not stays and (choice.observer == DEFAULT) is stays
+    if not stays:
+        assert choice.gains == {'elbow': {'bandwidth_hz': 16.0}}
+        assert choice.more == pytest.approx(100.0 / error - 100.0) and choice.sure is sure
 
 
 def test_an_observer_as_it_is_goes_before_gains_that_are_not_better():
-    pairs = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT), ('super_twisting', DEFAULT)}
-    choice = choose({'elbow': answered({'super_twisting': 0.5}, pairs)})
+    choice = choose({'elbow': answered({'super_twisting': 0.405}, set())})
     assert (choice.observer, choice.gains) == ('super_twisting', {})
+
+
+def test_gains_that_are_worse_on_held_out_data_are_not_taken():
+    found = answered({}, {('kalman 16 Hz', DEFAULT)})
+    worse = verdict({'kalman': 0.5, 'kalman 16 Hz': 0.9}, {('kalman', 'kalman 16 Hz')})
+    choice = choose({'elbow': found._replace(held_out=worse)})
+    assert (choice.observer, choice.gains) == (DEFAULT, {})
 
 
 def test_an_observer_that_is_worse_for_one_joint_is_not_taken():
@@ -339,7 +352,7 @@ def test_noise_alone_chooses_no_observer():
     better = answered({}, {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)})
     steady = better._replace(verdict=replace(better.verdict, tunable=False))
     assert choose({'elbow': steady}).observer == DEFAULT
-    assert 'but not' not in ' '.join(sentences('elbow', steady, choose({'elbow': steady})))
+    assert 'not used' not in ' '.join(sentences('elbow', steady, choose({'elbow': steady})))
 
 
 def test_without_stamps_the_arrival_is_used(tmp_path, capsys):
@@ -464,15 +477,16 @@ def test_an_estimate_in_a_bag_is_named(tmp_path, capsys):
 def test_a_better_one_that_is_not_taken_is_named_with_the_reason():
     pair = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)}
     found = answered({}, pair)
-    missed = found._replace(held_out=verdict(dict(found.verdict.rms), set()))
+    worse = verdict({'kalman': 0.5, 'kalman 16 Hz': 0.9}, {('kalman', 'kalman 16 Hz')})
+    missed = found._replace(held_out=worse)
     text = ' '.join(sentences('elbow', missed, choose({'elbow': missed})))
-    assert f'Use {DEFAULT} as it is' in text
-    assert 'kalman 16 Hz is better on the whole record, but not on the last 30 % alone' in text
+    assert f'Use {DEFAULT} as it is' in text and f'(95 % sure): keep {DEFAULT}.' in text
+    assert 'kalman 16 Hz is not used: it is worse on the last 30 % alone (95 %).' in text
     bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {(DEFAULT, 'kalman')})
     text = ' '.join(sentences('elbow', found, choose({'elbow': found, 'wrist': bad})))
-    assert 'kalman 16 Hz is better on the whole record, but not for each joint' in text
+    assert 'kalman 16 Hz is not used: all joints have one observer.' in text
     text = ' '.join(sentences('elbow', found, choose({'elbow': found})))
-    assert 'but not' not in text
+    assert 'is not used' not in text and ': use kalman 16 Hz.' in text
 
 
 @pytest.mark.page

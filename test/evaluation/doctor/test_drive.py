@@ -103,7 +103,10 @@ def test_a_drive_gets_a_verdict_and_a_file(bare, tmp_path, capsys):
     assert 'WARN lost samples' in text and 'PASS flux linkage' in text
     values = params_file.load(out, 'pmsm_observer')
     assert values['flux'] == MOTOR['flux'] and values['observer'] == 'pmsm'
-    assert '<h2>Verdict</h2>' in page.read_text()
+    html = page.read_text()
+    assert '<h2>Verdict</h2>' in html
+    for title in ('electrical speed', 'current', 'voltage', 'time since the sample before'):
+        assert f'"{title} [' in html
     found = json.loads(result.read_text())
     reported = found['joints']['motor_electrical']['verdict']['rms']['pmsm']
 

@@ -42,7 +42,7 @@ def test_a_sample_of_motions_is_ranked_as_by_truth():
     ]
     found = ranking.summary(outcomes)
     assert found['tau'] >= 0.98
-    assert found['regret_worst'] <= 1.05 and found['six_worst'] <= 1.05
+    assert found['regret_worst'] <= 1.05 and found['choice_worst'] <= 1.05
     assert found['wrong'] == 0 and 25 <= found['declared'] <= 40
     assert 0.97 <= found['ratio'] <= 1.03
     # the choice matters: the worst of the six is far worse than the best
@@ -130,6 +130,8 @@ def test_every_series_with_truth():
     usual = groups['all three']
     assert usual['series'] >= 60 and usual['tau'] >= 0.98
     assert usual['regret'] <= 1.005 and usual['regret_90'] <= 1.05 and usual['regret_worst'] <= 1.2
+    for who in ('choice', 'doctor'):
+        assert usual[f'{who}_90'] <= 1.02 and usual[f'{who}_worst'] <= 1.1
     assert usual['wrong'] <= 0.02 * usual['declared'] and usual['declared'] >= 700
     assert groups['constant speed']['wrong'] == 0
     assert groups['hum']['regret_worst'] > 5.0  # a failure that only the user's number prevents

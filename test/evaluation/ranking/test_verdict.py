@@ -99,7 +99,8 @@ def test_the_sentences_of_a_verdict():
         37.2,
     )
     assert found.sentences() == [
-        'edge_adaptive is best: 0.21 rad/s rms; hybrid_angle makes 0.34 (95 % sure).',
+        'edge_adaptive is best: 0.21 rad/s rms; hybrid_angle makes 0.34, 62 % more '
+        '(95 % sure): use edge_adaptive.',
         'edge_adaptive is better than hybrid_angle and pll (95 %).',
         'edge_adaptive and kalman cannot be distinguished: within 6 %.',
         'This rests on motion up to 37 Hz. If the joint is slower, set --motion-hz.',
@@ -109,17 +110,54 @@ def test_the_sentences_of_a_verdict():
     assert found.better('pll', 'edge_adaptive') == -1 and found.better('kalman', 'pll') == 0
 
 
-def test_without_a_declared_pair_the_default_is_kept():
-    found = Verdict(
+def pair_of(difference, sign, *events):
+    """A verdict on `pll` and the default, whose error is larger by `difference` [%]."""
+    return Verdict(
         'pll',
         'edge_adaptive',
-        ('edge_adaptive',),
-        {'pll': 0.2, 'edge_adaptive': 0.202},
-        (Pair('pll', 'edge_adaptive', 0, 1.0, 5.0),),
-        5.0,
+        () if sign else ('edge_adaptive',),
+        {'pll': 0.2, 'edge_adaptive': 0.2 * (1.0 + difference / 100.0)},
+        (Pair('pll', 'edge_adaptive', sign, difference, 5.0, events),),
     )
+
+
+def test_the_default_is_kept_where_it_cannot_be_told_apart_and_loses_less_than_3_percent():
+    found = pair_of(1.0, 0)
     assert found.choice == 'edge_adaptive'
     assert found.sentences()[0] == 'All are equal within 6 % here: keep edge_adaptive.'
+    for difference, sign, known in ((1.0, 1, '95 % sure'), (15.0, 0, 'not significant')):
+        found = pair_of(difference, sign)
+        assert found.choice == 'pll'
+        more = f'{difference:.2g} % more ({known}): use pll.'
+        assert found.sentences()[0].endswith(more)
+    assert 'cannot be distinguished: within 20 %' in found.sentences()[1]
+
+
+def test_a_few_events_that_decide_are_named():
+    said = (
+        'Few events decide: half of the difference of pll and edge_adaptive is at 3.25 s and 9 s.'
+    )
+    assert said in pair_of(15.0, 0, 3.25, 9.0).sentences()
+    assert said in pair_of(1.0, 0, 3.25, 9.0).sentences()
+    assert said not in pair_of(15.0, 1, 3.25, 9.0).sentences()
+    one = np.full(40, 1.0)
+    assert pairs.events(one).size == 0
+    one[[30, 7]] = 40.0, -90.0
+    assert pairs.events(one).tolist() == [7]
+    one[9] = 60.0
+    assert pairs.events(one).tolist() == [7, 9]
+
+
+def test_the_events_are_where_one_estimate_is_wrong():
+    time = np.arange(8000) * 2e-3
+    stamps = np.rint(time * 1e9).astype(np.int64) + 10**18
+    found = motion(stamps, np.floor(8e4 * np.sin(5.0 * time)) / 8e4, 0.0)
+    wrong = found.velocity + 0.1
+    wrong[(time > 9.0) & (time < 9.2)] += 2.0
+    verdict = rank({'a': found.velocity + 0.1, 'b': wrong}, found, default='b')
+    (pair,) = verdict.pairs
+    assert not pair.sign and verdict.choice == 'a' and len(pair.events) == 1
+    assert pair.events[0] == pytest.approx(9.1, abs=0.4)
 
 
 @pytest.mark.parametrize('other, sign', [(0.0504, 0), (0.0516, 1)])
@@ -143,7 +181,7 @@ def test_a_choice_that_rests_on_no_motion_is_not_limited_by_it():
     verdict = rank({'a': found.velocity + 0.05, 'b': found.velocity + 0.2}, found)
     assert math.isnan(verdict.motion_hz) and 'rests' not in ' '.join(verdict.sentences())
     undecided = Verdict(
-        'a', 'b', ('b',), {'a': 0.2, 'b': 0.21}, (Pair('a', 'b', 0, 5.0, 9.0),), 5.0
+        'a', 'b', ('b',), {'a': 0.2, 'b': 0.204}, (Pair('a', 'b', 0, 2.0, 9.0),), 5.0
     )
     assert 'rests' not in ' '.join(undecided.sentences())
 

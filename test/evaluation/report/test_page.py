@@ -277,6 +277,43 @@ def test_on_a_phone_it_fits_and_shows_the_first_number(page, driver, scheme):
 
 
 @pytest.mark.page
+def test_a_swipe_over_plots_scrolls_until_a_tool_is_tapped(page, driver):
+    def touch(kind, *points):
+        points = [{'x': x, 'y': y} for x, y in points]
+        what = {'type': f'touch{kind}', 'touchPoints': points}
+        driver.execute_cdp_cmd('Input.dispatchTouchEvent', what)
+
+    driver.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': True})
+    try:
+        on_screen(driver, page[0], 400)
+        x, y = place(driver, 'velocity')
+        before = driver.execute_script('return scrollY')
+        touch('Start', (x, y))
+        for up in range(10, 130, 10):
+            touch('Move', (x, y - up))
+        touch('End')
+        until(driver, f'scrollY > {before} + 50')
+        zoom = 'panel.toolbar.tools.find(each => each.type === "BoxZoomTool").active'
+        assert not of_panel(driver, 'velocity', zoom)
+        icon = until(
+            driver,
+            """(() => { const found = [];
+            const look = root => { for (const each of root.querySelectorAll('*')) {
+                if (each.classList.contains('bk-tool-icon-box-zoom')) found.push(each);
+                if (each.shadowRoot) look(each.shadowRoot); } };
+            look(document.querySelector('.legend ~ .plot'));
+            found[0].scrollIntoView({block: 'center'});
+            const box = found[0].getBoundingClientRect();
+            return [box.left + 5, box.top + 5]; })()""",
+        )
+        touch('Start', icon)
+        touch('End')
+        until(driver, f'(() => {{ const panel = {PANEL}; return {zoom}; }})()', 'velocity')
+    finally:
+        driver.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': False})
+
+
+@pytest.mark.page
 def test_a_hostile_name_is_text_in_plots(tmp_path, driver):
     name = "</script><img src=x onerror=document.title='hit'>$$x$$ @time '\\"
     made = plots.Plots()
@@ -546,6 +583,16 @@ def test_the_verdict_in_words():
     assert opening.choice(rows, None) is best
 
 
+@pytest.mark.parametrize('error, source', [(0.98, 'edge_adaptive'), (0.95, 'pll')])
+def test_against_the_truth_too_the_default_stays_only_if_it_is_as_good(error, source):
+    rows = [row('edge_adaptive', 0.02, 0.0), row('pll', 0.02, 0.0)]
+    rows[1].estimate = rows[1].truth + error * (rows[0].estimate - rows[0].truth)
+    rows[1].velocity['rms'] *= error
+    assert opening.choice(rows, None).source == 'pll'  # the same errors, all smaller
+    rows[1].time = rows[1].time + 1e-5  # no common samples: the pair is not known
+    assert opening.choice(rows, None).source == source
+
+
 def test_the_parameter_file_is_one_that_the_node_loads(tmp_path):
     seen = look(np.arange(4000) * 1e-3, counted(np.sin(3.0 * np.arange(4000) * 1e-3)))
     entries = {'pll': Entry('pll', 'pll', (('bandwidth_hz', 30.0),))}
@@ -569,14 +616,14 @@ def test_findings_say_what_contradicts_expectation_and_why():
     comparison = SimpleNamespace(references={'j': known}, smoothed={}, corrected={})
     default = AngleSettings.observer
     rows = {'j': [row('quiet', 0.05, 0.0), row(default, 0.2, 0.0, 0.6)]}
-    late, better, narrow = contradictions(comparison, rows, {})
+    used = opening.choice(rows['j'], None)
+    late, better, narrow = contradictions(comparison, rows, {'j': used})
     assert 'is 1.20 +- 0.20 ms late' in late and '--correct-reference' in late
     assert f'{default}, the default, is not the best here' in better and 'less noisy' in better
     assert f'too narrow for {default}' in narrow and '60 %' in narrow
     comparison.references['j'].lag_s = 1e-5
-    assert (
-        contradictions(comparison, {'j': [row(default, 0.05, 0.0), row('b', 0.2, 0.0)]}, {}) == []
-    )
+    rows = {'j': [row(default, 0.05, 0.0), row('b', 0.2, 0.0)]}
+    assert contradictions(comparison, rows, {'j': opening.choice(rows['j'], None)}) == []
     assert grouped(['a: x', 'b: x', 'c: y'], 'ab') == ['all 2 joints: x', 'c: y']
 
 

@@ -130,14 +130,12 @@ LANDSCAPES = {
 @pytest.mark.long
 @pytest.mark.parametrize('name', LANDSCAPES)
 def test_forty_trials_are_as_good_as_a_grid_of_four_hundred(name):
-    """In the geometric mean over seeds."""
     landscape = LANDSCAPES[name]
     grid = min(
         landscape({'a': a, 'b': b})
         for a in np.geomspace(0.5, 500.0, 20)
         for b in np.geomspace(1e-3, 1e3, 20)
     )
-    ratios = []
     for seed in range(5):
         found = search(
             PLANE,
@@ -147,8 +145,7 @@ def test_forty_trials_are_as_good_as_a_grid_of_four_hundred(name):
             seed,
         )
         assert found.asked == 40
-        ratios.append(found.best.cost / grid)
-    assert np.exp(np.mean(np.log(ratios))) <= 1.05, ratios
+        assert found.best.cost <= 1.05 * grid, seed
 
 
 @pytest.mark.slow
@@ -304,7 +301,7 @@ def test_the_yaml_is_what_the_node_takes(tmp_path, capsys):
     assert set(overrides) == {'a', 'b'} and common == {'order': 2, 'noise': 0.0}
     assert overrides['b']['timeout'] == 2.0 and "'per_joint.a':" in text
     gains, _ = Configuration(hybrid_angle.OBSERVER, common, overrides).for_joint('b')
-    assert gains.bandwidth_hz == pytest.approx(found['tuned'][1]['gains']['bandwidth_hz'], rel=1e-5)
+    assert gains.bandwidth_hz == found['tuned'][1]['gains']['bandwidth_hz']
     # the quick joint needs more bandwidth than the slow one
     assert overrides['b']['bandwidth_hz'] > 1.3 * overrides['a']['bandwidth_hz']
 
@@ -390,6 +387,22 @@ def test_gains_that_cost_the_same_number_do_not_replace_the_defaults():
         assert bool(seek._why(pair, {'cost': 0.20002}, {'cost': cost_}, False)) == bool(why)
     said = founded({'pair': pair._asdict(), 'why': '', 'cautions': ['c'], 'against': ''})
     assert 'rests' not in ' '.join(said)
+
+
+@pytest.mark.parametrize(
+    'sign, difference, why',
+    [(0, 2.0, 'cannot be distinguished'), (0, 4.0, ''), (1, 2.0, ''), (-1, -4.0, 'do not beat')],
+)
+def test_the_defaults_stay_where_they_are_as_good_and_cost_less_than_3_percent(
+    sign, difference, why
+):
+    pair = Compared(sign, difference, 9.0 - 8.0 * abs(sign), math.nan, 2)
+    found = seek._why(pair, {'cost': 1.0 + difference / 100.0}, {'cost': 1.0}, True)
+    assert why in found and bool(why) == bool(found)
+    said = ' '.join(founded({'pair': pair._asdict(), 'why': found, 'cautions': [], 'against': ''}))
+    assert ('in 2 parts of the record' in said) is (sign == 0)
+    if not why:
+        assert ('not significant' in said) is (sign == 0)
 
 
 @pytest.mark.long
@@ -521,7 +534,7 @@ def test_a_broken_storage(bag, tmp_path, capsys):
             '--storage',
             storage,
         )
-        assert 'cannot be used' in line and storage in line
+        assert 'cannot be used' in line and 'as in sqlite:' in line and storage in line
 
 
 def test_a_gain_that_nothing_observes_stays_at_its_default(tmp_path):
@@ -608,20 +621,20 @@ def test_without_a_name_the_better_of_the_tuned_and_the_default_observer_is_writ
 
 
 def test_without_a_name_only_a_better_observer_replaces_the_default(monkeypatch):
-    signs = {'a': 1, 'b': 0, 'c': -1}
+    signs = {'a': (1, 1.0), 'b': (0, 2.0), 'c': (-1, -10.0), 'd': (0, 4.0)}
     record = SimpleNamespace(why='', held_out=None, seen=None, label='')
     tuning = SimpleNamespace(entry=SimpleNamespace(observer='kalman'), weights=None)
 
     def replaces(*joints, point=(0.0, 0.0)):
         order = iter(joints)
         monkeypatch.setattr(
-            any_observer, 'compared', lambda *_: Compared(signs[next(order)], 10.0, 1.0, 5.0)
+            any_observer, 'compared', lambda *_: Compared(*signs[next(order)], 1.0, 5.0)
         )
         each = [{'joint': joint, 'gains': {}, 'default_point': point} for joint in joints]
         groups = {joint: [record] for joint in joints}
         return any_observer.against_default(each, groups, [], tuning)[0]
 
-    assert replaces('a') and replaces('a', 'b')
+    assert replaces('a') and replaces('a', 'b') and replaces('d')
     assert not replaces('b') and not replaces('a', 'c')
     assert not replaces('a', point=None)  # nothing shows a delay
 

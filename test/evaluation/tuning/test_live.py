@@ -104,10 +104,9 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path, monkeypatch, capfd)
         assert main([*other[:-1], 'nobody']) == 1
         assert "no node '/nobody'" in capfd.readouterr().err
         (found,) = json.loads(result.read_text())['tuned']
-        # six digits are written
         wanted = (found['gains'] or found['default_gains'])['bandwidth_hz']
-        assert params_file.load(out).get('bandwidth_hz', 50.0) == pytest.approx(wanted, rel=1e-5)
-        assert parameter('/joint_observer', 'bandwidth_hz') == pytest.approx(wanted, rel=1e-5)
+        assert params_file.load(out).get('bandwidth_hz', 50.0) == pytest.approx(wanted, rel=1e-6)
+        assert parameter('/joint_observer', 'bandwidth_hz') == pytest.approx(wanted, rel=1e-6)
         assert wanted != pytest.approx(7.0)
 
 

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import math
 
+from estimator_pkg.observers.angle.edge.constants import FADE
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
+from estimator_pkg.sensor.noise import OUTLIER
 
 
 @record
@@ -31,6 +33,15 @@ def set_covariance(
 ) -> None:
     """Set all entries."""
     p.p00, p.p01, p.p02, p.p11, p.p12, p.p22 = p00, p01, p02, p11, p12, p22
+
+
+def let_fade(coefficients: Coefficients, a: float, p22: float) -> None:
+    """Set how much of the acceleration is kept: all of one that is known to be one.
+
+    Where it is five standard deviations, a ramp lasts and fading would be a lag; elsewhere it fades
+    within `FADE`, which is what makes constant speeds exact.
+    """
+    coefficients.kept = 1.0 if a * a > OUTLIER * p22 else FADE / (FADE + coefficients.dt)
 
 
 def predict_covariance(p: Covariance, density: float, coefficients: Coefficients) -> None:

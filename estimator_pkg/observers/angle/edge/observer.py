@@ -28,7 +28,6 @@ from estimator_pkg.observers.angle.edge.bandwidth import (
 )
 from estimator_pkg.observers.angle.edge.constants import (
     CONFIRMED,
-    FADE,
     MEMORY,
     PLAIN,
     RATIO,
@@ -38,7 +37,10 @@ from estimator_pkg.observers.angle.edge.constants import (
 )
 from estimator_pkg.observers.angle.edge.covariance import (
     Coefficients,
+    add_manoeuvre,
     add_sway,
+    correct_covariance,
+    let_fade,
     predict_covariance,
     set_covariance,
 )
@@ -239,7 +241,6 @@ def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     cube = square * dt
     coefficients.dt = dt
     coefficients.half = 0.5 * square
-    coefficients.kept = FADE / (FADE + dt)
     coefficients.q11 = cube / 3.0
     coefficients.q01 = 0.125 * cube * dt
     coefficients.q00 = 0.05 * cube * square
@@ -289,11 +290,27 @@ def restart(
 def resume(
     observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: float
 ) -> None:
-    """Go on after a gap [rad]: with the speed as it was, in doubt."""
+    """Go on after a gap [rad], whose length is in the coefficients.
+
+    What moved in it is a manoeuvre as old as the gap; where more than half a turn may have passed
+    the speed stays as it was, in doubt.
+    """
     motion, p, sensor, clock = state.motion, state.p, state.sensor, state.clock
-    quantum, v = sensor.quantum, motion.velocity
-    motion.angle, motion.acceleration, motion.idle = measurement, 0.0, 0.0
+    quantum, v, dt = sensor.quantum, motion.velocity, coefficients.dt
+    off = measurement - motion.angle
+    if not -design.half_turn <= off < design.half_turn:
+        off = wrap(off, design.period)
+    off -= v * dt
     set_covariance(p, quantum * quantum / 12.0, 0.0, 0.0, p.p11, 0.0, p.p22)
+    variance = v * v
+    motion.angle, motion.acceleration, motion.idle = measurement, 0.0, 0.0
+    if abs(v) * dt < design.half_turn:  # the reading shows how far it moved
+        add_manoeuvre(p, off, dt)
+        ratio = off / (p.p00 + sensor.noise)
+        motion.velocity += p.p01 * ratio
+        motion.acceleration = p.p02 * ratio
+        correct_covariance(p, quantum * quantum / 12.0 + sensor.noise, 0.0)
+        variance = off * off / (dt * dt)
     begin_sums(state.band)
     begin_differences(sensor)
     state.steps.jump = 0.0
@@ -302,7 +319,7 @@ def resume(
         state.lock.status = COASTING
     state.lock.count = 0.0
     forget_sway(state)
-    set_doubt(state.doubt, v * v, SETTLES, state.doubt.since, 0.0)
+    set_doubt(state.doubt, variance, SETTLES, state.doubt.since, 0.0)
     clock.late = clock.held = 0.0
     clock.grew = False
     set_alike(state.other)
@@ -389,7 +406,7 @@ def believe_jump(state: State, design: Design, last: float, dt: float) -> None:
     motion.velocity = motion.acceleration = motion.idle = 0.0
     stand(state.p, state.band, quantum)
     first_step(state.sensor, quantum, jump, dt)
-    doubt_speed(state.doubt, quantum, dt, design.period, 0.0, 0.0)
+    doubt_speed(state.doubt, max(quantum, abs(jump)), dt, 0.0, 0.0)
     set_alike(state.other)
 
 
@@ -397,6 +414,7 @@ def predict_alone(state: State, coefficients: Coefficients, design: Design) -> N
     """Predict one sample on, without a reading."""
     motion, density = state.motion, state.band.density
     dt, v, a = coefficients.dt, motion.velocity, motion.acceleration
+    let_fade(coefficients, a, state.p.p22)
     motion.angle = motion.angle + v * dt + a * coefficients.half
     motion.velocity += a * dt
     motion.acceleration = coefficients.kept * a
@@ -523,7 +541,6 @@ def begin_with_line(state: State, design: Design) -> None:
         reading.passed,
         sensor.quantum,
         sensor.noise,
-        design.period,
     )
     if rests:
         band.density = density if density > band.density else band.density
@@ -542,6 +559,7 @@ def predict(state: State, coefficients: Coefficients, design: Design, pace: floa
     """
     motion, p, sensor, reading = state.motion, state.p, state.sensor, state.reading
     dt, v, a, density = coefficients.dt, motion.velocity, motion.acceleration, state.band.density
+    let_fade(coefficients, a, p.p22)
     moved = v * dt + a * coefficients.half
     ahead = reading.change - moved
     if reading.held > 0.0:  # and moved while the reading repeated
@@ -578,7 +596,7 @@ def stir(state: State, design: Design, dt: float) -> None:
     ):
         since = 0.0 if reading.first else doubt.since
         age = doubt.age if reading.rested < RESTS else 0.0
-        doubt_speed(doubt, quantum, dt, design.period, since, age)
+        doubt_speed(doubt, max(quantum, abs(reading.change)), dt, since, age)
         reading.starting = False
 
 
@@ -610,7 +628,7 @@ def meet(state: State, design: Design, dt: float) -> None:
     follow_sway(sway, reading.ahead, OUTLIER * (sensor.scatter + square), lock.count > 0.0)
     half, noisy = 0.5 * quantum, sensor.noise > PLAIN * square
     if noisy:
-        doubt_in_noise(state.doubt, off, motion.velocity, quantum, sensor.noise, dt, design.period)
+        doubt_in_noise(state.doubt, off, motion.velocity, quantum, sensor.noise, dt)
     elif reading.change * reading.stepped < 0.0 and -half < reading.moved < half:
         if sway.mean <= 0.0:
             # a reading that the next undoes: its noise is as unknown as an angle in its cell
@@ -653,8 +671,9 @@ def hear(state: State, design: Design, dt: float, flickers: bool) -> bool:
     if quantum != design.quantum and abs(reading.change) > JUMP * reading.extent:
         # what moved before was residue, or this is a glitch: the next reading decides
         state.steps.jump = reading.change
-        doubt_speed(state.doubt, quantum, dt, design.period, 0.0, 0.0)
+        doubt_speed(state.doubt, max(quantum, abs(reading.change)), dt, 0.0, 0.0)
     state.motion.angle = reading.angle - reading.off
+    state.motion.velocity -= state.motion.acceleration * dt  # it is not extrapolated meanwhile
     coast(state.lock)
     return False
 

@@ -46,7 +46,7 @@ def deviation(
     starting = 0.0 < doubt.age < RECENT
     variance = p.p11 * (band.squares if band.squares > 0.5 else 0.5)  # at least half of P_11
     if p.p11 <= 0.0:
-        variance = unknown_speed(quantum, dt, design.period)
+        variance = unknown_speed(quantum, dt)
     else:
         variance = variance * design.of_speed + doubt.variance
     if band.up > 0.0 or band.down > 0.0:  # the cumulative sums doubt it: a motion may begin

@@ -19,8 +19,8 @@ from estimator_pkg.observers.angle.edge.motion import Motion
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
 
-SWERVE = 0.1  # half turns per sample by which a starting speed may change at most in a sample
-VAGUE = 100.0  # the same in quanta, where there is no turn
+UNKNOWN = 8.0  # changes of the reading: so unknown is a starting speed
+
 
 SETTLES = 2.0  # changed readings after which a speed in doubt is known
 UNSURE = 3.0  # the same when the first has just come: the next one may be a line's second point
@@ -63,7 +63,6 @@ def begin_line(
     dt: float,
     quantum: float,
     noise: float,
-    period: float,
 ) -> None:
     """Set the line through two readings, `change` [rad] and `dt` [s] after each other.
 
@@ -73,7 +72,7 @@ def begin_line(
     """
     rate = 1.0 / dt
     floor = quantum * quantum / 12.0 + noise
-    bend = swerve(quantum, period)
+    bend = swerve(max(quantum, abs(change)))
     motion.angle, motion.velocity = measurement, change * rate
     motion.acceleration = motion.idle = 0.0
     p.p00, p.p01, p.p02 = floor, floor * rate, 0.0
@@ -83,20 +82,17 @@ def begin_line(
     begin_band(band, CALM * quantum * quantum)
 
 
-def swerve(quantum: float, period: float) -> float:
+def swerve(size: float) -> float:
     """Return the variance [rad^2] of what an unknown speed adds in one sample."""
-    bend = max(VAGUE * quantum, SWERVE * 0.5 * period)
-    return bend * bend / 3.0
+    return UNKNOWN * UNKNOWN * size * size / 3.0
 
 
-def unknown_speed(quantum: float, dt: float, period: float) -> float:
+def unknown_speed(size: float, dt: float) -> float:
     """Return the variance [(rad/s)^2] of a speed that one reading alone shows."""
-    return (quantum * quantum / 6.0 + 0.25 * swerve(quantum, period)) / (dt * dt)
+    return UNKNOWN * UNKNOWN * size * size / (dt * dt)
 
 
-def doubt_speed(
-    doubt: Doubt, quantum: float, dt: float, period: float, since: float, age: float
-) -> None:
+def doubt_speed(doubt: Doubt, size: float, dt: float, since: float, age: float) -> None:
     """Doubt the speed at the first changed reading after a rest: none is known.
 
     Parameters
@@ -104,11 +100,11 @@ def doubt_speed(
     since : time since the first motion of all [s].
     age : time since the last start [s]; 0: this is one.
     """
-    set_doubt(doubt, unknown_speed(quantum, dt, period), UNSURE, since, age)
+    set_doubt(doubt, unknown_speed(size, dt), UNSURE, since, age)
 
 
 def doubt_in_noise(
-    doubt: Doubt, off: float, v: float, quantum: float, noise: float, dt: float, period: float
+    doubt: Doubt, off: float, v: float, quantum: float, noise: float, dt: float
 ) -> None:
     """Take a reading in which noise hides single edges.
 
@@ -127,7 +123,7 @@ def doubt_in_noise(
         return
     beyond = (abs(off) - 0.5 * quantum) / sigma  # outside the cell
     if beyond > SURELY:
-        set_doubt(doubt, unknown_speed(quantum, dt, period), SETTLES, doubt.since, dt)
+        set_doubt(doubt, unknown_speed(abs(off), dt), SETTLES, doubt.since, dt)
         doubt.total, doubt.ran = math.copysign(SURELY, off), dt
         return
     total = doubt.total
@@ -197,12 +193,6 @@ def settle(
         doubt.variance = 0.5 * (variance + doubt.variance)
     else:
         doubt.variance = variance
-
-
-def begin_motion(doubt: Doubt, dt: float) -> None:
-    """The fast law found a manoeuvre of a joint that rested."""
-    if doubt.to_settle < 1.0:
-        doubt.to_settle, doubt.age = LAST, dt
 
 
 def doubt_overdue(doubt: Doubt, slower: float) -> None:

@@ -25,7 +25,7 @@ from estimator_pkg.observers.angle.edge.constants import (
 from estimator_pkg.observers.angle.edge.covariance import add_manoeuvre, correct_covariance, widen
 from estimator_pkg.observers.angle.edge.interval import HELD, INTERVAL, interval, within
 from estimator_pkg.observers.angle.edge.preference import inform_other
-from estimator_pkg.observers.angle.edge.start import RESTS, begin_motion, doubt_overdue
+from estimator_pkg.observers.angle.edge.start import doubt_overdue
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.sensor.noise import Sensor, follow_noise, jerk_density, vibration
 
@@ -130,8 +130,6 @@ def update(
         most = noise if flickers and sensor.scatter < noise else sensor.scatter
         sensor.noise = follow_noise(noise, score * noise / s, most, quantum)
     manoeuvre, measured = date > 0.0, kind != HELD  # that no edge came moves the estimate only
-    if manoeuvre and RESTS * abs(motion.velocity) < quantum:
-        begin_motion(state.doubt, dt)
     ratio = d / s  # K d = P_.0 d/S
     if held:
         doubt_overdue(state.doubt, p.p01 * ratio)

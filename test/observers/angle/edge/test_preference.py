@@ -24,7 +24,7 @@ def preferring(prefer):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ('name', 'draws', 'quiet', 'late', 'loud', 'early'),
-    [('sine', 4, 0.75, 1.8, 1.4, 0.55), ('trapezoid', 8, 0.92, 1.4, 1.4, 0.8)],
+    [('sine', 4, 0.75, 1.8, 1.4, 0.7), ('trapezoid', 8, 0.92, 1.0, 1.1, 1.05)],
 )
 def test_the_preference_spans_a_range(name, draws, quiet, late, loud, early):
     noise, lag = {}, {}

@@ -1,0 +1,147 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Cost of exported headers: `python -m benchmarks.export_cost`.
+
+Time of an update with its estimate here, bytes of state, and bytes of code for Cortex-M4F and M7
+(clang -Os), next to the moving average of ten differences that firmware usually has.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from pathlib import Path
+
+from estimator_pkg import registry
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.engine.entries import OF_AN_ANGLE
+from estimator_pkg.export import folder, vectors
+from estimator_pkg.export.header import exported
+
+MOVING = """\
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+typedef struct { double differences[10], sum, last; int64_t last_ns; int at; } moving;
+typedef struct { double velocity; } moving_estimate;
+static inline void moving_init(moving *self) { const moving blank = {0}; *self = blank; }
+static inline bool moving_update(moving *self, int64_t stamp_ns, double angle)
+{
+    const double passed = (stamp_ns - self->last_ns) * 1e-9;
+    double moved = angle - self->last;
+    moved -= 6.283185307179586 * floor(moved / 6.283185307179586 + 0.5);
+    self->last = angle;
+    self->last_ns = stamp_ns;
+    self->sum -= self->differences[self->at];
+    self->differences[self->at] = moved / passed;
+    self->sum += self->differences[self->at];
+    self->at = (self->at + 1) % 10;
+    return true;
+}
+static inline void moving_get(const moving *self, moving_estimate *out)
+{
+    out->velocity = self->sum / 10.0;
+}
+"""
+TIMED = """\
+#include <stdio.h>
+#include <time.h>
+#include "{prefix}.h"
+#include "vectors.h"
+int main(void)
+{{
+    const int count = (int)(sizeof VECTORS / sizeof VECTORS[0]);
+    static {prefix} joint;
+    static {prefix}_estimate out;
+    double best = 1e9;
+    for (int turn = 0; turn < 20; turn++) {{
+        struct timespec begun, ended;
+        {prefix}_init(&joint);
+        clock_gettime(CLOCK_MONOTONIC, &begun);
+        for (int i = 0; i < count; i++) {{
+            {prefix}_update(&joint, VECTORS[i].stamp_ns, VECTORS[i].reading[0]);
+            {prefix}_get(&joint, &out);
+        }}
+        clock_gettime(CLOCK_MONOTONIC, &ended);
+        const double ns = (ended.tv_sec - begun.tv_sec) * 1e9 + ended.tv_nsec - begun.tv_nsec;
+        best = ns / count < best ? ns / count : best;
+    }}
+    printf("%.0f %zu", best, sizeof joint + 0 * (size_t)out.velocity);
+    return 0;
+}}
+"""
+CODE = """\
+#include "{prefix}.h"
+void start({prefix} *self) {{ {prefix}_init(self); }}
+int take({prefix} *self, int64_t at, {real} x, {prefix}_estimate *out)
+{{
+    const int used = {prefix}_update(self, at, x);
+    {prefix}_get(self, out);
+    return used;
+}}
+const unsigned state_bytes = sizeof({prefix});
+"""
+ONE = """sqrt exp log log1p expm1 sin cos tan atan acos asin sinh cosh tanh erf erfc fabs floor ceil
+    rint"""
+SHIM = '\n'.join(  # a math.h of declarations alone, for a compiler without a library
+    [f'double {name}(double); float {name}f(float);' for name in ONE.split()]
+    + [
+        f'double {name}(double, double); float {name}f(float, float);'
+        for name in ('atan2', 'hypot', 'pow', 'fmod', 'copysign')
+    ]
+    + ['double ldexp(double, int); float ldexpf(float, int);']
+    + [f'#define {name}(x) __builtin_{name}(x)' for name in ('isnan', 'isinf', 'isfinite')]
+    + ['#define NAN __builtin_nanf("")', '#define INFINITY __builtin_inff()', '']
+)
+
+
+def run(*command: str, cwd: Path) -> str:
+    """Return what a command prints."""
+    return subprocess.run(command, cwd=cwd, check=True, capture_output=True, text=True).stdout
+
+
+def code(folder: Path, prefix: str, real: str, cpu: str) -> int:
+    """Return the bytes of code and constants of a header on a Cortex-M."""
+    (folder / 'shim').mkdir(exist_ok=True)
+    (folder / 'shim' / 'math.h').write_text(SHIM)
+    (folder / 'code.c').write_text(CODE.format(prefix=prefix, real=real))
+    flags = '-Os -std=c99 -ffp-contract=off -fno-math-errno -ffreestanding -mthumb -mfloat-abi=hard'
+    target = '--target=thumbv7em-none-eabihf', f'-mcpu={cpu}', '-Ishim', '-c', 'code.c'
+    run('clang', *flags.split(), *target, '-o', 'code.o', cwd=folder)
+    sizes = run('size', '-A', 'code.o', cwd=folder).splitlines()
+    parts = [line.split() for line in sizes if line.startswith(('.text', '.rodata'))]
+    return sum(int(part[1]) for part in parts)
+
+
+def cost(folder: Path, prefix: str, real: str) -> str:
+    """Return a line of the table."""
+    (folder / 'timed.c').write_text(
+        '#define _POSIX_C_SOURCE 199309L\n' + TIMED.format(prefix=prefix)
+    )
+    flags = '-O2', '-std=c99', '-ffp-contract=off', '-fwrapv'
+    run('gcc', *flags, 'timed.c', '-o', 'timed', '-lm', cwd=folder)
+    ns, state = map(int, run('./timed', cwd=folder).split())
+    m4, m7 = (code(folder, prefix, real, cpu) for cpu in ('cortex-m4', 'cortex-m7'))
+    return f'{prefix:<18} {real:<7} {ns:>6} {state:>7} {m4:>8} {m7:>8}'
+
+
+def main() -> None:
+    """Print the table."""
+    print(f'{"observer":<18} {"number":<7} {"ns":>6} {"state":>7} {"M4F":>8} {"M7":>8}')
+    for name in OF_AN_ANGLE:
+        observer = registry.find(registry.OBSERVERS, name)
+        gains, settings = Configuration(observer, {'sensor_map': 'none'}).for_joint('')
+        for float32 in (False, True):
+            with tempfile.TemporaryDirectory() as temporary:
+                made, out = exported(observer, gains, settings, name, float32), Path(temporary)
+                folder.write(out / name, made, vectors.simulated(made.joint))
+                print(cost(out / name, name, 'float' if float32 else 'double'), flush=True)
+                if name == 'finite_difference':
+                    moving = MOVING.replace('double', 'float') if float32 else MOVING
+                    (out / name / 'moving.h').write_text(moving)
+                    print(cost(out / name, 'moving', 'float' if float32 else 'double'), flush=True)
+
+
+if __name__ == '__main__':
+    main()

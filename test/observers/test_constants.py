@@ -1,0 +1,50 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How many numbers a law has: every literal but 0, 1, 2, 0.5 and those of a named equation."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2] / 'estimator_pkg'
+MOST = {'observers/angle/edge': 38}  # folder: the number that holds; it only falls
+FREE = {0, 1, 2, 0.5}
+# numbers of an equation, by the function that has it; '*': in all
+EQUATIONS = {
+    '*': {12.0},  # q^2/12, variance of a cell
+    'add_manoeuvre': {29.0, 5.0, 3.0, 6.0, 10.0},  # half white acceleration, half white jerk
+    'add_sway': {1.5},  # white acceleration over a sample
+    'widen': {6.0},  # P_ij ~ density^((1 + i + j)/6)
+    'prepare': {0.125, 0.05},  # dt^4/8, dt^5/20 of white jerk
+    'ratios': {6.0, 3, 5.0},  # of powers of the density
+    'swerve': {3.0},  # variance of a uniform distribution
+    'settle': {12.0},
+}
+
+
+def constants(folder):
+    """[(file, number)] of all literals of a law that no named equation has."""
+    found = []
+    for path in sorted((ROOT / folder).rglob('*.py')):
+        tree = ast.parse(path.read_text())
+        within = {
+            id(node): function.name
+            for function in ast.walk(tree)
+            if isinstance(function, ast.FunctionDef)
+            for node in ast.walk(function)
+        }
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+                named = EQUATIONS['*'] | EQUATIONS.get(within.get(id(node), '*'), set())
+                if node.value not in FREE | named:
+                    found.append((path.name, node.value))
+    return found
+
+
+@pytest.mark.parametrize('folder', MOST)
+def test_a_law_has_no_more_numbers_than_before(folder):
+    found = constants(folder)
+    assert len(found) <= MOST[folder], found
+    assert len(found) > MOST[folder] - 3, 'fewer: lower the number'
