@@ -62,7 +62,7 @@ class Setup:
         return [
             f'{port.topic}:={topic.name}'
             for port, topic in zip(inputs, self.ports)
-            if topic is not None and topic.name != f'/{port.topic}'
+            if topic is not None and topic.name != port.in_bag
         ]
 
     def having(self, values: Mapping[str, Any]) -> Setup:
@@ -106,20 +106,20 @@ def wired(stream: type[Stream], bag: Bag, values: Mapping[str, Any], request: Re
     if request.measurement and len([port for port in inputs if port.answered]) > 1:
         raise UsageError(
             '--measurement names one topic, but this observer needs several: omit it and provide '
-            + ' and '.join(f'/{port.topic}' for port in inputs if port.answered)
+            + ' and '.join(port.in_bag for port in inputs if port.answered)
         )
     first = inputs[0]
     if first.field:
-        measurement, path = bag.require(named or f'/{first.topic}', [first.type]), first.field
+        measurement, path = bag.require(named or first.in_bag, [first.type]), first.field
     elif first.type == JOINT_STATE:
         measurement = bag.topics[measurement_topic(bag, named)]
     elif first.any_number:
-        measurement, path = bag.require(named or f'/{first.topic}'), path or DATA
+        measurement, path = bag.require(named or first.in_bag), path or DATA
     else:
-        measurement = bag.require(named or f'/{first.topic}', [first.type])
+        measurement = bag.require(named or first.in_bag, [first.type])
     others = [
-        bag.require(f'/{port.topic}', [port.type])
-        if not port.optional or _has(bag, f'/{port.topic}')
+        bag.require(port.in_bag, [port.type])
+        if not port.optional or _has(bag, port.in_bag)
         else None
         for port in inputs[1:]
     ]

@@ -5,11 +5,9 @@
 
     v = (vr + vl) / 2,   w = (vr - vl) / b,   vl = rl wl,   vr = rr wr
 
-The pose follows the arc of constant twist exactly (SE(2)). Its covariance has three parts: errors
-that add up with the distance (Chong and Kleeman 1997), constant ones (radius, track, bias), which
-grow along the path, and that of the newest positions, which does not grow.
-The heading of the wheels is the angle that the gyro's learner compares with (`sensor.source`): it
-finds the bias, and as its ratio by how much the track is wrong.
+The pose follows the arc of constant twist exactly. Its covariance has three parts: errors that add
+up with the distance (Chong and Kleeman 1997), constant ones (radii, track, bias), which grow along
+the path, and that of the newest positions, which does not grow.
 """
 
 from __future__ import annotations
@@ -24,29 +22,21 @@ from numpy.typing import NDArray
 
 from estimator_pkg.circle import nearest_turn
 from estimator_pkg.observers.angle.edge import observer as edge_adaptive
-from estimator_pkg.sensor.source import (
-    BIAS,
-    RATIO,
-    X,
-    Source,
-    agree,
-    begin_source,
-    follow_source,
-    forget_source,
-    meet_angle,
-    resume_source,
-    speed_of,
-    variance_of_speed,
-)
+from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter
+from estimator_pkg.sensor.source import agree
 
-UNSURE = 0.2  # deviation of the ratio of track to gyro before the first value
-WALK = 1e-3  # of this ratio [per square root of a second]
-SLIPS = 0.05  # time without agreement after which wheels slip [s]
-HOLDS = 0.25  # time of agreement after which they do not slip any more [s]
+WINDOW = 0.5  # shortest time over which gyro and wheels are compared to learn [s]
+PROOF = 4  # windows that agree before the gyro is used
+LIMIT = 10  # windows in a row that do not agree, after which the gyro is learnt again
+UNKNOWN = (0.2, 1.0, 0.02)  # deviations of ratio, bias [rad/s] and delay [s] before the first
+WALK = (1e-3, 1e-4, 0.0, 0.0)  # of what is learnt [per square root of a second]
+GATE = 25.0  # squared deviations of a window that does not agree
+SLIPS, AGREES = 0.05, 0.25  # time without, and with agreement, after which slip begins, ends [s]
+STANDS = 2.0  # time for which the gyro contradicts wheels that stand: its bias is another one [s]
 SILENT = 0.5  # time without a value, after which the gyro is silent [s]
 STUCK = 25  # equal values of a gyro that contradicts the wheels, after which it is stuck
-STANDS = 2.0  # time at standstill for which a gyro contradicts, after which its bias is another [s]
 OFTEN = 10.0  # shortest time between two notices of slip [s]
+MEMORY = 0.02  # weight of one value in the mean square error of its prediction by the wheels
 QUEUE = 4096  # values of the gyro that wait for the wheels at most
 SMALL = 1e-4  # angle [rad] below which an arc is its series
 
@@ -68,7 +58,8 @@ class Geometry:
     left, right : names of the joints. steering : of the steering joint; '': none.
     radius : of the left and right wheels [m]. track : distance of their contacts, of skid steering
         the effective one [m]. wheelbase : of a steered base [m].
-    radius_stddev, track_stddev : of both, relative.
+    radius_stddev, track_stddev : of each radius and of the track, relative. steering_stddev : of
+        the zero of the steering joint [rad].
     travel_noise : deviation of what a wheel travels on 1 m [m]; it grows with the root.
     """
 
@@ -80,12 +71,28 @@ class Geometry:
     wheelbase: float = 0.0
     radius_stddev: float = 0.0
     track_stddev: float = 0.0
+    steering_stddev: float = 0.0
     travel_noise: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
         """All joints."""
         return (*self.left, *self.right, *([self.steering] if self.steering else ()))
+
+    @property
+    def twist(self) -> Array:
+        """The matrix from what left and right travel to distance and turn of the base."""
+        return np.array([[0.5, 0.5], [-1.0 / self.track, 1.0 / self.track]])
+
+    def constant(self, sides: Array, turn: float) -> Array:
+        """Return what one deviation of each radius and of the track changes, shape (2, 3).
+
+        Parameters
+        ----------
+        sides : what left and right travel, or their speeds. turn : of the base, or its rate.
+        """
+        by_track = np.array([[0.0], [turn * self.track_stddev]])
+        return np.hstack([self.twist * (sides * self.radius_stddev), by_track])
 
 
 class Moving(NamedTuple):
@@ -98,65 +105,59 @@ class Moving(NamedTuple):
     velocity_stddev: float
 
 
-class Side(NamedTuple):
-    """What the wheels of one side travel: speed [m/s], its variance, their contradiction [m/s]."""
-
-    speed: float
-    variance: float
-    apart: float
-    acceleration: float
-    position_variance: float
-
-
 class Rate(NamedTuple):
     """A yaw rate [rad/s] and its variance."""
 
     value: float
     variance: float
 
+    def agrees(self, other: Rate) -> bool:
+        """Return True if both may be the same."""
+        return agree(self.value, other.value, self.variance + other.variance)
 
-def side(joints: list[Moving], radius: float) -> Side:
-    """Return what the wheels of one side travel; wheels that contradict each other slip."""
-    count = len(joints)
-    speed = radius * sum(each.velocity for each in joints) / count
-    variance = sum((radius * each.velocity_stddev) ** 2 for each in joints) / count**2
-    apart = 0.0
-    if count == 2:
-        difference = radius * (joints[1].velocity - joints[0].velocity)
-        if not agree(difference, 0.0, count**2 * variance):
-            apart = abs(difference)
-    return Side(
-        speed,
-        variance + 0.25 * apart * apart,
-        apart,
-        radius * sum(each.acceleration for each in joints) / count,
-        sum((radius * each.position_stddev) ** 2 for each in joints) / count**2,
-    )
+    def fused(self, other: Rate) -> Rate:
+        """Return the mean of two independent rates, by their variances."""
+        total = self.variance + other.variance
+        share = other.variance / total if total > 0.0 else 0.5
+        value = share * self.value + (1.0 - share) * other.value
+        return Rate(value, share * self.variance)
 
 
-def fused(one: Rate, other: Rate) -> Rate:
-    """Return the mean of two independent rates, by their variances."""
-    total = one.variance + other.variance
-    if total <= 0.0:
-        return Rate(0.5 * (one.value + other.value), 0.0)
-    share = other.variance / total
-    return Rate(
-        share * one.value + (1.0 - share) * other.value, one.variance * other.variance / total
-    )
+class Rolled(NamedTuple):
+    """What the wheels show in a message.
 
-
-def arc(distance: float, turn: float) -> tuple[float, float, float, float]:
-    """Return the displacement of an arc in the frame of its start, and its change with `turn`.
-
-    Returns
-    -------
-    forward and left over `distance`, and the derivatives of both by the turn [1/rad].
+    dt : since the one before [s]. speed : [m/s]. turn : since the one before [rad]. walk, newest :
+    variances of the turn by uneven ground, and by the newest positions [rad^2]. rate : of yaw.
+    bend : its change [rad/s^2]. still : they stand.
     """
+
+    dt: float
+    speed: float
+    turn: float
+    walk: float
+    newest: float
+    rate: Rate
+    bend: float
+    still: bool
+
+
+def arc(distance: float, turn: float, yaw: float) -> tuple[Array, Array]:
+    """Return the displacement of an arc (x, y, yaw), and its derivatives by distance and turn."""
     if abs(turn) < SMALL:
-        return 1.0 - turn * turn / 6.0, 0.5 * turn, -turn / 3.0, 0.5 - turn * turn / 8.0
-    sine, cosine = math.sin(turn), math.cos(turn)
-    forward, left = sine / turn, (1.0 - cosine) / turn
-    return forward, left, (cosine - forward) / turn, (sine - left) / turn
+        forward, left = 1.0 - turn * turn / 6.0, 0.5 * turn
+        forward_by, left_by = -turn / 3.0, 0.5 - turn * turn / 8.0
+    else:
+        sine, cosine = math.sin(turn), math.cos(turn)
+        forward, left = sine / turn, (1.0 - cosine) / turn
+        forward_by, left_by = (cosine - forward) / turn, (sine - left) / turn
+    c, s = math.cos(yaw), math.sin(yaw)
+    along, across = c * forward - s * left, s * forward + c * left
+    by = [
+        [along, distance * (c * forward_by - s * left_by)],
+        [across, distance * (s * forward_by + c * left_by)],
+        [0.0, 1.0],
+    ]
+    return np.array([distance * along, distance * across, turn]), np.array(by)
 
 
 class Pose:
@@ -165,198 +166,229 @@ class Pose:
     Attributes
     ----------
     walked : covariance of errors that add up, shape (3, 3).
-    constant : effect of one deviation of each constant error, shape (3, k).
+    constant : effect of one deviation of each constant error, shape (3, 4).
+    learnt : covariance with what is learnt of a gyro, shape (3, 4).
     """
 
-    def __init__(self, constants: int) -> None:
-        self.x = self.y = self.yaw = 0.0
+    def __init__(self) -> None:
+        self.values: Array = np.zeros(3)
         self.walked: Array = np.zeros((3, 3))
-        self.constant: Array = np.zeros((3, constants))
+        self.constant: Array = np.zeros((3, 4))
+        self.learnt: Array = np.zeros((3, 4))
 
-    def move(self, distance: float, turn: float, walk: Array, constant: Array) -> None:
+    def move(self, moved: Array, walk: Array, constant: Array, by_learnt: Array, p: Array) -> None:
         """Follow an arc.
 
         Parameters
         ----------
-        walk : covariance of distance and turn, shape (2, 2).
-        constant : by how much one deviation of each constant error changes them, shape (2, k).
+        moved : distance and turn. walk : their covariance, shape (2, 2).
+        constant : by how much one deviation of each constant error changes them, shape (2, 4).
+        by_learnt : their derivatives by what is learnt, shape (2, 4). p : covariance of this.
         """
-        forward, left, forward_by, left_by = arc(distance, turn)
-        cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
-        dx = distance * (cosine * forward - sine * left)
-        dy = distance * (sine * forward + cosine * left)
-        follow = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-        by = np.array(
-            [
-                [
-                    cosine * forward - sine * left,
-                    distance * (cosine * forward_by - sine * left_by),
-                ],
-                [
-                    sine * forward + cosine * left,
-                    distance * (sine * forward_by + cosine * left_by),
-                ],
-                [0.0, 1.0],
-            ]
-        )
+        step, by = arc(moved[0], moved[1], self.values[2])
+        follow = np.array([[1.0, 0.0, -step[1]], [0.0, 1.0, step[0]], [0.0, 0.0, 1.0]])
+        learnt, by_learnt = follow @ self.learnt, by @ by_learnt
+        both = learnt @ by_learnt.T
         self.walked = follow @ self.walked @ follow.T + by @ walk @ by.T
+        self.walked += both + both.T + by_learnt @ p @ by_learnt.T
         self.constant = follow @ self.constant + by @ constant
-        self.x, self.y, self.yaw = self.x + dx, self.y + dy, self.yaw + turn
+        self.learnt = learnt + by_learnt @ p
+        self.values = self.values + step
 
     def covariance(self, newest: Array) -> Array:
         """Return the covariance; `newest` : that of distance and turn of the newest positions."""
-        along = np.array([[math.cos(self.yaw), 0.0], [math.sin(self.yaw), 0.0], [0.0, 1.0]])
-        found: Array = self.walked + self.constant @ self.constant.T + along @ newest @ along.T
+        _, by = arc(0.0, 0.0, self.values[2])
+        found: Array = self.walked + self.constant @ self.constant.T + by @ newest @ by.T
         return found
 
 
 class Gyro:
-    """A gyro that is compared with the wheels.
+    """A gyro that is compared with the wheels, over windows.
+
+    In a window the wheels turn the base by r I + b T + g W + e D: I is the integral of the gyro, T
+    the time, W the change of its value, D the distance. A Kalman filter learns (r, b, g, e): r is
+    the true over the given track, -b / r the bias, g / r the delay, e the difference of the radii
+    over the track.
 
     Attributes
     ----------
-    source : what is learnt of it. used : True while it tells the yaw rate. said : why it does not.
-    slips : what was seen while wheels slip; '': they do not. contradicts : now.
-    slipped : number of slips. notices : new texts for the user.
+    known, p : the four, and their covariance. proven : True once windows agree.
+    kept : factor of the covariance of others with the four in the newest message, shape (4, 4).
+    used : True while it tells the yaw rate. said : why it does not.
+    contradicts : wheels and gyro do not agree. slips : what was seen then; '': they agree.
+    turn, variance : of the base since the message before, by it [rad, rad^2].
+    by_learnt : derivatives of this turn by the four.
+    notices : new texts for the user.
     """
 
-    def __init__(self, ratio: float, delay: float) -> None:
+    def __init__(self, ratio: float, delay: float, geometry: Geometry) -> None:
         self._ratio = ratio
-        self.source = Source()
-        begin_source(self.source, 1.0, delay)
+        radii = math.sqrt(2.0) * geometry.radius_stddev / geometry.track
+        self._first = np.array([*UNKNOWN, radii])
+        if delay >= 0.0:
+            self._first[2] = 0.0
+        self._delay = max(delay, 0.0)
+        self._scatter = Scatter()
         self._queue: list[tuple[int, float]] = []
-        self._learns = self.used = self.contradicts = False
+        self._stamp_ns, self._value, self._dt = 0, 0.0, 0.0
+        self._bend = self._wrong = 0.0  # [rad/s^2], mean square [(rad/s)^2]
         self._equal = 0  # values in a row
-        self._doubt = self._agreed = self._stood = 0.0  # times [s]
-        self._begun_ns = self._noticed_ns = 0
-        self.said, self.slips, self.slipped = 'no value yet', '', 0
-        self.notices: list[str] = []
+        self._sums = self._here = np.zeros(4)  # I, T, W and D, at the newest value and message
+        self.used, self.said, self.slips = False, 'no value yet', ''
+        self.turn, self.variance, self.notices = 0.0, 0.0, list[str]()
+        self.by_learnt = np.zeros(4)
+        self._forget()
 
-    def hear(self, stamp_ns: int, value: float) -> None:
-        """Take a value; it counts from the next message of the wheels on."""
-        if math.isfinite(value) and stamp_ns > self.source.stamp_ns:
-            self._queue.append((stamp_ns, self._ratio * value))
-            del self._queue[:-QUEUE]
+    def _forget(self) -> None:
+        """Begin to learn."""
+        self.known, self.p = np.array([1.0, 0.0, self._delay, 0.0]), np.diag(self._first**2)
+        self.kept = np.zeros((4, 4))
+        self.proven, self._fits, self._misses = False, 0, 0  # windows in a row
+        self._rest()
 
-    def _follow(self, until_ns: int) -> None:
-        taken = 0
-        for stamp_ns, value in self._queue:
-            if stamp_ns > until_ns:
-                break
-            taken += 1
-            if stamp_ns > self.source.stamp_ns:
-                self._equal = self._equal + 1 if value == self.source.value else 0
-                follow_source(self.source, stamp_ns, value, math.nan, 0.0)
-        del self._queue[:taken]
+    def _rest(self) -> None:
+        """Begin a window at the next message."""
+        self._window: tuple[Array, float] | None = None  # `_here` at its start, and `newest`
+        self._turned = self._walked = 0.0  # by the wheels in the window, and its variance
+        self.slips, self.contradicts = '', False
+        self._doubt = self._agreed = self._contrary = 0.0  # times [s]
 
     def _off(self, said: str) -> None:
         """Use the gyro no more."""
         if self.used:
             self.notices.append(f'the gyro is not used: {said}')
-        self.used, self.said, self.slips = False, said, ''
-        self._doubt = 0.0
+        self.used, self.said = False, said
+        self._rest()
 
-    def tell(
-        self, stamp_ns: int, heading: float, turned: float, wheels: Rate, bend: float, still: bool
-    ) -> Rate | None:
-        """Return the yaw rate by the gyro; None: it is not known.
+    def hear(self, stamp_ns: int, value: float) -> None:
+        """Take a value; it counts from the next message of the wheels on."""
+        if math.isfinite(value):
+            self._queue.append((stamp_ns, self._ratio * value))
+            del self._queue[:-QUEUE]
 
-        Parameters
-        ----------
-        heading, turned : by the wheels, and the variance of its newest position [rad, rad^2].
-        wheels : the rate by the wheels. bend : its change [rad/s^2].
-        still : the wheels stand.
-        """
-        before = self.source.stamp_ns
+    def tell(self, stamp_ns: int, rolled: Rolled) -> Rate | None:
+        """Return the yaw rate by the gyro; None: it is not known."""
+        self.kept = np.eye(4)
         self._follow(stamp_ns)
-        source = self.source
-        if not source.stamp_ns:
+        ahead = (stamp_ns - self._stamp_ns) * 1e-9
+        if self._dt == 0.0 or ahead > SILENT:
+            if self._stamp_ns and ahead > SILENT:
+                self._off('silent')
             return None
-        since = (stamp_ns - source.stamp_ns) * 1e-9
-        if since > SILENT:
-            self._off('silent')
-            self._learns = False
+        (r, b, g, _), white = self.known, self._scatter.variance
+        self._bend = bend = rolled.bend / r
+        self._sums[1:] += rolled.dt, 0.0, rolled.speed * rolled.dt
+        here, now = self._sums.copy(), self._value + bend * ahead
+        here[0] += 0.5 * (self._value + now) * ahead
+        here[2] = now
+        step, self._here = here - self._here, here
+        self.turn = float(step[:3] @ self.known[:3]) / r
+        self.by_learnt = step * (0.0, 1.0 / r, 1.0 / r, 0.0)
+        self.variance = white * self._dt * rolled.dt
+        blurred = max(0.0, self._wrong - 2.0 * white) * (ahead / self._dt) ** 2
+        unsure = float(self.p[1, 1] + bend * bend * self.p[2, 2]) / (r * r)
+        told = Rate(now + (b + g * bend) / r, white + blurred + unsure)
+        wheels = self.corrected(rolled.rate, rolled.speed)
+        if self.used and not self._watch(told, wheels, rolled):
             return None
-        if not self._learns:
-            forget_source(source, heading)
-            source.p[X][X] += turned
-            source.p[RATIO][RATIO] = UNSURE * UNSURE
-            self._learns = True
-            return None
-        step = (source.stamp_ns - before) * 1e-9
-        told, variance = speed_of(source, since, bend), variance_of_speed(source)
-        if agree(told, wheels.value, variance + wheels.variance):
-            self._doubt = max(0.0, self._doubt - 0.2 * step)
-            self._agreed, self._stood = self._agreed + step, 0.0
-            self.contradicts = bool(self.slips)
-        else:
-            self.contradicts = True
-            self._doubt, self._agreed = self._doubt + step, 0.0
-            self._stood = self._stood + step if still else 0.0
-        if self._stood > STANDS:  # wheels that stand do not slip: the bias is another one
-            self._stood, self._learns = 0.0, False
-            self._off('it does not show the standstill of the wheels: its bias is learnt again')
-            return None
-        if self._equal >= STUCK and self._agreed == 0.0:
-            self._off(f'stuck at {source.value:.4g} rad/s, the wheels show {wheels.value:.4g}')
-            self._rest(heading, turned)
-            return None
-        fits = True
-        if self._doubt == 0.0 and not self.slips:
-            fits = meet_angle(source, stamp_ns, heading, heading, 0.0, turned, 0.0)
-        if not fits or self._doubt > 0.0 or self.slips:
-            self._rest(heading, turned)
-        self._watch(stamp_ns, told, wheels.value, math.sqrt(variance), fits)
-        if not self.used and (self._doubt == 0.0 or self.slips):
+        if not self.contradicts:
+            self._learn(rolled, white)
+        elif self._window is not None:
+            self._window = None
+        if self.proven and self._equal < STUCK:
             self.used, self.said = True, ''
-        ratio = source.known[RATIO]
-        return Rate(told / ratio, source.variance + source.p[BIAS][BIAS] / (ratio * ratio))
+        return told if self.used else None
 
-    def _rest(self, heading: float, turned: float) -> None:
-        """Learn nothing from this heading, and go on from it."""
-        resume_source(self.source, heading)
-        self.source.p[X][X] += turned
+    def _follow(self, until_ns: int) -> None:
+        """Take the values up to this time [ns]."""
+        taken = 0
+        for stamp_ns, value in self._queue:
+            if stamp_ns > until_ns:
+                break
+            taken += 1
+            dt = (stamp_ns - self._stamp_ns) * 1e-9
+            if dt <= 0.0:
+                continue
+            if self._stamp_ns == 0 or dt > SILENT:
+                begin_scatter(self._scatter, value)
+                self._wrong = self._dt = 0.0
+                self._rest()
+            else:
+                follow_scatter(self._scatter, value, dt, math.inf)
+                change = value - self._value
+                self._equal = self._equal + 1 if change == 0.0 else 0
+                self._wrong += MEMORY * ((change - self._bend * dt) ** 2 - self._wrong)
+                self._sums[0] += 0.5 * (self._value + value) * dt
+                self._dt = dt
+            self._stamp_ns, self._value = stamp_ns, value
+        del self._queue[:taken]
 
-    def _watch(self, stamp_ns: int, told: float, rolled: float, sigma: float, fits: bool) -> None:
-        """Note where slip begins and ends."""
-        if not self.slips and (self._doubt > SLIPS or not fits):
-            self._begun_ns, self.slipped, self._agreed = stamp_ns, self.slipped + 1, 0.0
-            self.slips = (
-                f'the wheels turn the base at {rolled:.4g} rad/s, the gyro at {told:.4g} '
-                f'+- {sigma:.1g}'
-            )
-            if (stamp_ns - self._noticed_ns) * 1e-9 > OFTEN:
-                self._noticed_ns = stamp_ns
-                self.notices.append(f'slip: {self.slips}')
-        elif self.slips and self._agreed > HOLDS:
+    def _watch(self, told: Rate, wheels: Rate, rolled: Rolled) -> bool:
+        """Note where slip begins and ends; return False if the gyro is wrong."""
+        dt, agrees = rolled.dt, told.agrees(wheels)
+        seen = (
+            f'the wheels turn the base at {wheels.value:.4g} rad/s, the gyro at {told.value:.4g} '
+            f'+- {math.sqrt(told.variance):.1g}'
+        )
+        self._agreed = self._agreed + dt if agrees else 0.0
+        self._doubt = max(0.0, self._doubt + (-0.2 * dt if agrees else dt))
+        self._contrary = self._contrary + dt if rolled.still and not agrees else 0.0
+        if not agrees and self._equal >= STUCK:
+            self._off(f'stuck, {seen}')
+        elif self._contrary > STANDS:
+            self._off(f'{seen}, at standstill: its bias is learnt again')
+            self._forget()
+        elif self.slips and self._agreed > AGREES:
             self.slips, self._doubt = '', 0.0
+        elif self._doubt > SLIPS and not self.slips:
+            self.slips = seen
+        self.contradicts = not agrees or bool(self.slips)
+        return self.used
 
-    def walk(self, variance: float, dt: float) -> None:
-        """Let the heading of the wheels be less sure by this [rad^2], after a time [s]."""
-        self.source.p[X][X] += variance
-        self.source.p[RATIO][RATIO] += WALK * WALK * dt
+    def _learn(self, rolled: Rolled, white: float) -> None:
+        """Continue the window, and learn at its end."""
+        if self._window is not None:
+            newest, h = self._window[1], self._here - self._window[0]
+            self._turned, self._walked = self._turned + rolled.turn, self._walked + rolled.walk
+            if h[1] < WINDOW:
+                return
+            self.p += np.diag(WALK) ** 2 * h[1]
+            c, innovation = self.p @ h, self._turned - float(h @ self.known)
+            s = float(h @ c) + newest + rolled.newest + self._walked
+            s += self.known[0] ** 2 * white * self._dt * h[1]
+            if innovation * innovation <= GATE * s:
+                self.known, self.p = self.known + c * (innovation / s), self.p - np.outer(c, c / s)
+                self.kept = np.eye(4) - np.outer(h, c / s)
+                self._fits, self._misses = self._fits + 1, 0
+                self.proven = self.proven or self._fits >= PROOF
+            else:
+                self._fits, self._misses = 0, self._misses + 1
+                self._doubt, self._agreed = 2.0 * SLIPS, -WINDOW
+                if self._misses >= LIMIT:
+                    self._off(
+                        f'its turn in {h[1]:.2g} s and that of the wheels differ by '
+                        f'{abs(innovation):.2g} rad'
+                    )
+                    self._forget()
+        self._window = self._here, rolled.newest
+        self._turned = self._walked = 0.0
+
+    def corrected(self, rate: Rate, speed: float) -> Rate:
+        """Return the rate of the wheels by what is learnt."""
+        r, _, _, e = self.known
+        value = (rate.value - e * speed) / r
+        unsure = float(self.p[0, 0] * value * value + self.p[3, 3] * speed * speed)
+        return Rate(value, (rate.variance + unsure) / (r * r))
 
     def text(self, track: float) -> str:
         """Return what is known of it, for people; `track` : that of the user [m]."""
-        if not self._learns:
-            return self.said
-        known, p = self.source.known, self.source.p
+        (r, b, g, _), s = self.known, np.sqrt(np.diag(self.p))
+        if not self.proven:
+            return self.said or 'not used yet: it is compared with the wheels'
         return (
-            f'{self.said or "used"}, bias {known[BIAS]:.4g} +- {math.sqrt(p[BIAS][BIAS]):.1g} '
-            f'rad/s, track by it {track * known[RATIO]:.4g} +- '
-            f'{track * math.sqrt(p[RATIO][RATIO]):.1g} m'
+            f'{self.said or "used"}, bias {-b / r:.4g} +- {s[1] / r:.1g} rad/s, delay {g / r:.4g} '
+            f'+- {s[2] / r:.1g} s, track by it {track * r:.4g} +- {track * s[0]:.1g} m'
         )
-
-
-class Motion(NamedTuple):
-    """Twist of the base: x [m/s], yaw [rad/s]; covariance of both, shape (2, 2)."""
-
-    speed: float
-    rate: float
-    covariance: Array
-
-
-RADIUS, TRACK, OF_BIAS, OF_SLIP = range(4)  # constant errors
 
 
 class Base:
@@ -364,164 +396,143 @@ class Base:
 
     Attributes
     ----------
-    gyro : None: there is none. pose, motion : the newest; motion None: not all wheels are tracked.
-    slips : what was seen while wheels slip; '': they do not. notices : new texts for the user.
+    gyro : None: there is none. pose : the newest. covariance : of it, shape (3, 3).
+    twist, twist_covariance : x [m/s], yaw [rad/s], shape (2, 2).
+    slips : what is seen while wheels slip; '': they do not. slipped : number of slips.
+    notices : new texts for the user.
     """
 
     def __init__(self, geometry: Geometry, gyro: Gyro | None, period: float, outage: float) -> None:
         self.geometry, self.gyro = geometry, gyro
         self._period, self._outage = period, outage
-        self.notices: list[str] = []
+        self.notices, self.slipped, self._noticed_ns = list[str](), 0, 0
         self.reset()
 
     def reset(self) -> None:
         """Go on at pose zero."""
-        self.pose, self.motion, self.slips = Pose(4), None, ''
-        self._newest: Array = np.zeros((2, 2))
+        self.pose, self.slips = Pose(), ''
+        self.covariance, self.twist_covariance = np.zeros((3, 3)), np.zeros((2, 2))
+        self.twist: tuple[float, float] | None = None
         self._joints: dict[str, Moving] = {}
         self._stamp_ns = 0
-        self._heading = 0.0  # by the wheels
-        self._told = 0.0  # by the gyro, before
+        self._told = 0.0
 
-    def _travelled(self, now: Mapping[str, Moving], dt: float) -> tuple[float, float, float, float]:
-        """Return what left and right wheels travelled [m], and the variance of each [m^2]."""
-        found, variances = [], []
-        geometry = self.geometry
-        lost = self._period > 0.0 and dt > self._outage
-        for names, radius in zip((geometry.left, geometry.right), geometry.radius):
-            total = variance = 0.0
-            for name in names:
-                joint, before = now[name], self._joints[name]
+    def _side(self, now: Mapping[str, Moving], k: int, dt: float) -> tuple[float, ...]:
+        """Return what the wheels of one side do.
+
+        Returns
+        -------
+        speed [m/s], its variance, acceleration [m/s^2], variance of the newest position [m^2], half
+        the speed by which wheels contradict each other, path since the message before [m], its
+        variance.
+        """
+        geometry, radius = self.geometry, self.geometry.radius[k]
+        names = (geometry.left, geometry.right)[k]
+        joints, count = [now[name] for name in names], len(names)
+        path = walk = 0.0
+        for name, joint in zip(names, joints):
+            if name in self._joints:
+                before = self._joints[name]
                 expected = 0.5 * (joint.velocity + before.velocity) * dt
                 moved = nearest_turn(joint.position - before.position, expected, self._period)
-                turn = radius * self._period if lost else 0.0
-                total += radius * moved
-                variance += turn * turn + geometry.travel_noise**2 * abs(radius * moved)
-            found.append(total / len(names))
-            variances.append(variance / len(names) ** 2)
-        if lost:
-            self.notices.append(f'no wheel for {dt:.3g} s: turns in it are not in the pose')
-        return found[0], found[1], variances[0], variances[1]
+                unseen = radius * self._period if dt > self._outage else 0.0
+                path += radius * moved / count
+                walk += unseen**2 + geometry.travel_noise**2 * abs(radius * moved)
+        apart = radius * (joints[-1].velocity - joints[0].velocity)
+        sigmas = [radius * each.velocity_stddev for each in joints]
+        return (
+            radius * sum(each.velocity for each in joints) / count,
+            (sum(sigmas) / count) ** 2,  # wheels of a side lag alike
+            radius * sum(each.acceleration for each in joints) / count,
+            (radius * sum(each.position_stddev for each in joints) / count) ** 2,
+            0.0 if agree(apart, 0.0, sum(sigmas) ** 2) else 0.5 * abs(apart),
+            path,
+            walk / count**2,
+        )
 
     def update(self, stamp_ns: int, now: Mapping[str, Moving]) -> None:
         """Take the joints of one message."""
-        geometry, track = self.geometry, self.geometry.track
-        left = side([now[name] for name in geometry.left], geometry.radius[0])
-        right = side([now[name] for name in geometry.right], geometry.radius[1])
-        of_wheels = spread(left.variance, right.variance, track)
-        speed = 0.5 * (left.speed + right.speed)
-        rolled = Rate((right.speed - left.speed) / track, float(of_wheels[1, 1]))
-        newest = spread(left.position_variance, right.position_variance, track)
-        dt = (stamp_ns - self._stamp_ns) * 1e-9
-        distance = turn = 0.0
-        walk: Array = newest  # at the start: the pose is zero at the true positions
-        if self._joints:
-            s_left, s_right, q_left, q_right = self._travelled(now, dt)
-            distance, turn = 0.5 * (s_left + s_right), (s_right - s_left) / track
-            walk = spread(q_left, q_right, track)
-        said = ''
-        if left.apart or right.apart:
-            said = f'wheels of one side differ by {max(left.apart, right.apart):.3g} m/s'
-        constant = np.zeros((2, 4))
-        constant[0, RADIUS] = distance * geometry.radius_stddev
-        rate = rolled
-        if geometry.steering:
-            rate, said = self._steered(now[geometry.steering], speed, of_wheels[0, 0], rolled, said)
-        self._heading += turn
-        told = None
-        if self.gyro is not None:
-            if self._joints:
-                self.gyro.walk(float(walk[1, 1]), dt)
-            told = self.gyro.tell(
-                stamp_ns,
-                self._heading,
-                float(newest[1, 1]),
-                rolled,
-                (right.acceleration - left.acceleration) / track,
-                left.speed**2 < 9.0 * left.variance and right.speed**2 < 9.0 * right.variance,
+        geometry, gyro, by = self.geometry, self.gyro, self.geometry.twist
+        dt = (stamp_ns - self._stamp_ns) * 1e-9 if self._joints else 0.0
+        sides = np.array([self._side(now, k, dt) for k in (0, 1)])
+        speeds, variances, bends, positions, apart, paths, walks = sides.T
+        (speed, rate), (_, bend), (distance, turn) = by @ speeds, by @ bends, by @ paths
+        newest = by * positions @ by.T
+        walk = by * walks @ by.T if self._joints else newest  # zero is at the true positions
+        constant, by_learnt, p = geometry.constant(paths, turn), np.zeros((2, 4)), np.zeros((4, 4))
+        scale = geometry.constant(speeds, rate)
+        covariance = by * variances @ by.T + scale @ scale.T
+        unsure = np.abs(by) @ apart  # deviations of twist by slip
+        said = f'wheels of one side differ by {2.0 * max(apart):.3g} m/s' if apart.any() else ''
+        if dt > self._outage and self._period:
+            self.notices.append(f'no wheel for {dt:.3g} s: turns in it are not in the pose')
+        told, wheels = None, Rate(rate, covariance[1, 1])
+        if gyro is not None:
+            rolled = Rate(rate, float(by[1] ** 2 @ variances))
+            still = bool((speeds**2 < 9.0 * variances).all())
+            told = gyro.tell(
+                stamp_ns, Rolled(dt, speed, turn, walk[1, 1], newest[1, 1], rolled, bend, still)
             )
-            said = self.gyro.slips or said
-        scale = 0.0  # variance of the wheels' turn, relative
-        if told is None or self.gyro is None:
-            scale = geometry.track_stddev**2 + geometry.radius_stddev**2
-            constant[1, RADIUS] = turn * geometry.radius_stddev
-            constant[1, TRACK] = turn * geometry.track_stddev
-            apart = abs(rate.value - rolled.value) if said and geometry.steering else 0.0
-        else:
-            rate, turn, apart = self._informed(told, rate, turn, dt, walk, constant)
-        sidewise = 0.5 * apart * track  # error of the speed if one side slips alone
-        constant[0, OF_SLIP] = sidewise * dt if self._joints else 0.0
-        covariance = np.array(of_wheels)
-        covariance[0, 0] += (geometry.radius_stddev * speed) ** 2 + sidewise**2
-        if rate is not rolled:
+            self.pose.learnt = self.pose.learnt @ gyro.kept
+            if gyro.proven:
+                wheels = gyro.corrected(rolled, speed)
+        if geometry.steering:
+            steered = self._steered(now[geometry.steering], speed, covariance[0, 0])
+            if steered.agrees(wheels):
+                wheels = wheels.fused(steered)
+            elif told is None:
+                said = said or (
+                    f'the wheels turn the base at {wheels.value:.3g} rad/s, the steering at '
+                    f'{steered.value:.3g}'
+                )
+                unsure[1] += 0.5 * abs(steered.value - wheels.value)
+                wheels = Rate(
+                    0.5 * (steered.value + wheels.value), steered.variance + wheels.variance
+                )
+        found, slid = wheels, unsure * dt
+        if gyro is not None and gyro.proven:
+            r, _, _, e = gyro.known
+            turn, walk, share = (turn - e * distance) / r, walk / np.outer((1, r), (1, r)), 1.0
+            if told is not None:
+                found = told if gyro.contradicts else wheels.fused(told)
+                share = gyro.variance / (gyro.variance + walk[1, 1]) if gyro.variance > 0.0 else 0.0
+                if gyro.contradicts:  # one side slips alone, or the gyro is wrong
+                    share, said = 0.0, gyro.slips or said
+                    half = 0.5 * abs(told.value - wheels.value)
+                    unsure += half * geometry.track, half
+                    slid = np.array([unsure[0] * dt, 0.0])
+            constant[1], p = 0.0, gyro.p
+            by_learnt[1] = share * np.array([-turn / r, 0.0, 0.0, -distance / r])
+            by_learnt[1] += (1.0 - share) * gyro.by_learnt
+            turn = share * turn + (1.0 - share) * gyro.turn
+            walk = walk * np.outer((1.0, share), (1.0, share))
+            walk[1, 1] += (1.0 - share) ** 2 * gyro.variance
+        if found is not wheels or geometry.steering:
             covariance[0, 1] = covariance[1, 0] = 0.0
-        covariance[1, 1] = rate.variance + scale * rate.value**2
-        self.motion = Motion(speed, rate.value, covariance)
-        self.pose.move(distance, turn, walk, constant)
-        if said and not self.slips and self.gyro is None:
-            self.notices.append(f'slip: {said}')
+        covariance[1, 1] = found.variance
+        self.twist, self.twist_covariance = (
+            (speed, found.value),
+            covariance + np.outer(unsure, unsure),
+        )
+        constant = np.column_stack([constant, slid])
+        self.pose.move(np.array([distance, turn]), walk, constant, by_learnt, p)
+        self.covariance = self.pose.covariance(newest)
+        self._note(stamp_ns, said)
+        self._joints, self._stamp_ns = dict(now), stamp_ns
+
+    def _steered(self, steering: Moving, speed: float, variance: float) -> Rate:
+        """Return the yaw rate by speed and steering; `variance` : of the speed."""
+        length = self.geometry.wheelbase
+        tangent = math.tan(steering.position) / length
+        by_angle = speed * (1.0 / length + tangent * tangent * length)
+        unsure = steering.position_stddev**2 + self.geometry.steering_stddev**2
+        return Rate(speed * tangent, tangent * tangent * variance + by_angle * by_angle * unsure)
+
+    def _note(self, stamp_ns: int, said: str) -> None:
+        """Note what is seen of slip."""
+        if said and not self.slips:
+            self.slipped += 1
+            if (stamp_ns - self._noticed_ns) * 1e-9 > OFTEN:
+                self._noticed_ns = stamp_ns
+                self.notices.append(f'slip: {said}')
         self.slips = said
-        self._newest, self._joints, self._stamp_ns = newest, dict(now), stamp_ns
-
-    def _steered(
-        self, steering: Moving, speed: float, variance: float, rolled: Rate, said: str
-    ) -> tuple[Rate, str]:
-        """Return the yaw rate by rear wheels and steering, and what was seen of slip."""
-        tangent = math.tan(steering.position) / self.geometry.wheelbase
-        by = speed * (1.0 / self.geometry.wheelbase + tangent * tangent * self.geometry.wheelbase)
-        steered = Rate(
-            speed * tangent, tangent**2 * variance + (by * steering.position_stddev) ** 2
-        )
-        if agree(steered.value, rolled.value, steered.variance + rolled.variance):
-            return fused(rolled, steered), said
-        said = said or (
-            f'the wheels turn the base at {rolled.value:.3g} rad/s, the steering at '
-            f'{steered.value:.3g}'
-        )
-        apart = steered.value - rolled.value
-        mean = 0.5 * (steered.value + rolled.value)
-        return Rate(mean, steered.variance + rolled.variance + 0.25 * apart * apart), said
-
-    def _informed(
-        self, told: Rate, rate: Rate, turn: float, dt: float, walk: Array, constant: Array
-    ) -> tuple[Rate, float, float]:
-        """Return yaw rate, turn, and how far wheels and gyro are apart while wheels slip [rad/s].
-
-        Parameters
-        ----------
-        told : by the gyro. rate, turn : by the wheels, in whose scale they are.
-        walk, constant : see `Pose.move`; they are changed.
-        """
-        gyro = self.gyro
-        assert gyro is not None
-        source = gyro.source
-        ratio = source.known[RATIO]
-        unsure = math.sqrt(source.p[RATIO][RATIO]) / ratio
-        rolled, turn = rate.value / ratio, turn / ratio
-        own = told.variance * dt * dt
-        if gyro.contradicts:
-            apart, share = abs(told.value - rolled), 0.0
-            rate = Rate(told.value, told.variance + 0.25 * apart * apart)
-        else:
-            apart = 0.0
-            wheels = Rate(rolled, rate.variance / ratio**2 + (unsure * rolled) ** 2)
-            rate = fused(wheels, told)
-            total = float(walk[1, 1]) / ratio**2 + own  # turns walk by this: the surer one counts
-            share = own / total if total > 0.0 else 1.0
-        by_gyro = 0.5 * (told.value + self._told) * dt if self._joints else 0.0
-        self._told = told.value
-        walk[1, 1] = share**2 * walk[1, 1] / ratio**2 + (1.0 - share) ** 2 * own
-        walk[0, 1] = walk[1, 0] = share * walk[0, 1] / ratio
-        constant[1, TRACK] = share * unsure * turn
-        constant[1, OF_BIAS] = (1.0 - share) * math.sqrt(source.p[BIAS][BIAS]) * dt / ratio
-        return rate, share * turn + (1.0 - share) * by_gyro, apart
-
-    def covariance(self) -> Array:
-        """Return the covariance of the pose."""
-        return self.pose.covariance(self._newest)
-
-
-def spread(left: float, right: float, track: float) -> Array:
-    """Return the covariance of v and w of two sides with these variances."""
-    across = (right - left) / (2.0 * track)
-    return np.array([[0.25 * (left + right), across], [across, (left + right) / track**2]])

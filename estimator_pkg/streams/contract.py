@@ -61,6 +61,11 @@ class Port(NamedTuple):
     any_number: bool = False
     field: str = ''
 
+    @property
+    def in_bag(self) -> str:
+        """The topic's name in a bag."""
+        return f'/{self.topic.lstrip("/")}'
+
 
 class Output(NamedTuple):
     """An output below the node's name.
@@ -239,7 +244,7 @@ class Stream(ABC):
         self.answered = 0
         self.skip = settings.no_estimate == SKIP
         self.complaint = ('', '')
-        self.topics = [f'/{port.topic}' for port in self.inputs]
+        self.topics = [port.in_bag for port in self.inputs]
         self.history: dict[str, History] | None = None
         self._notices: list[str] = []
 

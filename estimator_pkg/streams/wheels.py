@@ -87,6 +87,12 @@ class WheelSettings(StreamSettings):
         range=(0.0, 1.0),
         description='standard deviation of the effective track, relative to it',
     )
+    steering_stddev: float = structural(
+        0.001,
+        unit='rad',
+        range=(0.0, 1.0),
+        description='standard deviation of the zero of the steering joint',
+    )
     travel_noise: float = structural(
         0.003,
         unit='m',
@@ -153,6 +159,7 @@ class WheelSettings(StreamSettings):
             self.wheelbase or 0.0,
             self.radius_stddev,
             self.track_stddev,
+            self.steering_stddev,
             self.travel_noise,
         )
         if len(set(geometry.names)) < len(geometry.names):
@@ -181,7 +188,7 @@ class WheelStream(Stream):
         if settings.gyro_topic:
             if settings.gyro_ratio == 0.0:
                 raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
-            gyro = Gyro(settings.gyro_ratio, settings.gyro_delay)
+            gyro = Gyro(settings.gyro_ratio, settings.gyro_delay, geometry)
             inputs.append(
                 Port(
                     settings.gyro_topic,
@@ -227,17 +234,17 @@ class WheelStream(Stream):
         return (answer,)
 
     def _odometry(self, stamp_ns: int) -> Odometry:
-        pose, motion = self.base.pose, self.base.motion
-        assert motion is not None
-        (speed, across), (_, rate) = motion.covariance.tolist()
+        base = self.base
+        assert base.twist is not None
+        (forward, across), (_, turning) = base.twist_covariance.tolist()
         return Odometry(
             stamp_ns,
             self.settings.frame_id,
             self.settings.child_frame_id,
-            (pose.x, pose.y, pose.yaw),
-            self.base.covariance().tolist(),
-            (motion.speed, 0.0, motion.rate),
-            ((speed, 0.0, across), (0.0, speed, 0.0), (across, 0.0, rate)),
+            base.pose.values.tolist(),
+            base.covariance.tolist(),
+            (base.twist[0], 0.0, base.twist[1]),
+            ((forward, 0.0, across), (0.0, forward, 0.0), (across, 0.0, turning)),
         )
 
     # Texts
@@ -269,9 +276,9 @@ class WheelStream(Stream):
     def summary(self) -> dict[str, Any]:
         """See `Stream`."""
         base = self.base
-        about = {'pose': [base.pose.x, base.pose.y, base.pose.yaw], 'slip': base.slips or 'none'}
+        about = {'pose': base.pose.values.tolist(), 'slips': base.slipped}
         if base.gyro is not None:
-            about |= {'gyro': base.gyro.text(base.geometry.track), 'slips': base.gyro.slipped}
+            about['gyro'] = base.gyro.text(base.geometry.track)
         return {**super().summary(), 'base': about}
 
     def _summary_of(self, name: str, joint: Any) -> dict[str, Any]:
@@ -288,7 +295,7 @@ class WheelStream(Stream):
                 f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}': name the wheels "
                 "in 'wheels_left' and 'wheels_right'"
             )
-        if self.base.motion is None and self._partial:
+        if self.base.twist is None and self._partial:
             return [f'{path}: no message has all of {", ".join(names)}: publish them together']
         return []
 
@@ -299,7 +306,7 @@ class WheelStream(Stream):
         """See `Stream`."""
         if request.angle or request.joints:
             raise UsageError(
-                "--angle and --joint are for observers of single angles: name the wheels with "
+                '--angle and --joint are for observers of single angles: name the wheels with '
                 "--set 'wheels_left=[...]'"
             )
         return values

@@ -42,12 +42,7 @@ FINEST = 2e-3  # longest integration step [s]
 DIFFERENTIAL, SKID, ACKERMANN = 'differential', 'skid', 'ackermann'
 WHEELS = {
     DIFFERENTIAL: ('wheel_left_joint', 'wheel_right_joint'),
-    SKID: (
-        'wheel_left_joint',
-        'wheel_right_joint',
-        'rear_left_joint',
-        'rear_right_joint',
-    ),
+    SKID: ('wheel_left_joint', 'wheel_right_joint', 'rear_left_joint', 'rear_right_joint'),
     ACKERMANN: ('wheel_left_joint', 'wheel_right_joint', 'steering_joint'),
 }
 
@@ -280,10 +275,7 @@ def _encode(
 
 
 def _odometry(
-    stamp_ns: int,
-    pose: tuple[float, ...],
-    twist: tuple[float, ...],
-    start_ns: int,
+    stamp_ns: int, pose: tuple[float, ...], twist: tuple[float, ...], start_ns: int
 ) -> bytes:
     exact = ((0.0,) * 3,) * 3
     return odometry.encode(
