@@ -21,7 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.circle import nearest_turn
+from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.edge import observer as edge_adaptive
+from estimator_pkg.parameters import structural
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter
 from estimator_pkg.sensor.source import agree
 
@@ -53,36 +55,101 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Geometry:
-    """The wheels and where they are.
+    """The wheels and where they are."""
 
-    left, right : names of the joints. steering : of the steering joint; '': none.
-    radius : of the left and right wheels [m]. track : distance of their contacts, of skid steering
-        the effective one [m]. wheelbase : of a steered base [m].
-    radius_stddev, track_stddev : of each radius and of the track, relative. steering_stddev : of
-        the zero of the steering joint [rad].
-    travel_noise : deviation of what a wheel travels on 1 m [m]; it grows with the root.
-    """
+    wheels_left: tuple[str, ...] = structural(
+        ('wheel_left_joint',), description='names of the wheel joints on the left, one or two'
+    )
+    wheels_right: tuple[str, ...] = structural(
+        ('wheel_right_joint',), description='names of the wheel joints on the right, as many'
+    )
+    radius: tuple[float, ...] | None = structural(
+        None,
+        kind=list,
+        unit='m',
+        range=(1e-4, 100.0),
+        description='radius of the wheels, or of those on the left and on the right; must be set',
+    )
+    track: float | None = structural(
+        None,
+        unit='m',
+        range=(1e-3, 100.0),
+        description='distance of the contacts of left and right wheels; must be set',
+    )
+    slip_factor: float = structural(
+        1.0,
+        range=(0.1, 10.0),
+        description='effective over geometric track: 1.2 to 2 of skid steering, 1 of other bases',
+    )
+    steering: str = structural(
+        '',
+        description='name of the steering joint of an Ackermann base, positive to the left; the '
+        'wheels are then the rear ones. Automatic: not steered',
+    )
+    wheelbase: float | None = structural(
+        None,
+        unit='m',
+        range=(1e-3, 100.0),
+        description='distance between front and rear axle; must be set if steering is',
+    )
+    radius_stddev: float = structural(
+        0.0, range=(0.0, 1.0), description='standard deviation of each radius, relative to it'
+    )
+    track_stddev: float = structural(
+        0.0,
+        range=(0.0, 1.0),
+        description='standard deviation of the effective track, relative to it',
+    )
+    steering_stddev: float = structural(
+        0.001,
+        unit='rad',
+        range=(0.0, 1.0),
+        description='standard deviation of the zero of the steering joint',
+    )
+    travel_noise: float = structural(
+        0.003,
+        unit='m',
+        range=(0.0, 1.0),
+        description='standard deviation of what a wheel travels on 1 m of ground, beyond what it '
+        'turns; it grows with the root of the distance, and is part of the covariance of the pose',
+    )
 
-    left: tuple[str, ...]
-    right: tuple[str, ...]
-    radius: tuple[float, float]
-    track: float
-    steering: str = ''
-    wheelbase: float = 0.0
-    radius_stddev: float = 0.0
-    track_stddev: float = 0.0
-    steering_stddev: float = 0.0
-    travel_noise: float = 0.0
+    def check(self) -> None:
+        """Raise UsageError for a base that is none."""
+        for name, example in (('radius', '[0.05]'), ('track', '0.3'), ('wheelbase', '0.3')):
+            if getattr(self, name) is None and (name != 'wheelbase' or self.steering):
+                why = ", and 'steering' needs it" if name == 'wheelbase' else ''
+                raise UsageError(f"parameter '{name}' is not set{why}: set it [m], as in {example}")
+        if len(self.wheels_left) != len(self.wheels_right) or len(self.wheels_left) > 2:
+            raise UsageError(
+                f"'wheels_left' has {len(self.wheels_left)} names and 'wheels_right' "
+                f'{len(self.wheels_right)}: set one or two for each side, as many on both'
+            )
+        if '' in self.names or len(set(self.names)) < len(self.names):
+            raise UsageError(
+                f'the joints of the base are {", ".join(map(repr, self.names))}: each needs a name '
+                "of its own in 'wheels_left', 'wheels_right' and 'steering'"
+            )
+        if len(self.radius or ()) > 2:
+            raise UsageError(
+                f"'radius' has {len(self.radius or ())} numbers: set one, or left and right"
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
         """All joints."""
-        return (*self.left, *self.right, *([self.steering] if self.steering else ()))
+        steering = (self.steering,) if self.steering else ()
+        return (*self.wheels_left, *self.wheels_right, *steering)
+
+    @property
+    def effective_track(self) -> float:
+        """The track with which the base turns [m]."""
+        return (self.track or math.nan) * self.slip_factor
 
     @property
     def twist(self) -> Array:
         """The matrix from what left and right travel to distance and turn of the base."""
-        return np.array([[0.5, 0.5], [-1.0 / self.track, 1.0 / self.track]])
+        return np.array([[0.5, 0.5], np.array([-1.0, 1.0]) / self.effective_track])
 
     def constant(self, sides: Array, turn: float) -> Array:
         """Return what one deviation of each radius and of the track changes, shape (2, 3).
@@ -223,7 +290,8 @@ class Gyro:
 
     def __init__(self, ratio: float, delay: float, geometry: Geometry) -> None:
         self._ratio = ratio
-        radii = math.sqrt(2.0) * geometry.radius_stddev / geometry.track
+        self._track = geometry.effective_track
+        radii = math.sqrt(2.0) * geometry.radius_stddev / self._track
         self._first = np.array([*UNKNOWN, radii])
         if delay >= 0.0:
             self._first[2] = 0.0
@@ -291,10 +359,10 @@ class Gyro:
         wheels = self.corrected(rolled.rate, rolled.speed)
         if self.used and not self._watch(told, wheels, rolled):
             return None
-        if not self.contradicts:
-            self._learn(rolled, white)
-        elif self._window is not None:
+        if self.contradicts:
             self._window = None
+        else:
+            self._learn(rolled, white)
         if self.proven and self._equal < STUCK:
             self.used, self.said = True, ''
         return told if self.used else None
@@ -380,14 +448,15 @@ class Gyro:
         unsure = float(self.p[0, 0] * value * value + self.p[3, 3] * speed * speed)
         return Rate(value, (rate.variance + unsure) / (r * r))
 
-    def text(self, track: float) -> str:
-        """Return what is known of it, for people; `track` : that of the user [m]."""
+    def text(self) -> str:
+        """Return what is known of it, for people."""
         (r, b, g, _), s = self.known, np.sqrt(np.diag(self.p))
         if not self.proven:
             return self.said or 'not used yet: it is compared with the wheels'
         return (
             f'{self.said or "used"}, bias {-b / r:.4g} +- {s[1] / r:.1g} rad/s, delay {g / r:.4g} '
-            f'+- {s[2] / r:.1g} s, track by it {track * r:.4g} +- {track * s[0]:.1g} m'
+            f'+- {s[2] / r:.1g} s, effective track '
+            f'{self._track * r:.4g} +- {self._track * s[0]:.1g} m'
         )
 
 
@@ -415,7 +484,7 @@ class Base:
         self.twist: tuple[float, float] | None = None
         self._joints: dict[str, Moving] = {}
         self._stamp_ns = 0
-        self._told = 0.0
+        self._seen = 0.0  # for how long slip is seen [s]
 
     def _side(self, now: Mapping[str, Moving], k: int, dt: float) -> tuple[float, ...]:
         """Return what the wheels of one side do.
@@ -426,8 +495,9 @@ class Base:
         the speed by which wheels contradict each other, path since the message before [m], its
         variance.
         """
-        geometry, radius = self.geometry, self.geometry.radius[k]
-        names = (geometry.left, geometry.right)[k]
+        geometry = self.geometry
+        radius = (geometry.radius or (math.nan,))[-k]
+        names = (geometry.wheels_left, geometry.wheels_right)[k]
         joints, count = [now[name] for name in names], len(names)
         path = walk = 0.0
         for name, joint in zip(names, joints):
@@ -447,7 +517,7 @@ class Base:
             (radius * sum(each.position_stddev for each in joints) / count) ** 2,
             0.0 if agree(apart, 0.0, sum(sigmas) ** 2) else 0.5 * abs(apart),
             path,
-            walk / count**2,
+            walk / count,  # and share the ground
         )
 
     def update(self, stamp_ns: int, now: Mapping[str, Moving]) -> None:
@@ -486,9 +556,8 @@ class Base:
                     f'{steered.value:.3g}'
                 )
                 unsure[1] += 0.5 * abs(steered.value - wheels.value)
-                wheels = Rate(
-                    0.5 * (steered.value + wheels.value), steered.variance + wheels.variance
-                )
+                mean = 0.5 * (steered.value + wheels.value)
+                wheels = Rate(mean, steered.variance + wheels.variance)
         found, slid = wheels, unsure * dt
         if gyro is not None and gyro.proven:
             r, _, _, e = gyro.known
@@ -499,7 +568,7 @@ class Base:
                 if gyro.contradicts:  # one side slips alone, or the gyro is wrong
                     share, said = 0.0, gyro.slips or said
                     half = 0.5 * abs(told.value - wheels.value)
-                    unsure += half * geometry.track, half
+                    unsure += half * geometry.effective_track, half
                     slid = np.array([unsure[0] * dt, 0.0])
             constant[1], p = 0.0, gyro.p
             by_learnt[1] = share * np.array([-turn / r, 0.0, 0.0, -distance / r])
@@ -510,26 +579,33 @@ class Base:
         if found is not wheels or geometry.steering:
             covariance[0, 1] = covariance[1, 0] = 0.0
         covariance[1, 1] = found.variance
-        self.twist, self.twist_covariance = (
-            (speed, found.value),
-            covariance + np.outer(unsure, unsure),
-        )
+        self.twist = speed, found.value
+        self.twist_covariance = covariance + np.outer(unsure, unsure)
         constant = np.column_stack([constant, slid])
         self.pose.move(np.array([distance, turn]), walk, constant, by_learnt, p)
         self.covariance = self.pose.covariance(newest)
-        self._note(stamp_ns, said)
+        self._note(stamp_ns, dt, said)
         self._joints, self._stamp_ns = dict(now), stamp_ns
+
+    def text(self) -> str:
+        """Return pose, slips and what is known of the gyro, for people."""
+        x, y, yaw = self.pose.values
+        gyro = '' if self.gyro is None else f'; gyro {self.gyro.text()}'
+        slips = f'; now: {self.slips}' if self.slips else ''
+        return f'x {x:.4g} m, y {y:.4g} m, yaw {yaw:.4g} rad; slips {self.slipped}{slips}{gyro}'
 
     def _steered(self, steering: Moving, speed: float, variance: float) -> Rate:
         """Return the yaw rate by speed and steering; `variance` : of the speed."""
-        length = self.geometry.wheelbase
+        length = self.geometry.wheelbase or math.nan
         tangent = math.tan(steering.position) / length
         by_angle = speed * (1.0 / length + tangent * tangent * length)
         unsure = steering.position_stddev**2 + self.geometry.steering_stddev**2
         return Rate(speed * tangent, tangent * tangent * variance + by_angle * by_angle * unsure)
 
-    def _note(self, stamp_ns: int, said: str) -> None:
+    def _note(self, stamp_ns: int, dt: float, said: str) -> None:
         """Note what is seen of slip."""
+        self._seen = self._seen + dt if said else 0.0
+        said = said if self._seen > SLIPS else ''
         if said and not self.slips:
             self.slipped += 1
             if (stamp_ns - self._noticed_ns) * 1e-9 > OFTEN:

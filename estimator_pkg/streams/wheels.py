@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from estimator_pkg.driver.bank import Bank, TakenOfJoints
 from estimator_pkg.driver.configuration import Configuration, SensorSettings
@@ -18,7 +18,6 @@ from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import odometry
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.odometry import Odometry
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import Answering
@@ -36,70 +35,12 @@ from estimator_pkg.streams.contract import (
 from estimator_pkg.streams.sources import JointStates
 
 ODOMETRY = Output('odometry', odometry.TYPE)
-SIDES = ('wheels_left', 'wheels_right')
 
 
 @dataclass(frozen=True)
-class WheelSettings(StreamSettings):
+class WheelSettings(Geometry, StreamSettings):
     """Parameters of the node `wheel_odometry`, without those of its observer."""
 
-    wheels_left: tuple[str, ...] = structural(
-        ('wheel_left_joint',), description='names of the wheel joints on the left, one or two'
-    )
-    wheels_right: tuple[str, ...] = structural(
-        ('wheel_right_joint',), description='names of the wheel joints on the right, as many'
-    )
-    radius: tuple[float, ...] | None = structural(
-        None,
-        kind=list,
-        unit='m',
-        range=(1e-4, 100.0),
-        description='radius of the wheels, or of those on the left and on the right; must be set',
-    )
-    track: float | None = structural(
-        None,
-        unit='m',
-        range=(1e-3, 100.0),
-        description='distance between the contacts of the wheels on the left and on the right; '
-        'must be set',
-    )
-    slip_factor: float = structural(
-        1.0,
-        range=(0.1, 10.0),
-        description='effective over geometric track, of skid steering: 1.2 to 2; 1: no skidding',
-    )
-    steering: str = structural(
-        '',
-        description='name of the steering joint of an Ackermann base, positive to the left; its '
-        'wheels are then the rear ones. Automatic: not steered',
-    )
-    wheelbase: float | None = structural(
-        None,
-        unit='m',
-        range=(1e-3, 100.0),
-        description='distance between front and rear axle; must be set if steering is',
-    )
-    radius_stddev: float = structural(
-        0.0, range=(0.0, 1.0), description='standard deviation of radius, relative to it'
-    )
-    track_stddev: float = structural(
-        0.0,
-        range=(0.0, 1.0),
-        description='standard deviation of the effective track, relative to it',
-    )
-    steering_stddev: float = structural(
-        0.001,
-        unit='rad',
-        range=(0.0, 1.0),
-        description='standard deviation of the zero of the steering joint',
-    )
-    travel_noise: float = structural(
-        0.003,
-        unit='m',
-        range=(0.0, 1.0),
-        description='standard deviation of what a wheel travels on 1 m of ground, beyond what it '
-        'turns; it grows with the root of the distance, and is part of the covariance of the pose',
-    )
     gyro_topic: str = structural('', description='topic of a gyro on the base; automatic: no gyro')
     gyro_type: str = structural(
         'sensor_msgs/msg/Imu', description='type of its messages; any that is installed'
@@ -132,42 +73,8 @@ class WheelSettings(StreamSettings):
 
     def find_observer(self) -> Observer:
         """Return the observer; raise UsageError for a base that is none."""
-        self.geometry()
+        self.check()
         return OBSERVER
-
-    def geometry(self) -> Geometry:
-        """Return the wheels; raise UsageError for a base that is none."""
-        for name, example in (('radius', '[0.05]'), ('track', '0.3')):
-            if getattr(self, name) is None:
-                raise UsageError(f"parameter '{name}' is not set: set it [m], as in {example}")
-        radius, track = self.radius or (), self.track or 0.0
-        sides = [tuple(name for name in getattr(self, side) if name) for side in SIDES]
-        if len(sides[0]) != len(sides[1]) or not 1 <= len(sides[0]) <= 2:
-            raise UsageError(
-                f"'wheels_left' has {len(sides[0])} names and 'wheels_right' {len(sides[1])}: "
-                'name one or two on either side, as many on both'
-            )
-        if len(radius) > 2:
-            raise UsageError(f"'radius' has {len(radius)} numbers: give one, or left and right")
-        if self.steering and self.wheelbase is None:
-            raise UsageError("'steering' needs 'wheelbase' [m]: set it, as in 0.3")
-        geometry = Geometry(
-            *sides,
-            (radius[0], radius[-1]),
-            track * self.slip_factor,
-            self.steering,
-            self.wheelbase or 0.0,
-            self.radius_stddev,
-            self.track_stddev,
-            self.steering_stddev,
-            self.travel_noise,
-        )
-        if len(set(geometry.names)) < len(geometry.names):
-            raise UsageError(
-                f"'wheels_left', 'wheels_right' and 'steering' name a joint twice "
-                f'({", ".join(geometry.names)}): name each once'
-            )
-        return geometry
 
 
 class WheelStream(Stream):
@@ -177,18 +84,16 @@ class WheelStream(Stream):
     NODE = 'wheel_odometry'
     SETTINGS = WheelSettings
     PER_JOINT = SensorSettings
-    USUAL: ClassVar[tuple[str, ...]] = ('/joint_states',)
     bank: Bank
     settings: WheelSettings
 
     def __init__(self, settings: WheelSettings, configuration: Configuration) -> None:
-        geometry = settings.geometry()
         inputs = [Port('joint_states', JOINT_STATE)]
         gyro = None
         if settings.gyro_topic:
             if settings.gyro_ratio == 0.0:
                 raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
-            gyro = Gyro(settings.gyro_ratio, settings.gyro_delay, geometry)
+            gyro = Gyro(settings.gyro_ratio, settings.gyro_delay, settings)
             inputs.append(
                 Port(
                     settings.gyro_topic,
@@ -198,10 +103,10 @@ class WheelStream(Stream):
                     field=settings.gyro_field,
                 )
             )
-        bank = Bank(configuration, geometry.names)
+        bank = Bank(configuration, settings.names)
         super().__init__(settings, OBSERVER, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
-        of_wheel = configuration.for_joint(geometry.left[0])[1]
-        self.base = Base(geometry, gyro, of_wheel.wrap_period, of_wheel.timeout)
+        of_wheel = configuration.for_joint(settings.wheels_left[0])[1]
+        self.base = Base(settings, gyro, of_wheel.wrap_period, of_wheel.timeout)
         self._sample = JointStates(settings.stamp_source == PUBLISHER).sample
         self._answering = Answering(self)
         self._field: Field
@@ -225,26 +130,25 @@ class WheelStream(Stream):
         taken = self.bank.update(stamp_ns, names, positions, efforts)
         answer = self._answering(stamp_ns, frame_id, taken)
         moving = {} if taken is None else _moving(taken)
-        if len(moving) == len(self.base.geometry.names):
+        if len(moving) == len(self.settings.names):
             self.base.update(stamp_ns, moving)
             if self.wanted[2]:
-                answer[2] = odometry.encode(self._odometry(stamp_ns))
+                answer[2] = self._odometry(stamp_ns)
         elif taken is not None and taken.names:
-            self._partial += len(taken.names) < len(self.base.geometry.names)
+            self._partial += len(taken.names) < len(self.settings.names)
         return (answer,)
 
-    def _odometry(self, stamp_ns: int) -> Odometry:
-        base = self.base
+    def _odometry(self, stamp_ns: int) -> bytes:
+        base, settings = self.base, self.settings
         assert base.twist is not None
-        (forward, across), (_, turning) = base.twist_covariance.tolist()
-        return Odometry(
+        (speed, across), (_, rate) = base.twist_covariance.tolist()
+        return odometry.encode(
             stamp_ns,
-            self.settings.frame_id,
-            self.settings.child_frame_id,
+            (settings.frame_id, settings.child_frame_id),
             base.pose.values.tolist(),
             base.covariance.tolist(),
             (base.twist[0], 0.0, base.twist[1]),
-            ((forward, 0.0, across), (0.0, forward, 0.0), (across, 0.0, turning)),
+            ((speed, 0.0, across), (0.0, speed, 0.0), (across, 0.0, rate)),
         )
 
     # Texts
@@ -256,13 +160,11 @@ class WheelStream(Stream):
 
     def needed(self) -> set[str]:
         """See `Stream`."""
-        return {*super().needed(), *self.base.geometry.names}
+        return {*super().needed(), *self.settings.names}
 
     def about(self, name: str) -> Mapping[str, Any]:
         """See `Stream`."""
-        base = self.base
-        gyro = {} if base.gyro is None else {'gyro': base.gyro.text(base.geometry.track)}
-        return {'slip': base.slips or 'none', **gyro}
+        return {'slip': self.base.slips or 'none', 'base': self.base.text()}
 
     def notices(self) -> list[str]:
         """See `Stream`."""
@@ -273,22 +175,13 @@ class WheelStream(Stream):
             base.gyro.notices.clear()
         return found
 
-    def summary(self) -> dict[str, Any]:
-        """See `Stream`."""
-        base = self.base
-        about = {'pose': base.pose.values.tolist(), 'slips': base.slipped}
-        if base.gyro is not None:
-            about['gyro'] = base.gyro.text(base.geometry.track)
-        return {**super().summary(), 'base': about}
-
     def _summary_of(self, name: str, joint: Any) -> dict[str, Any]:
-        gyro = self.base.gyro
-        about = {} if gyro is None else {'gyro': gyro.text(self.base.geometry.track)}
-        return {**super()._summary_of(name, joint), 'sources': about}
+        base = {'base': self.base.text()} if name == self.settings.names[0] else {}
+        return {**super()._summary_of(name, joint), 'sources': base}
 
     def finish(self, path: str) -> list[str]:
         """See `Stream`."""
-        names = self.base.geometry.names
+        names = self.settings.names
         missing = [name for name in names if name not in self.bank.joints]
         if missing:
             raise UserError(

@@ -86,6 +86,13 @@ class BaseParameters(SensorParameters):
     stand: float = structural(
         2.0, unit='s', range=(0.0, 1e6), description='time at standstill at the start'
     )
+    loop: float = structural(
+        0.0,
+        unit='m',
+        range=(0.0, 1e4),
+        description='length of the circles that it drives, one to the left and one to the right '
+        'with a standstill before, between and after, instead of wandering; 0: none',
+    )
     slip: float = structural(
         0.0,
         unit='m/s',
@@ -118,6 +125,8 @@ class BaseParameters(SensorParameters):
     def __post_init__(self) -> None:
         """Check what a range cannot express; raise UsageError."""
         super().__post_init__()
+        if self.loop > 0.0 and self.speed == 0.0:
+            raise UsageError("'loop' needs a speed: set 'speed' to other than 0")
         if self.convention == RAW_COUNTS:
             raise UsageError("convention 'raw_counts' carries one joint: choose another one")
 
@@ -142,6 +151,13 @@ class Plant:
         p, driven = self._p, t - self._p.stand
         if driven <= 0.0:
             return 0.0, 0.0
+        if p.loop > 0.0:
+            length = p.loop / abs(p.speed)  # [s]
+            number, since = divmod(driven, length + p.stand)
+            if number > 1 or since > length:
+                return 0.0, 0.0
+            v = 2.0 * p.speed * math.sin(math.pi * since / length) ** 2
+            return v, (1.0 - 2.0 * number) * 2.0 * math.pi * abs(v) / p.loop
         begun = 1.0 - math.exp(-driven * driven)  # smooth
         v = p.speed * begun * (1.0 + 0.25 * math.sin(0.7 * driven))
         w = begun * (
@@ -192,7 +208,7 @@ class Plant:
     def joints(self) -> tuple[list[float], list[float]]:
         """Return positions and velocities of the joints [rad, rad/s]."""
         p = self._p
-        (v, w), sides = self.twist(self._time), self.sides(self._time)
+        sides = self.sides(self._time)
         radii = [p.radius * (1.0 + sign * 0.5 * p.radius_difference) for sign in (-1.0, 1.0)]
         angles = [each / radius for each, radius in zip(self._travelled.tolist(), radii)]
         speeds = [each / radius for each, radius in zip(sides, radii)]
@@ -277,10 +293,8 @@ def _encode(
 def _odometry(
     stamp_ns: int, pose: tuple[float, ...], twist: tuple[float, ...], start_ns: int
 ) -> bytes:
-    exact = ((0.0,) * 3,) * 3
-    return odometry.encode(
-        odometry.Odometry(start_ns + stamp_ns, 'odom', 'base_link', pose, exact, twist, exact)
-    )
+    exact, frames = ((0.0,) * 3,) * 3, ('odom', 'base_link')
+    return odometry.encode(start_ns + stamp_ns, frames, pose, exact, twist, exact)
 
 
 def _imu(stamp_ns: int, rate: float, start_ns: int) -> bytes:

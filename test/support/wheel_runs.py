@@ -9,19 +9,44 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from estimator_pkg.bags.definitions import fields_of
-from estimator_pkg.messages import odometry
 from estimator_pkg.messages.field import Field
 from estimator_pkg.parameters import build
 from estimator_pkg.streams.wheels import WheelStream
 from sim_pkg.mechanisms import base
 
 QUANTUM = 2.0 * np.pi / 4096
-IMU = fields_of(get_typestore(Stores.ROS2_JAZZY))
+STORE = get_typestore(Stores.ROS2_JAZZY)
+IMU = fields_of(STORE)
 START = 10**18
+PLANE = [0, 1, 5]
 SKID = {
     'wheels_left': ['wheel_left_joint', 'rear_left_joint'],
     'wheels_right': ['wheel_right_joint', 'rear_right_joint'],
 }
+
+
+class Odometry(NamedTuple):
+    """Pose and twist in the plane, x, y and yaw, with their covariances, shape (3, 3)."""
+
+    stamp_ns: int
+    pose: np.ndarray
+    pose_covariance: np.ndarray
+    twist: np.ndarray
+    twist_covariance: np.ndarray
+
+
+def decode(raw):
+    """Return the `Odometry` of CDR bytes."""
+    message = STORE.deserialize_cdr(raw, 'nav_msgs/msg/Odometry')
+    stamp, (pose, twist) = message.header.stamp, (message.pose, message.twist)
+    at, turned = pose.pose.position, pose.pose.orientation
+    return Odometry(
+        stamp.sec * 10**9 + stamp.nanosec,
+        np.array([at.x, at.y, 2.0 * np.arctan2(turned.z, turned.w)]),
+        pose.covariance.reshape(6, 6)[np.ix_(PLANE, PLANE)],
+        np.array([twist.twist.linear.x, twist.twist.linear.y, twist.twist.angular.z]),
+        twist.covariance.reshape(6, 6)[np.ix_(PLANE, PLANE)],
+    )
 
 
 class Run(NamedTuple):
@@ -65,12 +90,12 @@ def run(plant, duration, seed, stream):
     found, truth, notices = [], {}, []
     for topic, at_ns, raw in messages(plant, duration, seed):
         if topic == base.TRUE_BASE.name:
-            true = odometry.decode(raw)
+            true = decode(raw)
             truth[true.stamp_ns] = true
         elif topic == base.MEASURED.name or (topic == base.GYRO.name and len(stream.inputs) > 1):
             for answer in stream.feed(int(topic == base.GYRO.name), raw, at_ns):
                 if 2 in answer:
-                    found.append(odometry.decode(answer[2]))
+                    found.append(decode(answer[2]))
             notices += stream.notices()
     rows = [each for each in found if each.stamp_ns in truth]
     true = [truth[each.stamp_ns] for each in rows]
