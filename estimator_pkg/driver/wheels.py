@@ -5,22 +5,24 @@
 
     v = (vr + vl) / 2,   w = (vr - vl) / b,   vl = rl wl,   vr = rr wr
 
-The pose follows the arc of constant twist exactly. Its covariance has three parts: errors that add
-up with the distance (Chong and Kleeman 1997), constant ones (radii, track, bias), which grow along
-the path, and that of the newest positions, which does not grow.
+The pose follows arcs of constant twist. Its covariance grows by the variance of each arc (Chong and
+Kleeman 1997), and by constant errors, which are states of one filter with the pose: the wheels turn
+the base by r I + b T + g W + e D in a window, I is the integral of the gyro, T the time, W the
+change of its value, D the distance. r is the true over the given track, -b / r the bias, g / r the
+delay, e the difference of the radii over the track. s is the error of the mean radius. Windows in
+which wheels and gyro agree teach r, b, g and e. Where they do not agree, wheels slip.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.circle import nearest_turn
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.edge import observer as edge_adaptive
 from estimator_pkg.parameters import structural
@@ -30,8 +32,8 @@ from estimator_pkg.sensor.source import agree
 WINDOW = 0.5  # shortest time over which gyro and wheels are compared to learn [s]
 PROOF = 4  # windows that agree before the gyro is used
 LIMIT = 10  # windows in a row that do not agree, after which the gyro is learnt again
-UNKNOWN = (0.2, 1.0, 0.02)  # deviations of ratio, bias [rad/s] and delay [s] before the first
-WALK = (1e-3, 1e-4, 0.0, 0.0)  # of what is learnt [per square root of a second]
+UNKNOWN = (0.1, 1.0, 0.02)  # deviations of track (relative), bias [rad/s] and delay [s] at first
+WALK = np.array([1e-6, 1e-8, 0.0, 0.0, 0.0])  # of what is learnt: variances per second
 GATE = 25.0  # squared deviations of a window that does not agree
 SLIPS, AGREES = 0.05, 0.25  # time without, and with agreement, after which slip begins, ends [s]
 STANDS = 2.0  # time for which the gyro contradicts wheels that stand: its bias is another one [s]
@@ -151,26 +153,6 @@ class Geometry:
         """The matrix from what left and right travel to distance and turn of the base."""
         return np.array([[0.5, 0.5], np.array([-1.0, 1.0]) / self.effective_track])
 
-    def constant(self, sides: Array, turn: float) -> Array:
-        """Return what one deviation of each radius and of the track changes, shape (2, 3).
-
-        Parameters
-        ----------
-        sides : what left and right travel, or their speeds. turn : of the base, or its rate.
-        """
-        by_track = np.array([[0.0], [turn * self.track_stddev]])
-        return np.hstack([self.twist * (sides * self.radius_stddev), by_track])
-
-
-class Moving(NamedTuple):
-    """The newest estimate of a joint [rad, rad/s, rad/s^2], and its standard deviations."""
-
-    position: float
-    velocity: float
-    acceleration: float
-    position_stddev: float
-    velocity_stddev: float
-
 
 class Rate(NamedTuple):
     """A yaw rate [rad/s] and its variance."""
@@ -186,26 +168,7 @@ class Rate(NamedTuple):
         """Return the mean of two independent rates, by their variances."""
         total = self.variance + other.variance
         share = other.variance / total if total > 0.0 else 0.5
-        value = share * self.value + (1.0 - share) * other.value
-        return Rate(value, share * self.variance)
-
-
-class Rolled(NamedTuple):
-    """What the wheels show in a message.
-
-    dt : since the one before [s]. speed : [m/s]. turn : since the one before [rad]. walk, newest :
-    variances of the turn by uneven ground, and by the newest positions [rad^2]. rate : of yaw.
-    bend : its change [rad/s^2]. still : they stand.
-    """
-
-    dt: float
-    speed: float
-    turn: float
-    walk: float
-    newest: float
-    rate: Rate
-    bend: float
-    still: bool
+        return Rate(share * self.value + (1.0 - share) * other.value, share * self.variance)
 
 
 def arc(distance: float, turn: float, yaw: float) -> tuple[Array, Array]:
@@ -227,237 +190,142 @@ def arc(distance: float, turn: float, yaw: float) -> tuple[Array, Array]:
     return np.array([distance * along, distance * across, turn]), np.array(by)
 
 
-class Pose:
-    """The pose in the plane: x [m], y [m], yaw [rad], and what its covariance consists of.
+class Filter:
+    """Pose and constant errors, with one covariance.
 
     Attributes
     ----------
-    walked : covariance of errors that add up, shape (3, 3).
-    constant : effect of one deviation of each constant error, shape (3, 4).
-    learnt : covariance with what is learnt of a gyro, shape (3, 4).
+    state : x [m], y [m], yaw [rad], r, b [rad/s], g [s], e [1/m], s, and 0 with variance 1, which
+    carries the error by slip. p : covariance, shape (9, 9).
     """
 
-    def __init__(self) -> None:
-        self.values: Array = np.zeros(3)
-        self.walked: Array = np.zeros((3, 3))
-        self.constant: Array = np.zeros((3, 4))
-        self.learnt: Array = np.zeros((3, 4))
+    def __init__(self, geometry: Geometry, gyro: bool) -> None:
+        half, track = 0.5 * geometry.radius_stddev**2, geometry.effective_track
+        self._quarter = 0.25 * track**2
+        unknown = UNKNOWN if gyro else (0.0, 0.0, 0.0)
+        by_track = geometry.track_stddev or unknown[0]
+        self._prior = np.diag(
+            [by_track**2 + half, unknown[1] ** 2, unknown[2] ** 2, 4.0 * half / track**2, half]
+        )
+        self._prior[0, 4] = self._prior[4, 0] = -half
+        self.state, self.p = np.zeros(9), np.zeros((9, 9))
+        self.p[8, 8] = 1.0
+        self.forget()
 
-    def move(self, moved: Array, walk: Array, constant: Array, by_learnt: Array, p: Array) -> None:
-        """Follow an arc.
+    def forget(self) -> None:
+        """Forget what is learnt."""
+        self.p[3:8] = self.p[:, 3:8] = 0.0
+        self.state[3:8], self.p[3:8, 3:8] = (1.0, 0.0, 0.0, 0.0, 0.0), self._prior
+
+    def start(self) -> None:
+        """Go on at pose zero."""
+        self.state[:3] = self.p[:3] = self.p[:, :3] = 0.0
+
+    def corrected(self, moved: Array) -> tuple[Array, Array]:
+        """Return distance and turn by what is learnt, and derivatives by the state, (2, 9).
 
         Parameters
         ----------
-        moved : distance and turn. walk : their covariance, shape (2, 2).
-        constant : by how much one deviation of each constant error changes them, shape (2, 4).
-        by_learnt : their derivatives by what is learnt, shape (2, 4). p : covariance of this.
+        moved : both by the parameters; or speed and rate.
         """
-        step, by = arc(moved[0], moved[1], self.values[2])
-        follow = np.array([[1.0, 0.0, -step[1]], [0.0, 1.0, step[0]], [0.0, 0.0, 1.0]])
-        learnt, by_learnt = follow @ self.learnt, by @ by_learnt
-        both = learnt @ by_learnt.T
-        self.walked = follow @ self.walked @ follow.T + by @ walk @ by.T
-        self.walked += both + both.T + by_learnt @ p @ by_learnt.T
-        self.constant = follow @ self.constant + by @ constant
-        self.learnt = learnt + by_learnt @ p
-        self.values = self.values + step
+        (distance, turn), (r, _, _, e, s) = moved, self.state[3:8]
+        found = np.array([distance * (1 + s) - self._quarter * e * turn, (turn - e * distance) / r])
+        by = np.zeros((2, 9))
+        by[0, 6:8] = -self._quarter * turn, distance
+        by[1, 3], by[1, 6] = -found[1] / r, -distance / r
+        return found, by
 
-    def covariance(self, newest: Array) -> Array:
-        """Return the covariance; `newest` : that of distance and turn of the newest positions."""
-        _, by = arc(0.0, 0.0, self.values[2])
-        found: Array = self.walked + self.constant @ self.constant.T + by @ newest @ by.T
-        return found
+    def move(self, moved: Array, by: Array, walk: Array) -> None:
+        """Follow an arc: distance and turn, their derivatives by the state, their covariance."""
+        step, on = arc(moved[0], moved[1], self.state[2])
+        f = np.eye(9)
+        f[:2, 2] = -step[1], step[0]
+        f[:3] += on @ by
+        self.p = f @ self.p @ f.T
+        self.p[:3, :3] += on @ walk @ on.T
+        self.state[:3] += step
+
+    def learn(self, window: Array, noise: float) -> bool:
+        """Learn from I, T, W, D and the turn of the wheels; return False if they do not agree.
+
+        The pose does not jump: its gain is zero (Schmidt 1966).
+        """
+        h, gain = np.zeros(9), np.zeros(9)
+        h[3:7] = window[:4]
+        self.p[range(3, 8), range(3, 8)] += WALK * window[1]
+        innovation, c = window[4] - h @ self.state, self.p @ h
+        s = h @ c + noise
+        if innovation * innovation > GATE * s:
+            return False
+        gain[3:8] = c[3:8] / s
+        keep = np.eye(9) - np.outer(gain, h)
+        self.state += gain * innovation
+        self.p = keep @ self.p @ keep.T + np.outer(gain, gain) * noise
+        return True
 
 
 class Gyro:
-    """A gyro that is compared with the wheels, over windows.
-
-    In a window the wheels turn the base by r I + b T + g W + e D: I is the integral of the gyro, T
-    the time, W the change of its value, D the distance. A Kalman filter learns (r, b, g, e): r is
-    the true over the given track, -b / r the bias, g / r the delay, e the difference of the radii
-    over the track.
+    """The values of a gyro, brought to the times of the wheels' messages.
 
     Attributes
     ----------
-    known, p : the four, and their covariance. proven : True once windows agree.
-    kept : factor of the covariance of others with the four in the newest message, shape (4, 4).
-    used : True while it tells the yaw rate. said : why it does not.
-    contradicts : wheels and gyro do not agree. slips : what was seen then; '': they agree.
-    turn, variance : of the base since the message before, by it [rad, rad^2].
-    by_learnt : derivatives of this turn by the four.
-    notices : new texts for the user.
+    now, variance : value at the newest message, with its bias [rad/s]. white : variance of a value.
+    spacing : time between values [s]. step : integral I [rad], time T [s] and change W [rad/s]
+    since the message before. equal : number of equal values in a row.
     """
 
-    def __init__(self, ratio: float, delay: float, geometry: Geometry) -> None:
+    def __init__(self, ratio: float) -> None:
         self._ratio = ratio
-        self._track = geometry.effective_track
-        radii = math.sqrt(2.0) * geometry.radius_stddev / self._track
-        self._first = np.array([*UNKNOWN, radii])
-        if delay >= 0.0:
-            self._first[2] = 0.0
-        self._delay = max(delay, 0.0)
-        self._scatter = Scatter()
-        self._queue: list[tuple[int, float]] = []
-        self._stamp_ns, self._value, self._dt = 0, 0.0, 0.0
+        self._scatter, self._queue = Scatter(), deque[tuple[int, float]](maxlen=QUEUE)
+        self._stamp_ns, self._value, self._integral = 0, 0.0, 0.0
         self._bend = self._wrong = 0.0  # [rad/s^2], mean square [(rad/s)^2]
-        self._equal = 0  # values in a row
-        self._sums = self._here = np.zeros(4)  # I, T, W and D, at the newest value and message
-        self.used, self.said, self.slips = False, 'no value yet', ''
-        self.turn, self.variance, self.notices = 0.0, 0.0, list[str]()
-        self.by_learnt = np.zeros(4)
-        self._forget()
-
-    def _forget(self) -> None:
-        """Begin to learn."""
-        self.known, self.p = np.array([1.0, 0.0, self._delay, 0.0]), np.diag(self._first**2)
-        self.kept = np.zeros((4, 4))
-        self.proven, self._fits, self._misses = False, 0, 0  # windows in a row
-        self._rest()
-
-    def _rest(self) -> None:
-        """Begin a window at the next message."""
-        self._window: tuple[Array, float] | None = None  # `_here` at its start, and `newest`
-        self._turned = self._walked = 0.0  # by the wheels in the window, and its variance
-        self.slips, self.contradicts = '', False
-        self._doubt = self._agreed = self._contrary = 0.0  # times [s]
-
-    def _off(self, said: str) -> None:
-        """Use the gyro no more."""
-        if self.used:
-            self.notices.append(f'the gyro is not used: {said}')
-        self.used, self.said = False, said
-        self._rest()
+        self._here: tuple[float, float] | None = None  # integral and value at the newest message
+        self.now = self.variance = self.white = self.spacing = 0.0
+        self.step, self.equal = np.zeros(3), 0
 
     def hear(self, stamp_ns: int, value: float) -> None:
         """Take a value; it counts from the next message of the wheels on."""
         if math.isfinite(value):
             self._queue.append((stamp_ns, self._ratio * value))
-            del self._queue[:-QUEUE]
 
-    def tell(self, stamp_ns: int, rolled: Rolled) -> Rate | None:
-        """Return the yaw rate by the gyro; None: it is not known."""
-        self.kept = np.eye(4)
-        self._follow(stamp_ns)
+    def follow(self, stamp_ns: int, dt: float, bend: float) -> bool:
+        """Take the values up to a message of the wheels; return False if it is silent.
+
+        Parameters
+        ----------
+        dt : since the message before [s]. bend : change of the yaw rate [rad/s^2].
+        """
+        while self._queue and self._queue[0][0] <= stamp_ns:
+            self._take(*self._queue.popleft())
         ahead = (stamp_ns - self._stamp_ns) * 1e-9
-        if self._dt == 0.0 or ahead > SILENT:
-            if self._stamp_ns and ahead > SILENT:
-                self._off('silent')
-            return None
-        (r, b, g, _), white = self.known, self._scatter.variance
-        self._bend = bend = rolled.bend / r
-        self._sums[1:] += rolled.dt, 0.0, rolled.speed * rolled.dt
-        here, now = self._sums.copy(), self._value + bend * ahead
-        here[0] += 0.5 * (self._value + now) * ahead
-        here[2] = now
-        step, self._here = here - self._here, here
-        self.turn = float(step[:3] @ self.known[:3]) / r
-        self.by_learnt = step * (0.0, 1.0 / r, 1.0 / r, 0.0)
-        self.variance = white * self._dt * rolled.dt
-        blurred = max(0.0, self._wrong - 2.0 * white) * (ahead / self._dt) ** 2
-        unsure = float(self.p[1, 1] + bend * bend * self.p[2, 2]) / (r * r)
-        told = Rate(now + (b + g * bend) / r, white + blurred + unsure)
-        wheels = self.corrected(rolled.rate, rolled.speed)
-        if self.used and not self._watch(told, wheels, rolled):
-            return None
-        if self.contradicts:
-            self._window = None
+        before, self._here = self._here, None
+        if self.spacing == 0.0 or ahead > SILENT:
+            return False
+        self._bend, self.white = bend, self._scatter.variance
+        self.now = self._value + bend * ahead
+        blur = max(0.0, self._wrong - 2.0 * self.white) * (ahead / self.spacing) ** 2
+        self.variance = self.white + blur
+        self._here = here = self._integral + 0.5 * (self._value + self.now) * ahead, self.now
+        if before is None:
+            return False
+        self.step = np.array([here[0] - before[0], dt, here[1] - before[1]])
+        return True
+
+    def _take(self, stamp_ns: int, value: float) -> None:
+        dt = (stamp_ns - self._stamp_ns) * 1e-9
+        if dt <= 0.0:
+            return
+        if self._stamp_ns == 0 or dt > SILENT:
+            begin_scatter(self._scatter, value)
+            self._wrong = self.spacing = 0.0
         else:
-            self._learn(rolled, white)
-        if self.proven and self._equal < STUCK:
-            self.used, self.said = True, ''
-        return told if self.used else None
-
-    def _follow(self, until_ns: int) -> None:
-        """Take the values up to this time [ns]."""
-        taken = 0
-        for stamp_ns, value in self._queue:
-            if stamp_ns > until_ns:
-                break
-            taken += 1
-            dt = (stamp_ns - self._stamp_ns) * 1e-9
-            if dt <= 0.0:
-                continue
-            if self._stamp_ns == 0 or dt > SILENT:
-                begin_scatter(self._scatter, value)
-                self._wrong = self._dt = 0.0
-                self._rest()
-            else:
-                follow_scatter(self._scatter, value, dt, math.inf)
-                change = value - self._value
-                self._equal = self._equal + 1 if change == 0.0 else 0
-                self._wrong += MEMORY * ((change - self._bend * dt) ** 2 - self._wrong)
-                self._sums[0] += 0.5 * (self._value + value) * dt
-                self._dt = dt
-            self._stamp_ns, self._value = stamp_ns, value
-        del self._queue[:taken]
-
-    def _watch(self, told: Rate, wheels: Rate, rolled: Rolled) -> bool:
-        """Note where slip begins and ends; return False if the gyro is wrong."""
-        dt, agrees = rolled.dt, told.agrees(wheels)
-        seen = (
-            f'the wheels turn the base at {wheels.value:.4g} rad/s, the gyro at {told.value:.4g} '
-            f'+- {math.sqrt(told.variance):.1g}'
-        )
-        self._agreed = self._agreed + dt if agrees else 0.0
-        self._doubt = max(0.0, self._doubt + (-0.2 * dt if agrees else dt))
-        self._contrary = self._contrary + dt if rolled.still and not agrees else 0.0
-        if not agrees and self._equal >= STUCK:
-            self._off(f'stuck, {seen}')
-        elif self._contrary > STANDS:
-            self._off(f'{seen}, at standstill: its bias is learnt again')
-            self._forget()
-        elif self.slips and self._agreed > AGREES:
-            self.slips, self._doubt = '', 0.0
-        elif self._doubt > SLIPS and not self.slips:
-            self.slips = seen
-        self.contradicts = not agrees or bool(self.slips)
-        return self.used
-
-    def _learn(self, rolled: Rolled, white: float) -> None:
-        """Continue the window, and learn at its end."""
-        if self._window is not None:
-            newest, h = self._window[1], self._here - self._window[0]
-            self._turned, self._walked = self._turned + rolled.turn, self._walked + rolled.walk
-            if h[1] < WINDOW:
-                return
-            self.p += np.diag(WALK) ** 2 * h[1]
-            c, innovation = self.p @ h, self._turned - float(h @ self.known)
-            s = float(h @ c) + newest + rolled.newest + self._walked
-            s += self.known[0] ** 2 * white * self._dt * h[1]
-            if innovation * innovation <= GATE * s:
-                self.known, self.p = self.known + c * (innovation / s), self.p - np.outer(c, c / s)
-                self.kept = np.eye(4) - np.outer(h, c / s)
-                self._fits, self._misses = self._fits + 1, 0
-                self.proven = self.proven or self._fits >= PROOF
-            else:
-                self._fits, self._misses = 0, self._misses + 1
-                self._doubt, self._agreed = 2.0 * SLIPS, -WINDOW
-                if self._misses >= LIMIT:
-                    self._off(
-                        f'its turn in {h[1]:.2g} s and that of the wheels differ by '
-                        f'{abs(innovation):.2g} rad'
-                    )
-                    self._forget()
-        self._window = self._here, rolled.newest
-        self._turned = self._walked = 0.0
-
-    def corrected(self, rate: Rate, speed: float) -> Rate:
-        """Return the rate of the wheels by what is learnt."""
-        r, _, _, e = self.known
-        value = (rate.value - e * speed) / r
-        unsure = float(self.p[0, 0] * value * value + self.p[3, 3] * speed * speed)
-        return Rate(value, (rate.variance + unsure) / (r * r))
-
-    def text(self) -> str:
-        """Return what is known of it, for people."""
-        (r, b, g, _), s = self.known, np.sqrt(np.diag(self.p))
-        if not self.proven:
-            return self.said or 'not used yet: it is compared with the wheels'
-        return (
-            f'{self.said or "used"}, bias {-b / r:.4g} +- {s[1] / r:.1g} rad/s, delay {g / r:.4g} '
-            f'+- {s[2] / r:.1g} s, effective track '
-            f'{self._track * r:.4g} +- {self._track * s[0]:.1g} m'
-        )
+            follow_scatter(self._scatter, value, dt, math.inf)
+            change = value - self._value
+            self.equal = self.equal + 1 if change == 0.0 else 0
+            self._wrong += MEMORY * ((change - self._bend * dt) ** 2 - self._wrong)
+            self._integral += 0.5 * (self._value + value) * dt
+            self.spacing = dt
+        self._stamp_ns, self._value = stamp_ns, value
 
 
 class Base:
@@ -465,150 +333,199 @@ class Base:
 
     Attributes
     ----------
-    gyro : None: there is none. pose : the newest. covariance : of it, shape (3, 3).
-    twist, twist_covariance : x [m/s], yaw [rad/s], shape (2, 2).
+    gyro : None: there is none. used : the gyro is used. pose, covariance : shapes (3,), (3, 3).
+    twist, twist_covariance : x [m/s], yaw [rad/s], shape (2, 2); twist is None at the start.
     slips : what is seen while wheels slip; '': they do not. slipped : number of slips.
     notices : new texts for the user.
     """
 
-    def __init__(self, geometry: Geometry, gyro: Gyro | None, period: float, outage: float) -> None:
-        self.geometry, self.gyro = geometry, gyro
-        self._period, self._outage = period, outage
-        self.notices, self.slipped, self._noticed_ns = list[str](), 0, 0
+    def __init__(self, geometry: Geometry, gyro: float, period: float, outage: float) -> None:
+        """`gyro` : its ratio, 0: there is none. period : of angles. outage : longest gap [s]."""
+        self._geometry, self._period, self._outage = geometry, period, outage
+        self.gyro = Gyro(gyro) if gyro else None
+        self._filter = Filter(geometry, gyro != 0.0)
+        count, radii = len(geometry.wheels_left), geometry.radius or (math.nan,)
+        self._by_wheel = np.zeros((2, len(geometry.names)))  # what both sides travel [m/rad]
+        self._by_wheel[0, :count] = radii[0] / count
+        self._by_wheel[1, count : 2 * count] = radii[-1] / count
+        self.notices, self.slipped, self._noticed_ns = list[str](), 0, -(10**18)
+        self.used, self._why, self._fits = False, 'not used yet: it is compared with the wheels', 0
         self.reset()
 
     def reset(self) -> None:
-        """Go on at pose zero."""
-        self.pose, self.slips = Pose(), ''
+        """Go on at pose zero; what is learnt stays."""
+        self._filter.start()
         self.covariance, self.twist_covariance = np.zeros((3, 3)), np.zeros((2, 2))
         self.twist: tuple[float, float] | None = None
-        self._joints: dict[str, Moving] = {}
-        self._stamp_ns = 0
-        self._seen = 0.0  # for how long slip is seen [s]
+        self._joints: Array | None = None
+        self._window: Array | None = None  # I, T, W, D, turn of the wheels, its variance
+        self._stamp_ns, self.slips = 0, ''
+        self._doubt = self._agreed = self._contrary = 0.0  # times [s]
 
-    def _side(self, now: Mapping[str, Moving], k: int, dt: float) -> tuple[float, ...]:
-        """Return what the wheels of one side do.
+    @property
+    def pose(self) -> Array:
+        """The newest pose: x [m], y [m], yaw [rad]."""
+        return self._filter.state[:3]
 
-        Returns
-        -------
-        speed [m/s], its variance, acceleration [m/s^2], variance of the newest position [m^2], half
-        the speed by which wheels contradict each other, path since the message before [m], its
-        variance.
+    def update(self, stamp_ns: int, joints: Array) -> None:
+        """Take the joints of one message.
+
+        Parameters
+        ----------
+        joints : position [rad], velocity, acceleration, and standard deviations of position and
+            velocity of each joint of `Geometry.names`, shape (n, 5).
         """
-        geometry = self.geometry
-        radius = (geometry.radius or (math.nan,))[-k]
-        names = (geometry.wheels_left, geometry.wheels_right)[k]
-        joints, count = [now[name] for name in names], len(names)
-        path = walk = 0.0
-        for name, joint in zip(names, joints):
-            if name in self._joints:
-                before = self._joints[name]
-                expected = 0.5 * (joint.velocity + before.velocity) * dt
-                moved = nearest_turn(joint.position - before.position, expected, self._period)
-                unseen = radius * self._period if dt > self._outage else 0.0
-                path += radius * moved / count
-                walk += unseen**2 + geometry.travel_noise**2 * abs(radius * moved)
-        apart = radius * (joints[-1].velocity - joints[0].velocity)
-        sigmas = [radius * each.velocity_stddev for each in joints]
-        return (
-            radius * sum(each.velocity for each in joints) / count,
-            (sum(sigmas) / count) ** 2,  # wheels of a side lag alike
-            radius * sum(each.acceleration for each in joints) / count,
-            (radius * sum(each.position_stddev for each in joints) / count) ** 2,
-            0.0 if agree(apart, 0.0, sum(sigmas) ** 2) else 0.5 * abs(apart),
-            path,
-            walk / count,  # and share the ground
-        )
-
-    def update(self, stamp_ns: int, now: Mapping[str, Moving]) -> None:
-        """Take the joints of one message."""
-        geometry, gyro, by = self.geometry, self.gyro, self.geometry.twist
-        dt = (stamp_ns - self._stamp_ns) * 1e-9 if self._joints else 0.0
-        sides = np.array([self._side(now, k, dt) for k in (0, 1)])
-        speeds, variances, bends, positions, apart, paths, walks = sides.T
-        (speed, rate), (_, bend), (distance, turn) = by @ speeds, by @ bends, by @ paths
-        newest = by * positions @ by.T
-        walk = by * walks @ by.T if self._joints else newest  # zero is at the true positions
-        constant, by_learnt, p = geometry.constant(paths, turn), np.zeros((2, 4)), np.zeros((4, 4))
-        scale = geometry.constant(speeds, rate)
-        covariance = by * variances @ by.T + scale @ scale.T
-        unsure = np.abs(by) @ apart  # deviations of twist by slip
-        said = f'wheels of one side differ by {2.0 * max(apart):.3g} m/s' if apart.any() else ''
+        geometry, kept, to = self._geometry, self._filter, self._geometry.twist
+        before, self._joints = self._joints, joints
+        dt = 0.0 if before is None else (stamp_ns - self._stamp_ns) * 1e-9
+        self._stamp_ns = stamp_ns
+        _, speeds, bends, places, sigmas = (self._by_wheel @ joints).T  # wheels of a side lag alike
+        newest, walk = to * places**2 @ to.T, np.zeros(2)
+        turned = np.zeros(len(joints))
+        if before is None:
+            walk = places**2  # the pose is zero at the true positions
+        else:
+            turned += joints[:, 0] - before[:, 0]
+            if self._period:
+                expected = 0.5 * (joints[:, 1] + before[:, 1]) * dt
+                turned += self._period * np.round((expected - turned) / self._period)
+            walk = geometry.travel_noise**2 * np.abs(self._by_wheel * turned).sum(axis=1)
         if dt > self._outage and self._period:
             self.notices.append(f'no wheel for {dt:.3g} s: turns in it are not in the pose')
-        told, wheels = None, Rate(rate, covariance[1, 1])
-        if gyro is not None:
-            rolled = Rate(rate, float(by[1] ** 2 @ variances))
-            still = bool((speeds**2 < 9.0 * variances).all())
-            told = gyro.tell(
-                stamp_ns, Rolled(dt, speed, turn, walk[1, 1], newest[1, 1], rolled, bend, still)
+            walk += (self._by_wheel.sum(axis=1) * self._period) ** 2
+        walk = to * walk @ to.T
+        gone = to @ self._by_wheel @ turned
+        (speed, rate), by = kept.corrected(to @ speeds)
+        covariance = by @ kept.p @ by.T + self._learnt(to * sigmas**2 @ to.T)
+        wheels, said = Rate(rate, covariance[1, 1]), ''
+        turns = f'the wheels turn the base at {rate:.4g} rad/s'
+        told, found, slid = None, wheels, np.zeros(2)
+        if self.gyro is not None:
+            still = bool((speeds**2 < 9.0 * sigmas**2).all())
+            told = self._told(dt, wheels, to[1] @ bends / kept.state[3], still, turns)
+            contradicts = told is not None and (self.slips != '' or not told.agrees(wheels))
+            self._learn(None if contradicts else gone, walk[1, 1], newest[1, 1])
+        wide = np.ptp(joints[: 2 * len(geometry.wheels_left), 1].reshape(2, -1), axis=1)
+        wide *= self._by_wheel.max(axis=1) * len(geometry.wheels_left)
+        if (wide > 10.0 * sigmas).any():
+            said, slid = (
+                f'wheels of one side differ by {max(wide):.3g} m/s',
+                0.5 * np.abs(to) @ wide,
             )
-            self.pose.learnt = self.pose.learnt @ gyro.kept
-            if gyro.proven:
-                wheels = gyro.corrected(rolled, speed)
         if geometry.steering:
-            steered = self._steered(now[geometry.steering], speed, covariance[0, 0])
-            if steered.agrees(wheels):
-                wheels = wheels.fused(steered)
-            elif told is None:
-                said = said or (
-                    f'the wheels turn the base at {wheels.value:.3g} rad/s, the steering at '
-                    f'{steered.value:.3g}'
-                )
-                unsure[1] += 0.5 * abs(steered.value - wheels.value)
-                mean = 0.5 * (steered.value + wheels.value)
-                wheels = Rate(mean, steered.variance + wheels.variance)
-        found, slid = wheels, unsure * dt
-        if gyro is not None and gyro.proven:
-            r, _, _, e = gyro.known
-            turn, walk, share = (turn - e * distance) / r, walk / np.outer((1, r), (1, r)), 1.0
-            if told is not None:
-                found = told if gyro.contradicts else wheels.fused(told)
-                share = gyro.variance / (gyro.variance + walk[1, 1]) if gyro.variance > 0.0 else 0.0
-                if gyro.contradicts:  # one side slips alone, or the gyro is wrong
-                    share, said = 0.0, gyro.slips or said
-                    half = 0.5 * abs(told.value - wheels.value)
-                    unsure += half * geometry.effective_track, half
-                    slid = np.array([unsure[0] * dt, 0.0])
-            constant[1], p = 0.0, gyro.p
-            by_learnt[1] = share * np.array([-turn / r, 0.0, 0.0, -distance / r])
-            by_learnt[1] += (1.0 - share) * gyro.by_learnt
-            turn = share * turn + (1.0 - share) * gyro.turn
-            walk = walk * np.outer((1.0, share), (1.0, share))
-            walk[1, 1] += (1.0 - share) ** 2 * gyro.variance
-        if found is not wheels or geometry.steering:
+            steered = self._steered(joints[-1], speed, covariance[0, 0])
+            found = wheels.fused(steered)
+            if told is None and not steered.agrees(wheels):
+                said = said or f'{turns}, the steering at {steered.value:.3g}'
+                found = Rate(0.5 * (steered.value + rate), steered.variance + wheels.variance)
+                slid[1] += 0.5 * abs(steered.value - rate)
+        moved, by = kept.corrected(gone)
+        walk = self._learnt(walk)
+        if told is not None and self.gyro is not None:
+            found, share = told.fused(wheels), 0.0  # of the turn by the wheels
+            white = self.gyro.white * self.gyro.spacing * dt
+            if contradicts:  # one side slips alone, or the gyro is wrong
+                found, half = told, 0.5 * abs(told.value - rate)
+                slid += half * geometry.effective_track, half
+                if not told.agrees(wheels):
+                    said = f'{turns}, the gyro at {told.value:.4g}'
+            elif white > 0.0:
+                share = white / (white + walk[1, 1])
+            r, b, g = kept.state[3:6]
+            moved[1] = share * moved[1] + (1 - share) * (self.gyro.step @ (1.0, b / r, g / r))
+            by[1] *= share
+            by[1, 4:6] += (1 - share) * self.gyro.step[1:] / r
+            walk *= np.outer((1.0, share), (1.0, share))
+            walk[1, 1] += (1 - share) ** 2 * white
+        if found is not wheels:
             covariance[0, 1] = covariance[1, 0] = 0.0
-        covariance[1, 1] = found.variance
+            covariance[1, 1] = found.variance
         self.twist = speed, found.value
-        self.twist_covariance = covariance + np.outer(unsure, unsure)
-        constant = np.column_stack([constant, slid])
-        self.pose.move(np.array([distance, turn]), walk, constant, by_learnt, p)
-        self.covariance = self.pose.covariance(newest)
-        self._note(stamp_ns, dt, said)
-        self._joints, self._stamp_ns = dict(now), stamp_ns
+        self.twist_covariance = covariance + np.outer(slid, slid)
+        by[:, 8] = slid * dt * (1.0, float(told is None))
+        kept.move(moved, by, walk)
+        on = arc(0.0, 0.0, kept.state[2])[1]
+        self.covariance = kept.p[:3, :3] + on @ self._learnt(newest) @ on.T
+        self._note(dt, said)
+
+    def _learnt(self, covariance: Array) -> Array:
+        """Return a covariance of distance and turn by the wheels, by what is learnt."""
+        by = (1.0, self._filter.state[3])
+        return covariance / np.outer(by, by)
+
+    def _told(self, dt: float, wheels: Rate, bend: float, still: bool, turns: str) -> Rate | None:
+        """Return the rate by the gyro, None if it is not used."""
+        gyro, p, (r, b, g) = self.gyro, self._filter.p, self._filter.state[3:6].tolist()
+        assert gyro is not None
+        if not gyro.follow(self._stamp_ns, dt, bend):
+            self._window = None
+            return self._blame('silent')
+        unsure = float(p[4, 4] + bend * bend * p[5, 5]) / (r * r)
+        told = Rate(gyro.now + (b + g * bend) / r, gyro.variance + unsure)
+        agrees = told.agrees(wheels)
+        self._contrary = self._contrary + dt if still and not agrees else 0.0
+        if not agrees and gyro.equal >= STUCK:
+            return self._blame(f'stuck at {gyro.now:.4g}, {turns}')
+        if self._contrary > STANDS:
+            return self._blame(f'it is at {told.value:.4g} rad/s and the wheels stand')
+        return told if self.used else None
+
+    def _blame(self, why: str) -> None:
+        """Use the gyro no more, until it agrees again."""
+        if self.used:
+            self.notices.append(f'the gyro is not used: {why}')
+            self._filter.forget()
+            self.used, self._why, self._fits, self._window = False, why, 0, None
+
+    def _learn(self, gone: Array | None, walk: float, newest: float) -> None:
+        """Continue the window, and learn at its end; `gone` : None: wheels slip."""
+        gyro, window, self._window = self.gyro, self._window, None
+        assert gyro is not None
+        if gone is None:
+            return
+        if window is not None:
+            self._window = window = window + np.array([*gyro.step, *gone, walk])
+            if window[1] < WINDOW:
+                return
+            white = self._filter.state[3] ** 2 * gyro.white * gyro.spacing * window[1]
+            fits = self._filter.learn(window, window[5] + newest + white)
+            self._fits = max(1, self._fits + 1) if fits else min(-1, self._fits - 1)
+            if self._fits >= PROOF and gyro.equal < STUCK:
+                self.used, self._why = True, 'used'
+            elif self._fits <= -LIMIT:
+                self._blame('its turns and those of the wheels do not agree')
+        self._window = np.array([0.0, 0.0, 0.0, 0.0, 0.0, newest])
+
+    def _steered(self, steering: Array, speed: float, variance: float) -> Rate:
+        """Return the yaw rate by speed and steering; `variance` : of the speed."""
+        length = self._geometry.wheelbase or math.nan
+        tangent = math.tan(steering[0]) / length
+        by_angle = speed * (1.0 / length + tangent * tangent * length)
+        unsure = steering[3] ** 2 + self._geometry.steering_stddev**2
+        return Rate(speed * tangent, tangent * tangent * variance + by_angle * by_angle * unsure)
+
+    def _note(self, dt: float, said: str) -> None:
+        """Note where slip begins and ends."""
+        self._agreed = 0.0 if said else self._agreed + dt
+        self._doubt = max(0.0, self._doubt + (dt if said else -0.2 * dt))
+        if self._agreed > AGREES:
+            self.slips, self._doubt = '', 0.0
+        elif self._doubt > SLIPS and not self.slips:
+            self.slips, self.slipped = said, self.slipped + 1
+            if (self._stamp_ns - self._noticed_ns) * 1e-9 > OFTEN:
+                self._noticed_ns = self._stamp_ns
+                self.notices.append(f'slip: {said}')
 
     def text(self) -> str:
         """Return pose, slips and what is known of the gyro, for people."""
-        x, y, yaw = self.pose.values
-        gyro = '' if self.gyro is None else f'; gyro {self.gyro.text()}'
+        x, y, yaw, r, b, g = self._filter.state[:6]
         slips = f'; now: {self.slips}' if self.slips else ''
+        gyro = '' if self.gyro is None else f'; gyro {self._why}'
+        if self.used:
+            of_r, of_b, of_g = np.sqrt(np.diag(self._filter.p)[3:6])
+            track = self._geometry.effective_track
+            gyro += (
+                f', bias {-b / r:.4g} +- {of_b / r:.1g} rad/s, delay {g / r:.4g} +- {of_g / r:.1g} '
+                f's, effective track {track * r:.4g} +- {track * of_r:.1g} m'
+            )
         return f'x {x:.4g} m, y {y:.4g} m, yaw {yaw:.4g} rad; slips {self.slipped}{slips}{gyro}'
-
-    def _steered(self, steering: Moving, speed: float, variance: float) -> Rate:
-        """Return the yaw rate by speed and steering; `variance` : of the speed."""
-        length = self.geometry.wheelbase or math.nan
-        tangent = math.tan(steering.position) / length
-        by_angle = speed * (1.0 / length + tangent * tangent * length)
-        unsure = steering.position_stddev**2 + self.geometry.steering_stddev**2
-        return Rate(speed * tangent, tangent * tangent * variance + by_angle * by_angle * unsure)
-
-    def _note(self, stamp_ns: int, dt: float, said: str) -> None:
-        """Note what is seen of slip."""
-        self._seen = self._seen + dt if said else 0.0
-        said = said if self._seen > SLIPS else ''
-        if said and not self.slips:
-            self.slipped += 1
-            if (stamp_ns - self._noticed_ns) * 1e-9 > OFTEN:
-                self._noticed_ns = stamp_ns
-                self.notices.append(f'slip: {said}')
-        self.slips = said

@@ -5,14 +5,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator_pkg.driver.bank import Bank, TakenOfJoints
 from estimator_pkg.driver.configuration import Configuration, SensorSettings
-from estimator_pkg.driver.wheels import OBSERVER, Base, Geometry, Gyro, Moving
+from estimator_pkg.driver.wheels import OBSERVER, Base, Geometry
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import odometry
@@ -53,12 +55,6 @@ class WheelSettings(Geometry, StreamSettings):
         range=(-1e6, 1e6),
         description='factor to rad/s, as 0.0174533 for deg/s; -1.0 for a gyro that is upside down',
     )
-    gyro_delay: float = structural(
-        -1.0,
-        unit='s',
-        range=(-1.0, 1.0),
-        description='of its stamps behind those of the wheels; below 0: learnt',
-    )
     frame_id: str = structural('odom', description='frame of the pose in ~/odometry')
     child_frame_id: str = structural(
         'base_link',
@@ -89,11 +85,9 @@ class WheelStream(Stream):
 
     def __init__(self, settings: WheelSettings, configuration: Configuration) -> None:
         inputs = [Port('joint_states', JOINT_STATE)]
-        gyro = None
         if settings.gyro_topic:
             if settings.gyro_ratio == 0.0:
                 raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
-            gyro = Gyro(settings.gyro_ratio, settings.gyro_delay, settings)
             inputs.append(
                 Port(
                     settings.gyro_topic,
@@ -106,7 +100,8 @@ class WheelStream(Stream):
         bank = Bank(configuration, settings.names)
         super().__init__(settings, OBSERVER, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
         of_wheel = configuration.for_joint(settings.wheels_left[0])[1]
-        self.base = Base(settings, gyro, of_wheel.wrap_period, of_wheel.timeout)
+        ratio = settings.gyro_ratio if settings.gyro_topic else 0.0
+        self.base = Base(settings, ratio, of_wheel.wrap_period, of_wheel.timeout)
         self._sample = JointStates(settings.stamp_source == PUBLISHER).sample
         self._answering = Answering(self)
         self._field: Field
@@ -129,9 +124,9 @@ class WheelStream(Stream):
         stamp_ns, frame_id, names, positions, efforts = self._sample(raw, publish_ns)
         taken = self.bank.update(stamp_ns, names, positions, efforts)
         answer = self._answering(stamp_ns, frame_id, taken)
-        moving = {} if taken is None else _moving(taken)
-        if len(moving) == len(self.settings.names):
-            self.base.update(stamp_ns, moving)
+        joints = None if taken is None else self._joints(taken)
+        if joints is not None:
+            self.base.update(stamp_ns, joints)
             if self.wanted[2]:
                 answer[2] = self._odometry(stamp_ns)
         elif taken is not None and taken.names:
@@ -145,11 +140,22 @@ class WheelStream(Stream):
         return odometry.encode(
             stamp_ns,
             (settings.frame_id, settings.child_frame_id),
-            base.pose.values.tolist(),
+            base.pose.tolist(),
             base.covariance.tolist(),
             (base.twist[0], 0.0, base.twist[1]),
             ((speed, 0.0, across), (0.0, speed, 0.0), (across, 0.0, rate)),
         )
+
+    def _joints(self, taken: TakenOfJoints) -> NDArray[np.float64] | None:
+        """Return the joints as `Base.update` takes them; None: one is not tracked."""
+        names, found = self.settings.names, np.zeros((len(self.settings.names), 5))
+        places = [taken.names.index(name) for name in names if name in taken.names]
+        shown = [taken.estimates[k] for k in places]
+        if len(places) < len(names) or any(each is None or each[3] not in VALID for each in shown):
+            return None
+        found[:, :3] = np.nan_to_num([each[:3] for each in shown if each is not None])
+        found[:, 3:] = taken.stddevs(places)
+        return found
 
     # Texts
 
@@ -169,10 +175,8 @@ class WheelStream(Stream):
     def notices(self) -> list[str]:
         """See `Stream`."""
         base = self.base
-        found = [*super().notices(), *base.notices, *(base.gyro.notices if base.gyro else ())]
+        found = [*super().notices(), *base.notices]
         base.notices.clear()
-        if base.gyro:
-            base.gyro.notices.clear()
         return found
 
     def _summary_of(self, name: str, joint: Any) -> dict[str, Any]:
@@ -203,16 +207,3 @@ class WheelStream(Stream):
                 "--set 'wheels_left=[...]'"
             )
         return values
-
-
-def _moving(taken: TakenOfJoints) -> dict[str, Moving]:
-    """Return the tracked joints of a message by name."""
-    shown = [k for k, each in enumerate(taken.estimates) if each is not None and each[3] in VALID]
-    found = {}
-    for k, sigmas in zip(shown, taken.stddevs(shown)):
-        estimate = taken.estimates[k]
-        assert estimate is not None
-        position, velocity, acceleration, _ = estimate
-        acceleration = acceleration if math.isfinite(acceleration) else 0.0
-        found[taken.names[k]] = Moving(position, velocity, acceleration, *sigmas)
-    return found
