@@ -32,7 +32,7 @@ from estimator_pkg.sensor.source import agree
 WINDOW = 0.5  # shortest time over which gyro and wheels are compared to learn [s]
 PROOF = 4  # windows that agree before the gyro is used
 LIMIT = 10  # windows in a row that do not agree, after which the gyro is learnt again
-UNKNOWN = (0.1, 1.0, 0.02)  # deviations of track (relative), bias [rad/s] and delay [s] at first
+UNKNOWN = (0.1, 1.0, 0.02, 0.005)  # deviations of track, bias [rad/s], delay [s], radii at first
 WALK = np.array([1e-6, 1e-8, 0.0, 0.0, 0.0])  # of what is learnt: variances per second
 GATE = 25.0  # squared deviations of a window that does not agree
 SLIPS, AGREES = 0.05, 0.25  # time without, and with agreement, after which slip begins, ends [s]
@@ -95,12 +95,15 @@ class Geometry:
         description='distance between front and rear axle; must be set if steering is',
     )
     radius_stddev: float = structural(
-        0.0, range=(0.0, 1.0), description='standard deviation of each radius, relative to it'
+        0.0,
+        range=(0.0, 1.0),
+        description='standard deviation of each radius, relative; 0: exact, with a gyro 0.005',
     )
     track_stddev: float = structural(
         0.0,
         range=(0.0, 1.0),
-        description='standard deviation of the effective track, relative to it',
+        description='standard deviation of the effective track, relative to it; 0: exact, with a '
+        'gyro 0.1',
     )
     steering_stddev: float = structural(
         0.001,
@@ -200,13 +203,11 @@ class Filter:
     """
 
     def __init__(self, geometry: Geometry, gyro: bool) -> None:
-        half, track = 0.5 * geometry.radius_stddev**2, geometry.effective_track
+        of_track, bias, delay, of_radius = UNKNOWN if gyro else (0.0, 0.0, 0.0, 0.0)
+        track, of_track = geometry.effective_track, geometry.track_stddev or of_track
+        half = 0.5 * (geometry.radius_stddev or of_radius) ** 2
         self._quarter = 0.25 * track**2
-        unknown = UNKNOWN if gyro else (0.0, 0.0, 0.0)
-        by_track = geometry.track_stddev or unknown[0]
-        self._prior = np.diag(
-            [by_track**2 + half, unknown[1] ** 2, unknown[2] ** 2, 4.0 * half / track**2, half]
-        )
+        self._prior = np.diag([of_track**2 + half, bias**2, delay**2, 4 * half / track**2, half])
         self._prior[0, 4] = self._prior[4, 0] = -half
         self.state, self.p = np.zeros(9), np.zeros((9, 9))
         self.p[8, 8] = 1.0

@@ -147,7 +147,7 @@ class WheelStream(Stream):
         )
 
     def _joints(self, taken: TakenOfJoints) -> NDArray[np.float64] | None:
-        """Return the joints as `Base.update` takes them; None: one is not tracked."""
+        """Return the joints as `Base.update` takes them; None: one is not tracked yet."""
         names, found = self.settings.names, np.zeros((len(self.settings.names), 5))
         places = [taken.names.index(name) for name in names if name in taken.names]
         shown = [taken.estimates[k] for k in places]
@@ -155,7 +155,7 @@ class WheelStream(Stream):
             return None
         found[:, :3] = np.nan_to_num([each[:3] for each in shown if each is not None])
         found[:, 3:] = taken.stddevs(places)
-        return found
+        return found if np.isfinite(found).all() else None
 
     # Texts
 

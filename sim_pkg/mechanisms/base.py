@@ -113,10 +113,13 @@ class BaseParameters(SensorParameters):
         'turns; it grows with the root of the distance',
     )
     gyro_noise: float = structural(
-        0.005, unit='rad/s', range=(0.0, 10.0), description='standard deviation of the gyro'
+        0.005,
+        unit='rad/s',
+        range=(0.0, 10.0),
+        description='standard deviation of each value of the gyro',
     )
     gyro_bias: float = structural(
-        0.02, unit='rad/s', range=(-10.0, 10.0), description='of the gyro'
+        0.02, unit='rad/s', range=(-10.0, 10.0), description='bias of the gyro'
     )
     gyro_delay: float = structural(
         0.0, unit='s', range=(0.0, 1.0), description='stamps of the gyro are this much late'
