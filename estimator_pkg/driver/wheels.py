@@ -153,7 +153,7 @@ class Geometry:
 
     @property
     def twist(self) -> Array:
-        """The matrix from what left and right travel to distance and turn of the base."""
+        """Distance and turn of the base by what left and right travel, shape (2, 2)."""
         return np.array([[0.5, 0.5], np.array([-1.0, 1.0]) / self.effective_track])
 
 
@@ -175,7 +175,7 @@ class Rate(NamedTuple):
 
 
 def arc(distance: float, turn: float, yaw: float) -> tuple[Array, Array]:
-    """Return the displacement of an arc (x, y, yaw), and its derivatives by distance and turn."""
+    """Return an arc's x, y, yaw, and its derivatives by distance and turn, shape (3, 2)."""
     if abs(turn) < SMALL:
         forward, left = 1.0 - turn * turn / 6.0, 0.5 * turn
         forward_by, left_by = -turn / 3.0, 0.5 - turn * turn / 8.0

@@ -91,7 +91,7 @@ def _names(
 def common(
     names: tuple[str, ...], every: dict[str, Series]
 ) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
-    """Return (ascending stamps that every joint has, rows of each joint at them)."""
+    """Return (ascending stamps that every joint has, rows of each joint at them), shape (n,)."""
     rows = []
     for name in names:
         stamps = every[name].stamps_ns
