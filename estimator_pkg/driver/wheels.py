@@ -270,9 +270,10 @@ class Gyro:
 
     Attributes
     ----------
-    now, variance : value at the newest message, with its bias [rad/s]. white : variance of a value.
-    spacing : time between values [s]. step : integral I [rad], time T [s] and change W [rad/s]
-    since the message before. equal : number of equal values in a row.
+    now : value at the newest message, with its bias [rad/s]. ahead : its time from the newest value
+    [s]. white, blur : variances of a value and of `bend`. spacing : time between values [s].
+    step : integral I [rad], time T [s], change W [rad/s] since the message before.
+    equal : number of equal values in a row.
     """
 
     def __init__(self, ratio: float) -> None:
@@ -281,7 +282,7 @@ class Gyro:
         self._stamp_ns, self._value, self._integral = 0, 0.0, 0.0
         self._bend = self._wrong = 0.0  # [rad/s^2], mean square [(rad/s)^2]
         self._here: tuple[float, float] | None = None  # integral and value at the newest message
-        self.now = self.variance = self.white = self.spacing = 0.0
+        self.now = self.ahead = self.white = self.blur = self.spacing = 0.0
         self.step, self.equal = np.zeros(3), 0
 
     def hear(self, stamp_ns: int, value: float) -> None:
@@ -298,14 +299,13 @@ class Gyro:
         """
         while self._queue and self._queue[0][0] <= stamp_ns:
             self._take(*self._queue.popleft())
-        ahead = (stamp_ns - self._stamp_ns) * 1e-9
+        self.ahead = ahead = (stamp_ns - self._stamp_ns) * 1e-9
         before, self._here = self._here, None
         if self.spacing == 0.0 or ahead > SILENT:
             return False
         self._bend, self.white = bend, self._scatter.variance
+        self.blur = max(0.0, self._wrong - 2.0 * self.white) / self.spacing**2
         self.now = self._value + bend * ahead
-        blur = max(0.0, self._wrong - 2.0 * self.white) * (ahead / self.spacing) ** 2
-        self.variance = self.white + blur
         self._here = here = self._integral + 0.5 * (self._value + self.now) * ahead, self.now
         if before is None:
             return False
@@ -462,7 +462,8 @@ class Base:
             self._window = None
             return self._blame('silent')
         unsure = float(p[4, 4] + bend * bend * p[5, 5]) / (r * r)
-        told = Rate(gyro.now + (b + g * bend) / r, gyro.variance + unsure)
+        unsure += gyro.white + gyro.blur * (gyro.ahead + g / r) ** 2
+        told = Rate(gyro.now + (b + g * bend) / r, unsure)
         agrees = told.agrees(wheels)
         self._contrary = self._contrary + dt if still and not agrees else 0.0
         if not agrees and gyro.equal >= STUCK:

@@ -243,7 +243,8 @@ def _chunks(
     sensors = [AngleSensor(p, seed, joint) for joint in range(len(names))]
     noise = random_stream(seed, 'gyro')
     offsets = random_stream(seed, 'offset').uniform(-math.pi, math.pi, len(names))
-    offsets[2 if p.base == ACKERMANN else len(names) :] = 0.0  # steering is calibrated
+    if p.base == ACKERMANN:  # its steering is calibrated: no mean error
+        offsets[2] = math.pi / p.counts_per_revolution if p.counts_per_revolution else 0.0
     measured, true, late = Encoder(), Encoder(), round(p.gyro_delay * SECOND)
     for count in counts:
         samples, messages = line.carry(count), []
