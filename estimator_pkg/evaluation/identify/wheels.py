@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 WINDOW = 2.0  # [s]
 KEPT = 0.7  # part of the windows to identify from; the others validate
 SLIPS = 4.0  # deviations of a window in which wheels slip, which is left out
+TRIALS = 500  # of five windows: least median of squares (Rousseeuw 1984)
 UNSURE = 0.02  # deviation of the heading at the end of a loop [rad]
 STEP = 0.2  # between samples of a path [s]
 LITTLE = 0.1  # relative deviation above which a drive identifies nothing
@@ -175,12 +176,18 @@ def _of_gyro(
     left, right = np.diff(turned[:, rows])
     terms, first = np.array([-left, right, np.diff(edges), -change]).T, np.arange(count)
     first = first < KEPT * count
-    used = first
-    for _ in range(3):  # without windows of slip
+    random, best = np.random.default_rng(0), math.inf
+    for _ in range(TRIALS):  # windows of slip are left out
+        some = random.choice(np.flatnonzero(first), 5, replace=False)
+        trial = whole - terms @ np.linalg.lstsq(terms[some], whole[some], rcond=None)[0]
+        usual = 1.4826 * float(np.median(np.abs(trial[first])))
+        if usual < best:
+            best, errors = usual, trial
+    for _ in range(3):
+        used = first & (np.abs(errors) <= SLIPS * best + 1e-9)
         solution = np.linalg.lstsq(terms[used], whole[used], rcond=None)[0]
         errors = whole - terms @ solution
-        usual = 1.4826 * float(np.median(np.abs(errors[used])))
-        used = first & (np.abs(errors) <= SLIPS * usual + 1e-9)
+        best = 1.4826 * float(np.median(np.abs(errors[first])))
     variance = float(errors[used] @ errors[used]) / max(1, int(used.sum()) - 4)
     covariance = np.linalg.pinv(terms[used].T @ terms[used]) * variance
     about = {
