@@ -30,7 +30,7 @@ from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter
 from estimator_pkg.sensor.source import agree
 
 WINDOW = 0.5  # shortest time over which gyro and wheels are compared to learn [s]
-PROOF = 4  # windows that agree before the gyro is used
+PROOF, TURN = 4, 0.2  # windows that agree, and turns in them [rad], before the gyro is used
 LIMIT = 10  # windows in a row that do not agree, after which the gyro is learnt again
 UNKNOWN = (0.1, 1.0, 0.02, 0.005)  # deviations of track, bias [rad/s], delay [s], radii at first
 WALK = np.array([1e-6, 1e-8, 0.0, 0.0, 0.0])  # of what is learnt: variances per second
@@ -73,50 +73,32 @@ class Geometry:
         description='radius of the wheels, or of those on the left and on the right; must be set',
     )
     track: float | None = structural(
-        None,
-        unit='m',
-        range=(1e-3, 100.0),
-        description='distance of the contacts of left and right wheels; must be set',
+        None, unit='m', range=(1e-3, 100.0), description='from left to right wheels; must be set'
     )
     slip_factor: float = structural(
-        1.0,
-        range=(0.1, 10.0),
-        description='effective over geometric track: 1.2 to 2 of skid steering, 1 of other bases',
+        1.0, range=(0.1, 10.0), description='effective over geometric track: skid steering 1.2 to 2'
     )
     steering: str = structural(
-        '',
-        description='name of the steering joint of an Ackermann base, positive to the left; the '
-        'wheels are then the rear ones. Automatic: not steered',
+        '', description='steering joint of an Ackermann base, positive to the left; automatic: none'
     )
     wheelbase: float | None = structural(
-        None,
-        unit='m',
-        range=(1e-3, 100.0),
-        description='distance between front and rear axle; must be set if steering is',
+        None, unit='m', range=(1e-3, 100.0), description='from front to rear axle, if steered'
     )
     radius_stddev: float = structural(
-        0.0,
-        range=(0.0, 1.0),
-        description='standard deviation of each radius, relative; 0: exact, with a gyro 0.005',
+        0.0, range=(0.0, 1.0), description='of each radius, relative; 0: exact, with a gyro 0.005'
     )
     track_stddev: float = structural(
-        0.0,
-        range=(0.0, 1.0),
-        description='standard deviation of the effective track, relative to it; 0: exact, with a '
-        'gyro 0.1',
+        0.0, range=(0.0, 1.0), description='of the track, relative; 0: exact, with a gyro 0.1'
     )
     steering_stddev: float = structural(
-        0.001,
-        unit='rad',
-        range=(0.0, 1.0),
-        description='standard deviation of the zero of the steering joint',
+        0.001, unit='rad', range=(0.0, 1.0), description='of the zero of the steering joint'
     )
     travel_noise: float = structural(
         0.003,
         unit='m',
         range=(0.0, 1.0),
-        description='standard deviation of what a wheel travels on 1 m of ground, beyond what it '
-        'turns; it grows with the root of the distance, and is part of the covariance of the pose',
+        description='standard deviation of what a wheel travels on 1 m beyond what it turns; it '
+        'grows with the root of the distance',
     )
 
     def check(self) -> None:
@@ -125,15 +107,12 @@ class Geometry:
             if getattr(self, name) is None and (name != 'wheelbase' or self.steering):
                 why = ", and 'steering' needs it" if name == 'wheelbase' else ''
                 raise UsageError(f"parameter '{name}' is not set{why}: set it [m], as in {example}")
-        if len(self.wheels_left) != len(self.wheels_right) or len(self.wheels_left) > 2:
+        left, right = len(self.wheels_left), len(self.wheels_right)
+        if left != right or left > 2 or '' in self.names or len(set(self.names)) < len(self.names):
             raise UsageError(
-                f"'wheels_left' has {len(self.wheels_left)} names and 'wheels_right' "
-                f'{len(self.wheels_right)}: set one or two for each side, as many on both'
-            )
-        if '' in self.names or len(set(self.names)) < len(self.names):
-            raise UsageError(
-                f'the joints of the base are {", ".join(map(repr, self.names))}: each needs a name '
-                "of its own in 'wheels_left', 'wheels_right' and 'steering'"
+                f"'wheels_left' has {left} names and 'wheels_right' {right} of the joints "
+                f'{", ".join(map(repr, self.names))}: set one or two for each side, as many on '
+                'both, each another joint'
             )
         if len(self.radius or ()) > 2:
             raise UsageError(
@@ -278,6 +257,10 @@ class Gyro:
 
     def __init__(self, ratio: float) -> None:
         self._ratio = ratio
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin without a value."""
         self._scatter, self._queue = Scatter(), deque[tuple[int, float]](maxlen=QUEUE)
         self._stamp_ns, self._value, self._integral = 0, 0.0, 0.0
         self._bend = self._wrong = 0.0  # [rad/s^2], mean square [(rad/s)^2]
@@ -350,7 +333,8 @@ class Base:
         self._by_wheel[0, :count] = radii[0] / count
         self._by_wheel[1, count : 2 * count] = radii[-1] / count
         self.notices, self.slipped, self._noticed_ns = list[str](), 0, -(10**18)
-        self.used, self._why, self._fits = False, 'not used yet: it is compared with the wheels', 0
+        self.used, self._why = False, 'not used yet: it is compared with the wheels in turns'
+        self._fits, self._proof = 0, 0.0  # windows in a row; turns in them [rad]
         self.reset()
 
     def reset(self) -> None:
@@ -378,14 +362,16 @@ class Base:
         """
         geometry, kept, to = self._geometry, self._filter, self._geometry.twist
         before, self._joints = self._joints, joints
+        if stamp_ns < self._stamp_ns:  # the clock was set back
+            before = None
+            if self.gyro is not None:
+                self.gyro.restart()
         dt = 0.0 if before is None else (stamp_ns - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp_ns
         _, speeds, bends, places, sigmas = (self._by_wheel @ joints).T  # wheels of a side lag alike
-        newest, walk = to * places**2 @ to.T, np.zeros(2)
-        turned = np.zeros(len(joints))
-        if before is None:
-            walk = places**2  # the pose is zero at the true positions
-        else:
+        newest = to * places**2 @ to.T
+        turned, walk = np.zeros(len(joints)), places**2  # a start is at the true positions
+        if before is not None:
             turned += joints[:, 0] - before[:, 0]
             if self._period:
                 expected = 0.5 * (joints[:, 1] + before[:, 1]) * dt
@@ -409,10 +395,8 @@ class Base:
         wide = np.ptp(joints[: 2 * len(geometry.wheels_left), 1].reshape(2, -1), axis=1)
         wide *= self._by_wheel.max(axis=1) * len(geometry.wheels_left)
         if (wide > 10.0 * sigmas).any():
-            said, slid = (
-                f'wheels of one side differ by {max(wide):.3g} m/s',
-                0.5 * np.abs(to) @ wide,
-            )
+            said = f'wheels of one side differ by {max(wide):.3g} m/s'
+            slid = 0.5 * np.abs(to) @ wide
         if geometry.steering:
             steered = self._steered(joints[-1], speed, covariance[0, 0])
             found = wheels.fused(steered)
@@ -472,12 +456,12 @@ class Base:
             return self._blame(f'it is at {told.value:.4g} rad/s and the wheels stand')
         return told if self.used else None
 
-    def _blame(self, why: str) -> None:
-        """Use the gyro no more, until it agrees again."""
-        if self.used:
+    def _blame(self, why: str, always: bool = False) -> None:
+        """Use the gyro no more, until it agrees again; `always`: also one that is not used yet."""
+        if self.used or (always and self._why != why):
             self.notices.append(f'the gyro is not used: {why}')
             self._filter.forget()
-            self.used, self._why, self._fits, self._window = False, why, 0, None
+            self.used, self._why, self._fits, self._proof, self._window = False, why, 0, 0.0, None
 
     def _learn(self, gone: Array | None, walk: float, newest: float) -> None:
         """Continue the window, and learn at its end; `gone` : None: wheels slip."""
@@ -492,10 +476,11 @@ class Base:
             white = self._filter.state[3] ** 2 * gyro.white * gyro.spacing * window[1]
             fits = self._filter.learn(window, window[5] + newest + white)
             self._fits = max(1, self._fits + 1) if fits else min(-1, self._fits - 1)
-            if self._fits >= PROOF and gyro.equal < STUCK:
+            self._proof = self._proof + abs(window[4]) if fits else 0.0
+            if self._fits >= PROOF and self._proof > TURN and gyro.equal < STUCK:
                 self.used, self._why = True, 'used'
             elif self._fits <= -LIMIT:
-                self._blame('its turns and those of the wheels do not agree')
+                self._blame('its turns and those of the wheels do not agree: check its sign', True)
         self._window = np.array([0.0, 0.0, 0.0, 0.0, 0.0, newest])
 
     def _steered(self, steering: Array, speed: float, variance: float) -> Rate:
@@ -520,6 +505,8 @@ class Base:
 
     def text(self) -> str:
         """Return pose, slips and what is known of the gyro, for people."""
+        if self.twist is None:
+            return 'no message has had all joints yet'
         x, y, yaw, r, b, g = self._filter.state[:6]
         slips = f'; now: {self.slips}' if self.slips else ''
         gyro = '' if self.gyro is None else f'; gyro {self._why}'

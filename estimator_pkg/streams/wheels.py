@@ -58,8 +58,7 @@ class WheelSettings(Geometry, StreamSettings):
     frame_id: str = structural('odom', description='frame of the pose in ~/odometry')
     child_frame_id: str = structural(
         'base_link',
-        description='frame of the twist in ~/odometry: its origin is midway between the wheels, '
-        'on the rear axle if steered',
+        description='frame of the twist: its origin is midway between the (rear) wheels',
     )
     stamp_source: str = structural(
         'header',
@@ -90,11 +89,7 @@ class WheelStream(Stream):
                 raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
             inputs.append(
                 Port(
-                    settings.gyro_topic,
-                    settings.gyro_type,
-                    answered=False,
-                    optional=True,
-                    field=settings.gyro_field,
+                    settings.gyro_topic, settings.gyro_type, False, True, field=settings.gyro_field
                 )
             )
         bank = Bank(configuration, settings.names)
@@ -105,7 +100,6 @@ class WheelStream(Stream):
         self._sample = JointStates(settings.stamp_source == PUBLISHER).sample
         self._answering = Answering(self)
         self._field: Field
-        self._partial = 0  # messages in which a wheel is missing
 
     def read_field(self, field: Field, port: int = 0) -> None:
         """See `Stream`."""
@@ -129,8 +123,6 @@ class WheelStream(Stream):
             self.base.update(stamp_ns, joints)
             if self.wanted[2]:
                 answer[2] = self._odometry(stamp_ns)
-        elif taken is not None and taken.names:
-            self._partial += len(taken.names) < len(self.settings.names)
         return (answer,)
 
     def _odometry(self, stamp_ns: int) -> bytes:
@@ -174,10 +166,8 @@ class WheelStream(Stream):
 
     def notices(self) -> list[str]:
         """See `Stream`."""
-        base = self.base
-        found = [*super().notices(), *base.notices]
-        base.notices.clear()
-        return found
+        new, self.base.notices = self.base.notices, []
+        return [*super().notices(), *new]
 
     def _summary_of(self, name: str, joint: Any) -> dict[str, Any]:
         base = {'base': self.base.text()} if name == self.settings.names[0] else {}
@@ -192,9 +182,11 @@ class WheelStream(Stream):
                 f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}': name the wheels "
                 "in 'wheels_left' and 'wheels_right'"
             )
-        if self.base.twist is None and self._partial:
-            return [f'{path}: no message has all of {", ".join(names)}: publish them together']
-        return []
+        if self.base.twist is not None:
+            return []
+        return [
+            f'{path}: no message has an estimate of all of {", ".join(names)}: publish them at once'
+        ]
 
     @classmethod
     def requested(
