@@ -444,16 +444,17 @@ class Base:
         assert gyro is not None
         if not gyro.follow(self._stamp_ns, dt, bend):
             self._window = None
-            return self._blame('silent')
+            self._blame('silent')
+            return None
         unsure = float(p[4, 4] + bend * bend * p[5, 5]) / (r * r)
         unsure += gyro.white + gyro.blur * (gyro.ahead + g / r) ** 2
         told = Rate(gyro.now + (b + g * bend) / r, unsure)
         agrees = told.agrees(wheels)
         self._contrary = self._contrary + dt if still and not agrees else 0.0
         if not agrees and gyro.equal >= STUCK:
-            return self._blame(f'stuck at {gyro.now:.4g}, {turns}')
-        if self._contrary > STANDS:
-            return self._blame(f'it is at {told.value:.4g} rad/s and the wheels stand')
+            self._blame(f'stuck at {gyro.now:.4g}, {turns}')
+        elif self._contrary > STANDS:
+            self._blame(f'it is at {told.value:.4g} rad/s and the wheels stand')
         return told if self.used else None
 
     def _blame(self, why: str, always: bool = False) -> None:

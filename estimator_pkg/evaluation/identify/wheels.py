@@ -174,8 +174,8 @@ def _of_gyro(
     edges = times[rows]
     whole, change = (np.diff(np.interp(edges, at, each)) for each in (integral, rate))
     left, right = np.diff(turned[:, rows])
-    terms, first = np.array([-left, right, np.diff(edges), -change]).T, np.arange(count)
-    first = first < KEPT * count
+    terms = np.array([-left, right, np.diff(edges), -change]).T
+    first = np.arange(count) < KEPT * count
     random, best = np.random.default_rng(0), math.inf
     for _ in range(TRIALS):  # windows of slip are left out
         some = random.choice(np.flatnonzero(first), 5, replace=False)
