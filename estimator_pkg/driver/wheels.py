@@ -39,6 +39,7 @@ SLIPS, AGREES = 0.05, 0.25  # time without, and with agreement, after which slip
 STANDS = 2.0  # time for which the gyro contradicts wheels that stand: its bias is another one [s]
 SILENT = 0.5  # time without a value, after which the gyro is silent [s]
 STUCK = 25  # equal values of a gyro that contradicts the wheels, after which it is stuck
+ALIKE = 0.5  # correlation of the speeds' errors of two wheels of a side: 0 to 0.5 in simulation
 OFTEN = 10.0  # shortest time between two notices of slip [s]
 MEMORY = 0.02  # weight of one value in the mean square error of its prediction by the wheels
 QUEUE = 4096  # values of the gyro that wait for the wheels at most
@@ -368,7 +369,8 @@ class Base:
                 self.gyro.restart()
         dt = 0.0 if before is None else (stamp_ns - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp_ns
-        _, speeds, bends, places, sigmas = (self._by_wheel @ joints).T  # wheels of a side lag alike
+        _, speeds, bends, places, sigmas = (self._by_wheel @ joints).T
+        sigmas = np.sqrt(ALIKE * sigmas**2 + (1 - ALIKE) * (self._by_wheel**2 @ joints[:, 4] ** 2))
         newest = to * places**2 @ to.T
         turned, walk = np.zeros(len(joints)), places**2  # a start is at the true positions
         if before is not None:
