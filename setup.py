@@ -132,6 +132,7 @@ setup(
             'joint_observer = estimator_pkg.nodes.executables:joint_observer',
             'adaptive_observer = estimator_pkg.nodes.executables:adaptive_observer',
             'switched_observer = estimator_pkg.nodes.executables:switched_observer',
+            'wheel_odometry = estimator_pkg.nodes.executables:wheel_odometry',
             'encoder_sim = sim_pkg.nodes.executables:encoder_sim',
             'dc_motor_sim = sim_pkg.nodes.executables:dc_motor_sim',
             'gripper_sim = sim_pkg.nodes.executables:gripper_sim',
@@ -141,6 +142,7 @@ setup(
             'mechanical_observer = estimator_pkg.nodes.executables:mechanical_observer',
             'pmsm_observer = estimator_pkg.nodes.executables:pmsm_observer',
             'pmsm_sim = sim_pkg.nodes.executables:pmsm_sim',
+            'base_sim = sim_pkg.nodes.executables:base_sim',
         ],
         'ament_copyright.license': ['apache2_spdx = estimator_pkg.ros.ament_license:APACHE_2_SPDX'],
         'ros2doctor.checks': ['VelocityEstimatorCheck = estimator_pkg.ros.doctor:EstimateCheck'],
@@ -159,6 +161,7 @@ setup(
             'adaptive = estimator_pkg.observers.adaptive.observer:OBSERVER',
             'switched = estimator_pkg.observers.switched.observer:OBSERVER',
             'edge_adaptive = estimator_pkg.observers.angle.edge.observer:OBSERVER',
+            'wheel_odometry = estimator_pkg.driver.wheels:OBSERVER',
         ],
         'velocity_estimator.streams': [
             'angle = estimator_pkg.streams.angle:AngleStream',
@@ -166,6 +169,7 @@ setup(
             'drive = estimator_pkg.streams.drive:DriveStream',
             'angle_and_input = estimator_pkg.streams.adaptive:AdaptiveStream',
             'switched = estimator_pkg.streams.switched:SwitchedStream',
+            'wheels = estimator_pkg.streams.wheels:WheelStream',
         ],
         'velocity_estimator.models': [
             'single_joint = estimator_pkg.models.single_joint:MODEL',
@@ -196,6 +200,7 @@ setup(
             'robotic_leg = sim_pkg.mechanisms.robotic_leg:SIMULATOR',
             'pendulum = sim_pkg.mechanisms.pendulum:SIMULATOR',
             'pmsm = sim_pkg.pmsm.simulator:SIMULATOR',
+            'base = sim_pkg.mechanisms.base:SIMULATOR',
         ],
     },
 )

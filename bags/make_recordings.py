@@ -158,6 +158,22 @@ DRIVES: dict[str, list[str]] = {
         'repeated=0.05',
     ],
 }
+BASES: dict[str, list[str]] = {
+    'simulated/base_with_slip': [
+        '--duration',
+        '12',
+        '--seed',
+        '4',
+        '--set',
+        'rate=50',
+        '--set',
+        'track=0.52',
+        '--set',
+        'travel_noise=0.001',
+        '--set',
+        'slip=0.5',
+    ]
+}
 
 
 def main(words: list[str] | None = None) -> int:
@@ -181,7 +197,7 @@ def main(words: list[str] | None = None) -> int:
                 shutil.copyfile(file, target / file.name)
             print(target)
         shutil.copyfile(source.parent / LICENSE, target.parent / LICENSE)
-    for plant, runs in (('encoder', SIMULATED), ('pmsm', DRIVES)):
+    for plant, runs in (('encoder', SIMULATED), ('pmsm', DRIVES), ('base', BASES)):
         for name, words in runs.items():
             target = parsed.out / name
             if not target.exists():

@@ -46,6 +46,8 @@ FIRST = {  # what users set, and what for
     '`pole_pairs`, `speed_max`',
     'a servo of unknown parameters (`adaptive_observer`)': '`order`, `bandwidth_hz`',
     'a system that switches (`switched_observer`)': '`model`, `bandwidth_hz`',
+    'a base on wheels (`wheel_odometry`)': '`wheels_left`, `wheels_right`, `radius`, `track`, '
+    '`gyro_topic`',
 }
 
 

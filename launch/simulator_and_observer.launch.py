@@ -27,6 +27,7 @@ OBSERVED = {
     'dc_motor_sim': ('adaptive_observer', {'quantum': '0.001534'}),
     'gripper_sim': ('switched_observer', {'quantum': '9.587e-5'}),
     'pmsm_sim': ('pmsm_observer', {}),
+    'base_sim': ('wheel_odometry', {'radius': '[0.1]', 'track': '0.5', 'gyro_topic': 'imu'}),
     'pendulum_sim': (
         'mechanical_observer',
         {'quantum': '[0.001534]', 'model_parameters': PENDULUM},

@@ -42,6 +42,9 @@ KINDS = {  # of the observers whose users see the texts of these files
     'driver/efforts.py': ('angle_and_input', 'mechanical', 'switched'),
     'driver/identified.py': ('angle_and_input',),
     'driver/mechanism.py': ('mechanical',),
+    'driver/wheels.py': ('wheels',),
+    'streams/wheels.py': ('wheels',),
+    'evaluation/identify/wheels.py': ('wheels',),
     'sensor/clock.py': ('angle',),  # only for measurements that are one angle
 }
 HAVING = {  # texts that are shown only to observers that have the parameter, and where this is held

@@ -56,6 +56,7 @@ CASES = (
     Case('adaptive', 'dc_motor --duration 30', {}),
     Case('pmsm', 'pmsm --duration 2', MOTOR),
     Case('switched', 'gripper --duration 10', {}),
+    Case('wheel_odometry', 'base --duration 20', {'radius': [0.1], 'track': 0.5}),
 )
 
 

@@ -40,12 +40,14 @@ NODES: dict[str, list[dict[str, Any]]] = {  # by kind: the settings that decide 
     'drive': [MOTOR, {**MOTOR, 'input': 'current_voltage'}],
     'angle_and_input': [{}, COMMANDED],
     'switched': [{}, COMMANDED],
+    'wheels': [{'radius': [0.1], 'track': 0.5, 'gyro_topic': 'imu'}],
 }
 MEANING = {
     'joint_states': 'the measurement: names, positions, and efforts where a known input is needed',
     'angle': 'one number: `angle_type`, or `field` of `field_type`',
     'effort_command': 'the commanded input; `effort_command_type: Float64MultiArray` has no names',
     'switch_event': 'names of the events that happened, at their stamps; may have no publisher',
+    'imu': '`gyro_topic`: `gyro_field` of `gyro_type` is the yaw rate; may have no publisher',
     'drive_samples': 'batches of currents and voltages: [layout](first_drive.md#drive_samples)',
     'current': '`x` alpha, `y` beta, or the phases [A] (`frame`)',
     'voltage': '`x` alpha, `y` beta, or the phases [V] (`frame`)',
@@ -59,6 +61,7 @@ MEANING = {
     '~/estimate_samples': 'every sample: electrical angle, electrical speed, flux linkage, valid',
     '~/identified_parameters': 'parameters with standard deviations, 10 times per second',
     '~/discrete_state': 'the discrete state, by its name in the model',
+    '~/odometry': 'pose and twist of the base with their covariances',
     '~/status': 'status of each joint and why, faults of its encoder too, when it changes; '
     'the node itself comes last',
     '/diagnostics': 'the same once per second, with all counters',

@@ -81,7 +81,9 @@ class Setup:
         for number, (port, topic) in enumerate(zip(stream.inputs, self.ports)):
             if number and port.field:
                 if topic is None:
-                    raise UsageError(f"'{port.topic}' is not in the bag: omit it in 'sources'")
+                    raise UsageError(
+                        f"'{port.topic}' is not in the bag: unset the parameter that names it"
+                    )
                 store = store_for(topic.type, topic.definition)
                 stream.read_field(Field(fields_of(store), topic.type, port.field), number)
         return stream

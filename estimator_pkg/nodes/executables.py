@@ -40,10 +40,11 @@ mechanical_observer = of_stream('mechanical')
 pmsm_observer = of_stream('drive')
 adaptive_observer = of_stream('angle_and_input')
 switched_observer = of_stream('switched')
+wheel_odometry = of_stream('wheels')
 
 if __name__ == '__main__':
     name = sys.argv.pop(1) if len(sys.argv) > 1 else ''
-    if not name.endswith('_observer') or name not in globals():
+    if not name.endswith(('_observer', '_odometry')) or name not in globals():
         sys.exit(f"unknown node '{name}': pass the name of an executable, as joint_observer")
     sys.argv[0] = name
     sys.exit(globals()[name]())

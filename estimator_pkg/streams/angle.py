@@ -52,6 +52,7 @@ NODE_OF = {
     'drive': 'pmsm_observer',
     'mechanical': 'mechanical_observer',
     'switched': 'switched_observer',
+    'wheels': 'wheel_odometry',
 }  # by kind
 
 

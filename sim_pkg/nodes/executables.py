@@ -98,6 +98,7 @@ gripper_sim = of_simulator('gripper_sim', 'sim_pkg.joints.gripper')
 pendulum_sim = of_simulator('pendulum_sim', 'sim_pkg.mechanisms.pendulum')
 robotic_leg_sim = of_simulator('robotic_leg_sim', 'sim_pkg.mechanisms.robotic_leg')
 pmsm_sim = of_simulator('pmsm_sim', 'sim_pkg.pmsm.simulator')
+base_sim = of_simulator('base_sim', 'sim_pkg.mechanisms.base')
 cart_pendulum_sim = process(_balanced)
 
 if __name__ == '__main__':

@@ -115,6 +115,36 @@ def test_evaluate_switched(gripper, tmp_path):
     same_rows(tmp_path, gripper, 'switched', 'switched_observer', *settings('quantum=9.6e-5'))
 
 
+def test_evaluate_wheels(tmp_path, capsys):
+    """The track is 4 % wrong, and a wheel slips once."""
+    words = settings('radius=[0.1]', 'track=0.5', 'gyro_topic=imu')
+    bag = DRIVES / 'base_with_slip'
+    rows = same_rows(tmp_path, bag, 'wheel_odometry', 'wheel_odometry', *words)
+    assert {row['velocity']['rms'] < 0.06 for row in rows['joints'].values()} == {True}
+    said = capsys.readouterr().out
+    assert '; slips 1; gyro used, bias 0.02' in said and 'effective track 0.51' in said
+
+
+@pytest.mark.parametrize(
+    ('bag', 'words', 'said'),
+    [
+        ('base_with_slip', ('track=0.5',), "'radius' is not set"),
+        ('base_with_slip', ('radius=[0.1]', 'track=0.5', 'gyro_topic=gyro'), "'gyro' is not in"),
+        ('sine_12bit', ('radius=[0.1]', 'track=0.5'), "has no joint 'wheel_left_joint'"),
+        (
+            'base_with_slip',
+            ('radius=[0.1]', 'track=0.5', 'steering=steer', 'wheelbase=1'),
+            "has no joint 'steer'",
+        ),
+    ],
+)
+def test_a_base_that_is_not_in_the_bag_is_one_line(bag, words, said, tmp_path, capsys):
+    line = ['replay', DRIVES / bag, '--observer', 'wheel_odometry', *settings(*words)]
+    assert cli.main([*map(str, line), '--out', str(tmp_path / 'out')]) != 0
+    text = capsys.readouterr().err.strip()
+    assert said in text and '\n' not in text
+
+
 def test_evaluate_a_drive(tmp_path):
     rows = same_rows(tmp_path, DRIVES / 'drive_profile', 'pmsm', 'pmsm_observer', *settings(*MOTOR))
     assert set(rows['joints']) == {'motor', 'motor_electrical'}

@@ -62,6 +62,14 @@ CASES = {
         words=('rate=400',),
         seconds=2.5,  # its event is at 2 s
     ),
+    'wheel_odometry': Case(
+        'base',
+        'wheel_odometry',
+        'estimate estimate_stddev odometry',
+        ('radius: [0.1]', 'track: 0.5', 'gyro_topic: imu'),
+        ('stand=0.5', 'dropped=0.02', 'gyro_delay=0.004'),
+        seconds=4.0,  # the gyro is used from 2 s on
+    ),
     'pmsm_observer': Case(
         'pmsm',
         'pmsm',

@@ -26,6 +26,7 @@ from estimator_pkg.parameters import declared
 from sim_pkg.contract import RunSettings
 
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
+MACHINE = {**MOTOR, 'radius': [0.1], 'track': 0.5}  # what must be set
 STREAMS = {stream.NODE: stream for stream in streams.every()}
 NODES = {  # the classes that declare the parameters, and how many of them declare those of joints
     f'{stream.NODE}-{observer.name}': (
@@ -74,8 +75,22 @@ CHOSEN = {  # values other than the defaults, one of the old name, for a start o
         'joints.left.effort_is': 'measured',
     },
     'pmsm_observer': {**MOTOR, 'initial_flux': 0, 'k_eta': -1, 'emf_min': 0.2},
+    'wheel_odometry': {
+        'radius': [0.1, 0.2],
+        'track': 1,
+        'per_joint.wheel_left_joint.prefer': 'fast',
+    },
     'switched_observer': {'model': 'gripper', 'noise': 0.001, 'effort_is': ''},
 }
+
+
+def must(known):
+    """The parameters without a default that a node needs."""
+    return {
+        name: value
+        for name, value in MACHINE.items()
+        if name in known and isinstance(value, known[name].kind)
+    }
 
 
 @contextmanager
@@ -198,7 +213,7 @@ def read_again(values, tmp_path):
 def test_each_value_is_set_and_reloaded(classes, per_joint, probe, tmp_path):
     """At the automatic value, at zero and at both ends of the range, from a file and live."""
     known = parameters_of(classes)
-    motor = {name: value for name, value in MOTOR.items() if name in known}
+    motor = must(known)
     overridable = [name for cls in classes[len(classes) - per_joint :] for name in declared(cls)]
     for which in ('automatic', 'zero', 'minimum', 'maximum'):
         given = {name: extremes(one).get(which) for name, one in known.items()}
@@ -273,7 +288,7 @@ def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, probe):
     overrides = {
         'observer': observer,
         **({'model': 'gripper'} if observer == 'switched' else {}),
-        **{motor: value for motor, value in MOTOR.items() if motor in known},
+        **must(known),
     }
     live = {name: parameter for name, parameter in known.items() if not parameter.structural}
     of_joints = declared(stream.PER_JOINT) | declared(observers.find(observer).gains)
@@ -310,7 +325,7 @@ def test_the_start_names_what_is_not_the_default_and_unknown_names_are_refused(
 ):
     """A file for another node changes nothing, which the line of the start shows."""
     file, known = tmp_path / 'params.yaml', parameters_of(NODES_OF[name])
-    motor = {key: value for key, value in MOTOR.items() if key in known}
+    motor = must(known)
     own = {'no_estimate': 'skip', 'gap_max': 0.2, 'timeout': 0.7}
     for owner, reported in ((name, [*motor, 'no_estimate', 'timeout']), ('other', [*motor])):
         tree = {owner: {'ros__parameters': own}, name: {'ros__parameters': motor}}
@@ -355,7 +370,7 @@ def test_an_exception_at_a_change_is_one_line_and_the_call_is_answered(
 @pytest.mark.parametrize('classes, per_joint', EVERY.values(), ids=EVERY)
 def test_descriptors_have_ranges_with_the_automatic_value(classes, per_joint, probe, tmp_path):
     known = parameters_of(classes)
-    motor = {name: value for name, value in MOTOR.items() if name in known}
+    motor = must(known)
     overridable = [name for cls in classes[len(classes) - per_joint :] for name in declared(cls)]
     live = [name for name in overridable if not known[name].structural]
     with declaring(classes, motor, tmp_path, overridable) as (node, ros):

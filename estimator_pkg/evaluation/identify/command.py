@@ -17,19 +17,20 @@ from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.cli import Command, add_set
-from estimator_pkg.errors import UserError
+from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.identify.data import recording
 from estimator_pkg.evaluation.identify.fit import DELAY, ROUNDS, Found, fit
 from estimator_pkg.evaluation.identify.joint import identify
 from estimator_pkg.evaluation.identify.model import Unknowns, unknowns
 from estimator_pkg.evaluation.identify.pieces import Recording
+from estimator_pkg.evaluation.identify.wheels import NAMES, UNITS, identified
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build, parse_assignments
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 from estimator_pkg.yaml_text import comment, scalar
 
-JOINT = 'single_joint'
+JOINT, WHEELS = 'single_joint', 'wheel_odometry'
 LITTLE = 0.5  # below this explained fraction of held-out motion the model is not trusted
 
 
@@ -40,11 +41,24 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--model',
         metavar='NAME',
         default=JOINT,
-        help=f"a model of 'velocity_estimator list models', or your own as package.module:Name "
-        f'(default {JOINT})',
+        help=f"a model of 'velocity_estimator list models', your own as package.module:Name, or "
+        f'{WHEELS} for radius and track of a base on wheels (default {JOINT})',
     )
     parser.add_argument(
-        '--out', metavar='YAML', help='parameter file of mechanical_observer to write'
+        '--out', metavar='YAML', help='parameter file of the node that uses the model, to write'
+    )
+    parser.add_argument(
+        '--loops',
+        action='store_true',
+        help=f'with --model {WHEELS}: the base drives two loops, one to the left and one to the '
+        'right, each of one turn and ending where it began; without it a gyro is used',
+    )
+    parser.add_argument(
+        '--distance',
+        type=float,
+        metavar='M',
+        help=f'with --model {WHEELS}: length of the path, with --loops of each loop; or fix radius '
+        'or track with --set',
     )
     parser.add_argument(
         '--joint',
@@ -70,12 +84,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Fit, print, write; return the results."""
     fixed, start = parse_assignments(parsed.set), parse_assignments(parsed.start)
-    fitted = unknowns(parsed.model, fixed, start)
     out = Path(parsed.out) if parsed.out else None
-    if out is not None:
-        destination.check(out)
-        if out.exists():
-            raise UserError(f'{out} exists already: choose another file, or remove it first')
+    if parsed.model == WHEELS:
+        return _run_wheels(parsed, fixed, out)
+    if parsed.loops or parsed.distance is not None:
+        raise UsageError(f'--loops and --distance are for --model {WHEELS}')
+    fitted = unknowns(parsed.model, fixed, start)
+    _check(out)
     with open_bag(parsed.bag, parsed.unpack_limit) as bag:
         topic = measurement_topic(bag, parsed.measurement)
         samples, names = recording(bag, topic, fitted.make(fitted.start), parsed.joint)
@@ -102,6 +117,56 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         'residual': found.residual.tolist(),
         'residual_elsewhere': found.residual_elsewhere.tolist(),
         'pieces': list(found.pieces),
+        'out': parsed.out,
+    }
+
+
+def _check(out: Path | None) -> None:
+    """Raise UserError unless the file can be made."""
+    if out is not None:
+        destination.check(out)
+        if out.exists():
+            raise UserError(f'{out} exists already: choose another file, or remove it first')
+
+
+def _run_wheels(
+    parsed: argparse.Namespace, values: dict[str, Any], out: Path | None
+) -> dict[str, Any]:
+    """Identify a base on wheels; print, write, return."""
+    if parsed.joint or parsed.start:
+        raise UsageError(
+            f'--joint and --start are not for --model {WHEELS}: name the wheels with --set '
+            "'wheels_left=[...]' and 'wheels_right=[...]'"
+        )
+    _check(out)
+    with open_bag(parsed.bag, parsed.unpack_limit) as bag:
+        topic = measurement_topic(bag, parsed.measurement)
+        lengths, deviations, about = identified(bag, topic, values, parsed.loops, parsed.distance)
+    (left, right, track), (of_left, of_right, of_track) = lengths.tolist(), deviations.tolist()
+    show(f'{parsed.bag}: {WHEELS} on {topic}')
+    for name, value, sigma in zip(NAMES, lengths, deviations):
+        show(f'  {name} = {value:.5g} +- {sigma:.2g} m')
+    show('  ' + ', '.join(f'{name} {value:.3g} {UNITS[name]}' for name, value in about.items()))
+    if out is not None:
+        written = {
+            **values,
+            'radius': [float(f'{left:.6g}'), float(f'{right:.6g}')],
+            'track': float(f'{track:.6g}'),
+            'slip_factor': 1.0,
+            'radius_stddev': float(f'{max(of_left / left, of_right / right):.2g}'),
+            'track_stddev': float(f'{of_track / track:.2g}'),
+        }
+        lines = [comment(f'Identified from {Path(parsed.bag).name}; track is the effective one.')]
+        lines += [f'{WHEELS}:', '  ros__parameters:']
+        lines += [f'    {name}: {scalar(value)}' for name, value in written.items()]
+        whole_file.write_text(out, '\n'.join(lines) + '\n')
+        show(f'{out}: parameters of {WHEELS}')
+    return {
+        'bag': str(parsed.bag),
+        'model': WHEELS,
+        'values': dict(zip(NAMES, lengths.tolist())),
+        'stddev': dict(zip(NAMES, deviations.tolist())),
+        **about,
         'out': parsed.out,
     }
 
@@ -183,5 +248,9 @@ COMMAND = Command(
             'inertia, friction and gravity of a joint, from positions and efforts',
         ),
         ('BAG --joint elbow --set inertia=0.02', 'one joint of several, with a known parameter'),
+        (
+            'BAG --model wheel_odometry --set track=0.5 --out base.yaml',
+            'the radii of a base on wheels, from a drive with a gyro',
+        ),
     ),
 )

@@ -38,7 +38,7 @@ def recording(
     """
     every = joint_series(bag, topic)
     names = _names(bag, topic, mechanics, wanted, every)
-    stamps, rows = _common(names, every)
+    stamps, rows = common(names, every)
     positions = np.column_stack([every[name].position[row] for name, row in zip(names, rows)])
     inputs = np.zeros((len(stamps), mechanics.inputs))
     for place, joint in enumerate(mechanics.actuated):
@@ -88,10 +88,10 @@ def _names(
     return tuple(wanted)
 
 
-def _common(
+def common(
     names: tuple[str, ...], every: dict[str, Series]
 ) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
-    """Return (ascending stamps that every joint has, rows of each joint at them)."""
+    """Return (ascending stamps that every joint has, rows of each joint at them), shape (n,)."""
     rows = []
     for name in names:
         stamps = every[name].stamps_ns

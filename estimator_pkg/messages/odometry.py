@@ -1,0 +1,58 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""nav_msgs/Odometry as CDR bytes: the motion of a base in the plane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from estimator_pkg.messages.cdr import Writer
+from estimator_pkg.messages.joint_state import EARLIEST, LATEST
+
+TYPE = 'nav_msgs/msg/Odometry'
+UNMEASURED = 1e6  # variance of z, roll and pitch, which wheels do not measure [m^2, rad^2]
+PLANE = (0, 1, 5)  # x, y and yaw among x, y, z, roll, pitch, yaw
+
+Matrix = Sequence[Sequence[float]]
+
+
+def encode(
+    stamp_ns: int,
+    frames: tuple[str, str],
+    pose: Sequence[float],
+    pose_covariance: Matrix,
+    twist: Sequence[float],
+    twist_covariance: Matrix,
+) -> bytes:
+    """Encode as CDR; a stamp outside the range of a header is clamped to it.
+
+    Parameters
+    ----------
+    frames : of the pose, and of the twist. pose : x [m], y [m], yaw [rad]. twist : of x, y [m/s]
+    and yaw [rad/s]. Covariances : shape (3, 3), in this order.
+    """
+    sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
+    (x, y, yaw), (forward, left, rate) = pose, twist
+    writer = Writer()
+    writer.numbers('i', (sec,))
+    writer.numbers('I', (nanosec,))
+    for frame in frames:
+        writer.text(frame)
+    writer.numbers('d', (x, y, 0.0, 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
+    writer.numbers('d', _whole(pose_covariance))
+    writer.numbers('d', (forward, left, 0.0, 0.0, 0.0, rate))
+    writer.numbers('d', _whole(twist_covariance))
+    return bytes(writer.raw)
+
+
+def _whole(covariance: Matrix) -> list[float]:
+    """Return the 36 numbers of a covariance."""
+    found = [0.0] * 36
+    for k in (2, 3, 4):
+        found[7 * k] = UNMEASURED
+    for i, row in zip(PLANE, covariance):
+        for j, value in zip(PLANE, row):
+            found[6 * i + j] = value
+    return found

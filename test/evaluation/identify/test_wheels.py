@@ -1,0 +1,98 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Radii and track of simulated bases, by a gyro and by two loops."""
+
+import json
+
+import pytest
+
+from estimator_pkg import cli, params_file
+
+BASE = {'track': 0.52, 'radius': 0.1, 'radius_difference': 0.01, 'travel_noise': 0.001}
+TRUE = {'radius_left': 0.0995, 'radius_right': 0.1005, 'track': 0.52}
+
+
+def run(*words):
+    return cli.main([str(word) for word in words])
+
+
+@pytest.fixture(scope='module')
+def drives(tmp_path_factory):
+    """{name: bag}."""
+    found = {}
+    for name, words in {
+        'gyro': (),
+        'loops': ('loop=12',),
+        'late': ('gyro_delay=0.05', 'slip=0.5', 'turn_mean=0.1'),
+        'skid': ('base=skid', 'slip_factor=1.5', 'counts_per_revolution=512'),
+        'short': (),
+    }.items():
+        found[name] = tmp_path_factory.mktemp('drives') / name
+        values = {key: value for key, value in BASE.items() if key != 'base'}
+        sets = [f'--set={key}={value}' for key, value in values.items()]
+        sets += [f'--set={word}' for word in words]
+        seconds = 12 if name == 'short' else 60
+        assert run('simulate', 'base', '--out', found[name], '--duration', seconds, *sets) == 0
+    return found
+
+
+CASES = {
+    'a known track': ('gyro', ('--set=track=0.52',)),
+    'a known radius': ('gyro', ('--set=radius=[0.1]',)),
+    'loops of known length': ('loops', ('--loops', '--distance=12')),
+    'loops, a known track': ('loops', ('--loops', '--set=track=0.52')),
+    'two circles with a gyro': ('loops', ('--set=track=0.52',)),
+    'a late gyro, and slip': ('late', ('--set=track=0.52',)),
+    'skid steering': (
+        'skid',
+        (
+            '--set=track=0.78',
+            '--set=wheels_left=[wheel_left_joint, rear_left_joint]',
+            '--set=wheels_right=[wheel_right_joint, rear_right_joint]',
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_within_1_percent_and_its_deviations(case, drives, tmp_path):
+    drive, words = CASES[case]
+    out, result = tmp_path / 'base.yaml', tmp_path / 'result.json'
+    words = (*words, '--out', out, '--json', result)
+    assert run('identify', drives[drive], '--model', 'wheel_odometry', *words) == 0
+    found = json.loads(result.read_text())
+    for name, true in TRUE.items():
+        true *= 1.5 if drive == 'skid' and name == 'track' else 1.0
+        assert found['values'][name] == pytest.approx(true, rel=0.01)
+        off = abs(found['values'][name] - true)
+        assert off <= 4.0 * found['stddev'][name] + 1e-6 * true, (name, found)
+    values = params_file.load(out, 'wheel_odometry')
+    assert values['radius'] == pytest.approx([TRUE['radius_left'], TRUE['radius_right']], rel=0.01)
+    if drive != 'loops':
+        words = ('--params', out, '--set=gyro_topic=imu', '--out', tmp_path / 'replayed')
+        assert run('replay', drives[drive], '--observer', 'wheel_odometry', *words) == 0
+
+
+@pytest.mark.parametrize(
+    ('drive', 'words', 'said'),
+    [
+        ('gyro', (), 'set one length'),
+        ('gyro', ('--set=track=0.5', '--distance=3'), 'set one length'),
+        ('gyro', ('--set=track=0.5', '--loops'), 'one to the left and one to the right'),
+        ('gyro', ('--set=track=0.5', '--set=gyro_ratio=-1.0'), 'the sign of'),
+        ('gyro', ('--set=track=0.5', '--set=gyro_topic=gyro'), '/gyro'),
+        ('gyro', ('--set=track=0.5', '--set=wheels_left=[wheel_lef_joint]'), 'wheel_left_joint'),
+        ('gyro', ('--set=track=0.5', '--joint=wheel_left_joint'), '--joint and --start'),
+        ('short', ('--set=track=0.5',), 'record a drive of'),
+    ],
+)
+def test_what_identifies_nothing_is_one_line(drive, words, said, drives, capsys):
+    assert run('identify', drives[drive], '--model', 'wheel_odometry', *words) != 0
+    text = capsys.readouterr().err.strip()
+    assert said in text and '\n' not in text, text
+
+
+def test_loops_are_of_a_base_alone(drives, capsys):
+    assert run('identify', drives['gyro'], '--loops') == 2
+    assert '--loops and --distance are for --model wheel_odometry' in capsys.readouterr().err
