@@ -44,7 +44,8 @@ def within(e: float, half: float, sigma: float) -> tuple[float, float]:
     at_b = DENSITY * math.exp(-0.5 * b * b)
     mean = (at_a - at_b) / inside
     ratio = 1.0 + (a * at_a - b * at_b) / inside - mean * mean
-    return side * mean, (ratio if ratio > THIN * THIN else THIN * THIN)
+    least = THIN * THIN
+    return side * mean, (ratio if ratio > least else least)
 
 
 def interval(
