@@ -45,7 +45,7 @@ def test_a_sensor_with_another_clock_is_noise_of_one_sample_of_age() -> None:
 
 
 def test_readings_of_another_clock_are_up_to_a_sample_old() -> None:
-    """A host reads every 0.8 to 1.2 ms what a sensor takes every 1.03 ms: some repeat or skip."""
+    """A host reads every 0.8 to 1.2 ms what a sensor takes every 1.03 ms."""
     time = np.cumsum(np.random.default_rng(3).uniform(0.8e-3, 1.2e-3, 6000))
     taken = np.floor(time / 1.03e-3) * 1.03e-3
     angle = np.round(_motion(taken)[0], 6)
