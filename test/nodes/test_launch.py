@@ -25,6 +25,7 @@ FOLDER = ROOT / 'launch'
 ARGUMENTS = {'params_file', 'namespace', 'use_sim_time', 'name', 'respawn', 'log_level'}
 COMBINED = {'simulator_and_observer.launch.py', 'two_arms.launch.py', 'joint_observer.launch.xml'}
 MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
+BASE = {'radius': [0.1], 'track': 0.5}
 
 
 def nodes():
@@ -60,6 +61,7 @@ def topics_of(stream):
         if chosen.get('angle_type') == 'UInt16' or 'Int' in chosen.get('angle_type', ''):
             chosen['counts_per_revolution'] = 4096
         values = {name: one.default for name, one in known.items()} | chosen
+        values |= {name: value for name, value in BASE.items() if name in known}
         try:
             topics |= ports(stream, values)
         except streams.contract.UserError:  # a choice that needs further parameters
@@ -85,7 +87,7 @@ def test_every_node_has_its_launch_file():
 @pytest.mark.parametrize('name', sorted(nodes()))
 def test_a_launch_file_starts_the_node_of_its_name(name):
     function, _ = call_in(name)
-    assert function == name.rpartition('_')[2].replace('sim', 'simulator')
+    assert function == ('simulator' if name.endswith('_sim') else 'observer')
     config = yaml.safe_load((ROOT / 'config' / f'{name}.yaml').read_text())
     assert list(config) == ['/**']  # holds whatever the node is called
 
