@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, field, held_out
+from benchmarks import accuracy, field, held_out, second
 from benchmarks.drive import drives
 from benchmarks.live import live
 from benchmarks.mechanism import mechanisms
@@ -74,12 +74,20 @@ def _held_out(parsed: argparse.Namespace) -> Result:
     return lists, held_out.describe(found, parsed.markdown)
 
 
+def _second(parsed: argparse.Namespace) -> Result:
+    cases = [*second.simulated()]
+    cases += second.recorded(Path(parsed.second)) if parsed.second else []
+    rows = [second.judged(case) for case in cases]
+    return rows, second.describe(rows, parsed.markdown)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], Result]] = {
     'speed': _speed,
     'accuracy': _accuracy,
     'live': lambda parsed: _rows(parsed, live(parsed.quick)),
     'field': _field,
     'held-out': _held_out,
+    'second': _second,
 }
 
 
@@ -95,7 +103,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         choices=tuple(PARTS),
         help='run only this part (may be repeated; default: all): cost of updates, batches, replay '
-        'and drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out series',
+        'and drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out series; '
+        'second sensors',
     )
     add(
         '--draws',
@@ -106,6 +115,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     add('--bags', metavar='FOLDER', default='bags', help='folder of the recordings (default: bags)')
     add('--held-out', metavar='FOLDER', help='folder of the repositories of the held-out series')
+    add('--second', metavar='FOLDER', help='folder of recordings with a second sensor')
     add(
         '--list',
         action='append',

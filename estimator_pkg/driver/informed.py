@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from estimator_pkg.circle import nearest_turn
+from estimator_pkg.circle import nearest_turn, wrap
 from estimator_pkg.driver.configuration import AS_ACCELERATION, AS_ANGLE, SourceSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import TRACKING
@@ -24,6 +24,7 @@ from estimator_pkg.sensor.source import (
     RATIO,
     SHIFT,
     Source,
+    X,
     agree,
     begin_source,
     follow_source,
@@ -40,6 +41,7 @@ PLAY = 0.8  # the same of a second encoder, which backlash moves [s]
 FADING = 0.2  # time of doubt that each second of agreement takes back [s]
 PROOF, LONGEST_PROOF = 1.0, 64.0  # time of agreement before it informs [s]; doubled each time
 SILENT = 0.5  # time without a value after which it is silent [s]
+FORGET = 0.5  # part of the backlash that is remembered from one reversal to the next
 OLD = 2.0  # sample times after which a value is not used
 BETTER = 4.0  # times the variance of the speed from the angle alone, to be worth it
 QUEUE = 4096  # values that wait for a reading at most
@@ -63,6 +65,7 @@ class SecondSensor:
         self._queue: list[tuple[int, float]] = []
         self._doubt, self._proof, self._agrees_ns = 0.0, PROOF, 0
         self._knows = self.used = False
+        self._sense = self._shift = self._turned = self._way = self._backlash = 0.0
         self.reason, self.notices = 'no value yet', list[str]()
         self.variance = math.nan
 
@@ -96,8 +99,27 @@ class SecondSensor:
                 moved = (
                     nearest_turn(position - before, 0.0, period) if period else position - before
                 )
+                self._play(moved, value, variance, period)
             follow_source(source, stamp_ns, value, moved, variance)
         del self._queue[:late]
+
+    def _play(self, moved: float, speed: float, variance: float, period: float) -> None:
+        """Measure the backlash between two encoders: their shift from one reversal to the next.
+
+        Parameters
+        ----------
+        moved : displacement of the source since its last value. speed, variance : of the source.
+        period : wrap period [rad]; 0: none.
+        """
+        source, known = self.source, self.source.known
+        if speed * self._sense <= 0.0 and speed * speed > 4.0 * variance:
+            shift = known[X] - self._turned
+            width = abs(wrap(shift - self._shift, period))
+            width -= math.sqrt(source.readings)  # what readings alone shift
+            self._backlash = max(width, FORGET * self._backlash) if self._sense else 0.0
+            self._sense, self._shift, self._way = math.copysign(1.0, speed), shift, 0.0
+        self._turned += known[RATIO] * moved
+        self._way += abs(known[RATIO] * moved)
 
     def measure(
         self, alone: Joint, fused: float, acceleration: float, stamp_ns: int, reading: float
@@ -130,9 +152,14 @@ class SecondSensor:
         if not self._knows:
             source.readings = max(source.readings, sigma_x * sigma_x)
             forget_source(source, angle)
+            self._sense = 0.0
             if self._own is not None:
                 source.p[BIAS][BIAS] = 0.0  # encoders do not drift
             self._knows, self._agrees_ns, source.news = True, stamp_ns, False
+            return None
+        if self._way < self._backlash:  # between the two encoders: it shows nothing of the joint
+            resume_source(source, angle)
+            source.news = False
             return None
         fits = meet_angle(
             source,

@@ -160,8 +160,9 @@ def test_a_silent_source_is_named_and_used_again_at_once():
     assert sensor.used and run.error(3.0, 4.0) <= 1.05 and run.error(4.1) <= 0.2
 
 
-@pytest.mark.parametrize(('backlash', 'bound'), [(0.1, 1.1), (0.5, 1.02), (2.0, 1.02)])
-def test_an_encoder_behind_backlash_is_not_worse_than_the_better_one(backlash, bound):
+@pytest.mark.parametrize('phase', [0.3, 0.8])
+@pytest.mark.parametrize(('backlash', 'bound'), [(0.0, 1.03), (0.1, 1.0), (0.5, 0.9), (2.0, 0.7)])
+def test_an_encoder_behind_backlash_is_not_worse_than_the_better_one(backlash, bound, phase):
     time = np.arange(80_000) / 10_000
     motor, link = 0.5 * np.sin(3.0 * time), np.empty_like(time)
     half, at = 0.5 * np.deg2rad(backlash), 0.0
@@ -169,7 +170,9 @@ def test_an_encoder_behind_backlash_is_not_worse_than_the_better_one(backlash, b
         at = min(max(at, angle - half), angle + half)
         link[k] = at
     speed = np.gradient(link, time)
-    run = Run(lambda t: np.interp(t, time, link), lambda t: np.interp(t, time, speed), 8.0)
+    run = Run(
+        lambda t: np.interp(t, time, link), lambda t: np.interp(t, time, speed), 8.0, phase=phase
+    )
     turned = np.floor(100.0 * motor[::10] / QUANTUM) * QUANTUM
     turned = (turned + np.pi) % (2.0 * np.pi) - np.pi
     run(run.time, turned, kind='angle', ratio=0.01, delay=0.0)

@@ -134,7 +134,7 @@ def examine(
     rows = np.sort(stretch(seen))
     moved = reference(seen, rows)
     found += velocities.checks(seen, moved, rows)
-    made, sources = None, {}
+    made, sources = None, dict[str, Any]()
     if moved is not None and not failed(found):
         made = answer(seen, moved, rows, motion_hz)
         more, sources = second.examine(seen, moved, rows, topic, others, motion_hz)

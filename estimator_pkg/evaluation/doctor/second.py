@@ -86,11 +86,11 @@ def candidates(bag: Bag) -> list[Candidate]:
                     arrays = map(np.concatenate, zip(*parts))
                     found.append(Candidate(topic.name, IMU, path, AS_RATE, '', *arrays))
     for name in measured_topics(bag):
-        series, arrived = joint_series(bag, name), joint_series(bag, name, True)
+        series, published = joint_series(bag, name), joint_series(bag, name, True)
         if len({len(each.stamps_ns) for each in series.values()}) != 1:
             continue  # not every message has every joint, so an index is not that of a joint
         for number, (joint, each) in enumerate(series.items()):
-            times = each.stamps_ns, arrived[joint].stamps_ns
+            times = each.stamps_ns, published[joint].stamps_ns
             for path, kind, values in (
                 ('position', AS_ANGLE, each.position),
                 ('velocity', AS_RATE, each.velocity),
