@@ -1,12 +1,13 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``evaluate`` and ``replay`` with a second sensor."""
+"""``evaluate``, ``replay`` and ``tune`` with a second sensor."""
 
 import json
 from pathlib import Path
 
 from estimator_pkg.cli import main
+from estimator_pkg.params_file import load
 
 BAGS = Path(__file__).parents[3] / 'bags/simulated'
 ALONE = ('--set', 'quantum=0.00153398')
@@ -43,3 +44,10 @@ def test_a_source_that_is_not_in_the_bag_or_misspelt_is_named(capsys):
     words = ('--observer', 'edge_adaptive', *GYRO, '--set', 'source.gyro.rato=1')
     assert main(['evaluate', str(BAGS / 'gyro'), *words]) == 2
     assert "did you mean 'source.gyro.ratio'?" in capsys.readouterr().err
+
+
+def test_tune_writes_the_parameters_of_the_source(tmp_path):
+    out = tmp_path / 'tuned.yaml'
+    words = ('--observer', 'edge_adaptive', *GYRO, '--trials', '2', '--out', str(out))
+    assert main(['tune', str(BAGS / 'gyro'), *words]) == 0
+    assert load(str(out), 'joint_observer')['source.gyro.topic'] == '/imu'
