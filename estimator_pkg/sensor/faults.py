@@ -52,7 +52,8 @@ WINDOW = 32  # readings in which each bit that they pass changes; before the fir
 TOGGLES = 128  # readings that show a count on every second one
 SOON_NS = 900_000_000  # time from one window to the end of the next [ns]
 WINDOWS = 4  # before a bit is judged: the counter is known
-FORGET = 0.75  # part of the largest bend that is left after a window
+FORGET = 2.5e-4  # [s] over the sample time: part of the largest bend that a window forgets,
+MOST_FORGOTTEN = 0.25  # but no more
 MOST_COUNTS = 1e6
 CALM = 3  # steps in a row that show how the joint goes on
 PATIENCE = 12  # readings after which a suspicion ends
@@ -210,9 +211,8 @@ def look(faults: Faults, reading: float, clock: Clock, period: float) -> int:
 def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
     """Take a reading of a window; return TOGGLE, BIT or NONE."""
     if faults.window == 0:
-        faults.bend *= FORGET
         if step == 0.0 or (faults.settled > WINDOWS and not faults.unusual):
-            faults.due_ns = faults.now_ns + SOON_NS
+            wait(faults, SOON_NS)
             return NONE
         faults.unusual = False
         faults.changed = faults.moves = 0
@@ -222,7 +222,8 @@ def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
     faults.changes += abs(change)
     exact = faults.last / faults.grain
     code = round(exact) if abs(exact) < MOST_COUNTS else 0
-    if abs(exact - code) > 0.1:  # no counter
+    counts = abs(exact - code) <= 0.1
+    if not counts:
         faults.ever = faults.settled = 0
     if faults.window > 1:
         faults.changed |= (code | faults.code) - (code & faults.code)  # exclusive or
@@ -236,9 +237,8 @@ def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
     alternates = swing > 0.8 * mean and abs(swing - 2.0 * faults.grain) < 0.5 * faults.grain
     if alternates and faults.window < TOGGLES:
         return NONE
-    faults.due_ns = faults.now_ns
-    if faults.moves == 0 or faults.settled > WINDOWS:
-        faults.due_ns += SOON_NS - round(2e9 * WINDOW * faults.dt)
+    if faults.settled > WINDOWS or faults.moves == 0 or not counts:
+        wait(faults, SOON_NS - round(2e9 * WINDOW * faults.dt))
     bit = stuck_bit(faults)
     faults.ever |= faults.changed
     faults.settled += 1 if faults.moves > 0 else 0
@@ -248,13 +248,26 @@ def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
     return note(faults, TOGGLE if alternates and faults.settled > 1 else NONE, faults.grain)
 
 
+def wait(faults: Faults, time_ns: int) -> None:
+    """Set when the next window begins; until then large bends are forgotten."""
+    faults.due_ns = faults.now_ns + time_ns
+    faults.bend *= 1.0 - min(FORGET / faults.dt, MOST_FORGOTTEN)
+
+
 def stuck_bit(faults: Faults) -> int:
     """Return a bit of the counter that does not change any more while the motion passes it, or -1.
 
     A mean step that is nearly a multiple of what the bit repeats after may leave it as it is.
     """
     passed = faults.ever - (faults.ever & faults.changed)
-    if passed == 0 or faults.settled <= WINDOWS or 4 * faults.moves <= faults.window:
+    if (
+        passed == 0
+        or faults.way == 0.0
+        or faults.settled <= WINDOWS
+        or 2 * faults.moves <= faults.window
+    ):
+        return NONE
+    if not 0.5 < faults.slope * faults.window / faults.way < 2.0:  # it stops, or starts
         return NONE
     mean = faults.way / (faults.window * faults.grain)
     k, size = 0, 1
