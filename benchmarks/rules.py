@@ -28,6 +28,7 @@ from benchmarks import ROOT, accuracy, field, motions
 from benchmarks.columns import Column, published, shared
 from estimator_pkg.engine.entries import ENTRIES
 from estimator_pkg.engine.translate import FLAGS, translate
+from estimator_pkg.evaluation.entries import Entry
 
 OBSERVER = 'edge_adaptive'
 FOLDERS = {'edge': 'estimator_pkg/observers/angle/edge', 'sensor': 'estimator_pkg/sensor'}
@@ -74,15 +75,8 @@ def columns() -> Iterator[tuple[str, Column]]:
 
 
 def measure(path: str) -> dict[str, Any]:
-    """Return {list: {stream: (rms error [rad/s], covered fraction)}}, and starts beyond `FAR`.
-
-    Parameters
-    ----------
-    path : file of pickled columns.
-    """
+    """Return {list: {stream: (rms error [rad/s], covered part)}} of pickled columns, and starts."""
     from sigma_starts import MOTIONS, Case, measure
-
-    from estimator_pkg.evaluation.entries import Entry
 
     found: dict[str, Any] = {}
     joints = lru_cache(lambda period: Entry(OBSERVER, OBSERVER).joint(wrap_period=period, **OWN))
@@ -120,8 +114,7 @@ def without(path: Path, source: str = '', text: str = '') -> dict[str, Any]:
         paths = [str(each) for each in (root, ROOT, *(ROOT / each for each in TESTS))]
         code = f'import sys; sys.path[:0] = {paths}; import json; from benchmarks import rules; '
         code += f'print(json.dumps(rules.measure({str(path)!r})))'
-        run = [sys.executable, '-c', code]
-        return json.loads(subprocess.run(run, cwd=root, check=True, stdout=-1).stdout)
+        return json.loads(subprocess.check_output([sys.executable, '-c', code], cwd=root))
 
 
 def row(name: str, purpose: str, new: dict[str, Any], old: dict[str, Any]) -> list[str]:
