@@ -44,7 +44,7 @@ from estimator_pkg.progress import progress
 from estimator_pkg.streams.angle import AngleStream
 from estimator_pkg.streams.contract import Request
 
-SECOND = ('gyro', 'motor_encoder')  # bags with a second sensor: `benchmarks.second`
+SECOND = ('base_with_slip', 'gyro', 'motor_encoder')  # with a second sensor: `benchmarks.second`
 SKIPPED = 0.5  # ignored at the beginning [s]
 MARGIN = 1.15  # a new bound over the measured value
 RAW = Entry('finite_difference, raw', 'finite_difference', (('bandwidth_hz', 1e6),))

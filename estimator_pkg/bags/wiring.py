@@ -81,9 +81,11 @@ class Setup:
         for number, (port, topic) in enumerate(zip(stream.inputs, self.ports)):
             if number and port.field:
                 if topic is None:
-                    raise UsageError(
-                        f"'{port.topic}' is not in the bag: unset the parameter that names it"
+                    named = 'sources' in self.values
+                    remedy = (
+                        "omit it in 'sources'" if named else "unset 'gyro_topic'"
                     )
+                    raise UsageError(f"'{port.topic}' is not in the bag: {remedy}")
                 store = store_for(topic.type, topic.definition)
                 stream.read_field(Field(fields_of(store), topic.type, port.field), number)
         return stream

@@ -173,12 +173,22 @@ def arc(distance: float, turn: float, yaw: float) -> tuple[Array, Array]:
     return np.array([distance * along, distance * across, turn]), np.array(by)
 
 
+class Learnt(NamedTuple):
+    """Constant errors of the base and its gyro."""
+
+    r: float  # true over given track
+    b: float  # -r times the bias of the gyro [rad/s]
+    g: float  # r times its delay [s]
+    e: float  # difference of the radii over the track [1/m]
+    s: float  # error of the mean radius, relative
+
+
 class Filter:
     """Pose and constant errors, with one covariance.
 
     Attributes
     ----------
-    state : x [m], y [m], yaw [rad], r, b [rad/s], g [s], e [1/m], s, and 0 with variance 1, which
+    x : x [m], y [m], yaw [rad], r, b [rad/s], g [s], e [1/m], s, and 0 with variance 1, which
     carries the error by slip. p : covariance, shape (9, 9).
     """
 
@@ -189,18 +199,28 @@ class Filter:
         self._quarter = 0.25 * track**2
         self._prior = np.diag([of_track**2 + half, bias**2, delay**2, 4 * half / track**2, half])
         self._prior[0, 4] = self._prior[4, 0] = -half
-        self.state, self.p = np.zeros(9), np.zeros((9, 9))
+        self.x, self.p = np.zeros(9), np.zeros((9, 9))
         self.p[8, 8] = 1.0
         self.forget()
+
+    @property
+    def pose(self) -> Array:
+        """The newest pose: x [m], y [m], yaw [rad]."""
+        return self.x[:3]
+
+    @property
+    def learnt(self) -> Learnt:
+        """The constant errors."""
+        return Learnt(*self.x[3:8].tolist())
 
     def forget(self) -> None:
         """Forget what is learnt."""
         self.p[3:8] = self.p[:, 3:8] = 0.0
-        self.state[3:8], self.p[3:8, 3:8] = (1.0, 0.0, 0.0, 0.0, 0.0), self._prior
+        self.x[3:8], self.p[3:8, 3:8] = Learnt(1.0, 0.0, 0.0, 0.0, 0.0), self._prior
 
     def start(self) -> None:
         """Go on at pose zero."""
-        self.state[:3] = self.p[:3] = self.p[:, :3] = 0.0
+        self.x[:3] = self.p[:3] = self.p[:, :3] = 0.0
 
     def corrected(self, moved: Array) -> tuple[Array, Array]:
         """Return distance and turn by what is learnt, and derivatives by the state, (2, 9).
@@ -209,7 +229,7 @@ class Filter:
         ----------
         moved : both by the parameters; or speed and rate.
         """
-        (distance, turn), (r, _, _, e, s) = moved, self.state[3:8]
+        (distance, turn), (r, _, _, e, s) = moved, self.learnt
         found = np.array([distance * (1 + s) - self._quarter * e * turn, (turn - e * distance) / r])
         by = np.zeros((2, 9))
         by[0, 6:8] = -self._quarter * turn, distance
@@ -218,13 +238,13 @@ class Filter:
 
     def move(self, moved: Array, by: Array, walk: Array) -> None:
         """Follow an arc: distance and turn, their derivatives by the state, their covariance."""
-        step, on = arc(moved[0], moved[1], self.state[2])
+        step, on = arc(moved[0], moved[1], self.pose[2])
         f = np.eye(9)
         f[:2, 2] = -step[1], step[0]
         f[:3] += on @ by
         self.p = f @ self.p @ f.T
         self.p[:3, :3] += on @ walk @ on.T
-        self.state[:3] += step
+        self.x[:3] += step
 
     def learn(self, window: Array, noise: float) -> bool:
         """Learn from I, T, W, D and the turn of the wheels; return False if they do not agree.
@@ -234,13 +254,13 @@ class Filter:
         h, gain = np.zeros(9), np.zeros(9)
         h[3:7] = window[:4]
         self.p[range(3, 8), range(3, 8)] += WALK * window[1]
-        innovation, c = window[4] - h @ self.state, self.p @ h
+        innovation, c = window[4] - h @ self.x, self.p @ h
         s = h @ c + noise
         if innovation * innovation > GATE * s:
             return False
         gain[3:8] = c[3:8] / s
         keep = np.eye(9) - np.outer(gain, h)
-        self.state += gain * innovation
+        self.x += gain * innovation
         self.p = keep @ self.p @ keep.T + np.outer(gain, gain) * noise
         return True
 
@@ -351,7 +371,7 @@ class Base:
     @property
     def pose(self) -> Array:
         """The newest pose: x [m], y [m], yaw [rad]."""
-        return self._filter.state[:3]
+        return self._filter.pose
 
     def update(self, stamp_ns: int, joints: Array) -> None:
         """Take the joints of one message.
@@ -391,7 +411,7 @@ class Base:
         told, found, slid = None, wheels, np.zeros(2)
         if self.gyro is not None:
             still = bool((speeds**2 < 9.0 * sigmas**2).all())
-            told = self._told(dt, wheels, to[1] @ bends / kept.state[3], still, turns)
+            told = self._told(dt, wheels, to[1] @ bends / kept.learnt.r, still, turns)
             contradicts = told is not None and (self.slips != '' or not told.agrees(wheels))
             self._learn(None if contradicts else gone, walk[1, 1], newest[1, 1])
         wide = np.ptp(joints[: 2 * len(geometry.wheels_left), 1].reshape(2, -1), axis=1)
@@ -418,7 +438,7 @@ class Base:
                     said = f'{turns}, the gyro at {told.value:.4g}'
             elif white > 0.0:
                 share = white / (white + walk[1, 1])
-            r, b, g = kept.state[3:6]
+            r, b, g = kept.learnt[:3]
             moved[1] = share * moved[1] + (1 - share) * (self.gyro.step @ (1.0, b / r, g / r))
             by[1] *= share
             by[1, 4:6] += (1 - share) * self.gyro.step[1:] / r
@@ -431,18 +451,18 @@ class Base:
         self.twist_covariance = covariance + np.outer(slid, slid)
         by[:, 8] = slid * dt * (1.0, float(told is None))
         kept.move(moved, by, walk)
-        on = arc(0.0, 0.0, kept.state[2])[1]
+        on = arc(0.0, 0.0, kept.pose[2])[1]
         self.covariance = kept.p[:3, :3] + on @ self._learnt(newest) @ on.T
         self._note(dt, said)
 
     def _learnt(self, covariance: Array) -> Array:
         """Return a covariance of distance and turn by the wheels, by what is learnt."""
-        by = (1.0, self._filter.state[3])
+        by = (1.0, self._filter.learnt.r)
         return covariance / np.outer(by, by)
 
     def _told(self, dt: float, wheels: Rate, bend: float, still: bool, turns: str) -> Rate | None:
         """Return the rate by the gyro, None if it is not used."""
-        gyro, p, (r, b, g) = self.gyro, self._filter.p, self._filter.state[3:6].tolist()
+        gyro, p, (r, b, g) = self.gyro, self._filter.p, self._filter.learnt[:3]
         assert gyro is not None
         if not gyro.follow(self._stamp_ns, dt, bend):
             self._window = None
@@ -476,7 +496,7 @@ class Base:
             self._window = window = window + np.array([*gyro.step, *gone, walk])
             if window[1] < WINDOW:
                 return
-            white = self._filter.state[3] ** 2 * gyro.white * gyro.spacing * window[1]
+            white = self._filter.learnt.r**2 * gyro.white * gyro.spacing * window[1]
             fits = self._filter.learn(window, window[5] + newest + white)
             self._fits = max(1, self._fits + 1) if fits else min(-1, self._fits - 1)
             self._proof = self._proof + abs(window[4]) if fits else 0.0
@@ -510,7 +530,7 @@ class Base:
         """Return pose, slips and what is known of the gyro, for people."""
         if self.twist is None:
             return 'no message has had all joints yet'
-        x, y, yaw, r, b, g = self._filter.state[:6]
+        x, y, yaw, r, b, g = (*self.pose, *self._filter.learnt[:3])
         slips = f'; now: {self.slips}' if self.slips else ''
         gyro = '' if self.gyro is None else f'; gyro {self._why}'
         if self.used:

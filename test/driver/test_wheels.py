@@ -136,10 +136,11 @@ def test_wheels_of_a_side_that_differ_are_slip():
 
 
 class Wrong(base.Plant):
-    """A base that stands between 10 and 15 s."""
+    """A base that brakes from 9.9 s on, and stands from 10 to 15 s."""
 
     def twist(self, t):
-        return (0.0, 0.0) if 10.0 < t < 15.0 else super().twist(t)
+        part = min(max((abs(t - 12.5) - 2.5) / 0.1, 0.0), 1.0)
+        return tuple(part * value for value in super().twist(t))
 
 
 WRONG = {
