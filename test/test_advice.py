@@ -68,7 +68,7 @@ HAVING = {  # texts that are shown only to observers that have the parameter, an
     ('evaluation/compare/truth.py', 'angle_joint'): 'only with --angle, of single angles',
     ('driver/configuration.py', 'observer'): '`observers.instead`: another observer of the node',
     ('bags/wiring.py', 'observer'): 'the parameter itself is wrong',
-    ('bags/wiring.py', 'gyro_topic'): 'the condition `named`: only wheels have fields, and no sources',
+    ('bags/wiring.py', 'gyro_topic'): 'the condition `named`: only wheels lack sources',
 }
 
 
