@@ -82,9 +82,7 @@ class Setup:
             if number and port.field:
                 if topic is None:
                     named = 'sources' in self.values
-                    remedy = (
-                        "omit it in 'sources'" if named else "unset 'gyro_topic'"
-                    )
+                    remedy = "omit it in 'sources'" if named else "unset 'gyro_topic'"
                     raise UsageError(f"'{port.topic}' is not in the bag: {remedy}")
                 store = store_for(topic.type, topic.definition)
                 stream.read_field(Field(fields_of(store), topic.type, port.field), number)

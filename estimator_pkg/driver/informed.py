@@ -92,7 +92,7 @@ class SecondSensor:
                     continue
                 position, value, _, status = self._own.estimate()
                 variance = self._own.stddev()[1] ** 2
-                if status != TRACKING or not variance > 0.0 or math.isnan(before):
+                if status != TRACKING or not 0.0 < variance < math.inf or math.isnan(before):
                     source.stamp_ns = 0
                     continue
                 period = self._own.settings.wrap_period
@@ -147,6 +147,8 @@ class SecondSensor:
         if not source.news or since > OLD * source.dt:
             return None
         sigma_x, sigma_v = alone.stddev()
+        if math.isinf(sigma_x + sigma_v):  # the angle alone does not know yet
+            return None
         if self.settings.kind == AS_ACCELERATION:
             return self._accelerate(speed, fused, sigma_v * sigma_v, stamp_ns)
         if not self._knows:

@@ -106,3 +106,14 @@ def test_sensors_that_do_not_agree_are_named(arm, tmp_path, capsys):
     (gyro,) = found['elbow']
     assert 'pays' not in gyro and ('not used' in gyro['value'] or 'withheld' in gyro['value'])
     assert 'Use the second sensor' not in capsys.readouterr().out
+
+
+def test_a_joint_that_moves_with_another_one_ends_no_report(tmp_path):
+    """The deviation of its second reading is infinite: what was learnt became nan."""
+    path = BAGS.parent / 'dfki_double_pendulum/sys_id_500hz'
+    _, found = doctor(str(path), tmp_path)
+    assert {each['field'] for one in found.values() for each in one} == {
+        'position[0]',
+        'position[1]',
+    }
+    assert not any(each.get('pays') for one in found.values() for each in one)
