@@ -33,7 +33,7 @@ WINDOW = 0.5  # shortest time over which gyro and wheels are compared to learn [
 PROOF, TURN = 4, 0.2  # windows that agree, and turns in them [rad], before the gyro is used
 LIMIT = 10  # windows in a row that do not agree, after which the gyro is learnt again
 UNKNOWN = (0.1, 1.0, 0.02, 0.005)  # deviations of track, bias [rad/s], delay [s], radii at first
-WALK = np.array([1e-6, 1e-8, 0.0, 0.0, 0.0])  # of what is learnt: variances per second
+WALK = np.array([1e-6, 1e-8, 0.0, 0.0, 0.0])  # of the constant errors: variances per second
 GATE = 25.0  # squared deviations of a window that does not agree
 SLIPS, AGREES = 0.05, 0.25  # time without, and with agreement, after which slip begins, ends [s]
 STANDS = 2.0  # time for which the gyro contradicts wheels that stand: its bias is another one [s]
@@ -98,8 +98,8 @@ class Geometry:
         0.003,
         unit='m',
         range=(0.0, 1.0),
-        description='standard deviation of what a wheel travels on 1 m beyond what it turns; it '
-        'grows with the root of the distance',
+        description='standard deviation of the distance of a wheel on 1 m of ground; it grows with '
+        'the root of the distance',
     )
 
     def check(self) -> None:

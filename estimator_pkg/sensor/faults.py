@@ -257,7 +257,7 @@ def wait(faults: Faults, time_ns: int) -> None:
 def stuck_bit(faults: Faults) -> int:
     """Return a bit of the counter that does not change any more while the motion passes it, or -1.
 
-    A mean step that is nearly a multiple of what the bit repeats after may leave it as it is.
+    A bit need not change if the mean step is nearly a multiple of its period.
     """
     passed = faults.ever - (faults.ever & faults.changed)
     if (

@@ -3,12 +3,12 @@
 
 """Readings that are not those of the shaft: glitches, and flips of a symmetric sensor.
 
-A reading that is much further from the expected one than the innovations of late is not believed
-until the next reading shows that it was right: the expected one is taken in its place, and the
-standard deviation covers both. A real blow so costs one sample. What is believed at once: a bounce,
-since an impact stops a joint or turns it round within a sample, and the first step of a joint that
-rests. A reading off by half a turn is a pose of a symmetric set of markers that flipped, or a
-magnet read upside down: it is believed, less the half turn.
+A reading is not believed if it is much further from the expected one than innovations were of late,
+and no joint changes its speed so much within a sample. The expected reading is taken in its place,
+and the standard deviation covers both. The next reading is believed, so that a sensor that slips on
+its shaft costs one sample. An impact, which stops a joint or turns its speed round, is believed at
+once. A second reading that is off by half a turn is a pose of a symmetric set of markers that
+flipped, or a magnet read upside down: the half turn is taken out.
 """
 
 from __future__ import annotations

@@ -117,12 +117,12 @@ class SecondSensors:
         return self._encoder.encode(start_ns + stamp_ns, '', (self._joint,), (angle,))
 
 
-def imu(stamp_ns: int, rate: float, start_ns: int) -> bytes:
+def imu(stamp_ns: int, rate: float, start_ns: int, frame_id: str = '') -> bytes:
     """Encode a sensor_msgs/Imu with a rate about z, without orientation and acceleration."""
     writer = Writer()
     writer.numbers('i', ((start_ns + stamp_ns) // SECOND,))
     writer.numbers('I', ((start_ns + stamp_ns) % SECOND,))
-    writer.text('')
+    writer.text(frame_id)
     unknown, exact = (-1.0, *[0.0] * 8), (0.0,) * 9
     writer.numbers('d', (0.0, 0.0, 0.0, 1.0, *unknown, 0.0, 0.0, rate, *exact, 0.0, 0.0, 0.0))
     writer.numbers('d', unknown)

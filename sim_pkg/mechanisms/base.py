@@ -18,12 +18,12 @@ import numpy as np
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import odometry
-from estimator_pkg.messages.cdr import Writer
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.parameters import structural
 from sim_pkg.chunks import in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic
+from sim_pkg.joints.second import GYRO, imu
 from sim_pkg.joints.sensor import (
     RAW_COUNTS,
     SECOND,
@@ -34,7 +34,6 @@ from sim_pkg.joints.sensor import (
 )
 
 MEASURED = Topic('joint_states', JOINT_STATE)
-GYRO = Topic('imu', 'sensor_msgs/msg/Imu')
 TRUE_WHEELS = Topic('ground_truth/joint_states', JOINT_STATE, truth=True)
 TRUE_BASE = Topic('ground_truth/odometry', odometry.TYPE, truth=True)
 CHUNK = 16  # samples made at a time
@@ -109,8 +108,8 @@ class BaseParameters(SensorParameters):
         0.0,
         unit='m',
         range=(0.0, 1.0),
-        description='standard deviation of what a wheel travels on 1 m of ground, beyond what it '
-        'turns; it grows with the root of the distance',
+        description='standard deviation of the distance of a wheel on 1 m of ground; it grows with '
+        'the root of the distance',
     )
     gyro_noise: float = structural(
         0.005,
@@ -257,7 +256,9 @@ def _chunks(
                 at = taken - half
                 rate = plant.twist(at / SECOND)[1] + p.gyro_bias
                 rate += p.gyro_noise * noise.standard_normal()
-                messages.append(Message(at, GYRO.name, partial(_imu, at + late, rate)))
+                messages.append(
+                    Message(at, GYRO.name, partial(imu, at + late, rate, frame_id='base_link'))
+                )
             plant.go(taken / SECOND)
             positions, velocities = plant.joints()
             readings = [
@@ -299,19 +300,6 @@ def _odometry(
 ) -> bytes:
     exact, frames = ((0.0,) * 3,) * 3, ('odom', 'base_link')
     return odometry.encode(start_ns + stamp_ns, frames, pose, exact, twist, exact)
-
-
-def _imu(stamp_ns: int, rate: float, start_ns: int) -> bytes:
-    """Encode a sensor_msgs/Imu with a yaw rate and no orientation."""
-    sec, nanosec = divmod(start_ns + stamp_ns, SECOND)
-    writer = Writer()
-    writer.numbers('i', (sec,))
-    writer.numbers('I', (nanosec,))
-    writer.text('base_link')
-    writer.numbers('d', (0.0, 0.0, 0.0, 1.0, -1.0, *[0.0] * 8))
-    writer.numbers('d', (0.0, 0.0, rate, *[0.0] * 9))
-    writer.numbers('d', (0.0, 0.0, 0.0, -1.0, *[0.0] * 8))
-    return bytes(writer.raw)
 
 
 SIMULATOR = Simulator(
