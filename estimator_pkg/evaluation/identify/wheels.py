@@ -37,6 +37,7 @@ WINDOW = 2.0  # [s]
 KEPT = 0.7  # part of the windows to identify from; the others validate
 SLIPS = 4.0  # deviations of a window in which wheels slip, which is left out
 TRIALS = 500  # of five windows: least median of squares (Rousseeuw 1984)
+OPEN = 0.02  # of its length: a loop with a larger gap is none
 UNSURE = 0.02  # deviation of the heading at the end of a loop [rad]
 STEP = 0.2  # between samples of a path [s]
 LITTLE = 0.1  # relative deviation above which a drive identifies nothing
@@ -216,6 +217,12 @@ def _of_loops(times: Array, turned: Array) -> tuple[Array, Array, dict[str, floa
     inverse = np.linalg.inv(terms)
     ratios = inverse @ (2.0 * math.pi * turns)
     about = {f'open_{number + 1}': _gap(ratios, each) for number, each in enumerate(pieces)}
+    worst = max(about.values())
+    if worst > OPEN:
+        raise UserError(
+            f'a loop ends {100.0 * worst:.2g} % of its length from its start: end each loop where it '
+            'began, or identify from a drive with a gyro'
+        )
     return ratios, inverse @ inverse.T * UNSURE**2, about
 
 

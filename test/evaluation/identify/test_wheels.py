@@ -27,6 +27,7 @@ def drives(tmp_path_factory):
         'late': ('gyro_delay=0.05', 'slip=0.5', 'turn_mean=0.1'),
         'skid': ('base=skid', 'slip_factor=1.5', 'counts_per_revolution=512'),
         'short': (),
+        'open': ('travel_noise=0',),
     }.items():
         found[name] = tmp_path_factory.mktemp('drives') / name
         values = {key: value for key, value in BASE.items() if key != 'base'}
@@ -85,6 +86,7 @@ def test_within_1_percent_and_its_deviations(case, drives, tmp_path):
         ('gyro', ('--set=track=0.5', '--set=wheels_left=[wheel_lef_joint]'), 'wheel_left_joint'),
         ('gyro', ('--set=track=0.5', '--joint=wheel_left_joint'), '--joint and --start'),
         ('short', ('--set=track=0.5',), 'record a drive of'),
+        ('open', ('--loops', '--distance=12'), 'of its length from its start'),
     ],
 )
 def test_what_identifies_nothing_is_one_line(drive, words, said, drives, capsys):
