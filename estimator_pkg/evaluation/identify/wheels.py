@@ -220,8 +220,8 @@ def _of_loops(times: Array, turned: Array) -> tuple[Array, Array, dict[str, floa
     worst = max(about.values())
     if worst > OPEN:
         raise UserError(
-            f'a loop ends {100.0 * worst:.2g} % of its length from its start: end each loop where it '
-            'began, or identify from a drive with a gyro'
+            f'a loop ends {100.0 * worst:.2g} % of its length from its start: end each loop where '
+            'it began, or identify from a drive with a gyro'
         )
     return ratios, inverse @ inverse.T * UNSURE**2, about
 
