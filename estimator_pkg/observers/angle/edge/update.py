@@ -69,8 +69,9 @@ def update(
             bandwidth.inflate_for_manoeuvre(state, d, date, dt, flickers)
             kind, centre, half = cells.INTERVAL, innovation, 0.5 * size  # the whole cell is news
         else:
-            shown = cells.interval(innovation, unpredicted, size, p.p00, noise, flickers)
-            kind, centre, half = shown
+            kind, centre, half = cells.interval(
+                innovation, unpredicted, size, p.p00, noise, flickers
+            )
         r = noise + NOISY_ABOVE * (2.0 * half) * (2.0 * half)
         d, left = cells.within(centre, half, math.sqrt(p.p00 + r))
     s = p.p00 + r
