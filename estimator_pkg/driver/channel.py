@@ -45,14 +45,6 @@ from estimator_pkg.sensor.guard import (
     ZERO_STAMP,
     Limits,
 )
-from estimator_pkg.sensor.map import (
-    Place,
-    SensorMap,
-    correct_reading,
-    follow_verdict,
-    put_back,
-    widen,
-)
 from estimator_pkg.sensor.repeats import Repeats, is_repeated
 from estimator_pkg.sensor.turns import Turns, follow_turns, is_news
 
@@ -92,7 +84,6 @@ class Channel:
     faults: Faults
     wrapped: Frame  # with the joint's circle
     counted: Frame  # without, where the sensor counts turns
-    map: SensorMap
     verdict: int  # on the newest sample
     counts: Annotated[list[int], 12]  # of the samples, by verdict
     stamp_ns: int  # of the newest sample that was used
@@ -139,18 +130,9 @@ def take(
                     use_frame(channel, channel.counted)
                 else:
                     use_frame(channel, channel.wrapped)
-    if channel.map.active:
-        verdict = take_mapped(observer, channel, stamp_ns, measurement)
-    else:
-        verdict = advance(
-            observer,
-            channel.track,
-            channel.design,
-            channel.limits,
-            stamp_ns,
-            measurement,
-            known_input,
-        )
+    verdict = advance(
+        observer, channel.track, channel.design, channel.limits, stamp_ns, measurement, known_input
+    )
     if observer.SINGLE_ANGLE:
         if verdict == USED:
             if not is_usual(channel.faults, measurement, stamp_ns):
@@ -163,19 +145,6 @@ def take(
         channel.stamp_ns = stamp_ns
         channel.measurement = measurement
         channel.known_input = known_input
-    return verdict
-
-
-def take_mapped(observer: Any, channel: Channel, stamp_ns: int, measurement: float) -> int:
-    """Take a sample with the sensor's errors taken out; return the verdict."""
-    place = channel.map.place
-    before = Place()
-    before.take(place)
-    corrected, known = correct_reading(channel.map, measurement)
-    verdict = advance(
-        observer, channel.track, channel.design, channel.limits, stamp_ns, corrected, known
-    )
-    follow_verdict(place, before, verdict, measurement)
     return verdict
 
 
@@ -360,15 +329,15 @@ def show(observer: Any, channel: Channel) -> None:
     elif track.clock.mean_dt > channel.limits.longest_dt:
         out.status = STATUS_MISCONFIGURED
     else:
-        measurement, known_input = channel.measurement, channel.known_input
-        if channel.map.active:
-            measurement += channel.map.place.correction
-            known_input = channel.map.place.further
         observer.estimate(
-            observer, out, track.state, track.coefficients, channel.design, measurement, known_input
+            observer,
+            out,
+            track.state,
+            track.coefficients,
+            channel.design,
+            channel.measurement,
+            channel.known_input,
         )
-        if channel.map.active:
-            put_back(channel.map, out)
 
 
 def show_deviation(observer: Any, channel: Channel) -> None:
@@ -378,13 +347,6 @@ def show_deviation(observer: Any, channel: Channel) -> None:
     observer.deviation(
         observer, channel.deviation, track.state, track.coefficients, channel.design, scale
     )
-    if channel.map.active and channel.map.doubt != 0.0 and channel.map.place.slope != 0.0:
-        corrected = channel.map.place.reading + channel.map.place.correction
-        bare = Estimate()
-        observer.estimate(
-            observer, bare, track.state, track.coefficients, channel.design, corrected, 0.0
-        )
-        widen(channel.map, channel.deviation, bare.velocity)
     if observer.SINGLE_ANGLE:
         if channel.faults.doubted:
             show(observer, channel)

@@ -36,22 +36,6 @@ class JointSettings(GuardSettings):
     )
 
 
-NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
-
-
-@dataclass(frozen=True)
-class SensorSettings(JointSettings):
-    """Parameters per joint of observers that take single angles."""
-
-    sensor_map: str = structural(
-        LEARN,
-        choices=(NONE, LEARN),
-        description='learn: errors of the sensor that repeat each turn (eccentricity, misplaced '
-        'edges, edges that come late) are learnt while the joint turns, and taken out of its '
-        'readings where that is proven to help',
-    )
-
-
 AS_RATE, AS_ANGLE, AS_ACCELERATION = 'rate', 'angle', 'acceleration'  # kinds of sources
 
 
@@ -107,7 +91,7 @@ class Configuration:
         observer: Observer,
         common: Mapping[str, Any] | None = None,
         overrides: Mapping[str, Mapping[str, Any]] | None = None,
-        settings: type[JointSettings] = SensorSettings,
+        settings: type[JointSettings] = JointSettings,
         remedy: str = NAME_IT,
     ) -> None:
         self.observer, self._settings, self._remedy = observer, settings, remedy

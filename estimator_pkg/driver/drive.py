@@ -134,7 +134,6 @@ class DriveJoint(Joint):
         self._tighten()
 
     def _begin(self) -> None:
-        self.learner = None
         self._use_gains()  # the settings may be others
         with self._changing() as channel:
             channel.stamp_ns, channel.verdict = 0, DUPLICATE

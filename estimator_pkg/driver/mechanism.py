@@ -65,7 +65,6 @@ class Mechanism(Joint):
     settings: MechanismSettings
     plain = mechanism_channel
     compiled: Any
-    learner = None
 
     def __init__(
         self, name: str, observer: Observer, gains: Any, settings: MechanismSettings, source: str

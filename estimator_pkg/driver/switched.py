@@ -59,7 +59,6 @@ class SwitchedJoint(Joint):
     """
 
     plain = switched_channel
-    learner = None
     longest_dt = math.inf
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:

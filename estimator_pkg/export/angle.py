@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a header of an observer of one angle has: `driver.channel` for one sample, without a map.
+"""What a header of an observer of one angle has: `driver.channel` for one sample.
 
 The engine translates these functions. `export.header` binds the arguments `wrapped` and `counted`.
 """

@@ -91,7 +91,7 @@ class Smoothing:
             found = self._of.get(name)
             smoother = found[1] if found and found[0] is joint else self._smoother(name, joint)
             fresh = USED < joint.verdict < DUPLICATE
-            smoother.add(at_ns, position, written, fresh, joint.correction())
+            smoother.add(at_ns, position, written, fresh)
             smoothers.append(smoother)
         if not used:
             return []

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Bank, TakenOfJoints
-from estimator_pkg.driver.configuration import Configuration, SensorSettings
+from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.wheels import OBSERVER, Base, Geometry
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.estimate import VALID
@@ -78,7 +78,6 @@ class WheelStream(Stream):
     KIND = 'wheels'
     NODE = 'wheel_odometry'
     SETTINGS = WheelSettings
-    PER_JOINT = SensorSettings
     bank: Bank
     settings: WheelSettings
 

@@ -452,17 +452,10 @@ def low_speed_bound(change: float, since: float, quantum: float, variance: float
     return ((change if change > quantum else quantum) + SURELY * math.sqrt(variance)) / since
 
 
-def clamped(
-    observer: Any, speed: float, state: Any, coefficients: Any, design: Any, change: float
-) -> float:
-    """Return `speed` [rad/s] clamped to the low-speed bound.
-
-    Parameters
-    ----------
-    change : size of the last change of the reading [rad], or how far its cell reaches.
-    """
+def clamped(observer: Any, speed: float, state: Any, coefficients: Any, design: Any) -> float:
+    """Return `speed` [rad/s] clamped to the low-speed bound."""
     reading, shared = state.reading, design.shared
-    if abs(speed) * reading.since <= change:
+    if abs(speed) * reading.since <= reading.change:
         return speed
     quantum = shared.quantum if shared.quantum > 0.0 else reading.smallest
     if shared.variance > 0.0:
@@ -475,7 +468,7 @@ def clamped(
         )
         variance = reading.recent / of_innovation - variance_floor(quantum)
         variance = variance if variance > 0.0 else 0.0
-    bound = low_speed_bound(change, reading.since, quantum, variance)
+    bound = low_speed_bound(reading.change, reading.since, quantum, variance)
     return bound if speed > bound else -bound if speed < -bound else speed
 
 
@@ -488,12 +481,11 @@ def estimate(
     measurement: float,
     known_input: float,
 ) -> None:
-    """Set the estimate; the known input is by how much a cell reaches further than a quantum."""
+    """Set the estimate."""
     core, reading, shared = state.core, state.reading, design.shared
     velocity = core.velocity
     if reading.since > 0.0 and shared.low_speed_bound:
-        change = reading.change + abs(known_input)
-        velocity = clamped(observer, velocity, state, coefficients, design, change)
+        velocity = clamped(observer, velocity, state, coefficients, design)
     out.position = present(state.convention, core.position, shared.period, shared.unwrap)
     out.velocity = velocity
     out.acceleration = core.acceleration
@@ -559,7 +551,7 @@ def _deviation(
         of_velocity += of_start * of_start
     sigma = math.sqrt(of_velocity)
     if reading.since > 0.0 and shared.low_speed_bound:
-        sigma = clamped(observer, sigma, state, coefficients, design, reading.change)
+        sigma = clamped(observer, sigma, state, coefficients, design)
     if state.doubt.far == 1:  # what was read lies within two deviations
         of_doubt = 0.25 * state.doubt.off * state.doubt.off
         of_position += of_doubt

@@ -97,21 +97,17 @@ class Smoother:
         self._age = 0  # readings of this stretch that became results
         self._stamps: list[int] = []  # of the readings that wait
         self._waiting: list[float] = []
-        self._corrections: list[float] = []  # of theirs
         self._shown: deque[float] = deque()  # readings in the published convention
         self._results: deque[tuple[float, Result]] = deque()  # with their readings
         self._convention, self._any = Convention(), False
 
-    def add(
-        self, stamp_ns: int, reading: float, shown: float, fresh: bool, correction: float = 0.0
-    ) -> None:
+    def add(self, stamp_ns: int, reading: float, shown: float, fresh: bool) -> None:
         """Take a reading.
 
         Parameters
         ----------
         reading : [rad or m]. shown : the same in the published convention.
         fresh : the motion before it is too old, or its clock another.
-        correction : what its error is made good by [rad or m]. The quantum is that of the readings.
         """
         if fresh:
             if self._stamps:
@@ -119,7 +115,6 @@ class Smoother:
             self._state, self._age = None, 0
         self._stamps.append(stamp_ns)
         self._waiting.append(reading)
-        self._corrections.append(correction)
         self._shown.append(shown)
 
     def result(self) -> Result:
@@ -159,12 +154,11 @@ class Smoother:
             self._seen += (pair for pair in zip(steps[:count], moves[:count]) if pair[0] > 0.0)
             self._begin([*self._seen, *zip(steps[count:], moves[count:])])
         density = self.jerk
-        angles = [a + b for a, b in zip(readings, self._corrections)]
         for _ in range(AGAIN):
-            state = self._state or self._start(angles[0], steps, moves)
+            state = self._state or self._start(readings[0], steps, moves)
             if density > self.jerk > 0.0 and self._state:
                 state = widened(state, (density / self.jerk) ** (1.0 / 6.0))
-            states, news, size, used = self._forward(state, density, steps, angles, moves)
+            states, news, size, used = self._forward(state, density, steps, readings, moves)
             if size <= SURPRISE * used or size - used < SURELY:
                 break
             density *= RISE
@@ -184,7 +178,7 @@ class Smoother:
         self._state = None if astray else states[count - 1]
         self._before = readings[count - 1], stamps[count - 1]
         self._age += count
-        del readings[:count], stamps[:count], self._corrections[:count]
+        del readings[:count], stamps[:count]
 
     def _moves(self, last: float, readings: list[float]) -> list[float]:
         """Return by how much each reading changed."""
@@ -216,7 +210,7 @@ class Smoother:
         state: State,
         density: float,
         steps: list[float],
-        angles: list[float],
+        readings: list[float],
         moves: list[float],
     ) -> tuple[list[State], list[News], float, int]:
         """Filter; return the state after each reading, what it brought, and the sum and number
@@ -232,7 +226,7 @@ class Smoother:
         k20, k8, k6, k3 = density / 20.0, density / 8.0, density / 6.0, density / 3.0
         states, news = [], []
         size, used = 0.0, 0
-        last = len(angles) - 1
+        last = len(readings) - 1
         for i, h in enumerate(steps):
             k = 0.5 * h * h
             q2 = h * h
@@ -250,7 +244,7 @@ class Smoother:
             p11 = b1 + h * b2 + k3 * q3
             p12 = b2 + density * k
             p22 += density * h
-            e = angles[i] - x
+            e = readings[i] - x
             if e >= turn or e < -turn:
                 e = wrap(e, period)
             r, shows = plain, True
@@ -276,7 +270,7 @@ class Smoother:
                 and abs(e) > QUANTA * quantum
                 and (  # the newest one waits for the next
                     i == last
-                    or 4.0 * abs(wrap(angles[i + 1] - x - v * steps[i + 1], period)) < abs(e)
+                    or 4.0 * abs(wrap(readings[i + 1] - x - v * steps[i + 1], period)) < abs(e)
                 )
             ):
                 states.append((x, v, a, p00, p01, p02, p11, p12, p22))

@@ -56,7 +56,6 @@ def begun():
 def uncalibrated(joint, samples):
     """The estimates with the standard deviation as the observer makes it."""
     alone = Joint(joint.observer, joint.gains, joint.settings)
-    alone.learner = None
     with alone._changing() as channel:
         channel.track.calibration.quantum = -1e6  # no step is smaller, and it hides every error
     return alone.run(samples.stamps, samples.angle)
