@@ -17,7 +17,7 @@ from estimator_pkg.parameters import Parameter, build, declared, structural
 from estimator_pkg.sensor.guard import GuardSettings
 
 # What to do to have another observer's gain, with {0} for its name.
-NAME_IT = "write 'observer: {0}' in the parameter file, or use --observer {0}"
+SELECT_OBSERVER = "write 'observer: {0}' in the parameter file, or use --observer {0}"
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Configuration:
         common: Mapping[str, Any] | None = None,
         overrides: Mapping[str, Mapping[str, Any]] | None = None,
         settings: type[JointSettings] = JointSettings,
-        remedy: str = NAME_IT,
+        remedy: str = SELECT_OBSERVER,
     ) -> None:
         self.observer, self._settings, self._remedy = observer, settings, remedy
         self.common = dict(common or {})

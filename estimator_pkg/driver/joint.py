@@ -84,7 +84,7 @@ class Joint(Counted):
         self._faults_before = [0] * len(KINDS)
         self._new_starts = 0  # their number at the last reset
         self._use_gains()
-        self._begin()
+        self._reset_channel()
 
     @property
     def channel(self) -> Any:
@@ -131,14 +131,14 @@ class Joint(Counted):
         frame.longest_dt = longest_dt(lambda dt: self.module.limits(design, dt))
         frame.period = float(circle.period)
 
-    def _begin(self) -> None:
+    def _reset_channel(self) -> None:
         """Start as if no sample had come."""
         self._use_gains()  # the settings may be others
         with self._changing() as channel:
             begin_turns(channel.turns, self.settings.wrap_period if self._counts_turns else 0.0)
             channel.stamp_ns, channel.measurement, channel.known_input = 0, 0.0, 0.0
             channel.verdict = DUPLICATE
-            self.plain.begin(self.module, channel)
+            self.plain.reset_channel(self.module, channel)
 
     def set_gains(self, gains: Any) -> None:
         """Use other gains from the next sample on; the state is kept.
@@ -171,7 +171,7 @@ class Joint(Counted):
                 channel.measurement,
                 getattr(channel, 'known_input', 0.0),  # a drive has none
             )
-            self.plain.show(self.module, channel)
+            self.plain.write_estimate(self.module, channel)
 
     def set_settings(self, settings: JointSettings) -> None:
         """Use other guard settings from the next sample on; the state is kept."""
@@ -182,11 +182,11 @@ class Joint(Counted):
 
     def reset(self) -> None:
         """Reset the observer to its start; the counters continue."""
-        self._begin()
+        self._reset_channel()
         self.reset_count += 1
         self._new_starts = self.new_starts()
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Take samples with another joint and discard them, so that everything is imported.
 
         Raises
@@ -212,9 +212,9 @@ class Joint(Counted):
     def estimate(self) -> tuple[float, float, float, int]:
         """Return (position, velocity, acceleration or nan, status) at the last used sample."""
         if self.memory is not None:
-            self.compiled.show(self.memory.pointer)
+            self.compiled.write_estimate(self.memory.pointer)
             return self.memory.array['estimate'][0].item()
-        self.plain.show(self.module, self._channel)
+        self.plain.write_estimate(self.module, self._channel)
         out = self._channel.estimate
         return out.position, out.velocity, out.acceleration, out.status
 
@@ -223,9 +223,9 @@ class Joint(Counted):
         if not self.running:
             return math.nan, math.nan
         if self.memory is not None:
-            self.compiled.show_deviation(self.memory.pointer)
+            self.compiled.write_deviation(self.memory.pointer)
             return self.memory.array['deviation'][0].item()
-        self.plain.show_deviation(self.module, self._channel)
+        self.plain.write_deviation(self.module, self._channel)
         out = self._channel.deviation
         return out.position, out.velocity
 
@@ -260,7 +260,7 @@ class Joint(Counted):
             self.plain.batch(self.module, self._channel, count, *rows, *out)
         return out
 
-    def written(self, position: float) -> float:
+    def in_estimate_convention(self, position: float) -> float:
         """Return a measured position in the convention of the estimate: with its turns, if any."""
         if not self.settings.unwrap:
             return position

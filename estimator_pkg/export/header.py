@@ -14,7 +14,7 @@ from typing import Any
 
 from estimator_pkg import __version__
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.driver.efforts import FIELD
+from estimator_pkg.driver.efforts import EFFORT_FIELD
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.mechanism import Mechanism
 from estimator_pkg.engine.calls import PREFIXES
@@ -146,7 +146,7 @@ def exported(
 def _joint(observer: Any, gains: Any, settings: Any, sample_period: float) -> Any:
     """Return the driver's joint, drive or mechanism."""
     if observer.kind == 'mechanical':
-        return Mechanism(observer.name, observer, gains, settings, FIELD)
+        return Mechanism(observer.name, observer, gains, settings, EFFORT_FIELD)
     if observer.kind == 'drive':
         return DriveJoint(observer, gains, settings, sample_period=sample_period)
     if observer.kind == 'angle':

@@ -30,13 +30,13 @@ from itertools import pairwise
 
 from estimator_pkg.circle import wrap
 from estimator_pkg.observers.angle.adjoint import NOTHING, News, Result, State, backward, widened
-from estimator_pkg.sensor.convention import Convention, begin, follow, present
+from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
+from estimator_pkg.sensor.noise import BLUR
 
 ENOUGH = 4  # moves from which the density is guessed
 FEWEST = 3  # readings since a start that show a velocity
-BLUR = 0.03  # quanta: no edge is known better
 COARSE = 0.3  # quanta of noise from which edges are no times any more
-SIGMAS = 2.0  # of the speed, in the part of the quantum that an edge leaves open
+SPEED_SIGMAS = 2.0  # of the speed, in the part of the quantum that an edge leaves open
 STRAY = 6.0  # standard deviations, and
 QUANTA = 3.0  # quanta: an innovation beyond both is a stray reading, if the next one shows it
 CLOSE = 0.9  # of the quantum: a smaller step is a finer one
@@ -48,8 +48,8 @@ HELD = 1.0  # square quanta: variance of a reading whose prediction lies outside
 VAGUE = 4.0  # square quanta: a prediction vaguer than this takes an unchanged reading, too
 BAND = 60.0  # bandwidth at a start [1/s], 1 per sample, and at most
 REST = 2.0  # this over the time of the rest before it
-MEMORY = 20.0  # degrees of freedom of the jerk over which its density is learnt
-READINGS = 2000.0  # the same for the noise [readings]
+JERK_MEMORY = 20.0  # degrees of freedom of the jerk over which its density is learnt
+NOISE_READINGS = 2000.0  # the same for the noise [readings]
 LESS = 0.1  # of the noise remains at least in a window
 LEAN = 1.5  # their squares must exceed their variance by this factor: motions are smooth
 GAIN = 2.0  # of the density's logarithm in the relative score
@@ -127,10 +127,10 @@ class Smoother:
         shown = self._shown.popleft()
         period = self._period
         if not self._any:
-            begin(self._convention, shown)
+            begin_convention(self._convention, shown)
             self._any = True
         if period > 0.0 and not self._unwrap:
-            follow(self._convention, shown, period)
+            follow_convention(self._convention, shown, period)
         if math.isnan(v):
             return UNKNOWN
         if period > 0.0 and not self._unwrap:
@@ -260,7 +260,7 @@ class Smoother:
                         news.append(NOTHING)
                         continue
                 elif -1.5 * quantum < move < 1.5 * quantum:
-                    part = (abs(v) + SIGMAS * math.sqrt(p11)) * h
+                    part = (abs(v) + SPEED_SIGMAS * math.sqrt(p11)) * h
                     if part < quantum:
                         e += 0.5 * (part - quantum) if move > 0.0 else 0.5 * (quantum - part)
                         r = part * part / 12.0 + blurred
@@ -352,12 +352,12 @@ class Smoother:
         if self.jerk == 0.0:
             return
         square, freedom = score
-        self._freedom = min(self._freedom + freedom, MEMORY)
+        self._freedom = min(self._freedom + freedom, JERK_MEMORY)
         change = GAIN * (square - LEAN * freedom) / (self._freedom + 1.0)
         least = (self.quantum * self.quantum / 12.0 + self.noise) * steps[-1] / SLOWEST**6
         self.jerk = max(density * math.exp(min(1.0, max(-1.0, change))), least)
         above, weights, count = residuals
         if count:
-            self._readings = min(self._readings + count, READINGS)
+            self._readings = min(self._readings + count, NOISE_READINGS)
             noise = self.noise + above / weights * count / self._readings
             self.noise = max(noise, LESS * self.noise, FINEST * FINEST)

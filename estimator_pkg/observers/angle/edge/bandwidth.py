@@ -31,7 +31,7 @@ from typing import Any
 
 from estimator_pkg.observers.angle.edge.constants import (
     ALARM,
-    MEMORY,
+    NOISE_SAMPLES,
     PLAIN,
     RATE,
     SHARE,
@@ -123,7 +123,7 @@ def follow_band(band: Band, z: float, gain: float, least: float) -> tuple[float,
     -------
     The growth is 0 where the density fell.
     """
-    band.squares += (z * z - band.squares) / MEMORY
+    band.squares += (z * z - band.squares) / NOISE_SAMPLES
     weight = SHARE * gain
     product = z * band.low / math.sqrt(band.variance)
     band.low += weight * (z - band.low)
@@ -162,11 +162,11 @@ def explain(state: Any, d: float, date: float, dt: float, flickers: bool) -> Non
             date = max(date, math.sqrt(p.p00 / p.p11))
     elif state.reading.warm:
         # without what cell and noise may hide; where edges are times the next is news anyway
-        hidden = 0.5 * sensor.quantum + SIGMAS * math.sqrt(sensor.scatter)
+        hidden = 0.5 * sensor.quantum + SIGMAS * math.sqrt(sensor.noise_bound)
         beyond = abs(d) - hidden
         if noisy and beyond > 0.0:
             explains = date / max(date, band.quiet) * jerk_density(beyond * beyond, date)
-            explains = min(explains, jerk_density(sensor.scatter + square, dt))
+            explains = min(explains, jerk_density(sensor.noise_bound + square, dt))
             band.density = max(band.density, explains)
         band.quiet = 0.0
     add_manoeuvre(p, d, date)
@@ -193,5 +193,5 @@ def follow_sway(sway: Sway, ahead: float, most: float, believed: bool) -> None:
         return
     product = ahead * (sway.last - sway.before)
     product = most if product > most else -most if product < -most else product
-    sway.mean += (product - sway.mean) / MEMORY
+    sway.mean += (product - sway.mean) / NOISE_SAMPLES
     sway.before, sway.last = sway.last, ahead

@@ -13,7 +13,7 @@ import math
 from estimator_pkg.observers.angle.edge.constants import FADE
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
-from estimator_pkg.sensor.noise import OUTLIER
+from estimator_pkg.sensor.noise import OUTLIER_RATIO
 
 
 @record
@@ -52,7 +52,7 @@ def predict(motion: Motion, p: Covariance, density: float, coefficients: Coeffic
     Elsewhere it fades within `FADE`, which is what makes constant speeds exact.
     """
     a, dt = motion.acceleration, coefficients.dt
-    coefficients.kept = 1.0 if a * a > OUTLIER * p.p22 else FADE / (FADE + dt)
+    coefficients.kept = 1.0 if a * a > OUTLIER_RATIO * p.p22 else FADE / (FADE + dt)
     motion.velocity += a * dt
     motion.acceleration = coefficients.kept * a
     motion.idle += dt

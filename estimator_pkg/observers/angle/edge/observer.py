@@ -25,7 +25,7 @@ from estimator_pkg.observers.angle.edge import start as starts
 from estimator_pkg.observers.angle.edge.bandwidth import Band, Sway
 from estimator_pkg.observers.angle.edge.constants import (
     CONFIRMED,
-    MEMORY,
+    NOISE_SAMPLES,
     PLAIN,
     RATIO,
     REPEATS,
@@ -45,7 +45,7 @@ from estimator_pkg.record import record
 from estimator_pkg.sensor import noise as sensing
 from estimator_pkg.sensor import quantum as counts
 from estimator_pkg.sensor import sampling
-from estimator_pkg.sensor.convention import Convention, begin, follow, present
+from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 
 LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
@@ -137,7 +137,7 @@ class State:
     sway: Sway
     sensor: sensing.Sensor
     steps: counts.Steps
-    clock: sampling.Clock
+    clock: sampling.Sampling
     convention: Convention
     lock: Lock
     doubt: Doubt
@@ -170,7 +170,7 @@ def why(state: State, design: Design) -> str:
 
 def lateness(state: State) -> float:
     """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
-    return state.clock.late
+    return state.clock.lateness
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
@@ -188,7 +188,7 @@ def start(observer: Any, state: State, design: Design, measurement: float) -> No
     """Set the state after the first sample [rad]."""
     blank = State()
     state.take(blank)
-    begin(state.convention, measurement)
+    begin_convention(state.convention, measurement)
     counts.begin_steps(state.steps)
     begin_anew(state, design.quantum, measurement)
 
@@ -197,7 +197,7 @@ def begin_anew(state: State, quantum: float, measurement: float) -> None:
     """Begin at this measurement [rad], with nothing known but the quantum [rad]; 0: nor that."""
     sensing.begin_sensor(state.sensor, quantum if quantum > 0.0 else counts.UNIT)
     starts.set_doubt(state.doubt, 0.0, starts.LAST, 0.0, 0.0)
-    sampling.begin_clock(state.clock)
+    sampling.begin_sampling(state.clock)
     begin_motion_at(state, measurement)
 
 
@@ -217,7 +217,7 @@ def restart(
     observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: float
 ) -> None:
     """Start again after an outage or a jump of the clock: what is known of the quantum stays."""
-    follow(state.convention, measurement, design.period)
+    follow_convention(state.convention, measurement, design.period)
     begin_anew(state, counts.quantum_of(state.steps, design.quantum), measurement)
 
 
@@ -248,14 +248,14 @@ def resume(
     bandwidth.begin_sums(state.band)
     sensing.begin_differences(sensor)
     state.steps.jump = 0.0
-    follow(state.convention, measurement, design.period)
+    follow_convention(state.convention, measurement, design.period)
     if state.lock.status == TRACKING:
         state.lock.status = COASTING
     state.lock.count = 0.0
     bandwidth.forget_sway(state.sway)
     starts.set_doubt(state.doubt, variance, starts.SETTLES, state.doubt.since, 0.0)
-    clock.late = clock.held = 0.0
-    clock.grew = False
+    clock.lateness = clock.repeat_duration = 0.0
+    clock.lateness_grew = False
     preference.set_alike(state.other)
 
 
@@ -273,14 +273,16 @@ def step(
     if not receive(state, design, measurement, known_input, dt):
         predict_alone(state, coefficients, design)
         return
-    clock, pace, taken = state.clock, state.sensor.pace, dt
+    clock, pace, taken = state.clock, state.sensor.mean_sample_time, dt
     if (
         clock.uneven > 0.0
-        or dt > (1.0 + sampling.UNEVEN) * pace
-        or dt < (1.0 - sampling.UNEVEN) * pace
+        or dt > (1.0 + sampling.LEAST_ODD) * pace
+        or dt < (1.0 - sampling.LEAST_ODD) * pace
     ):
         moved = reading.change + state.convention.last - state.motion.angle
-        taken = sampling.elapsed(clock, dt, moved, state.motion, state.p, state.sensor)
+        taken = sampling.corrected_sample_time(
+            clock, dt, moved, state.motion, state.p, state.sensor
+        )
     if taken == dt:
         listen(state, coefficients, design)
     else:  # the stamp was wrong
@@ -309,7 +311,7 @@ def receive(
         change += steps.jump
     if change == 0.0 and not lasts and abs(motion.velocity) * dt > REPEATS * sensor.quantum:
         tracking = state.lock.status == TRACKING
-        if sampling.is_repeat(clock, motion, state.p, sensor.pace, tracking, dt):
+        if sampling.is_repeat(clock, motion, state.p, sensor.mean_sample_time, tracking, dt):
             return False
     if starting:
         starts.pass_time(state.doubt, dt)
@@ -322,10 +324,12 @@ def receive(
     reading.warm, reading.evidence = state.doubt.since >= starts.RECENT, clock.evidence
     reading.extent = state.convention.high - state.convention.low
     reading.rested, reading.stepped = sensor.since, sensor.step
-    reading.held = clock.held
-    reading.passed = clock.held + dt
-    if clock.held > 0.0 or clock.evidence > 0.0:
-        sampling.resume_clock(clock, change, reading.passed, sensor.pace, motion.velocity)
+    reading.held = clock.repeat_duration
+    reading.passed = clock.repeat_duration + dt
+    if clock.repeat_duration > 0.0 or clock.evidence > 0.0:
+        sampling.resume_sampling(
+            clock, change, reading.passed, sensor.mean_sample_time, motion.velocity
+        )
     return True
 
 
@@ -355,13 +359,13 @@ def predict_alone(state: State, coefficients: Coefficients, design: Design) -> N
     motion.angle = motion.angle + v * dt + a * coefficients.half
     covariance.predict(motion, state.p, state.band.density, coefficients)
     preference.predict_other(state, design, coefficients, 0.0, dt)
-    state.clock.held += dt
+    state.clock.repeat_duration += dt
 
 
 def listen(state: State, coefficients: Coefficients, design: Design) -> None:
     """Take a reading whose time is known: learn the sensor, predict, and meet the reading."""
     reading, dt = state.reading, coefficients.dt
-    pace, previous = state.sensor.pace, state.sensor.dt
+    pace, previous = state.sensor.mean_sample_time, state.sensor.dt
     learn_sensor(state, design)
     unknown = reading.starting or reading.first or state.p.p02 == 0.0
     if unknown and shows_line(state, design, dt, pace, previous):
@@ -369,7 +373,7 @@ def listen(state: State, coefficients: Coefficients, design: Design) -> None:
         return
     predict(state, coefficients, design, pace)
     if reading.change != 0.0:  # a rest ends, in which samples may have been lost?
-        if reading.rested > MEMORY * (pace if 0.0 < pace < dt else dt):
+        if reading.rested > NOISE_SAMPLES * (pace if 0.0 < pace < dt else dt):
             stir(state, dt)
     off, quantum = reading.off, state.sensor.quantum
     if (off > design.outside or off < -design.outside) and not is_next_count(
@@ -393,7 +397,7 @@ def learn_sensor(state: State, design: Design) -> None:
         if counts.is_residue(reading.counted, extent, design.quantum, quantum, reading.first):
             reading.angle, reading.change, reading.first = last, 0.0, False  # it is used again
         else:
-            found = counts.search(steps, reading.counted, extent, design.quantum, sensor)
+            found = counts.search_quantum(steps, reading.counted, extent, design.quantum, sensor)
             if found != quantum:
                 rescale(state, found, reading.first)
                 quantum = found
@@ -404,7 +408,7 @@ def learn_sensor(state: State, design: Design) -> None:
     )
     if reading.evidence > sampling.BELIEVED:
         sensing.age_noise(sensor, state.motion.velocity)
-    follow(convention, reading.angle, design.period)
+    follow_convention(convention, reading.angle, design.period)
 
 
 def rescale(state: State, quantum: float, first: bool) -> None:
@@ -425,7 +429,7 @@ def rescale(state: State, quantum: float, first: bool) -> None:
     state.band.density *= scale
     if first:
         sensor.noise *= scale
-        sensor.lasting *= scale
+        sensor.vibration_power *= scale
     if scale > 1.0 or first:
         p.p00, p.p01, p.p02 = p.p00 * scale, p.p01 * scale, p.p02 * scale
         p.p11, p.p12, p.p22 = p.p11 * scale, p.p12 * scale, p.p22 * scale
@@ -474,7 +478,8 @@ def predict(state: State, coefficients: Coefficients, design: Design, pace: floa
     covariance.predict(motion, p, state.band.density, coefficients)
     swing = lasted = 0.0
     if state.sway.mean > 0.0:
-        lasted = dt if dt > sampling.EVEN * pace else pace  # readings in bursts are not that near
+        # readings in bursts are not that near
+        lasted = dt if dt > sampling.EVEN_SAMPLING * pace else pace
         swing = state.sway.mean - sensor.quantum * sensor.quantum / 6.0 - 2.0 * sensor.noise
         covariance.add_sway(p, swing, lasted)
     if design.ratio != 1.0 or state.other.apart:
@@ -523,7 +528,7 @@ def meet(state: State, design: Design, dt: float) -> None:
     mean, last, before, square = sway.mean, sway.last, sway.before, quantum * quantum
     # unless it moved away from a reading that was not believed
     bandwidth.follow_sway(
-        sway, reading.ahead, sensing.OUTLIER * (sensor.scatter + square), lock.count > 0.0
+        sway, reading.ahead, sensing.OUTLIER_RATIO * (sensor.noise_bound + square), lock.count > 0.0
     )
     half, noisy = 0.5 * quantum, sensor.noise > PLAIN * square
     if noisy:
@@ -563,7 +568,7 @@ def hear(state: State, design: Design, dt: float, flickers: bool) -> bool:
     off, size = reading.off + 0.5 * further, quantum + 1.5 * abs(further)
     if update(state, design, off, size, flickers, dt):
         return True
-    if quantum != design.quantum and abs(reading.change) > counts.JUMP * reading.extent:
+    if quantum != design.quantum and abs(reading.change) > counts.RESIDUE_RATIO * reading.extent:
         # what moved before was residue, or this is a glitch: the next reading decides
         state.steps.jump = reading.change
         starts.doubt_speed(state, reading.change, dt, 0.0, 0.0)

@@ -9,7 +9,7 @@ import pytest
 from estimator_pkg import observers
 from estimator_pkg.driver import joint as driver
 from estimator_pkg.driver.configuration import JointSettings, SourceSettings
-from estimator_pkg.driver.informed import Informed
+from estimator_pkg.driver.fused import FusedJoint
 from estimator_pkg.parameters import build
 
 QUANTUM = 2.0 * np.pi / 4096
@@ -34,7 +34,7 @@ class Run:
         """Return (informed joint, estimates by row: speed, deviation, alone, used), and notices."""
         found = observers.find(observer)
         gains, settings = build(found.gains, {'quantum': QUANTUM}), build(JointSettings, {})
-        joint = Informed(found, gains, settings, [(0, 'gyro', SourceSettings(**source))])
+        joint = FusedJoint(found, gains, settings, [(0, 'gyro', SourceSettings(**source))])
         sensor, rows, notices, at = joint.sensors[0], [], [], 0
         arrival = time if arrival is None else arrival
         for now, reading in zip(self.time, self.readings):
