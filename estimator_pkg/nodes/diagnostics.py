@@ -24,11 +24,11 @@ from estimator_pkg.estimate import (
 )
 from estimator_pkg.messages.diagnostics import text
 from estimator_pkg.sensor.guard import (
-    DROPPED,
+    DROP_REASONS,
     DUPLICATE,
-    LATE,
+    LATE_STAMP,
     NON_FINITE,
-    REPEATED,
+    REPEATED_READING,
     VERDICTS,
     ZERO_STAMP,
 )
@@ -51,10 +51,10 @@ _REASONS = {
 EVENTS = VERDICTS[2:DUPLICATE]
 _DROPPED_FOR = {
     DUPLICATE: 'their stamps repeat',
-    LATE: 'their stamps are late',
+    LATE_STAMP: 'their stamps are late',
     NON_FINITE: 'their numbers are not finite, or too large for any joint',
     ZERO_STAMP: 'they have no time stamp',
-    REPEATED: 'they repeat the previous reading',
+    REPEATED_READING: 'they repeat the previous reading',
 }
 
 
@@ -100,7 +100,9 @@ def counters(joints: Mapping[str, Joint]) -> dict[str, int]:
     total = [sum(column) for column in zip(*(joint.counts for joint in joints.values()))]
     total = total or [0] * len(VERDICTS)
     values = {'received': sum(total), 'used': sum(total[:DUPLICATE])}
-    values.update({f'dropped.{kind}': count for kind, count in zip(DROPPED, total[DUPLICATE:])})
+    values.update(
+        {f'dropped.{kind}': count for kind, count in zip(DROP_REASONS, total[DUPLICATE:])}
+    )
     values.update({f'events.{kind}': count for kind, count in zip(EVENTS, total[2:DUPLICATE])})
     return values
 

@@ -49,7 +49,7 @@ class JointWatch:
         `every` joint is.
         """
         bank, statuses = self._stream.bank, self.statuses
-        joints, touched = bank.joints, bank.touched()
+        joints, touched = bank.joints, bank.changed_joints()
         names = joints if every or len(joints) != len(statuses) else self._alive.union(touched)
         changed = {}
         for name in joints if len(names) == len(joints) else sorted(names):

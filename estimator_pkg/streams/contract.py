@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg import params_file
 from estimator_pkg.circle import Circle
-from estimator_pkg.driver.configuration import NAME_IT, Configuration, JointSettings
+from estimator_pkg.driver.configuration import SELECT_OBSERVER, Configuration, JointSettings
 from estimator_pkg.driver.joint import Joint, Tried
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import joint_state
@@ -300,7 +300,7 @@ class Stream(ABC):
                 raise UsageError(
                     f"unknown parameter '{name}': "
                     + (
-                        instead(name, every, observer, NAME_IT)
+                        instead(name, every, observer, SELECT_OBSERVER)
                         or params_file.meant(name, every, known if cls.OVERRIDES else ())
                     )
                 )
@@ -423,7 +423,7 @@ class Stream(ABC):
         if most is not None:
             self.bank.most = most
         with suppress(Exception):  # of a user's model: reported at the first message
-            self.bank.rehearse()
+            self.bank.warm_up()
 
     def expire(self, names: Sequence[str]) -> bool:
         """Remove these joints, which had no sample for `expiry`; return False if that failed."""
