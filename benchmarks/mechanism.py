@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.timing import Side, best_and_median, interleave, not_run, row
 from estimator_pkg import observers
-from estimator_pkg.driver.efforts import FIELD
+from estimator_pkg.driver.efforts import EFFORT_FIELD
 from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
 
 Array = NDArray[np.float64]
@@ -101,7 +101,9 @@ def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
 def mechanism(model: str) -> Mechanism:
     """Return geso on this model."""
     record = observers.find('geso')
-    return Mechanism('mechanism', record, record.gains(model=model), MechanismSettings(), FIELD)
+    return Mechanism(
+        'mechanism', record, record.gains(model=model), MechanismSettings(), EFFORT_FIELD
+    )
 
 
 def _engine_times(joint: Mechanism, rounds: int) -> list[float]:

@@ -34,7 +34,6 @@ from estimator_pkg.evaluation.entries import Entry
 OBSERVER = 'edge_adaptive'
 FOLDERS = {'edge': 'estimator_pkg/observers/angle/edge', 'sensor': 'estimator_pkg/sensor'}
 TESTS = ('test/support', 'test/observers/angle')  # streams that tests have
-OWN = {'sensor_map': 'none'}  # the laws alone
 STARTS, FAR = 280, 5.0  # random starts; standard deviations
 SAME = 1.02  # a smaller ratio of errors names no stream
 Z = 1.959964  # standard deviations of a 95 % interval
@@ -80,7 +79,7 @@ def measure(path: str) -> dict[str, Any]:
     from sigma_starts import MOTIONS, Case, measure
 
     found: dict[str, Any] = {}
-    joints = lru_cache(lambda period: Entry(OBSERVER, OBSERVER).joint(wrap_period=period, **OWN))
+    joints = lru_cache(lambda period: Entry(OBSERVER, OBSERVER).joint(wrap_period=period))
     for kind, column in pickle.loads(Path(path).read_bytes()):
         joint = joints(column.period)
         joint.reset()

@@ -224,7 +224,7 @@ def test_every_declared_parameter_is_described():
 def test_the_page_of_parameters_opens_with_the_default_node(capsys):
     observer = AngleStream.SETTINGS().observer
     heads = re.findall('(?m)^##+ (.*)$', listed(capsys, '--markdown'))
-    usual = ['joint_observer', observer, 'sensor']
+    usual = ['joint_observer', observer, 'joint']
     assert heads[:4] == [f'Default node: joint_observer with {observer}', *usual]
     assert all(heads.count(name) == 1 for name in usual)
     assert 'Default node' not in listed(capsys, 'pll', '--markdown')

@@ -24,7 +24,7 @@ import dds
 import numpy as np
 
 from estimator_pkg import observers
-from estimator_pkg.driver.configuration import SensorSettings
+from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.parameters import build
@@ -66,7 +66,7 @@ def gyro_of(fault):
 def alone(readings):
     """The velocity from the angle alone."""
     observer = observers.find('edge_adaptive')
-    joint = Joint(observer, build(observer.gains, {'quantum': QUANTUM}), build(SensorSettings, {}))
+    joint = Joint(observer, build(observer.gains, {'quantum': QUANTUM}), build(JointSettings, {}))
     stamps = 10**18 + np.round(TIME * 1e9).astype(np.int64)
     return joint.run(stamps, readings).velocity
 

@@ -11,7 +11,7 @@ from edge_encoder import DT, QUANTUM, joint, read, rms, run
 from observer_cases import make, stamps, wrapped
 
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
-from estimator_pkg.sensor.guard import REPEATED
+from estimator_pkg.sensor.guard import REPEATED_READING
 
 
 @pytest.mark.parametrize('counts', [1.01, 0.99, 0.51, 0.335, 1.49, 100.02, 130.67, 20.26])
@@ -258,7 +258,7 @@ def test_a_stream_that_repeats_every_second_reading_is_followed(speed):
     measured = read(speed * np.arange(4000) * DT)
     measured[1::2] = measured[::2]
     out = joint().run(stamps(4000), measured)
-    assert np.all(out.verdict[1501::2] == REPEATED)
+    assert np.all(out.verdict[1501::2] == REPEATED_READING)
     assert np.all(np.abs(out.velocity[1500::2] - speed) < 0.01 * speed)
 
 
