@@ -118,7 +118,7 @@ def test_links_and_pictures_lead_somewhere(page):
 
 def test_the_readme_has_the_coverage_of_the_default_observer():
     observer = AngleStream.SETTINGS().observer
-    rows = [line.split('|') for line in (DOCS / 'coverage.md').read_text().splitlines()]
+    rows = [line.split('|') for line in (DOCS / 'evidence.md').read_text().splitlines()]
     [row] = [row for row in rows if len(row) > 5 and row[1].strip() == f'`{observer}`']
     constant, *motions = (cell.strip() for cell in row[2:6])
     text = ' '.join((ROOT / 'README.md').read_text().split())
@@ -257,8 +257,8 @@ SEARCHED = {
     'filtfilt': 'library',
     'differentiate': 'library',
     'butterworth': 'observers/finite_difference',
-    'savitzky': 'field',
-    'average': 'field',
+    'savitzky': 'evidence',
+    'average': 'evidence',
     'alpha': 'observers/kalman',
     'degrees': 'troubleshooting',
     'rpm': 'troubleshooting',
@@ -274,7 +274,7 @@ SEARCHED = {
     'jitter': 'stamps_and_quantisation',
     'resolution': 'stamps_and_quantisation',
     'smoothing': 'stamps_and_quantisation',
-    'confidence': 'coverage',
+    'confidence': 'evidence',
     'uncertainty': 'glossary',
     'quantum': 'glossary',
     'csv': 'first_drive',
