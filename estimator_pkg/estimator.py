@@ -25,11 +25,12 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import INITIALISING, STATUS_NAMES
 from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import VALID as PUBLISHED
 from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, VERDICTS
 
 __all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
 
-VALID = ('tracking', 'coasting')  # statuses with which a node publishes a velocity
+VALID = tuple(STATUS_NAMES[status] for status in PUBLISHED)
 NAN = math.nan
 NAME_IT = "use observer='{0}'"  # what to do to have another observer's gain
 

@@ -189,10 +189,15 @@ def _leave_terminal() -> None:
     """Discard output whose terminal has closed: each write would fail."""
     for number in _State.terminals:
         if not os.isatty(number):
-            with suppress(OSError):
-                nowhere = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(nowhere, number)
-                os.close(nowhere)
+            discard(number)
+
+
+def discard(number: int) -> None:
+    """Discard what is written to the file descriptor `number` from now on."""
+    with suppress(OSError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, number)
+        os.close(nowhere)
 
 
 def say(text: str) -> None:

@@ -75,13 +75,13 @@ def as_text(found: Mapping[str, Mapping[str, str]], rate: float) -> str:
     for model, words in found.items():
         lines.append(f'    {model}')
         for name, text in words.items():
-            lines += textwrap.wrap(
-                f'{MEANINGS.get(name, name)}: {text}',
-                WIDTH,
-                initial_indent='      ',
-                subsequent_indent='        ',
-            )
+            lines += _wrapped(f'{MEANINGS.get(name, name)}: {text}', WIDTH, 6, 8)
     return '\n'.join(lines)
+
+
+def _wrapped(text: str, width: int, first: int, others: int) -> list[str]:
+    """Return the text in lines, indented by `first` and by `others` columns."""
+    return textwrap.wrap(text, width, initial_indent=' ' * first, subsequent_indent=' ' * others)
 
 
 TYPE_NAMES = {
@@ -236,21 +236,12 @@ def meaning(parameter: Parameter, live: bool) -> str:
 
 def describe(item: Item, width: int) -> str:
     """Return the item as text of `width` columns."""
-    lines = textwrap.wrap(f'{item.name}: {item.summary}', width, subsequent_indent='  ')
+    lines = _wrapped(f'{item.name}: {item.summary}', width, 0, 2)
     if item.reference:
-        lines += textwrap.wrap(
-            f'from: {item.reference}', width, initial_indent='  ', subsequent_indent='    '
-        )
+        lines += _wrapped(f'from: {item.reference}', width, 2, 4)
     for p in item.parameters:
-        lines += textwrap.wrap(
-            f'{p.name} = {_with_unit(p)}, {p.range_text()}',
-            width,
-            initial_indent='  ',
-            subsequent_indent='    ',
-        )
-        lines += textwrap.wrap(
-            meaning(p, item.live), width, initial_indent='      ', subsequent_indent='      '
-        )
+        lines += _wrapped(f'{p.name} = {_with_unit(p)}, {p.range_text()}', width, 2, 4)
+        lines += _wrapped(meaning(p, item.live), width, 6, 6)
     return '\n'.join(lines)
 
 

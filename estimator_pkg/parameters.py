@@ -170,16 +170,14 @@ class Parameter:
     def _quotes(self, value: Any) -> str:
         """How to write the text that YAML made `value` of; '' where nothing is known of it."""
         many = isinstance(value, (list, tuple))
-        found = [each for each in (value if many else (value,)) if not isinstance(each, str)]
+        items = value if many else (value,)
+        found = [each for each in items if not isinstance(each, str)]
         if not found or not all(isinstance(each, (bool, int, float)) for each in found):
             return ''
         if self.choices:  # which of them was meant is not known
             texts = [self.default or self.choices[0]]
         else:
-            texts = [
-                each if isinstance(each, str) else _text_of(each)
-                for each in (value if many else found)
-            ]
+            texts = [each if isinstance(each, str) else _text_of(each) for each in items]
         said = ', '.join(f"'{text}'" for text in texts)
         why = (
             'y, n, yes, no, on and off are booleans in YAML'

@@ -109,14 +109,14 @@ def _content(path: str | Path, node_name: str) -> Mapping:
     return content
 
 
-def override(name: str) -> tuple[str, str] | None:
-    """(joint, parameter) of ``per_joint.<joint>.<parameter>``; None for any other name.
+def override(name: str) -> tuple[str, str]:
+    """(joint, parameter) of ``per_joint.<joint>.<parameter>``; ('', name) for any other name.
 
     A joint's name may contain dots; parameter names have none.
     """
     first, _, rest = name.partition('.')
     joint, _, parameter = rest.rpartition('.')
-    return (joint, parameter) if first == OVERRIDES and joint and parameter else None
+    return (joint, parameter) if first == OVERRIDES and joint and parameter else ('', name)
 
 
 def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
@@ -129,18 +129,15 @@ def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str
     common: dict[str, Any] = {}
     overrides: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
-        joint, parameter = override(name) or ('', '')
-        if joint:
-            overrides.setdefault(joint, {})[parameter] = value
-        else:
-            common[name] = value
-    check_names(values)
+        joint, parameter = override(name)
+        (overrides.setdefault(joint, {}) if joint else common)[parameter] = value
+    check_leaves(values)
     return common, overrides
 
 
-def check_names(names: Iterable[str]) -> None:
+def check_leaves(names: Iterable[str]) -> None:
     """Raise UsageError where a name is a leaf and a branch: ROS could not write such a file."""
-    names = {name for name in names if override(name)}
+    names = {name for name in names if override(name)[0]}
     for name in names:
         for group in list(accumulate(name.split('.'), '{}.{}'.format))[:-1]:
             if group in names:
@@ -168,8 +165,7 @@ def parameter_suggestion(name: str, known: Iterable[str], of_joints: Container[s
 
 def parameter_of(name: str) -> str:
     """The parameter of ``per_joint.<joint>.<parameter>``; any other name is that of a parameter."""
-    found = override(name)
-    return found[1] if found else name
+    return override(name)[1]
 
 
 def of_this_node(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -33,7 +33,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.parameters import Parameter, build, declared
-from estimator_pkg.params_file import OVERRIDES, check_names, override, parameter_suggestion
+from estimator_pkg.params_file import OVERRIDES, check_leaves, override, parameter_suggestion
 from estimator_pkg.printable import printable
 
 T = TypeVar('T')
@@ -114,10 +114,10 @@ class RosParameters:
             others.
         """
         self._overridable = {name: self._known[name] for name in names}
-        check_names(self._initial)
+        check_leaves(self._initial)
         for name, value in self._initial.items():
-            joint, parameter = override(name) or ('', '')
-            if parameter in self._overridable and value is not None:
+            joint, parameter = override(name)
+            if joint and parameter in self._overridable and value is not None:
                 checked = self._checked(name, self._overridable[parameter], value)
                 self.overrides.setdefault(joint, {})[parameter] = checked
                 self._declare(name, self._overridable[parameter], checked)
@@ -170,16 +170,15 @@ class RosParameters:
         return found
 
     def _instead(self, name: str) -> str:
-        found = override(name) if self._overridable else None
-        return self.instead(found[1] if found else name)
+        return self.instead(override(name)[1] if self._overridable else name)
 
     def _hint(self, name: str) -> str:
         hint = self._instead(name)
         if hint:
             return hint
-        found = override(name)
-        if found and self._overridable:
-            return suggestion(found[1], self._overridable)
+        joint, parameter = override(name)
+        if joint and self._overridable:
+            return suggestion(parameter, self._overridable)
         if name.startswith(QOS):
             declared_here = self._node.list_parameters([QOS.rstrip('.')], 0).names
             return suggestion(name, declared_here)
@@ -205,8 +204,8 @@ class RosParameters:
     def _find(self, name: str) -> Parameter | None:
         if name in self._known:
             return self._known[name]
-        found = override(name)
-        return self._overridable.get(found[1]) if found else None
+        joint, parameter = override(name)
+        return self._overridable.get(parameter) if joint else None
 
     def _after(self, changes: list[RosParameter]) -> tuple[Values, dict[str, Values]]:
         """Return (values, overrides) after `changes`; raises UsageError if one is wrong."""
@@ -222,7 +221,7 @@ class RosParameters:
                     value = parameter.default  # deleted: back to the default
                 values[change.name] = parameter.check(value)
                 continue
-            joint, name = override(change.name) or ('', '')
+            joint, name = override(change.name)
             own = overrides.setdefault(joint, {})
             if value is None:
                 own.pop(name, None)  # deleted: follows the common value again
@@ -230,7 +229,7 @@ class RosParameters:
                 own[name] = self._checked(change.name, parameter, value)
             if not own:
                 del overrides[joint]
-        check_names(
+        check_leaves(
             f'{OVERRIDES}.{joint}.{name}' for joint, own in overrides.items() for name in own
         )
         return values, overrides
