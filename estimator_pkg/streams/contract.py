@@ -301,7 +301,9 @@ class Stream(ABC):
                     f"unknown parameter '{name}': "
                     + (
                         instead(name, every, observer, NAME_IT)
-                        or params_file.meant(name, every, known if cls.OVERRIDES else ())
+                        or params_file.parameter_suggestion(
+                            name, every, known if cls.OVERRIDES else ()
+                        )
                     )
                 )
         if overrides and not cls.OVERRIDES:

@@ -109,13 +109,6 @@ def test_a_curved_mechanism_has_no_factors():
     assert not load('own_models:TwoLinks').linearisable
 
 
-def test_a_model_for_the_former_compiler_is_taken_and_one_line_says_so():
-    mechanics = load('own_models:Compiled')
-    assert "'compiles' has no effect any more" in mechanics.note
-    assert mechanics.force((0.0,), (0.0,), (0.3,)) == (0.3,)
-    assert mechanics.factors((0.0,))[0] == 20.0
-
-
 def test_an_own_model_may_have_more_positions_than_ours():
     plan = made('geso', model='own_models:SixJoints')
     readings = [tuple(0.1 * math.sin(0.01 * k + j) for j in range(6)) for k in range(400)]

@@ -40,13 +40,7 @@ TOGETHER = 10  # nodes at once
 HEALTHY = 2.0  # [s] after the good news until a cause that comes later: the rate is known by then
 RATE = 50.0  # [Hz]
 ARM = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint')
-MOTOR = [
-    'resistance:=0.06',
-    'inductance:=33.75e-6',
-    'flux:=1.9e-3',
-    'pole_pairs:=7',
-    'compile:=false',
-]
+MOTOR = ['resistance:=0.06', 'inductance:=33.75e-6', 'flux:=1.9e-3', 'pole_pairs:=7']
 CASES = {}
 
 
