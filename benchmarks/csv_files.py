@@ -41,7 +41,9 @@ def held_out(lists: Mapping[str, Mapping[str, Any]]) -> str:
             'single_rms_rad_s': number(row['single'], 3),
             'best_of_four_rms_rad_s': number(row['best'], 3),
             'best_of_four': row['which'],
-            **{key: value for cells in map(_result, row['results'].items()) for key, value in cells},
+            **{
+                key: value for cells in map(_result, row['results'].items()) for key, value in cells
+            },
         }
         for title, found in lists.items()
         for row in found['rows']
@@ -55,9 +57,9 @@ def _result(named: tuple[str, Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
 
 
 def _delay_and_coverage(prefix: str, delay: float | None, covered: float) -> Row:
-    known = delay is not None and math.isfinite(delay)
+    late = math.nan if delay is None else 1e3 * delay
     return {
-        f'{prefix}delay_ms': fixed(1e3 * delay, 2) if known else '',
+        f'{prefix}delay_ms': fixed(late, 2) if math.isfinite(late) else '',
         f'{prefix}covered_percent': f'{100.0 * covered:.0f}',
     }
 

@@ -19,7 +19,8 @@ Numbers agree within ``tolerance`` (relative, 0.02 if unset) or the rounding of 
 digit; at tolerance 0 they must be equal. In expressions ``r`` is the JSON of the last command and
 ``runs`` a list of all. ``rms(observer, run)`` [rad/s], ``delay(observer, run)`` [ms] and
 ``covered(joint, run)`` [%] come from ``evaluate``; ``run`` is the last one if unset.
-``csv_of(rows)`` is the file of the rows of ``--part accuracy``, ``rms_table(rows)`` their rms errors.
+``csv_of(rows)`` and ``rms_table(rows)`` are the CSV file of the rows of ``--part accuracy``, and
+their rms errors as lines of a table.
 """
 
 from __future__ import annotations
