@@ -45,7 +45,6 @@ def test_every_observer_has_a_page(name):
     text = (DOCS / 'observers' / f'{name}.md').read_text()
     for part in ('## Equation', '## When not to use it', f'{{{{ parameters {name} }}}}'):
         assert part in text, part
-    assert f'observers/{name}.md' in (ROOT / 'mkdocs.yml').read_text()
     assert f'(observers/{name}.md)' in (DOCS / 'choosing.md').read_text()
     pictures = re.findall(r'!\[[^\]]*\]\(([^)]+)\)', text)
     assert pictures
@@ -67,11 +66,6 @@ def test_the_matrix_has_a_cell_for_everything():
         cells = [cell.strip() for cell in line.strip('|').split('|')]
         assert len(cells) == 10 and all(cells)
         assert float(cells[8]) > 0.0 and math.isfinite(float(cells[9]))  # cost and delay
-
-
-def test_every_observer_is_measured_on_some_recording():
-    measured = {name for case in capabilities.CASES for name in case.observers.split()}
-    assert measured == set(registry.names(registry.OBSERVERS))
 
 
 @pytest.mark.slow
@@ -112,8 +106,8 @@ def test_links_and_pictures_lead_somewhere(name):
     for target in re.findall(r'\]\(([^)\s]+)\)', prose(page)):
         if re.match(r'https?://|mailto:', target):
             continue
-        name, _, anchor = target.partition('#')
-        there = (page.parent / name).resolve() if name else page
+        path, _, anchor = target.partition('#')
+        there = (page.parent / path).resolve() if path else page
         assert there.exists(), f'{target} in {page.name}'
         assert there.is_relative_to(ROOT), target
         if anchor:
@@ -145,12 +139,6 @@ def test_the_page_of_topics_is_what_the_nodes_have():
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == (DOCS / 'topics.md').read_text(), 'python -m docs.tools.topics'
-
-
-def test_every_page_is_in_the_site():
-    nav = (ROOT / 'mkdocs.yml').read_text()
-    for page in DOCS.glob('**/*.md'):
-        assert str(page.relative_to(DOCS)) in nav, page
 
 
 def commands():

@@ -3,8 +3,7 @@
 
 """Each fault that keeps a node silent is injected over DDS, and reported in three ways within 5 s.
 
-``python test/nodes/test_silence.py`` injects them all and prints the table of
-docs/troubleshooting.md.
+``python test/nodes/test_silence.py`` injects all and prints the table of docs/troubleshooting.md.
 """
 
 from __future__ import annotations
