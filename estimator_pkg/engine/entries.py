@@ -22,10 +22,7 @@ CHANNELS = {  # of a kind of observers: the module of the channel, and its funct
         'estimator_pkg.driver.drive_channel',
         ('take', 'write_estimate', 'write_deviation', 'batch', 'trace'),
     ),
-    'mechanical': (
-        'estimator_pkg.driver.mechanism_channel',
-        ('take', 'write_estimate', 'batch'),
-    ),
+    'mechanical': ('estimator_pkg.driver.mechanism_channel', ('take', 'write_estimate', 'batch')),
 }
 MECHANISM = 'estimator_pkg.observers.mechanism'
 SMOOTHER = 'estimator_pkg.evaluation.reference.smoother'
@@ -60,7 +57,7 @@ def entries(points: Mapping[str, Iterable[str]], root: Path) -> list[Entry]:
 
     Raises
     ------
-    RefusedError : an entry point leads nowhere.
+    RefusedError : an entry point names no object of the sources.
     """
     sources = Sources(root)
     models = [module.name for _, module in _objects(sources, points[MODELS])]
@@ -70,9 +67,7 @@ def entries(points: Mapping[str, Iterable[str]], root: Path) -> list[Entry]:
     return list(made.values())
 
 
-def _of_observers(
-    sources: Sources, points: Iterable[str], models: list[str]
-) -> Iterator[Entry]:
+def _of_observers(sources: Sources, points: Iterable[str], models: list[str]) -> Iterator[Entry]:
     """Yield the functions of each observer whose kind has a channel."""
     for found, module in _objects(sources, points):
         kind = _kind(found)
@@ -109,11 +104,12 @@ def _objects(sources: Sources, points: Iterable[str]) -> Iterator[tuple[Found, M
         module = sources.module(path)
         found = module and sources.find(module, attribute)
         if module is None or not isinstance(found, Found):
-            raise RefusedError(f'setup.py:1: entry point {point!r} leads nowhere')
+            raise RefusedError(f'setup.py:1: entry point {point!r} names no object of the sources')
         yield found, module
 
 
 def _kind(found: Found) -> str:
     """Return the kind of an observer that ``Observer(...)`` or ``replace(...)`` makes."""
     words = found.node.keywords if isinstance(found.node, ast.Call) else []
-    return next((str(ast.literal_eval(each.value)) for each in words if each.arg == 'kind'), 'angle')
+    kinds = [ast.literal_eval(each.value) for each in words if each.arg == 'kind']
+    return str(kinds[0]) if kinds else 'angle'

@@ -77,7 +77,9 @@ def made(kind, name, random, **fixed):
         with contextlib.suppress(UserError):
             gains = build(observer.gains, {**drawn_gains(observer.gains, random), **fixed})
             if kind is Mechanism:
-                return kind('m', observer, gains, build(MechanismSettings, settings), 'joint_states')
+                return kind(
+                    'm', observer, gains, build(MechanismSettings, settings), 'joint_states'
+                )
             return kind(observer, gains, build(JointSettings, settings))
     return None
 
