@@ -48,9 +48,20 @@ def test_vectors_come_from_a_bag(tmp_path, capsys):
     assert 'equal to the last bit, ' in text.out
 
 
-def test_float32_that_is_not_near_is_reported(tmp_path, capsys):
-    main(['export', 'kalman', '--set', 'jerk_psd=0.001', '--float32', '--out', str(tmp_path / 'o')])
-    assert 'float32 is not within 1e-4 rad/s of double' in capsys.readouterr().out
+@pytest.mark.parametrize(
+    'words, remedy',
+    [
+        ('kalman', 'add --set quantum=STEP (2 pi / counts) or --set bandwidth_hz=HZ, or use double'),
+        ('kalman --set quantum=0.00153', ''),
+        ('kalman --set bandwidth_hz=20.0', ''),
+        ('super_twisting', 'with these gains: use double'),
+    ],
+)
+def test_float32_that_is_not_near_names_the_remedy(words, remedy, tmp_path, capsys):
+    assert main(['export', *words.split(), '--float32', '--out', str(tmp_path / 'out')]) == 0
+    said = capsys.readouterr().out
+    assert (remedy or 'rms 3.') in said
+    assert ('float32 is not within' in said) == bool(remedy)
 
 
 @pytest.mark.parametrize(
