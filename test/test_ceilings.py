@@ -3,7 +3,7 @@
 
 """Lines of Python and words of documentation stay below the ceilings of ceilings.yaml.
 
-    python test/test_ceilings.py > new && mv new test/ceilings.yaml    # lowers them, raises none
+python test/test_ceilings.py > new && mv new test/ceilings.yaml    # lowers them, raises none
 """
 
 from pathlib import Path
