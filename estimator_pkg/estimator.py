@@ -23,10 +23,9 @@ from estimator_pkg import observers
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
-from estimator_pkg.estimate import INITIALISING, STATUS_NAMES
-from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, STATUS_NAMES
 from estimator_pkg.estimate import VALID as PUBLISHED
-from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, VERDICTS
+from estimator_pkg.sensor.guard import DUPLICATE, UNSTABLE_GAINS, VERDICTS
 
 __all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
 
@@ -157,7 +156,7 @@ class VelocityEstimator:
             )
             return self._last
         why = VERDICTS[joint.verdict]
-        if joint.verdict == MISCONFIGURED:
+        if joint.verdict == UNSTABLE_GAINS:
             self._last = Estimate(stamp_ns, NAN, NAN, NAN, NAN, NAN, why, False, why)
         else:
             self._last = self._last._replace(used=False, dropped=why)
@@ -183,8 +182,8 @@ class VelocityEstimator:
             )
         found = self._joint.run(stamps, positions)
         verdict = found.verdict
-        answered = (verdict < DUPLICATE) | (verdict == MISCONFIGURED)
-        status = np.where(verdict == MISCONFIGURED, STATUS_MISCONFIGURED, found.status)
+        answered = (verdict < DUPLICATE) | (verdict == UNSTABLE_GAINS)
+        status = np.where(verdict == UNSTABLE_GAINS, MISCONFIGURED, found.status)
         rows: list[Any] = [stamps, *found[:5], np.array(STATUS_NAMES)[status]]
         if not answered.all():  # a dropped sample repeats the row before; row 0: the last estimate
             row = np.maximum.accumulate(np.where(answered, np.arange(1, len(stamps) + 1), 0))
@@ -269,7 +268,7 @@ class VelocityEstimator:
         """A joint of these gains that has taken no sample."""
         try:
             joint = Joint(self._observer, *configuration.for_joint(''))
-            joint.rehearse()
+            joint.warm_up()
         except (ArithmeticError, ValueError) as error:
             raise UsageError(f'these gains give no estimates ({error})') from error
         return joint

@@ -3,7 +3,7 @@
 
 """A user's own model, named as ``package.module:Name``: ordinary Python with numpy.
 
-docs/own_model.md lists what the class (or object) must define. It is called with numpy arrays.
+docs/known_inputs.md lists what the class (or object) must define. It is called with numpy arrays.
 """
 
 from __future__ import annotations

@@ -92,7 +92,9 @@ class MechanicalStream(DrivenStream):
             answer[2] = diagnostics.encode(
                 sample.stamp_ns,
                 [
-                    diagnostics.Status(True, name, self.observer.name, words)
+                    diagnostics.Status(
+                        diagnostics.OK, name, name, self.observer.name, diagnostics.packed(words)
+                    )
                     for name, words in self._meaning.items()
                 ],
             )

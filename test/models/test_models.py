@@ -165,8 +165,8 @@ def test_numbers_survive_being_written_as_assignments():
 
 
 def test_the_example_of_the_guide_works(tmp_path, monkeypatch):
-    """The code of docs/own_model.md, in a module outside the package."""
-    guide = (Path(__file__).parents[2] / 'docs/own_model.md').read_text()
+    """The code of docs/known_inputs.md, in a module outside the package."""
+    guide = (Path(__file__).parents[2] / 'docs/known_inputs.md').read_text()
     (tmp_path / 'guide_crane.py').write_text(guide.split('```python\n')[1].split('```')[0])
     monkeypatch.syspath_prepend(tmp_path)
     crane = load('guide_crane:Crane')

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator_pkg import observers, params_file
-from estimator_pkg.driver.configuration import Configuration, SensorSettings
+from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.shared import AngleGains
@@ -66,7 +66,7 @@ def assert_taught(section, parameters):
 def test_yaml_teaches_every_key():
     sections, shared = yaml_sections(), declared(AngleGains)
     assert_taught(sections.pop('input'), declared(AngleSettings))
-    assert_taught(sections.pop('joints'), {**declared(SensorSettings), **shared})
+    assert_taught(sections.pop('joints'), {**declared(JointSettings), **shared})
     for observer in angle_observers():
         own = {name: one for name, one in declared(observer.gains).items() if name not in shared}
         assert_taught(sections.pop(observer.name), own)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import observers, params_file, streams
-from estimator_pkg.driver.configuration import NAME_IT
+from estimator_pkg.driver.configuration import SELECT_OBSERVER
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.parameters import parse_assignments
@@ -102,7 +102,9 @@ def _check(values: Mapping[str, Any], by_observer: Mapping[str, Mapping[str, Any
             raise UsageError(
                 f"unknown parameter '{name}' of {', '.join(by_observer)}: "
                 + (
-                    observers.instead(gain, every, observers.find(next(iter(by_observer))), NAME_IT)
+                    observers.instead(
+                        gain, every, observers.find(next(iter(by_observer))), SELECT_OBSERVER
+                    )
                     or suggestion(gain, every)
                 )
             )
