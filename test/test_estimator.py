@@ -174,7 +174,7 @@ def test_reset_starts_again_and_keeps_counting():
     [
         (('hybrid_angel',), {}, "did you mean 'hybrid_angle'"),
         (('hybrid_angle',), {'bandwidth_hz': math.nan}, 'must be finite'),
-        ((), {'bandwidth_hz': 20.0}, "does not: use observer='finite_difference'"),
+        ((), {'bandwidth_hz': 20.0}, "does not: use observer='hybrid_angle'"),
         ((), {'observer': 'hybrid_angel'}, "did you mean 'hybrid_angle'"),
         (('pmsm',), {}, 'needs more inputs than an angle'),
         ((3,), {}, 'unknown observer'),
