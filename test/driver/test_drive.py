@@ -92,7 +92,7 @@ FORMS = [
     {},
     {'form': 'paper', 'periods': 3, 'scaling': 'power', 'voltage_delay': 1.5, 'initial_flux': 0.0},
     {'variant': 'continuous', 'speed_filter_hz': 0.0, 'dead_time_voltage': 0.1},
-    {'variant': 'hybrid', 'periods': 16, 'voltage_delay': 8.0, 'pwm_frequency': 2e4},
+    {'variant': 'hybrid', 'periods': 16, 'voltage_delay': 8.0},
 ]
 
 
@@ -170,7 +170,6 @@ def test_every_live_parameter_is_in_the_design():
         'clock_rate': 150.0,
         'second_period': 0.7,
         'dead_time_voltage': 0.2,
-        'pwm_frequency': 2e4,
         'initial_flux': 2e-3,
         'flux_min': 1e-3,
         'flux_max': 4e-3,

@@ -380,7 +380,7 @@ def test_a_change_while_20_khz_stream_loses_nothing(probe):
             ),
         ) as simulator:
             for count, (name, value) in enumerate(
-                (('speed_filter_hz', 200.0), ('epsilon', 1e-4), ('pwm_frequency', 2e4))
+                (('speed_filter_hz', 200.0), ('epsilon', 1e-4), ('dead_time_voltage', 0.0))
             ):
                 probe.until(lambda at=30 + 40 * count: len(drive.estimates) >= at)
                 request = SetParameters.Request(

@@ -31,7 +31,6 @@ from estimator_pkg.observers.maths.tracking import natural_frequency
 from estimator_pkg.observers.pmsm.drive import Electrical, ElectricalDeviation, Sample, is_reading  # noqa: F401
 from estimator_pkg.observers.pmsm.equations import flux_linkage, rotor_angle
 from estimator_pkg.observers.pmsm.noise import DAMPING, deviations, low_pass_weight, noise_gains
-from estimator_pkg.observers.pmsm.ripple import NARROW, RIPPLE_MEMORY, ripple_variances
 from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
 from estimator_pkg.observers.pmsm.step import coast, restart, resume, start, step  # noqa: F401  (functions of the observer)
@@ -176,15 +175,6 @@ class Gains(MotorData):
         description='mean phase voltage lost by the dead time of the bridge, if the reported '
         'voltage does not include it: dc voltage x dead time x carrier frequency; it is '
         'subtracted with the signs of the phase currents',
-    )
-    pwm_frequency: float | None = parameter(
-        None,
-        unit='Hz',
-        range=(1.0, 1e7),
-        advanced=True,
-        description='carrier frequency of the drive: within a period the voltage is constant while '
-        'the rotor turns, so the current deviates from the line between its samples; this is '
-        'corrected if the frequency is known (angle: omega R/(12 L f^2)); automatic: not known',
     )
     initial_flux: float | None = parameter(
         None,
@@ -338,9 +328,7 @@ def _set_voltage(made: Design, gains: Gains) -> None:
     made.part = gains.voltage_delay - made.late
     made.kept = made.late + 1 if made.part > 0.0 else made.late
     made.dead_time = gains.dead_time_voltage
-    if gains.pwm_frequency:
-        made.standing = made.resistance / (12.0 * made.inductance * gains.pwm_frequency**2)
-    made.corrects = made.kept > 0 or made.dead_time > 0.0 or made.standing > 0.0
+    made.corrects = made.kept > 0 or made.dead_time > 0.0
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
@@ -354,7 +342,6 @@ def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     coefficients.fast = low_pass_weight(1.0 / fast, dt)
     coefficients.slow = low_pass_weight(1.0 / coefficients.window, dt)
     coefficients.memory = low_pass_weight(1.0 / NOISE_MEMORY, dt)
-    coefficients.of_ripple = low_pass_weight(min(1.0 / RIPPLE_MEMORY, natural / NARROW), dt)
     coefficients.known_power = design.noise_power * of_innovation
     coefficients.emf_of_noise = LEAST_EMF * math.sqrt(of_h / of_innovation)
     coefficients.fastest = HALF_TURN * math.pi / dt
@@ -406,12 +393,9 @@ def electrical_deviation(
 ) -> None:
     """Set one standard deviation of angle, speed and flux."""
     level, x = state.watch.level, state.core.x
-    of_angle, of_speed, of_xi = deviations(design, coefficients.scheme, state.watch.power, level, x)
-    of_angle_ripple, of_speed_ripple = ripple_variances(
-        state.ripples, abs(level * x), design.natural
+    out.angle, out.speed, of_xi = deviations(
+        design, coefficients.scheme, state.watch.power, level, x
     )
-    out.angle = math.sqrt(of_angle * of_angle + of_angle_ripple)
-    out.speed = math.sqrt(of_speed * of_speed + of_speed_ripple)
     if state.watch.reasons & BLIND != 0:
         # angle unknown: uniform over a turn; speed uniform within its bound
         bound = speed_bound(state, coefficients, design)

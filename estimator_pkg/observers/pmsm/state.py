@@ -57,7 +57,6 @@ class Design:
     late: int  # its delay, in whole samples
     part: float  # and the rest
     kept: int  # samples that this needs
-    standing: float  # apparent lag of a voltage that is constant within a PWM period [s]
     dead_time: float  # phase voltage lost by dead time [V]
 
 
@@ -92,7 +91,6 @@ class Coefficients:
     fast: float  # weight of the newest sample in averages of the back-EMF
     slow: float  # in averages of speeds
     memory: float  # in the innovation's power
-    of_ripple: float  # in the ripples
     window: float  # how long the rotation is observed before locking on [s]
     known_power: float  # innovation variance [A^2] if the noise is a parameter; 0: it is estimated
     emf_of_noise: float  # back-EMF required per standard deviation of the innovation [V/A]
@@ -176,16 +174,6 @@ class Found:
 
 
 @record
-class Ripples:
-    """Half the complex amplitudes of the speed's ripple [rad/s]."""
-
-    once1: float  # at the electrical frequency
-    once2: float
-    twice1: float  # at twice that
-    twice2: float
-
-
-@record
 class State:
     """All of it."""
 
@@ -198,4 +186,3 @@ class State:
     acting: Sample  # the newest sample, with the voltage that acted
     u_alpha: Annotated[list[float], DELAYED]  # the last reported voltages, the newest last [V]
     u_beta: Annotated[list[float], DELAYED]
-    ripples: Ripples

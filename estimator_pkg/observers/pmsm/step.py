@@ -16,7 +16,6 @@ from estimator_pkg.circle import wrap
 from estimator_pkg.observers.pmsm.drive import Sample
 from estimator_pkg.observers.pmsm.equations import align, emf, phase_signs, reflect, rotor_angle
 from estimator_pkg.observers.pmsm.identifier import credible, shift, solve
-from estimator_pkg.observers.pmsm.ripple import follow_ripples
 from estimator_pkg.observers.pmsm.scheme import advance, turned_emf
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
 from estimator_pkg.observers.pmsm.watch import BLIND, RESET, SEARCHING, begin_watch, least_emf, look
@@ -110,7 +109,7 @@ def step(
     size = abs(complex(core.h1, core.h2))
     speed = size * core.x  # omega_hat
     if not searching:
-        follow_speed(state, coefficients, design, frame, speed)
+        follow_speed(state, coefficients, frame, speed)
     look(watch, coefficients, design, core, acting, event, size, speed, turned / dt, square)
     core.i_alpha, core.i_beta = acting.i_alpha, acting.i_beta
 
@@ -134,8 +133,7 @@ def act(state: State, design: Design, measurement: Sample) -> None:
         of_alpha, of_beta = phase_signs(core.i_alpha + acting.i_alpha, core.i_beta + acting.i_beta)
         u_alpha -= design.dead_time * of_alpha
         u_beta -= design.dead_time * of_beta
-    lag = -design.standing * state.out.speed
-    acting.u_alpha, acting.u_beta = u_alpha - u_beta * lag, u_alpha * lag + u_beta
+    acting.u_alpha, acting.u_beta = u_alpha, u_beta
 
 
 def tick(state: State, coefficients: Coefficients, design: Design, searching: bool) -> int:
@@ -237,20 +235,15 @@ def lock_on(state: State, design: Design) -> None:
     out.travel += wrap(rotor_angle(core) - out.travel, TURN)
 
 
-def follow_speed(
-    state: State, coefficients: Coefficients, design: Design, frame: float, speed: float
-) -> None:
+def follow_speed(state: State, coefficients: Coefficients, frame: float, speed: float) -> None:
     """Set the speed output from that of the frame, or from omega_hat without a low-pass [rad/s].
 
     Its integral is the angle, so that the current noise in it is above the low-pass.
     """
-    out, watch = state.out, state.watch
+    out = state.out
     if coefficients.f21 == 0.0:
         out.speed = speed
         return
     lag, slope = out.speed - frame, out.slope
     out.speed = frame + coefficients.f11 * lag + coefficients.f12 * slope
     out.slope = coefficients.f21 * lag + coefficients.f22 * slope
-    if watch.reasons == 0 and watch.calm >= design.hold:  # a start is no ripple
-        weight, core = coefficients.of_ripple, state.core
-        follow_ripples(state.ripples, weight, frame - out.speed, core.y_alpha, core.y_beta)

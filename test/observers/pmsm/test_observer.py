@@ -406,18 +406,6 @@ def test_the_low_pass_on_the_speed_has_two_poles_and_its_corner_where_it_is_said
     assert 1.0 < gain[0] < 1.05 and gain[2] < 0.02
 
 
-def test_a_voltage_that_stands_still_over_the_carriers_period_is_allowed_for():
-    seen = record(((0.06, 6000.0, 6000.0),), adc_bits=0)
-
-    def off(**gains):
-        rows = estimates(made(**gains), seen.samples)[2]
-        return float(np.mean(angle_error(rows[-200:, 0], seen.truth[-200:, 1])))
-
-    tilt = math.degrees(6000.0 * RPM * 7 * 0.06 * DT**2 / (12.0 * 33.75e-6))
-    assert off() == pytest.approx(tilt, rel=0.1)
-    assert abs(off(pwm_frequency=RATE)) < 0.1 * tilt
-
-
 def looked(**changes):
     """Reasons after 75 ms of one and the same signal: converged at 2000 rad/s but for `changes`."""
     signal = {
