@@ -116,13 +116,12 @@ def load(name: str) -> SwitchedModel:
     return model
 
 
-def check(model: SwitchedModel, steps: int | None = 1) -> float:
+def check(model: SwitchedModel, steps: int = 1) -> float:
     """Compare a model with its own dynamics; return the least singular value of (28).
 
     Parameters
     ----------
-    steps : N, number of past events for the reconstruction of Z; None: Z is not reconstructed, and
-        the rank is not checked.
+    steps : N, number of past events for the reconstruction of Z.
 
     Raises
     ------
@@ -141,7 +140,7 @@ def check(model: SwitchedModel, steps: int | None = 1) -> float:
         ) from error
 
 
-def _checked(model: SwitchedModel, steps: int | None) -> float:
+def _checked(model: SwitchedModel, steps: int) -> float:
     _check_shapes(model)
     x, z = model.start
     random = np.random.default_rng(1)
@@ -155,8 +154,6 @@ def _checked(model: SwitchedModel, steps: int | None) -> float:
             for a, b in zip(z, random.uniform(-1.0, 1.0, len(z)))
         )
         _check_chain(model, near, other, model.probe(float(random.uniform(0.0, model.period))))
-    if steps is None:
-        return 0.0
     least = observability(model, steps)
     if least <= 0.0:
         raise UsageError(

@@ -4,15 +4,13 @@
 """Hybrid observer: velocities of a system whose dynamics switch at known events.
 
 Step-by-step super-twisting (22) estimates the outputs' derivatives and the last derivative of each
-chain without knowing Z. From them the discrete state Z follows in one of three ways (`discrete`):
+chain without knowing Z. From them the discrete state Z follows in one of two ways (`discrete`):
 
     inversion   (25), (28), (29): at each event, from the last N + 1 intervals; for exact outputs
     regression  within an interval, from filtered signals and least squares: for noisy encoders
-    copy        Z+ = A_d Z + beta_d only
 
-`jump` is called at each event. Each stage is discretised implicitly, in closed form, or by forward
-Euler (`form: explicit`), which chatters. The functions run in Python with numpy, because users
-write the model; they find it as `observer.model`.
+`jump` is called at each event. Each stage is discretised implicitly, in closed form. The functions
+run in Python with numpy, because users write the model; they find it as `observer.model`.
 
 Files: `state` the records, `system` the model, `stages` the continuous part, `velocity` the
 published velocity, `events` and `regression` the discrete part.
@@ -90,9 +88,9 @@ class Gains:
     )
     discrete: str = structural(
         'regression',
-        choices=('regression', 'inversion', 'copy'),
+        choices=('regression', 'inversion'),
         description='how Z is estimated: regression for noisy encoders; inversion as in the paper, '
-        'for exact outputs only; copy: predicted with A_d and beta_d only',
+        'for exact outputs only',
         equation='(28), (29)',
     )
     velocity: str = structural(
@@ -110,12 +108,6 @@ class Gains:
         search=(1.0, 500.0),
         description='-3 dB frequency from true to estimated velocity for motion that the model '
         'does not predict; velocity filtered only',
-    )
-    form: str = structural(
-        'implicit',
-        choices=('implicit', 'explicit'),
-        description='discretisation of super-twisting; explicit chatters, it is there for '
-        'comparison',
     )
     gate: float = parameter(
         1e-3,
@@ -146,9 +138,9 @@ class Gains:
     )
     reset: str = structural(
         'all',
-        choices=('all', 'states', 'none'),
+        choices=('all', 'states'),
         description='what (13) resets at an event. states: the states of both chains; all: the '
-        'last derivative of each chain too; none: nothing',
+        'last derivative of each chain too',
     )
     filter_rate: float = structural(
         25.0,
@@ -204,10 +196,8 @@ def design(gains: Gains, circle: Circle) -> Design:
             f"model '{gains.model}': 'orders' = {model.orders} has an entry that is too large: "
             'each must be 0, or 1 where the chain is longer than 1'
         )
-    made.implicit, made.filtered = gains.form == 'implicit', gains.velocity == 'filtered'
-    made.regression = gains.discrete == 'regression'
-    made.inversion = gains.discrete == 'inversion'
-    made.resets, made.resets_ends = gains.reset != 'none', gains.reset == 'all'
+    made.filtered, made.regression = gains.velocity == 'filtered', gains.discrete == 'regression'
+    made.resets_ends = gains.reset == 'all'
     scale, rate = gains.bound_scale, gains.filter_rate
     made.stages = [[stage(scale, bound) for bound in own] for own in model.bounds]
     made.bounds = [scale * own[0] for own in model.bounds]
@@ -414,8 +404,7 @@ class SwitchedObserver(Observer):
         ------
         UsageError : the model is invalid.
         """
-        steps = None if gains.discrete == 'copy' else gains.steps
-        return bound(self.module, gains.model, steps)
+        return bound(self.module, gains.model, gains.steps)
 
 
 OBSERVER = SwitchedObserver(

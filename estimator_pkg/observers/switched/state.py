@@ -28,12 +28,9 @@ class Stage:
 class Design:
     """Everything that follows from gains and model."""
 
-    implicit: bool  # the stages are discretised implicitly
     filtered: bool  # the extended observers give the published velocity
-    regression: bool  # least squares estimates Z
-    inversion: bool  # the last intervals give Z
-    resets: bool  # (13) resets the states of the chains at an event
-    resets_ends: bool  # and their last derivatives
+    regression: bool  # least squares estimates Z; else the last intervals give it
+    resets_ends: bool  # (13) resets the last derivatives of the chains too at an event
     stages: list[list[Stage]]
     columns: list[list[float]]  # first columns of the regression filters
     orders: list[list[int]]  # those of the model; zeros if it has none

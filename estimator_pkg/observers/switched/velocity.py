@@ -188,7 +188,7 @@ def of_cascade(
 ) -> list[tuple[float, float, float]]:
     """Return the motions from the auxiliary states.
 
-    In sliding mode an implicit stage gives the mean derivative over the last interval. Half an
+    In sliding mode a stage gives the mean derivative over the last interval. Half an
     interval of acceleration moves it to the newest sample.
     """
     endings = ending(model, chains(state)[0], tuple(state.u), z)
@@ -199,8 +199,7 @@ def of_cascade(
             found.append((state.zh[i][0], own[0], math.nan))
             continue
         acceleration = endings[i] if k == 2 and converged else own[1]
-        carried = 0.5 * state.dt * acceleration if design.implicit else 0.0
-        found.append((state.zh[i][0], own[0] + carried, acceleration))
+        found.append((state.zh[i][0], own[0] + 0.5 * state.dt * acceleration, acceleration))
     return found
 
 
