@@ -28,7 +28,12 @@ from estimator_pkg.observers.contract import (
 from estimator_pkg.observers.contract import never_late as lateness  # noqa: F401
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401  (see `DriveJoint.why`)
 from estimator_pkg.observers.maths.tracking import natural_frequency
-from estimator_pkg.observers.pmsm.drive import Electrical, ElectricalDeviation, Sample, is_reading  # noqa: F401
+from estimator_pkg.observers.pmsm.drive import (  # noqa: F401  (is_reading: of the observer)
+    DriveSample,
+    Electrical,
+    ElectricalDeviation,
+    is_reading,
+)
 from estimator_pkg.observers.pmsm.equations import flux_linkage, rotor_angle
 from estimator_pkg.observers.pmsm.noise import DAMPING, deviations, low_pass_weight, noise_gains
 from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
@@ -51,11 +56,11 @@ DRIVEN = False
 EPSILON = 85e-6  # s; Table 1's gains are those of (17) at this epsilon
 EPSILON_SPEED = 0.374  # epsilon times the top electrical speed in Table 1's motor
 EMF_SPEED = 75.0  # electrical rad/s: the smallest usable back-EMF is the one at this speed
-FLUX_RANGE = 2.5  # the flux linkage is estimated within this factor of the nominal one
+FLUX_FACTOR = 2.5  # the flux linkage is estimated within this factor of the nominal one
 NOISE_GUESS = 0.002  # current noise per flux/inductance until it is measured
-SETTLES = 5.0  # settling time of the fast part in units of epsilon
-FAST = 1e-3  # s, averages of the back-EMF
-SLOW = 5e-3  # s, averages of speeds; also how long the rotation is observed before locking on
+EMF_SETTLING = 5.0  # settling time of the fast part in units of epsilon
+EMF_AVERAGE = 1e-3  # s, averages of the back-EMF
+SPEED_AVERAGE = 5e-3  # s, averages of speeds; so long the rotation is observed before locking on
 NOISE_MEMORY = 0.03  # s, average of the innovation's power
 TURN = 2.0 * math.pi
 
@@ -238,7 +243,7 @@ class Gains(MotorData):
     )
 
 
-class Tuning(NamedTuple):
+class PaperGains(NamedTuple):
     """The gains in the paper's symbols, and epsilon [s]."""
 
     epsilon: float
@@ -248,7 +253,7 @@ class Tuning(NamedTuple):
     gamma: float
 
 
-def tuning(gains: Gains) -> Tuning:
+def tuning(gains: Gains) -> PaperGains:
     """Return epsilon, kp, ki, k_eta and gamma; automatic ones from motor data and bandwidth.
 
     Raises
@@ -272,23 +277,23 @@ def tuning(gains: Gains) -> Tuning:
             f'{inductance / resistance:g} s: set it below twice that'
         )
     epsilon = 2.0 / (resistance / inductance + k_p)
-    if gains.clock_rate * SETTLES * epsilon > 1.0:
+    if gains.clock_rate * EMF_SETTLING * epsilon > 1.0:
         raise UsageError(
             f'clock_rate = {gains.clock_rate:g} /s is too fast: the back-EMF needs '
-            f'{SETTLES * epsilon:g} s to settle between ticks; '
-            f'set at most {1.0 / (SETTLES * epsilon):g} /s'
+            f'{EMF_SETTLING * epsilon:g} s to settle between ticks; '
+            f'set at most {1.0 / (EMF_SETTLING * epsilon):g} /s'
         )
     low, high = flux_range(gains)
     if not low < high:
         raise UsageError(f'flux_min = {low:g} Wb is not below flux_max = {high:g} Wb: set it below')
-    return Tuning(epsilon, k_p, k_i, k_eta, gamma)
+    return PaperGains(epsilon, k_p, k_i, k_eta, gamma)
 
 
 def flux_range(gains: Gains) -> tuple[float, float]:
     """Return the smallest and the largest credible flux linkage [Wb]."""
     nominal = float(gains.flux or 0.0)
-    low = gains.flux_min if gains.flux_min is not None else nominal / FLUX_RANGE
-    high = gains.flux_max if gains.flux_max is not None else nominal * FLUX_RANGE
+    low = gains.flux_min if gains.flux_min is not None else nominal / FLUX_FACTOR
+    high = gains.flux_max if gains.flux_max is not None else nominal * FLUX_FACTOR
     return low, high
 
 
@@ -336,8 +341,8 @@ def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     scheme, natural = coefficients.scheme, design.natural
     prepare_scheme(scheme, design.resistance, design.inductance, design.k_p, design.k_i, dt)
     of_h, of_innovation, of_integral = noise_gains(design, scheme, 0.0)
-    fast = max(FAST, 5.0 * design.epsilon)
-    coefficients.window = max(SLOW, 5.0 * fast)
+    fast = max(EMF_AVERAGE, 5.0 * design.epsilon)
+    coefficients.window = max(SPEED_AVERAGE, 5.0 * fast)
     coefficients.dt, coefficients.pace = dt, design.clock_rate * dt
     coefficients.fast = low_pass_weight(1.0 / fast, dt)
     coefficients.slow = low_pass_weight(1.0 / coefficients.window, dt)
@@ -365,7 +370,7 @@ def estimate(
     state: State,
     coefficients: Coefficients,
     design: Design,
-    measurement: Sample,
+    measurement: DriveSample,
     known_input: float,
 ) -> None:
     """Set the mechanical estimate."""

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.drive import DriveSample
 from estimator_pkg.record import record
 
 PERIODS = 16  # clock periods that the identifier fits, at most
 TICKS = PERIODS + 1
-DELAYED = 9  # voltages that are kept, at most
+VOLTAGES_KEPT = 9  # voltages that are kept, at most
 
 
 @record
@@ -153,7 +153,7 @@ class Watch:
     power: float  # innovation variance [A^2]
     idle: float  # time of zero voltage or equal currents [s]
     calm: float  # time in order [s]
-    reasons: int  # bits of `watch.REASONS`
+    reasons: int  # bits of `watch.REASON_TEXTS`
 
 
 @record
@@ -166,7 +166,7 @@ class Out:
 
 
 @record
-class Found:
+class Rotation:
     """How long and how far y turned since it became large enough."""
 
     time: float  # [s]
@@ -182,7 +182,9 @@ class State:
     registers: Registers
     watch: Watch
     out: Out
-    found: Found
-    acting: Sample  # the newest sample, with the voltage that acted
-    u_alpha: Annotated[list[float], DELAYED]  # the last reported voltages, the newest last [V]
-    u_beta: Annotated[list[float], DELAYED]
+    rotation: Rotation
+    acting: DriveSample  # the newest sample, with the voltage that acted
+    u_alpha: Annotated[
+        list[float], VOLTAGES_KEPT
+    ]  # the last reported voltages, the newest last [V]
+    u_beta: Annotated[list[float], VOLTAGES_KEPT]

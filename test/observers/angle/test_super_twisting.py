@@ -18,9 +18,9 @@ from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.angle.super_twisting import observer as super_twisting
 from estimator_pkg.observers.angle.super_twisting.observer import (
     OBSERVER,
-    Chain,
     Coefficients,
     Core,
+    Derivatives,
     Gains,
 )
 
@@ -38,7 +38,7 @@ def predictions(form, order, dt, measured):
     design, coefficients = super_twisting.design(gains, Circle(0.0)), Coefficients()
     super_twisting.prepare(coefficients, design, dt)
     # one step before the first sample, at rest on it, so that the prediction is the start itself
-    core, before = Core(), Chain()
+    core, before = Core(), Derivatives()
     core.chain.x, core.ticks = float(measured[0]), 1
     v = []
     for reading in measured.tolist():

@@ -24,7 +24,7 @@ from estimator_pkg.record import record
 # c_1 .. c_{n+1} for a bound of 1; larger ones converge faster and are noisier.
 COEFFICIENTS = {1: (1.5, 1.1), 2: (2.0, 2.12, 1.1), 3: (3.0, 4.16, 3.06, 1.1)}
 
-SMALLEST = 1e-150  # innovations below this are zero: no power of them overflows
+ZERO_INNOVATION = 1e-150  # innovations below this are zero: no power of them overflows
 TABLE = 48  # points of the noise table
 TABLE_FROM = -3.0  # log10 of the smallest speed of the error dynamics in it
 TABLE_STEP = 0.1
@@ -96,8 +96,8 @@ def noise_gains_at(power: float, dt: float, design: Design) -> tuple[float, floa
     ----------
     power : mean square innovation [rad^2].
     """
-    if power < SMALLEST:
-        power = SMALLEST
+    if power < ZERO_INNOVATION:
+        power = ZERO_INNOVATION
     # dt times the speed of the error dynamics
     s = dt * design.scale / math.pow(power, 0.5 / (design.order + 1.0))
     if design.order == 3:

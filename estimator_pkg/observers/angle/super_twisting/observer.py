@@ -42,7 +42,7 @@ from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions
 )
 from estimator_pkg.observers.angle.super_twisting.gains import (
     COEFFICIENTS,
-    SMALLEST,
+    ZERO_INNOVATION,
     Design,
     matched,
     noise_gains_at,
@@ -55,11 +55,11 @@ from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
 
 TURNS = False  # its position is wrapped
-PACE = 0.55  # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
+ERROR_DECAY = 0.55  # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
 REFRESH = 8  # samples after which the noise gains are computed again
-NEWEST = 0.15  # weight of the mean square of the newest REFRESH samples: 50 samples in all
-CALM = 16.0  # times less than the mean square: a transient is over, ...
-HALVED = 0.5  # ... and is forgotten by this factor every REFRESH samples
+POWER_WEIGHT = 0.15  # weight of the mean square of the newest REFRESH samples: 50 samples in all
+TRANSIENT_RATIO = 16.0  # times less than the mean square: a transient is over, ...
+TRANSIENT_DECAY = 0.5  # ... and is forgotten by this factor every REFRESH samples
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Coefficients:
 
 
 @record
-class Chain:
+class Derivatives:
     """Position and its derivatives."""
 
     x: float  # [rad]
@@ -116,7 +116,7 @@ class Core:
     position: float  # as in the chain [rad]
     velocity: float  # [rad/s]
     acceleration: float  # [rad/s^2]; order 1: nan
-    chain: Chain
+    chain: Derivatives
     ticks: int  # samples since the noise gains were computed; 0: only one sample has come
     total: float  # sum of the squared innovations of these samples [rad^2]
     power: float  # mean square innovation [rad^2]
@@ -187,12 +187,14 @@ def averaged(power: float, total: float) -> float:
     What noise makes of the gains follows from it, so a transient must not stay in it for long.
     """
     mean = total / REFRESH
-    if CALM * mean < power:
-        return HALVED * power
-    return power + NEWEST * (mean - power)
+    if TRANSIENT_RATIO * mean < power:
+        return TRANSIENT_DECAY * power
+    return power + POWER_WEIGHT * (mean - power)
 
 
-def match(chain: Chain, coefficients: Coefficients, design: Design, measurement: float) -> float:
+def match(
+    chain: Derivatives, coefficients: Coefficients, design: Design, measurement: float
+) -> float:
     """Take a measurement with eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error; see `gains`.
 
     Returns
@@ -204,7 +206,7 @@ def match(chain: Chain, coefficients: Coefficients, design: Design, measurement:
     if not -period <= innovation + innovation < period:
         innovation = wrap(innovation, period)
     size = abs(innovation)
-    if size > SMALLEST:
+    if size > ZERO_INNOVATION:
         s = coefficients.dt * design.scale / math.pow(size, 1.0 / (design.order + 1.0))
         k0, k1, k2, k3 = matched(design.order, s, design.roots)
         chain.x += k0 * innovation
@@ -214,7 +216,7 @@ def match(chain: Chain, coefficients: Coefficients, design: Design, measurement:
     return innovation
 
 
-def advance(chain: Chain, dt: float) -> None:
+def advance(chain: Derivatives, dt: float) -> None:
     """Move the chain on by dt [s], the highest derivative constant."""
     v, a, j = chain.v, chain.a, chain.j
     chain.x += dt * (v + dt * (0.5 * a + dt * j / 6.0))
@@ -222,7 +224,7 @@ def advance(chain: Chain, dt: float) -> None:
     chain.a += dt * j
 
 
-def step_explicit(chain: Chain, dt: float, design: Design, measurement: float) -> float:
+def step_explicit(chain: Derivatives, dt: float, design: Design, measurement: float) -> float:
     """Take a measurement by forward Euler, as printed in textbooks.
 
     The corrections come after the step of the published predictor form; before it they are
@@ -238,7 +240,7 @@ def step_explicit(chain: Chain, dt: float, design: Design, measurement: float) -
     chain.a += dt * j
     innovation = wrap(measurement - chain.x, design.shared.period)
     size = abs(innovation)
-    if size < SMALLEST:
+    if size < ZERO_INNOVATION:
         return innovation
     signed = dt * size if innovation > 0.0 else -dt * size
     pace = design.scale / math.pow(size, 1.0 / (design.order + 1.0))  # (L/|e|)^(1/(n+1)) [1/s]
@@ -265,10 +267,10 @@ def noise_gains(
 def pace(observer: Any, core: Core, coefficients: Coefficients, design: Design, dt: float) -> float:
     """Return how fast errors decay [1/s]: the slower, the larger the innovation is."""
     power = core.total if core.total > core.power else core.power  # of a transient, from its begin
-    if power < SMALLEST:
-        power = SMALLEST
+    if power < ZERO_INNOVATION:
+        power = ZERO_INNOVATION
     # one neper per sample: dead beat is no faster
-    return min(PACE * design.scale / math.pow(power, 0.5 / (design.order + 1.0)), 1.0 / dt)
+    return min(ERROR_DECAY * design.scale / math.pow(power, 0.5 / (design.order + 1.0)), 1.0 / dt)
 
 
 def design(gains: Gains, circle: Circle) -> Design:
