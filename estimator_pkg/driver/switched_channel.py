@@ -28,7 +28,7 @@ class Track:
     clock: Clock
     coefficients: Coefficients
     state: State
-    kept: State  # before the last gap, in case that stamp is a stray one
+    state_before_gap: State  # before the last gap, in case that stamp is a stray one
 
 
 @record
@@ -47,7 +47,7 @@ class Channel:
     deviation: OutputDeviations
 
 
-def begin(observer: Any, channel: Channel) -> None:
+def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample."""
     model, track, blank = observer.model, channel.track, Clock()
     track.clock.take(blank)
@@ -85,7 +85,7 @@ def take(
     return verdict
 
 
-def show(observer: Any, channel: Channel) -> None:
+def write_estimate(observer: Any, channel: Channel) -> None:
     """Set the estimate at the last used sample."""
     observer.estimate(
         observer,
@@ -98,7 +98,7 @@ def show(observer: Any, channel: Channel) -> None:
     )
 
 
-def show_deviation(observer: Any, channel: Channel) -> None:
+def write_deviation(observer: Any, channel: Channel) -> None:
     """Set one standard deviation of each output."""
     observer.deviation(
         observer,

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator_pkg import observers, params_file
-from estimator_pkg.driver.configuration import Configuration, SensorSettings
+from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.shared import AngleGains
@@ -66,7 +66,7 @@ def assert_taught(section, parameters):
 def test_yaml_teaches_the_keys_of_the_node_and_of_joints():
     sections = yaml_sections()
     assert_taught(sections['input'], declared(AngleSettings))
-    assert_taught(sections['joints'], {**declared(SensorSettings), **declared(AngleGains)})
+    assert_taught(sections['joints'], {**declared(JointSettings), **declared(AngleGains)})
 
 
 @pytest.mark.parametrize('observer', angle_observers(), ids=lambda observer: observer.name)

@@ -45,7 +45,7 @@ from estimator_pkg.observers.mechanism.parameters import (
 )
 from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work, enlarge
 from estimator_pkg.record import record
-from estimator_pkg.sensor.convention import begin, follow, present
+from estimator_pkg.sensor.convention import begin_convention, follow_convention, present
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ POWER_MEMORY = 400.0  # samples over which the innovation's power is averaged
 DRIFT_MEMORY = 20.0  # slowest time constants over which the power of its slow part is averaged
 START_SETTLING = 4.0  # time constants of the slowest pole until a start has settled
 
-NO_FAULT = 0
+NO_REASON = 0
 OUT_OF_DOMAIN = 1
 NO_INPUT = 2
 FAR_OFF = 3  # the innovation is too large
@@ -91,10 +91,10 @@ def is_reading(measurement: Vector) -> bool:
 
 def start(observer: Any, state: State, design: Design, measurement: Vector) -> None:
     """Set every field, after the first sample."""
-    begin_core(observer.model, state, INITIALISING, NO_FAULT)
+    begin_core(observer.model, state, INITIALISING, NO_REASON)
     for i in range(observer.model.JOINTS):
         state.before[i] = measurement[i]
-        begin(state.conventions[i], measurement[i])
+        begin_convention(state.conventions[i], measurement[i])
         state.squares[i] = state.drift[i] = state.drift_squares[i] = 0.0
 
 
@@ -119,8 +119,8 @@ def step(
     n, work, core = observer.model.JOINTS, state.work, state.core
     for i in range(n):
         work.moved[i] = wrap(measurement[i] - state.before[i], design.periods[i])
-        follow(state.conventions[i], measurement[i], design.periods[i])
-    reason = NO_FAULT
+        follow_convention(state.conventions[i], measurement[i], design.periods[i])
+    reason = NO_REASON
     if not is_finite(observer.model.INPUTS, known_input):
         reason = NO_INPUT
     elif not observer.advance(
@@ -134,7 +134,7 @@ def step(
         core.take(work.after)
         if is_beyond(n, core.e, design.outside):
             reason = FAR_OFF
-    if reason == NO_FAULT:
+    if reason == NO_REASON:
         settle(observer, state, coefficients, design)
     elif reason != NOT_FINITE:
         update_fault_status(observer, state, coefficients, design, measurement, reason)
@@ -149,7 +149,7 @@ def settle(observer: Any, state: State, coefficients: Coefficients, design: Desi
     if state.valid_time >= design.settle:
         state.status = TRACKING
         state.invalid_time = 0.0
-    state.invalid_reason = NO_FAULT
+    state.invalid_reason = NO_REASON
     weight = dt / state.valid_time if state.valid_time < POWER_MEMORY * dt else 1.0 / POWER_MEMORY
     since = max(state.valid_time - design.settle, 0.0) + dt
     slowly = dt / min(since, coefficients.memory)
@@ -231,7 +231,7 @@ def resume(
     go_on(observer.model, state, design, measurement)
     if state.status == TRACKING:
         state.status = COASTING
-    state.invalid_reason = NO_FAULT
+    state.invalid_reason = NO_REASON
     state.valid_time = state.invalid_time = 0.0
 
 
@@ -239,7 +239,7 @@ def restart(
     observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Vector
 ) -> None:
     """Start again after an outage; the turns that were counted stay."""
-    begin_core(observer.model, state, INITIALISING, NO_FAULT)
+    begin_core(observer.model, state, INITIALISING, NO_REASON)
     go_on(observer.model, state, design, measurement)
 
 
@@ -247,7 +247,7 @@ def go_on(model: Any, state: State, design: Design, measurement: Vector) -> None
     """Follow the convention of a measurement without a step."""
     for i in range(model.JOINTS):
         state.before[i] = measurement[i]
-        follow(state.conventions[i], measurement[i], design.periods[i])
+        follow_convention(state.conventions[i], measurement[i], design.periods[i])
 
 
 def place(model: Any, state: State, design: Design) -> None:
