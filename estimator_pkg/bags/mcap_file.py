@@ -28,7 +28,7 @@ from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 
 from estimator_pkg.bags import qos, unpacking
-from estimator_pkg.bags.source import Part, Topic
+from estimator_pkg.bags.source import REPAIR, Part, Topic
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, rows
 
@@ -149,7 +149,7 @@ class McapFile:
                 break
             else:
                 self._learn(opcode, view[start + RECORD.size : end])
-        if not whole and end < self._size and view[end] == Opcode.CHUNK:
+        if not whole and end + RECORD.size <= self._size and view[end] == Opcode.CHUNK:
             found.append(_Chunk(end))  # its end is missing
         if loose:
             found = [_Chunk(-1, size=end)]
@@ -161,13 +161,11 @@ class McapFile:
             for channel, count in zip(self._channels, np.bincount(block.topic).tolist()):
                 self._counts[channel] = self._counts.get(channel, 0) + count
         if not whole and not self._channels:
-            raise UserError(
-                f'{self.path} ends before its first message: there is nothing to recover'
-            )
+            raise UserError(f'{self.path} ends before its first message: name another file')
         if not whole:
             self._warn(
                 f'{self.path} ends early (was its recorder killed?): '
-                f'reading the {sum(self._counts.values())} complete messages'
+                f'reading the {sum(self._counts.values())} complete messages; {REPAIR}'
             )
 
     def _mapped(self) -> memoryview:

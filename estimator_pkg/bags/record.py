@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
@@ -45,13 +44,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         nargs='*',
         help='topics to record (default: all, also those that appear later)',
     )
-    parser.add_argument(
-        '--recover',
-        metavar='PATH',
-        help='record nothing: make a bag of a file or folder (.mcap, .db3) '
-        'of a recorder that was killed',
-    )
-    unpacking.arguments(parser)
     parser.add_argument('--out', metavar='BAG', required=True, help='bag to write')
     parser.add_argument(
         '--duration',
@@ -63,8 +55,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Record until Ctrl-C or for a duration; print and return the numbers of messages."""
-    if parsed.recover is not None:
-        return _recovered(parsed)
     if parsed.duration is not None and not (
         math.isfinite(parsed.duration) and parsed.duration > 0.0
     ):
@@ -98,19 +88,6 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     for name, count in counts.items():
         show(f'  {name}  {count} messages' + (f', {lost[name]} lost' if lost[name] else ''))
     return {'bag': parsed.out, 'messages': counts, 'lost': lost}
-
-
-def _recovered(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Make a bag of the files of a crashed recorder; return the numbers of messages."""
-    if parsed.topics or parsed.duration is not None:
-        raise UsageError('--recover takes neither topics nor --duration: omit them')
-    from estimator_pkg.bags.recover import recover
-
-    counts = recover(parsed.recover, parsed.out, parsed.unpack_limit)
-    print(f'{parsed.out}, recovered from {parsed.recover} (which you may delete now):')
-    for name, count in counts.items():
-        print(f'  {name}  {count} messages')
-    return {'bag': parsed.out, 'recovered': parsed.recover, 'messages': counts}
 
 
 @dataclass
@@ -283,6 +260,5 @@ COMMAND = Command(
     examples=(
         ('/joint_states --out arm --duration 60', 'a minute of joint states'),
         ('--out everything', 'all topics, until Ctrl-C'),
-        ('--recover crashed_folder --out saved', 'finish the recording of a killed recorder'),
     ),
 )

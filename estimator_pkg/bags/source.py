@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Qos
 
 CDR = 'cdr'
+REPAIR = (
+    'to repair it, use `mcap recover FILE -o NEW` (.mcap) or '
+    '`sqlite3 FILE .recover | sqlite3 NEW` (.db3)'
+)  # of a file whose recorder was killed
 
 
 class UnreadableError(UserError):

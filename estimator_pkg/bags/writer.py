@@ -10,7 +10,7 @@
 The bag is written in a new folder next to its final path and moved there when it is complete, so an
 error or an interrupt leaves no incomplete bag. A recording, which cannot be repeated, is kept in
 any case. After a crash the new folder stays, with the only copy: no other instance changes it, and
-the next one reports it (`crashed`).
+the next one reports it (`unfinished`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import contextlib
 import os
 import re
 import secrets
-import shlex
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -32,7 +31,7 @@ import yaml
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags.definitions import define
-from estimator_pkg.bags.source import CDR, Topic
+from estimator_pkg.bags.source import CDR, REPAIR, Topic
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block, from_messages
@@ -83,10 +82,10 @@ class BagWriter:
                 f'{path} cannot be written: the folder {self._name.parent} does not exist'
             )
         output = mcap_output.McapOutput  # a missing library raises before anything is created
-        for folder in crashed(self.path):
+        for folder in unfinished(self.path):
             interrupts.say(
-                f'warning: {folder} contains an incomplete {path}, whose process was killed: '
-                f'{_how_to_recover(folder)}'
+                f'warning: {folder} contains an incomplete {path} of a process that was killed or '
+                f'still writes; {REPAIR}'
             )
         self._folder: Path | None = None
         self._file = self.path.name if self._bare else f'{self.path.stem}_0.mcap'
@@ -94,7 +93,6 @@ class BagWriter:
         try:
             self._folder = _new_folder(self.path)
             self._stream = (self._folder / self._file).open('xb')
-            _mark(self._stream)
             self._mcap = output(self._stream)
         except OSError as error:
             self.abort()
@@ -284,7 +282,7 @@ class BagWriter:
 
     def _print_kept(self) -> None:
         where = f'{self._folder or self._name} contains the messages written so far'
-        interrupts.say(f'{where}: {_how_to_recover(self._folder)}' if self._folder else where)
+        interrupts.say(f'{where}; {REPAIR}' if self._folder else where)
 
     def abort(self) -> None:
         """Remove everything that was written."""
@@ -341,11 +339,6 @@ class BagWriter:
         return UserError(f'{self._name} cannot be written: {error.strerror or error}')
 
 
-def _how_to_recover(folder: Path) -> str:
-    path = shlex.quote(str(folder))
-    return f'`velocity_estimator record --recover {path} --out BAG` makes a bag of it'
-
-
 def _new_folder(path: Path) -> Path:
     """Make a new folder next to `path`; raise OSError if that is not possible."""
     while True:
@@ -355,47 +348,16 @@ def _new_folder(path: Path) -> Path:
             return folder
 
 
-def _mark(stream: BinaryIO) -> None:
-    """Lock the file while this process lives, if the system supports it."""
-    with contextlib.suppress(ImportError, OSError):
-        import fcntl
-
-        fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def in_use(file: Path) -> bool:
-    """Return True if a running process is writing this file."""
-    try:
-        import fcntl
-
-        with open(file, 'rb') as stream:
-            fcntl.flock(stream.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except (ImportError, OSError):
-        pass
-    return False
-
-
-def crashed(path: Path) -> list[Path]:
-    """Return the folders next to `path` that its killed writers left.
+def unfinished(path: Path) -> list[Path]:
+    """Return the folders next to `path` in which its writers have not finished.
 
     Parameters
     ----------
     path : path of the requested bag.
     """
     name = re.compile(re.escape(f'.{path.name}.') + r'[0-9a-f]+\.part')
-    try:
-        found = sorted(
-            folder
-            for folder in path.parent.iterdir()
-            if name.fullmatch(folder.name) and folder.is_dir()
-        )
-        return [
-            folder
-            for folder in found
-            if any(folder.iterdir())
-            and not any(in_use(file) for file in folder.iterdir() if file.is_file())
-        ]
-    except OSError:
-        return []
+    return sorted(
+        folder
+        for folder in path.parent.glob('.*.part')
+        if name.fullmatch(folder.name) and any(folder.glob('*.mcap'))
+    )

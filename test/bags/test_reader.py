@@ -199,20 +199,60 @@ def test_a_cut_off_file_gives_what_is_there_and_says_so(kind, tmp_path, capsys):
             continue
         assert found == messages[: len(found)]
         if len(found) < len(messages):
-            assert capsys.readouterr().err.count('ends early') == 1
+            said = capsys.readouterr().err
+            assert said.count('ends early') == said.count('\n') == 1
+            assert '`mcap recover' in said and '.recover | sqlite3' in said
         most = max(most, len(found))
     assert most > 100
 
 
-def test_a_folder_whose_recorder_crashed_is_read(tmp_path, capsys):
+@pytest.mark.parametrize(
+    'kind',
+    [
+        'ours',
+        'mcap split',
+        'sqlite3 split',
+        'sqlite3, messages compressed',
+        'sqlite3, file compressed',
+    ],
+)
+def test_a_folder_whose_recorder_crashed_is_read(kind, tmp_path, capsys):
     messages = make.content()
-    folder = make.ours(tmp_path / 'bag', messages)
+    folder = make.KINDS[kind](tmp_path / 'bag', messages)
     (folder / 'metadata.yaml').unlink()
     assert read(folder) == messages
     assert 'no metadata.yaml' in capsys.readouterr().err
     (folder / 'metadata.yaml').write_text('}{')
     assert read(folder) == messages
     assert 'is not valid metadata' in capsys.readouterr().err
+
+
+def test_a_database_with_a_log_or_a_journal_is_finished_first(tmp_path, capsys):
+    messages = make.content(200)
+    folder = make.rosbags(tmp_path / 'bag', messages)
+    base = sqlite3.connect(folder / 'bag.db3')
+    base.execute('pragma journal_mode = wal')
+    base.execute(
+        'insert into messages(topic_id, timestamp, data) values (1, ?, ?)',
+        (make.START + 10**12, make.text('in the log')),
+    )
+    base.commit()
+    shutil.copytree(folder, tmp_path / 'crashed')  # the log is still next to it
+    base.close()
+    found = read(tmp_path / 'crashed')
+    assert found[:-1] == messages
+    assert found[-1][1:] == (make.START + 10**12, make.text('in the log'))
+    assert 'was not closed: it is read with bag.db3-wal' in capsys.readouterr().err
+
+    base = sqlite3.connect(folder / 'bag.db3', isolation_level=None)
+    base.execute('pragma journal_mode = delete')
+    base.execute('pragma cache_size = 1')
+    base.execute('begin')
+    base.execute("update messages set data = x'00010000ff'")  # half of it is on the disk
+    shutil.copytree(folder, tmp_path / 'half')
+    base.close()
+    assert list((tmp_path / 'half').glob('*-journal'))
+    assert read(tmp_path / 'half') == found
 
 
 def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path, capsys):
@@ -422,14 +462,19 @@ def test_a_missing_file_of_a_split_bag_is_named(tmp_path, capsys):
 @given(data=st.data())
 def test_no_damage_gives_a_traceback(data, tmp_path):
     source = RECORDINGS / 'simulated/trapezoid_raw_counts/trapezoid_raw_counts_0.mcap'
-    if data.draw(st.booleans()):
+    kind = data.draw(st.sampled_from(['recording', 'plain', 'database']))
+    if kind == 'plain':
         source = make.mcap(
             tmp_path / 'plain.mcap', make.content(20), compression=CompressionType.NONE
         )
+    elif kind == 'database':
+        source = tmp_path / 'sqlite' / 'sqlite.db3'
+        if not source.exists():
+            make.rosbags(source.parent, make.content(300))
     raw = bytearray(source.read_bytes())
     for _ in range(data.draw(st.integers(1, 8))):
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
-    file = tmp_path / 'damaged.mcap'
+    file = tmp_path / 'damaged'
     file.write_bytes(raw)
     try:
         with open_bag(file) as bag:
@@ -469,7 +514,7 @@ def wrong_bags(tmp_path):
         (tmp_path / 'text.db3', 'is not a bag'),
         (tmp_path / 'old.bag', 'is a bag of ROS 1'),
         (tmp_path / 'other.db3', 'cannot be read as a bag'),
-        (tmp_path / 'cut.db3', 'cannot be read as a bag'),
+        (tmp_path / 'cut.db3', '`sqlite3 FILE .recover | sqlite3 NEW` (.db3)'),
         (lonely, 'listed in metadata.yaml, is missing'),
     ]
 

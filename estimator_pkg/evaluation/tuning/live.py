@@ -37,11 +37,7 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
     with TemporaryDirectory(prefix='velocity_estimator_') as folder:
         path = str(Path(folder) / 'live')
         try:
-            record.run(
-                argparse.Namespace(
-                    topics=[*topics, truth], out=path, duration=seconds, recover=None
-                )
-            )
+            record.run(argparse.Namespace(topics=[*topics, truth], out=path, duration=seconds))
         except UserError:  # nothing arrived
             if interrupts.came():
                 raise KeyboardInterrupt from None
