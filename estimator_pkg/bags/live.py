@@ -53,7 +53,7 @@ class Live:
         from rclpy.node import Node
 
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self.node: Node = Node(name)
+        self.node: Node = Node(name, start_parameter_services=False)
         self._executor = make_executor()
         self._executor.add_node(self.node)
 
