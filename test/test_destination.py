@@ -50,15 +50,6 @@ def test_the_data_are_written_where_they_are_requested(tmp_path, capsys):
     assert 'does not exist' in capsys.readouterr().err
 
 
-def test_tune_writes_the_gains_alone(tmp_path, capsys):
-    picture = tmp_path / 'gains.png'
-    picture.write_text('mine')
-    words = ['tune', str(BAG), *SHORT, '--trials', '2', '--out', str(tmp_path / 'gains.yaml')]
-    assert main(words) == 0
-    assert picture.read_text() == 'mine'
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['gains.png', 'gains.yaml']
-
-
 @pytest.mark.skipif(not os.path.exists('/dev/full'), reason='not run: no /dev/full here')
 def test_a_full_disk_is_reported_with_the_file(monkeypatch, tmp_path, capsys):
     assert main(['list', 'pll', '--json', '/dev/full']) == 1
@@ -86,8 +77,8 @@ def test_a_full_disk_is_reported_with_the_file(monkeypatch, tmp_path, capsys):
         (['evaluate', 'BAG', '--data', 'X', '--json', './X'], '--data and --json'),
         (['tune', 'BAG', '--observer', 'pll', '--out', 'X', '--json', 'X'], '--out and --json'),
         (
-            ['tune', 'BAG', '--observer', 'pll', '--out', 'X', '--plot', 'sub/../X'],
-            '--out and --plot',
+            ['evaluate', 'BAG', '--observer', 'pll', '--data', 'X', '--plot', 'sub/../X'],
+            '--data and --plot',
         ),
         (['identify', 'BAG', '--out', 'X', '--json', 'X'], '--out and --json'),
         (['replay', 'BAG', '--out', 'X', '--json', 'X'], '--out and --json'),

@@ -92,7 +92,7 @@ def against_default(
         own = [record.seen for record in judged if not record.why and joint in ('', record.label)]
         parts = own or held or [record.seen for record in chosen]
         observer = tuning.entry.observer
-        if each['default_point'] is None:
+        if not each['delay_known']:
             said[joint] = f'the motion shows no delay, so {DEFAULT} stays, the default observer'
             continue
         pair = compared(parts, observer, each['gains'], tuning.weights, DEFAULT)

@@ -17,7 +17,6 @@ from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
-from estimator_pkg.evaluation.image import check
 from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
@@ -30,7 +29,7 @@ from estimator_pkg.evaluation.options import (
     worker_arguments,
 )
 from estimator_pkg.evaluation.text import started
-from estimator_pkg.evaluation.tuning import any_observer, live, output, picture
+from estimator_pkg.evaluation.tuning import any_observer, live, output
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import Record, records
 from estimator_pkg.evaluation.tuning.seek import kept, seek
@@ -136,22 +135,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="remove the truth's own lag and bias first (default)",
     )
     joint_arguments(parser)
-    parser.add_argument(
-        '--plot', metavar='FILE', help='draw noise against delay of every trial (PNG, SVG, PDF)'
-    )
     unpacking.arguments(parser)
     worker_arguments(parser)
-    parser.add_argument(
-        '--storage',
-        metavar='URL',
-        help='Optuna storage for the trials, for example sqlite:///study.db',
-    )
-    parser.add_argument(
-        '--study',
-        metavar='NAME',
-        help='name of the study in the --storage (default: velocity_estimator); an existing one '
-        'continues',
-    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -160,8 +145,6 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     tuning = tune_settings(parsed)
     out = Path(parsed.out)
     destination.check(out)
-    if parsed.plot:
-        check(parsed.plot)
     if parsed.apply:  # before anything is recorded or searched
         live.check(parsed.apply, parsed.observer)
     options = Options(
@@ -229,15 +212,10 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))
     node = streams.of_observer(tuning.entry.observer).NODE
     show(f'gains: {out}', *started(node, parsed.out, wiring.remaps))
-    if parsed.plot:
-        picture.draw(chosen_results, parsed.plot, sought)
-        show(f'noise against delay: {parsed.plot}')
     if parsed.apply:
         values = output.node_values(tuned)
         changed = live.apply(parsed.apply, values, tuning.gains, parsed.observer) if values else []
         show(f'set on {parsed.apply}: {", ".join(changed) or "nothing, the defaults stay"}')
-    for each in chosen_results:
-        each.pop('trials')
     return {
         'observer': parsed.observer,
         'sought': sought,

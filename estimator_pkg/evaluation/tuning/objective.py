@@ -53,14 +53,12 @@ class Known:
     stamps : shape (n,), ascending. velocity : shape (n,). acceleration : rms [rad/s^2].
     plain : shape (n,), the off-line reference without the vibration that was put back; None: there
         is no such question.
-    own : variance of the off-line reference [rad^2/s^2]; 0 for a truth.
     """
 
     stamps: NDArray[np.int64]
     velocity: Array
     acceleration: float
     plain: Array | None = None
-    own: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -189,5 +189,4 @@ def _known(
     width = averaged(time)
     smooth = np.convolve(velocity, np.ones(width) / width, 'valid')
     turns = slopes(time[: len(smooth)], smooth) if len(smooth) > 2 else np.zeros(1)
-    own = 0.0 if moved is None else moved.stddev**2
-    return Known(stamps, velocity, float(np.sqrt(np.mean(turns**2))), plain, own)
+    return Known(stamps, velocity, float(np.sqrt(np.mean(turns**2))), plain)

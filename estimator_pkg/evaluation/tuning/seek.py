@@ -79,10 +79,7 @@ def seek(
             judge,
             tuning.trials,
             tuning.seed,
-            tuning.storage,
-            f'{tuning.study}/{joint}' if joint else tuning.study,
             lambda count, so_far: advance(count, f'{label}{_so_far(so_far)}'),
-            about=_about(chosen, tuning),
             same=lambda one, other: _alike([one, other]),
         )
     best = found.best
@@ -111,7 +108,6 @@ def seek(
     )
     pair = compared(parts, observer, gains, weights)
     why = _why(pair, default, better, bool(held or judged))
-    points = _points([first, *(trial.details for trial in found.trials)])
     return {
         **kept(joint, chosen, why, found),
         'gains': {} if why else gains,
@@ -121,15 +117,12 @@ def seek(
             name: value for name, value in tuning.defaults().items() if name not in idle
         },
         'idle': idle,
-        'default_point': points[0],
+        'delay_known': _delay_known([first, *(trial.details for trial in found.trials)]),
         'relative_cost': best.cost,
         'held_out': bool(held or judged),
         'judged_on': sorted({record.bag for record in judged}),
         'default': default,
         'best': better,
-        'trials': [
-            (trial.values, trial.cost, point) for trial, point in zip(found.trials, points[1:])
-        ],
     }
 
 
@@ -148,9 +141,9 @@ def kept(
         'quanta': _quanta(chosen),
         'default_gains': {},
         'idle': [],
-        'default_point': None,
+        'delay_known': False,
         'relative_cost': 1.0,
-        'evaluations': found.asked,
+        'evaluations': len(found.trials),
         'interrupted': found.interrupted,
         'held_out': False,
         'judged_on': [],
@@ -158,7 +151,6 @@ def kept(
         'best': None,
         'bags': sorted({record.bag for record in chosen}),
         'joints': sorted({joint for record in chosen for joint in record.joints}),
-        'trials': [(trial.values, trial.cost, None) for trial in found.trials],
     }
 
 
@@ -216,14 +208,6 @@ def _why(
     return f'the tuned gains do not beat the defaults {where}'
 
 
-def _about(chosen: Sequence[Record], tuning: TuneSettings) -> str:
-    """Return everything but the gains that the costs depend on, for a storage."""
-    parts = [f'{record.bag}:{record.label}:{record.seen.recording.size()}' for record in chosen]
-    return (
-        f'{tuning.entry.observer} {sorted(tuning.held.items())} {tuning.weights} {" ".join(parts)}'
-    )
-
-
 def _total(
     results: Details, parts: Sequence[Part], weights: Weights, units: Sequence[Mapping[str, float]]
 ) -> float:
@@ -266,22 +250,17 @@ def _of(pairs: Sequence[tuple[Any, float]]) -> dict[str, float]:
     }
 
 
-def _points(trials: Sequence[Details | None]) -> list[tuple[float, float] | None]:
-    """Return (delay, noise) of each trial over its records; None without a delay.
+def _delay_known(trials: Sequence[Details | None]) -> bool:
+    """Return True if the motion determines the delay of the first trial.
 
-    A record that never has a delay (constant speed) is ignored.
+    A record on which no trial has a delay (constant speed) is ignored.
     """
     every = [_flat(details) for details in trials]
-    delays = np.array([[abs(one.delay) for one in results] for results in every if results])
-    telling = np.isfinite(delays).any(axis=0) if delays.size else np.zeros(0, bool)
-    found: list[tuple[float, float] | None] = []
-    for results in every:
-        late = np.array([abs(one.delay) for one in results])[telling] if results else np.zeros(0)
-        if not len(late) or not np.isfinite(late).all():
-            found.append(None)
-        else:
-            found.append((float(np.mean(late)), math.sqrt(mean([one.noise**2 for one in results]))))
-    return found
+    if not every[0]:
+        return False
+    known = np.isfinite([[one.delay for one in results] for results in every if results])
+    telling = known.any(axis=0)
+    return bool(telling.any() and known[0][telling].all())
 
 
 def _flat(details: Details | None) -> list[Result]:

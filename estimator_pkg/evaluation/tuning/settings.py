@@ -31,7 +31,7 @@ class TuneSettings:
 
     entry : the observer with its fixed parameters. weights : of error, delay, noise. preference :
     the name of the weights. ranges : of the searched gains, by name. trials : their number. seed :
-    of the search. storage, study : the URL of Optuna's storage, and the name of the study in it.
+    of the search.
     """
 
     entry: Entry
@@ -40,8 +40,6 @@ class TuneSettings:
     ranges: Ranges
     trials: int
     seed: int
-    storage: str | None
-    study: str
 
     @property
     def held(self) -> dict[str, Any]:
@@ -88,8 +86,6 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         raise UsageError(f'--trials is {parsed.trials}: it must be 1 or more')
     if not 0 <= parsed.seed <= LARGEST_SEED:
         raise UsageError(f'--seed is {parsed.seed}: it must be from 0 to {LARGEST_SEED}')
-    if parsed.study is not None and parsed.storage is None:
-        raise UsageError('--study needs --storage: name where to keep it, as in sqlite:///study.db')
     check_joints(parsed)
     if parsed.observer == requested.ALL:
         raise UsageError("--observer is 'all', but tuning needs one: name it")
@@ -105,8 +101,6 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         _ranges(entry.observer, known, parsed.search, dict(entry.values)),
         parsed.trials,
         parsed.seed,
-        parsed.storage,
-        parsed.study or 'velocity_estimator',
     )
 
 
