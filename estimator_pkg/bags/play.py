@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 CLOCK = '/clock'
 CLOCK_RATE = 200.0  # Hz
-PATIENCE = 5.0  # longest wait for subscriptions [s]
-QUIET = 0.5  # without a new subscription for this time, all have arrived [s]
+SUBSCRIPTION_WAIT = 5.0  # longest wait for subscriptions [s]
+MATCHING_PAUSE = 0.5  # without a new subscription for this time, all have arrived [s]
 LINGER = 0.3  # time for best-effort messages to arrive: they are lost when the process ends [s]
 HANDSHAKE = 0.2  # time in which new subscriptions discover us: best effort does not wait [s]
-SECOND = 1_000_000_000
-LOOK = SECOND // 20  # longest time between two checks for a signal [ns]
+NS_PER_S = 1_000_000_000
+SIGNAL_PERIOD = NS_PER_S // 20  # longest time between two checks for a signal [ns]
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -128,18 +128,21 @@ class Player:
         """Wait until every topic has a subscription, or no more appear."""
         begun = changed = time.monotonic()
         before = 0
-        while not self._here.stopping and time.monotonic() < begun + PATIENCE:
+        while not self._here.stopping and time.monotonic() < begun + SUBSCRIPTION_WAIT:
             matched = sum(
                 publisher.get_subscription_count() > 0 for publisher in self._publishers.values()
             )
             if matched != before:
                 before, changed = matched, time.monotonic()
-            if matched == len(self._publishers) or (matched and time.monotonic() > changed + QUIET):
+            paused = matched and time.monotonic() > changed + MATCHING_PAUSE
+            if paused or matched == len(self._publishers):
                 time.sleep(HANDSHAKE)
                 return
             time.sleep(0.02)
         if not before and not self._here.stopping:
-            print(f'no subscription within {PATIENCE:g} s: playing without', file=sys.stderr)
+            print(
+                f'no subscription within {SUBSCRIPTION_WAIT:g} s: playing without', file=sys.stderr
+            )
 
     def play(self) -> None:
         """Publish every message once, at its time."""
@@ -159,7 +162,9 @@ class Player:
         from rclpy.duration import Duration
 
         for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(nanoseconds=0 if self._here.stopping else SECOND))
+            publisher.wait_for_all_acked(
+                Duration(nanoseconds=0 if self._here.stopping else NS_PER_S)
+            )
         if not self._here.stopping and self._best_effort:
             time.sleep(LINGER)
 
@@ -168,14 +173,14 @@ class Player:
         due = self._zero_ns + round((log_ns - self._start_ns) / self._rate)
         while not self._here.stopping:
             now = time.monotonic_ns()
-            until = min(due, now + LOOK)
+            until = min(due, now + SIGNAL_PERIOD)
             if self._clock is not None:
                 if now >= self._next_clock:
                     self._publish_time(self._clock, now)
                 until = min(until, self._next_clock)
             if now >= due:
                 return
-            time.sleep(max(until - now, 0) / SECOND)
+            time.sleep(max(until - now, 0) / NS_PER_S)
 
     def _publish_time(self, clock: Publisher, now: int) -> None:
         """Publish the bag's time at this steady time."""
@@ -183,9 +188,9 @@ class Player:
         from rosgraph_msgs.msg import Clock
 
         bag_ns = self._start_ns + round((now - self._zero_ns) * self._rate)
-        sec, nanosec = divmod(bag_ns, SECOND)
+        sec, nanosec = divmod(bag_ns, NS_PER_S)
         clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
-        step = round(SECOND / CLOCK_RATE)
+        step = round(NS_PER_S / CLOCK_RATE)
         behind = time.monotonic_ns() - self._next_clock
         self._next_clock += step * (1 + max(0, behind) // step)
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import math
 import sys
 import time
@@ -27,13 +28,13 @@ if TYPE_CHECKING:
     from estimator_pkg.bags.live import Live
     from estimator_pkg.ros.loss import Loss
 
-LOOK = 0.1  # time between two checks of the graph [s]
-PATIENCE = 10.0  # added to a duration while no message has arrived yet [s]
-ARRIVED = 3  # consecutive checks without a message after which all received ones are recorded
-AWAITED = 0.02  # length of such a check [s]
-AT_MOST = 0.3  # longest time for these checks [s]
+GRAPH_PERIOD = 0.1  # time between two checks of the graph [s]
+FIRST_MESSAGE_WAIT = 10.0  # added to a duration while no message has arrived yet [s]
+QUIET_CHECKS = 3  # consecutive checks without a message after which all received ones are recorded
+CHECK_TIME = 0.02  # length of such a check [s]
+LONGEST_END_CHECKS = 0.3  # longest time for these checks [s]
 LONGEST_DRAIN = 0.5  # longest time for messages of one topic that the executor has not noticed [s]
-FLUSH = 2.0  # time between two flushes to the disk [s]
+FLUSH_PERIOD = 2.0  # time between two flushes to the disk [s]
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +92,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 
 @dataclass
-class Track:
+class RecordedTopic:
     """A topic that is being recorded."""
 
     subscription: Subscription
@@ -122,15 +123,15 @@ class Recorder:
         self._refused: set[str] = set()
         self._first_ns = 0
         self._received = 0
-        self.tracks: dict[str, Track] = {}
+        self.tracks: dict[str, RecordedTopic] = {}
 
     def run(self, duration: float | None) -> None:
         """Record for `duration` [s] from the first message on, or until Ctrl-C."""
         self._follow(duration)
-        until, quiet = time.monotonic() + AT_MOST, 0  # take in the waiting messages
-        while quiet < ARRIVED and time.monotonic() < until:
+        until, quiet = time.monotonic() + LONGEST_END_CHECKS, 0  # take in the waiting messages
+        while quiet < QUIET_CHECKS and time.monotonic() < until:
             before = self._received
-            self._here.spin(AWAITED)
+            self._here.spin(CHECK_TIME)
             self._drain()
             quiet = quiet + 1 if self._received == before else 0
 
@@ -143,18 +144,18 @@ class Recorder:
             if now >= look:
                 self._look()
                 self._drain()
-                look = now + LOOK
+                look = now + GRAPH_PERIOD
                 if not printed and now > begun + 1.0:
                     printed = True
                     self._print_missing()
             if now >= flush:
                 self._writer.flush()
-                flush = now + FLUSH
+                flush = now + FLUSH_PERIOD
             if duration is not None:
-                since = self._first_ns * 1e-9 if self._first_ns else begun + PATIENCE
+                since = self._first_ns * 1e-9 if self._first_ns else begun + FIRST_MESSAGE_WAIT
                 if time.monotonic() - since > duration:
                     return
-            self._here.spin(min(LOOK, duration or LOOK))
+            self._here.spin(min(GRAPH_PERIOD, duration or GRAPH_PERIOD))
 
     def _drain(self) -> None:
         """Receive messages that the executor has not noticed."""
@@ -212,7 +213,7 @@ class Recorder:
         self.tracks[name] = self._subscribe(name, kind, qos, profiles)
         show(f'recording {name} ({types[0]})', file=sys.stderr)
 
-    def _adapt(self, name: str, type_name: str, track: Track, profiles: list[Qos]) -> None:
+    def _adapt(self, name: str, type_name: str, track: RecordedTopic, profiles: list[Qos]) -> None:
         """Subscribe again if a new publisher does not match the present subscription."""
         from estimator_pkg.bags.live import matching
         from estimator_pkg.ros.message_class import message_class
@@ -231,8 +232,9 @@ class Recorder:
         again.lost_before = track.lost
         self.tracks[name] = again
 
-    def _subscribe(self, name: str, kind: Any, qos: QoSProfile, profiles: list[Qos]) -> Track:
-        from estimator_pkg.bags.live import raw_callback
+    def _subscribe(
+        self, name: str, kind: Any, qos: QoSProfile, profiles: list[Qos]
+    ) -> RecordedTopic:
         from estimator_pkg.ros.loss import Loss
 
         holder: list[Subscription] = []
@@ -247,10 +249,13 @@ class Recorder:
             if not self._first_ns:
                 self._first_ns = time.monotonic_ns()
 
-        holder.append(
-            self._here.node.create_subscription(kind, name, raw_callback(receive), qos, raw=True)
-        )
-        return Track(holder[0], receive, qos, loss, profiles=list(profiles))
+        def callback(*arguments: Any) -> None:
+            # EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
+            receive(*(arguments if len(arguments) == 2 else arguments[0]))
+
+        callback.__signature__ = inspect.signature(receive)  # type: ignore[attr-defined]  # rclpy counts them
+        holder.append(self._here.node.create_subscription(kind, name, callback, qos, raw=True))
+        return RecordedTopic(holder[0], receive, qos, loss, profiles=list(profiles))
 
 
 COMMAND = Command(

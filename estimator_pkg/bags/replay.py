@@ -35,7 +35,7 @@ from estimator_pkg.streams.history import GAP
 qos = Lazy('estimator_pkg.bags.qos')
 
 
-class Output:
+class ReplayWriter:
     """Writes copied topics of a bag, and the outputs of a stream that are wanted.
 
     Parameters
@@ -174,7 +174,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 for each in stream.outputs
             ]
             if writer is not None:
-                output = Output(bag, writer, stream, node, parsed.copy)
+                output = ReplayWriter(bag, writer, stream, node, parsed.copy)
             copied = output.copied if output else set()
             with progress('replay', sum(topic.count for topic in setup.topics)) as advance:
                 for count, names, block, made in fed(bag, setup, stream, copied):

@@ -18,7 +18,7 @@ import apsw
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import REPAIR, Part, Topic
+from estimator_pkg.bags.source import REPAIR, Piece, Topic
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import from_messages
 
@@ -26,7 +26,7 @@ ROWS = 4096  # messages per block, if they are small
 
 
 class SqliteFile:
-    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source.Source`.
+    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source.BagFile`.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class SqliteFile:
         """Close the file."""
         self._reader.close()
 
-    def parts(self, places: Sequence[int]) -> Iterator[Part]:
+    def pieces(self, places: Sequence[int]) -> Iterator[Piece]:
         """Yield the messages of these topics in log order."""
         connections = {self._connections[place].id: place for place in places}
         topic: list[int] = []
@@ -86,9 +86,9 @@ class SqliteFile:
         raws: list[bytes] = []
         size = strange = 0
 
-        def full() -> Part:
+        def full() -> Piece:
             block = from_messages(topic, times, times, raws)
-            return Part(times[0], size, lambda: block)
+            return Piece(times[0], size, lambda: block)
 
         try:
             for connection, time_ns, raw in self._reader.messages(
@@ -97,7 +97,7 @@ class SqliteFile:
                 if not isinstance(raw, bytes) or not isinstance(time_ns, int):
                     strange += 1
                     continue
-                if len(raws) == ROWS or (raws and size + len(raw) > unpacking.PIECE):
+                if len(raws) == ROWS or (raws and size + len(raw) > unpacking.PIECE_SIZE):
                     yield full()
                     topic, times, raws, size = [], [], [], 0
                 topic.append(connections[connection.id])

@@ -43,10 +43,9 @@ if TYPE_CHECKING:
 mcap_output = Lazy('estimator_pkg.bags.mcap_output')
 qos_profiles = Lazy('estimator_pkg.bags.qos')
 
-CHUNK_SIZE = 1 << 20  # bytes of messages per chunk
 VERSION = 9  # of metadata.yaml, as Jazzy writes it
-OTHERS = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
-LATEST = 2**63 - 1  # start time of a bag without messages
+OTHER_SUFFIXES = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
+EMPTY_START_NS = 2**63 - 1  # start time of a bag without messages
 
 
 class BagWriter:
@@ -71,7 +70,7 @@ class BagWriter:
         self._topics: dict[str, tuple[int, Topic]] = {}
         self._pending: tuple[list, ...] = ([], [], [], [])  # channels, both times, messages
         self._pending_size = 0
-        if self.path.suffix in OTHERS:
+        if self.path.suffix in OTHER_SUFFIXES:
             raise UserError(
                 f'{path}: bags are written as MCAP: name a folder, or a file that ends in .mcap'
             )
@@ -124,7 +123,6 @@ class BagWriter:
         type_name: str,
         qos: Sequence[Qos] | Qos | None = None,
         *,
-        definition: str = '',
         type_hash: str = '',
         serialization: str = CDR,
     ) -> int:
@@ -134,21 +132,14 @@ class BagWriter:
         ----------
         name, type_name : as in '/joint_states', 'sensor_msgs/msg/JointState'.
         qos : the offered profile or profiles; None: reliable, volatile, keep last 10.
-        definition, type_hash : by default looked up.
+        type_hash : by default looked up.
         serialization : of its messages.
         """
         if qos is None:
             qos = qos_profiles.profile()
         profiles = (qos,) if isinstance(qos, qos_profiles.Qos) else tuple(qos)
         return self.add(
-            Topic(
-                name,
-                type_name,
-                qos=profiles,
-                definition=definition,
-                type_hash=type_hash,
-                serialization=serialization,
-            )
+            Topic(name, type_name, qos=profiles, type_hash=type_hash, serialization=serialization)
         )
 
     def add(self, topic: Topic) -> int:
@@ -178,7 +169,7 @@ class BagWriter:
         publishes.append(log_ns if publish_ns is None else publish_ns)
         raws.append(raw)
         self._pending_size += len(raw)
-        if self._pending_size >= CHUNK_SIZE:
+        if self._pending_size >= mcap_output.CHUNK_SIZE:
             self.flush()
 
     def write_block(self, block: Block) -> None:
@@ -300,7 +291,7 @@ class BagWriter:
         """Return the metadata of the bag, as Jazzy writes them."""
         found = self._mcap.statistics
         count = found.message_count
-        start = found.message_start_time if count else LATEST
+        start = found.message_start_time if count else EMPTY_START_NS
         length = found.message_end_time - start if count else 0
 
         def extent() -> dict[str, Any]:

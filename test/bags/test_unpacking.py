@@ -96,7 +96,7 @@ def read_in_process(path, limit):
 @pytest.mark.parametrize('kind', BOMBS)
 def test_a_chunk_unpacks_to_no_more_than_it_declares(kind, tmp_path):
     path = with_chunk(tmp_path / 'bag.mcap', kind, 64 * MIB, 1000)
-    count, said, used = read_in_process(path, unpacking.LIMIT)
+    count, said, used = read_in_process(path, unpacking.UNPACK_LIMIT)
     assert count == 7  # of the sound chunks
     assert used < 32
     assert 'the chunk at byte' in said and 'is damaged' in said
@@ -231,7 +231,7 @@ def test_a_compressed_file_is_bounded(kind, tmp_path, monkeypatch):
     path = make.KINDS[kind](tmp_path / 'bag', make.content(9))
     (packed,) = (file for file in path.iterdir() if file.suffix == '.zstd')
     packed.write_bytes(BOMBS['zstd without its size'](64 * MIB))
-    monkeypatch.setattr(unpacking, 'RATIO', 2)
+    monkeypatch.setattr(unpacking, 'UNPACK_RATIO', 2)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4 * MIB, limits[1]))  # no file is larger
     try:

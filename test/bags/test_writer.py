@@ -162,7 +162,6 @@ def test_messages_of_any_length_and_time_come_back(rows, tmp_path_factory):
 
 def test_large_bags_have_several_chunks_in_order(tmp_path, monkeypatch):
     monkeypatch.setattr('estimator_pkg.bags.mcap_output.CHUNK_SIZE', 5000)
-    monkeypatch.setattr('estimator_pkg.bags.writer.CHUNK_SIZE', 7000)
     messages = make.content(400)
     path = make.ours(tmp_path / 'bag', messages)
     with open(path / 'bag_0.mcap', 'rb') as stream:

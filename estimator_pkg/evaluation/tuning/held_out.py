@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.recording import Estimate
+from estimator_pkg.bags.recording import EstimateSeries
 from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import pairs
@@ -108,7 +108,7 @@ def compared(
 
 
 def _velocities(
-    estimates: Sequence[Estimate | None], known: Known
+    estimates: Sequence[EstimateSeries | None], known: Known
 ) -> tuple[Array, NDArray[np.int64], Array, Array] | None:
     """Return (time, rows of `known`, tuned, default) where both have an estimate."""
     columns = []

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.recording import Estimate, Recording
+from estimator_pkg.bags.recording import EstimateSeries, Recording
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.delay import measured
 
@@ -101,7 +101,7 @@ def measure(part: Part, observer: str, values: Mapping[str, Any]) -> Results | N
     return results
 
 
-def _result(estimate: Estimate, known: Known) -> Result | None:
+def _result(estimate: EstimateSeries, known: Known) -> Result | None:
     elapsed = (known.stamps - known.stamps[0]) * 1e-9
     counted = settled(elapsed)
     at = np.minimum(np.searchsorted(known.stamps, estimate.stamps), len(known.stamps) - 1)

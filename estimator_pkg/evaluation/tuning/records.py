@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.recording import Estimate, Recording
+from estimator_pkg.bags.recording import EstimateSeries, Recording
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.sources import measured, recording
@@ -165,7 +165,7 @@ def _part(
 
 
 def _known(
-    estimate: Estimate,
+    estimate: EstimateSeries,
     true: Series,
     moved: Motion | None,
     period: float,

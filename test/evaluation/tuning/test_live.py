@@ -42,7 +42,7 @@ def test_a_request_whose_answer_is_lost_is_made_again(monkeypatch):
         return lost.pop() if lost else future
 
     monkeypatch.setattr(AsyncParameterClient, 'get_parameters', first_lost)
-    monkeypatch.setattr(remote_parameters, 'PATIENCE', 2.0)
+    monkeypatch.setattr(remote_parameters, 'ANSWER_WAIT', 2.0)
     with dds.NodeProcess('estimator_pkg.nodes.executables joint_observer') as process:
         process.prints(' estimates ')
         assert parameter('/joint_observer', 'timeout') == 0.5
