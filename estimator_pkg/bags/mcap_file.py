@@ -28,7 +28,7 @@ from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 
 from estimator_pkg.bags import qos, unpacking
-from estimator_pkg.bags.source import REPAIR, Piece, Topic
+from estimator_pkg.bags.source import REPAIR, PendingBlock, Topic
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, rows
 
@@ -92,10 +92,10 @@ class McapFile:
         """Close the file."""
         self._file.close()
 
-    def pieces(self, places: Sequence[int]) -> Iterator[Piece]:
+    def pieces(self, places: Sequence[int]) -> Iterator[PendingBlock]:
         """Yield all chunks."""
         for chunk in self._chunks:
-            yield Piece(chunk.start_ns, chunk.size, partial(self._load, chunk))
+            yield PendingBlock(chunk.start_ns, chunk.size, partial(self._load, chunk))
 
     def _topic(self, channel: Channel) -> Topic:
         schema = self._schemas.get(channel.schema_id)

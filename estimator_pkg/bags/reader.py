@@ -26,7 +26,7 @@ import yaml
 
 from estimator_pkg import whole_file
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import CDR, BagFile, Piece, Topic, UnreadableError
+from estimator_pkg.bags.source import CDR, BagFile, PendingBlock, Topic, UnreadableError
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.messages.block import Block, compact, from_messages, join, rows
@@ -160,10 +160,10 @@ class Bag:
                 if len(part):
                     yield names, part
 
-    def _pieces(self, keep: np.ndarray) -> Iterable[Piece]:
+    def _pieces(self, keep: np.ndarray) -> Iterable[PendingBlock]:
         """Return the pieces of all files; the files of a split database follow each other."""
 
-        def pieces() -> Iterator[Piece]:
+        def pieces() -> Iterator[PendingBlock]:
             for source, index in self._sources:
                 places = np.flatnonzero(keep[index]).tolist()
                 for piece in source.pieces(places) if places else ():
@@ -173,7 +173,7 @@ class Bag:
             return sorted(pieces(), key=lambda piece: piece.start_ns)
         return pieces()
 
-    def _in_log_order(self, pieces: Iterable[Piece]) -> Iterator[Block]:
+    def _in_log_order(self, pieces: Iterable[PendingBlock]) -> Iterator[Block]:
         """Yield blocks in log order from pieces sorted by their first time, which may overlap."""
         most = max(self._limit, unpacking.UNPACK_RATIO * self._size)
         held: Block | None = None

@@ -51,7 +51,7 @@ class Topic:
     serialization: str = CDR
 
 
-class Piece(NamedTuple):
+class PendingBlock(NamedTuple):
     """Messages that are read together.
 
     start_ns : time of the first one. size : bytes when they are read.
@@ -73,7 +73,7 @@ class BagFile(Protocol):
     topics: list[Topic]
     sorts: bool
 
-    def pieces(self, places: Sequence[int]) -> Iterable[Piece]:
+    def pieces(self, places: Sequence[int]) -> Iterable[PendingBlock]:
         """Return the pieces with messages of the topics at these places, and maybe others."""
 
     def close(self) -> None:

@@ -18,7 +18,7 @@ import apsw
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import REPAIR, Piece, Topic
+from estimator_pkg.bags.source import REPAIR, PendingBlock, Topic
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import from_messages
 
@@ -78,7 +78,7 @@ class SqliteFile:
         """Close the file."""
         self._reader.close()
 
-    def pieces(self, places: Sequence[int]) -> Iterator[Piece]:
+    def pieces(self, places: Sequence[int]) -> Iterator[PendingBlock]:
         """Yield the messages of these topics in log order."""
         connections = {self._connections[place].id: place for place in places}
         topic: list[int] = []
@@ -86,9 +86,9 @@ class SqliteFile:
         raws: list[bytes] = []
         size = strange = 0
 
-        def full() -> Piece:
+        def full() -> PendingBlock:
             block = from_messages(topic, times, times, raws)
-            return Piece(times[0], size, lambda: block)
+            return PendingBlock(times[0], size, lambda: block)
 
         try:
             for connection, time_ns, raw in self._reader.messages(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UsageError, UserError, suggestion
-from estimator_pkg.evaluation.identify.pieces import Recording
+from estimator_pkg.evaluation.identify.pieces import MechanismSamples
 from estimator_pkg.models.mechanics import Mechanics
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 def recording(
     bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str]
-) -> tuple[Recording, tuple[str, ...]]:
+) -> tuple[MechanismSamples, tuple[str, ...]]:
     """Return the mechanism's samples, sorted by time, and the names of its joints in the topic.
 
     Stamps at which a joint is missing are skipped, as are repeated and older ones.
@@ -58,7 +58,7 @@ def recording(
     for column, period in enumerate(mechanics.periods):
         if period > 0.0:
             positions[:, column] = np.unwrap(positions[:, column], period=period)
-    return Recording((stamps - stamps[0]) * 1e-9, positions, inputs), names
+    return MechanismSamples((stamps - stamps[0]) * 1e-9, positions, inputs), names
 
 
 def _names(

@@ -17,7 +17,7 @@ from estimator_pkg.evaluation.ranking.choice import chosen as to_use
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.tuning.held_out import Compared, compared
 from estimator_pkg.evaluation.tuning.objective import costs, mean, measure
-from estimator_pkg.evaluation.tuning.records import Record
+from estimator_pkg.evaluation.tuning.records import TuningRecord
 from estimator_pkg.evaluation.tuning.settings import TuneSettings
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleSettings
@@ -45,7 +45,7 @@ def usual(path: str, unpack_limit: int) -> str:
     return DEFAULT
 
 
-def best_linear(seen: Sequence[Record], tuning: TuneSettings) -> str:
+def best_linear(seen: Sequence[TuningRecord], tuning: TuneSettings) -> str:
     """Return the linear observer whose defaults cost least, relative to the default observer.
 
     Parameters
@@ -68,8 +68,8 @@ def best_linear(seen: Sequence[Record], tuning: TuneSettings) -> str:
 
 def against_default(
     tuned: Sequence[Mapping[str, Any]],
-    groups: Mapping[str, Sequence[Record]],
-    judged: Sequence[Record],
+    groups: Mapping[str, Sequence[TuningRecord]],
+    judged: Sequence[TuningRecord],
     tuning: TuneSettings,
 ) -> tuple[bool, dict[str, str]]:
     """Return whether the tuned observer replaces the default as it is, and why, by group.

@@ -31,13 +31,13 @@ from estimator_pkg.evaluation.options import (
 from estimator_pkg.evaluation.text import started
 from estimator_pkg.evaluation.tuning import any_observer, live, output
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
-from estimator_pkg.evaluation.tuning.records import Record, records
+from estimator_pkg.evaluation.tuning.records import TuningRecord, records
 from estimator_pkg.evaluation.tuning.seek import kept, seek
 from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import show
 
-TRIALS = 40
+DEFAULT_TRIALS = 40
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -113,9 +113,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--trials',
         type=int,
-        default=TRIALS,
+        default=DEFAULT_TRIALS,
         metavar='N',
-        help=f'number of trials (default {TRIALS})',
+        help=f'number of trials (default {DEFAULT_TRIALS})',
     )
     parser.add_argument('--seed', type=int, default=0, help='random seed of the search (default 0)')
     parser.add_argument(
@@ -165,7 +165,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         held_out = 0.0 if parsed.judge else parsed.held_out
         left_out: list[LeftOut] = []
 
-        def of(paths: Sequence[str], held_out: float) -> list[Record]:
+        def of(paths: Sequence[str], held_out: float) -> list[TuningRecord]:
             more = tuning.entry, options, held_out, tuple(parsed.joint)
             parts = on_each(run_many, records, expanded(paths), *more, left_out=left_out)
             return [record for part in parts for record in part]
@@ -248,7 +248,7 @@ def _recorded(parsed: argparse.Namespace, tuning: TuneSettings) -> Any:
     return live.recorded((named,) if named else usual, parsed.truth or TRUTH, parsed.live)
 
 
-def _check_disjoint(seen: Sequence[Record], judged: Sequence[Record]) -> None:
+def _check_disjoint(seen: Sequence[TuningRecord], judged: Sequence[TuningRecord]) -> None:
     """Raise UsageError if a recording is used both for tuning and for validation."""
     both = {Path(record.bag).resolve() for record in seen} & {
         Path(record.bag).resolve() for record in judged
@@ -260,12 +260,12 @@ def _check_disjoint(seen: Sequence[Record], judged: Sequence[Record]) -> None:
 
 
 def _groups(
-    found: Sequence[Record], tuning: TuneSettings, per_joint: bool
-) -> dict[str, list[Record]]:
+    found: Sequence[TuningRecord], tuning: TuneSettings, per_joint: bool
+) -> dict[str, list[TuningRecord]]:
     """Return the groups of records that get separate gains, by joint; '': all joints."""
     if not per_joint:
         return {'': list(found)}
-    groups: dict[str, list[Record]] = {}
+    groups: dict[str, list[TuningRecord]] = {}
     for record in found:
         if record.label is None:
             raise UsageError(
@@ -281,7 +281,7 @@ def _groups(
     return groups
 
 
-def _of(judged: Sequence[Record], joint: str) -> list[Record]:
+def _of(judged: Sequence[TuningRecord], joint: str) -> list[TuningRecord]:
     """Return the records for validating a group; raise UserError if there are none."""
     found = [record for record in judged if not joint or record.label == joint]
     if judged and not found:
@@ -289,7 +289,7 @@ def _of(judged: Sequence[Record], joint: str) -> list[Record]:
     return [record for record in found if not record.why]
 
 
-def _notes(seen: Sequence[Record]) -> list[str]:
+def _notes(seen: Sequence[TuningRecord]) -> list[str]:
     """Return notes on the bags for the user."""
     found = [f'{record.bag}: not used: {record.why}' for record in seen if record.why]
     found += dict.fromkeys(f'{record.bag}: {note}' for record in seen for note in record.notes)

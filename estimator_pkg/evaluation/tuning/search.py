@@ -20,13 +20,13 @@ from typing import Any
 from estimator_pkg import interrupts
 
 BATCH = 8
-ELSEWHERE = 0.3  # change of a gain that shows its effect, as a fraction of its range
-NEAR = {
+EFFECT_STEP = 0.3  # change of a gain that shows its effect, as a fraction of its range
+NARROWED = {
     0.6: 0.25,
     0.8: 0.05,
 }  # after this part of the trials: width around the best, as such a fraction
 
-Value = float | str
+GainValue = float | str
 Ranges = dict[str, Any]  # distributions of Optuna by gain
 
 
@@ -34,7 +34,7 @@ Ranges = dict[str, Any]  # distributions of Optuna by gain
 class Trial:
     """The gains of a trial and its cost, inf if they do not work."""
 
-    values: dict[str, Value]
+    values: dict[str, GainValue]
     cost: float
     details: Any = None
 
@@ -59,8 +59,8 @@ class Search:
 
 def search(
     ranges: Ranges,
-    start: Mapping[str, Value],
-    judge: Callable[[list[dict[str, Value]]], list[tuple[float, Any]]],
+    start: Mapping[str, GainValue],
+    judge: Callable[[list[dict[str, GainValue]]], list[tuple[float, Any]]],
     trials: int,
     seed: int = 0,
     report: Callable[[int, Search], None] = lambda count, so_far: None,
@@ -128,7 +128,7 @@ def _study(seed: int) -> Any:
     return optuna.create_study(sampler=sampler)
 
 
-def _first(ranges: Ranges, start: Mapping[str, Value]) -> list[dict[str, Value]]:
+def _first(ranges: Ranges, start: Mapping[str, GainValue]) -> list[dict[str, GainValue]]:
     """Return the start, and, for several gains, the start with one gain changed at a time."""
     begin = {name: start[name] for name in ranges}
     if len(ranges) == 1:
@@ -138,11 +138,11 @@ def _first(ranges: Ranges, start: Mapping[str, Value]) -> list[dict[str, Value]]
 
 def _near(
     sampler: Any, ranges: Ranges, found: Search, done: float, count: int
-) -> list[dict[str, Value]]:
-    """Return gains near the best, by a study of their own; none before the parts `NEAR`."""
+) -> list[dict[str, GainValue]]:
+    """Return gains near the best, by a study of their own; none before the parts `NARROWED`."""
     import optuna
 
-    widths = [width for part, width in NEAR.items() if done >= part]
+    widths = [width for part, width in NARROWED.items() if done >= part]
     if not widths or found.best is None:
         return []
     near = {
@@ -162,7 +162,7 @@ def _add(study: Any, ranges: Ranges, trial: Trial) -> None:
     study.add_trial(create_trial(params=values, distributions=ranges, value=trial.cost))
 
 
-def _around(gain: Any, value: Value, width: float) -> Any:
+def _around(gain: Any, value: GainValue, width: float) -> Any:
     """Return the part of a range around a value, of this fraction of its width; choices as is."""
     if hasattr(gain, 'choices'):
         return gain
@@ -174,8 +174,8 @@ def _around(gain: Any, value: Value, width: float) -> Any:
     return type(gain)(*ends, log=gain.log)
 
 
-def moved(gain: Any, value: Value | None = None) -> Value:
-    """Return a value at a distance of `ELSEWHERE` from this one; without one, the middle."""
+def moved(gain: Any, value: GainValue | None = None) -> GainValue:
+    """Return a value at a distance of `EFFECT_STEP` from this one; without one, the middle."""
     choices = getattr(gain, 'choices', None)
     if choices:
         at = (len(choices) - 1) // 2 if value is None else choices.index(value) + 1
@@ -184,5 +184,5 @@ def moved(gain: Any, value: Value | None = None) -> Value:
     low, high = into(gain.low), into(gain.high)
     if value is None:
         return back(0.5 * (low + high))
-    at, step = into(float(value)), ELSEWHERE * (high - low)
+    at, step = into(float(value)), EFFECT_STEP * (high - low)
     return back(at + step if at + step <= high else at - step)

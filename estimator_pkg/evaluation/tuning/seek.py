@@ -15,31 +15,31 @@ from estimator_pkg import interrupts
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.tuning.held_out import Compared, compared
 from estimator_pkg.evaluation.tuning.objective import (
-    Part,
-    Result,
-    Results,
+    Dataset,
+    ErrorsByJoint,
+    JointErrors,
     Weights,
     costs,
     mean,
     measure,
 )
 from estimator_pkg.evaluation.tuning.output import written
-from estimator_pkg.evaluation.tuning.records import Record
-from estimator_pkg.evaluation.tuning.search import Search, Trial, Value, search
+from estimator_pkg.evaluation.tuning.records import TuningRecord
+from estimator_pkg.evaluation.tuning.search import GainValue, Search, Trial, search
 from estimator_pkg.evaluation.tuning.settings import TuneSettings
 from estimator_pkg.evaluation.workers import Map
 from estimator_pkg.progress import progress
 
-ALIKE = 0.01  # quanta of a joint in several bags agree within this fraction
-SAME = 1e-6  # errors this close are equal [relative, or rad/s]
+QUANTUM_TOLERANCE = 0.01  # quanta of a joint in several bags agree within this fraction
+ERROR_TOLERANCE = 1e-6  # errors this close are equal [relative, or rad/s]
 
-Details = Sequence[Results | None]  # of a trial, by part
+Details = Sequence[ErrorsByJoint | None]  # of a trial, by part
 
 
 def seek(
     joint: str,
-    chosen: Sequence[Record],
-    judged: Sequence[Record],
+    chosen: Sequence[TuningRecord],
+    judged: Sequence[TuningRecord],
     tuning: TuneSettings,
     run_many: Map,
 ) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def seek(
         for result, part in zip(first, seen)
     ]
 
-    def judge(batch: list[dict[str, Value]]) -> list[tuple[float, Any]]:
+    def judge(batch: list[dict[str, GainValue]]) -> list[tuple[float, Any]]:
         results = list(
             run_many(measure, [(part, observer, values) for values in batch for part in seen])
         )
@@ -127,7 +127,7 @@ def seek(
 
 
 def kept(
-    joint: str, chosen: Sequence[Record], why: str, found: Search | None = None
+    joint: str, chosen: Sequence[TuningRecord], why: str, found: Search | None = None
 ) -> dict[str, Any]:
     """Return the result where the defaults stay without a comparison; keys as those of `seek`."""
     found = found or Search()
@@ -167,7 +167,7 @@ def _so_far(found: Search) -> str:
     return f': best cost {found.best.cost:.3f} of that of the defaults: {gains}'
 
 
-def _quanta(chosen: Sequence[Record]) -> dict[str, float]:
+def _quanta(chosen: Sequence[TuningRecord]) -> dict[str, float]:
     """Return the quantum of each joint's readings [rad]; a joint whose bags differ has none."""
     found: dict[str, list[float]] = {}
     for record in chosen:
@@ -176,7 +176,7 @@ def _quanta(chosen: Sequence[Record]) -> dict[str, float]:
     return {
         joint: rounded(values[0])
         for joint, values in found.items()
-        if 0.0 < max(values) <= (1.0 + ALIKE) * min(values)
+        if 0.0 < max(values) <= (1.0 + QUANTUM_TOLERANCE) * min(values)
     }
 
 
@@ -209,7 +209,10 @@ def _why(
 
 
 def _total(
-    results: Details, parts: Sequence[Part], weights: Weights, units: Sequence[Mapping[str, float]]
+    results: Details,
+    parts: Sequence[Dataset],
+    weights: Weights,
+    units: Sequence[Mapping[str, float]],
 ) -> float:
     """Return the mean over records and joints of the cost over that of the defaults; inf if one
     fails.
@@ -223,7 +226,7 @@ def _total(
     )
 
 
-def _summary(results: Details, parts: Sequence[Part], weights: Weights) -> dict[str, Any] | None:
+def _summary(results: Details, parts: Sequence[Dataset], weights: Weights) -> dict[str, Any] | None:
     """Return error, delay, noise and cost over all parts and joints, and by joint."""
     if any(result is None for result in results):
         return None
@@ -263,7 +266,7 @@ def _delay_known(trials: Sequence[Details | None]) -> bool:
     return bool(telling.any() and known[0][telling].all())
 
 
-def _flat(details: Details | None) -> list[Result]:
+def _flat(details: Details | None) -> list[JointErrors]:
     """Return the results of all records and joints; none if one is missing."""
     if not details or None in details:
         return []
@@ -277,4 +280,4 @@ def _alike(trials: Sequence[Trial]) -> bool:
         return False
     errors = np.array([[one.error for one in results] for results in every])
     low, high = np.min(errors, axis=0), np.max(errors, axis=0)
-    return bool(np.all(high - low <= SAME * np.maximum(high, 1.0)))
+    return bool(np.all(high - low <= ERROR_TOLERANCE * np.maximum(high, 1.0)))

@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import check_joints
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
-from estimator_pkg.evaluation.tuning.search import Ranges, Value, moved
+from estimator_pkg.evaluation.tuning.search import GainValue, Ranges, moved
 from estimator_pkg.parameters import Parameter, declared
 
 WRAP_PERIOD = 2.0 * math.pi
@@ -51,9 +51,9 @@ class TuneSettings:
         """The observer's parameters by name."""
         return declared(observers.find(self.entry.observer).gains)
 
-    def start(self) -> dict[str, Value]:
+    def start(self) -> dict[str, GainValue]:
         """Return the start values: the defaults if inside the range, else its middle."""
-        found: dict[str, Value] = {}
+        found: dict[str, GainValue] = {}
         for name, default in self.defaults().items():
             gain = self.ranges[name]
             if default is None or isinstance(default, str):
@@ -62,7 +62,7 @@ class TuneSettings:
                 found[name] = min(max(default, gain.low), gain.high)
         return found
 
-    def defaults(self) -> dict[str, Value | None]:
+    def defaults(self) -> dict[str, GainValue | None]:
         """Return the defaults of the searched gains; None: computed from other parameters."""
         return {name: single(self.gains[name].default) for name in self.ranges}
 

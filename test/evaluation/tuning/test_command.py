@@ -25,7 +25,7 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.tuning import any_observer, command, seek
 from estimator_pkg.evaluation.tuning.held_out import Compared
-from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Known, Result, cost
+from estimator_pkg.evaluation.tuning.objective import PREFERENCES, JointErrors, JointTruth, cost
 from estimator_pkg.evaluation.tuning.output import founded
 from estimator_pkg.evaluation.tuning.records import records
 from estimator_pkg.evaluation.tuning.search import search
@@ -207,10 +207,10 @@ def test_without_truth_the_smoother_judges(tmp_path):
 
 
 def test_a_delay_that_the_motion_does_not_tell_costs_the_whole_error():
-    still = Known(np.zeros(1, np.int64), np.zeros(1), 0.0)
+    still = JointTruth(np.zeros(1, np.int64), np.zeros(1), 0.0)
     weights = PREFERENCES['fast']
-    assert cost(Result(0.3, math.nan, 0.0, 1.0), still, weights) == pytest.approx(0.6)
-    assert cost(Result(0.3, 0.001, 0.0, 1.0), still, weights) == pytest.approx(0.3)
+    assert cost(JointErrors(0.3, math.nan, 0.0, 1.0), still, weights) == pytest.approx(0.6)
+    assert cost(JointErrors(0.3, 0.001, 0.0, 1.0), still, weights) == pytest.approx(0.3)
 
 
 def test_gains_that_cost_the_same_number_do_not_replace_the_defaults():
