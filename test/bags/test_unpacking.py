@@ -192,30 +192,6 @@ def test_the_limit_by_itself_stops_a_chunk_that_declares_gigabytes(tmp_path):
         open_bag(path)
 
 
-@pytest.mark.long
-def test_chunks_that_overlap_are_bounded_together(tmp_path):
-    """Each is small; sorted together they would be everything at once."""
-    message = make.text('x' * MIB)
-    messages = [(make.OTHER, make.START + i % 2 * 10**9, message) for i in range(40)]
-    path = make.mcap(tmp_path / 'bag.mcap', messages, chunk_size=2 * MIB)
-    with open_bag(path, 8 * MIB) as bag, pytest.raises(UserError, match='overlap in time'):
-        list(bag.messages())
-    with open_bag(path) as bag:
-        assert len(list(bag.messages())) == 40
-
-
-@pytest.mark.parametrize('kind', [name for name in BOMBS if name.startswith('zstd')])
-def test_messages_compressed_one_by_one_are_bounded(kind, tmp_path):
-    path = with_message(tmp_path / 'bag.mcap', kind, 3 * MIB)
-    with (
-        open_bag(path, 2 * MIB) as bag,
-        pytest.raises(UserError, match='a message unpacks to more than 2 MiB'),
-    ):
-        list(bag.messages())
-    with open_bag(path) as bag:
-        assert max(len(message.raw) for message in bag.messages()) == 3 * MIB
-
-
 def test_many_large_messages_come_a_few_at_a_time(tmp_path):
     path = make.KINDS['sqlite3, messages compressed'](tmp_path / 'bag', make.content(30))
     with sqlite3.connect(next(path.glob('*.db3'))) as base:

@@ -23,7 +23,6 @@ from estimator_pkg.bags import writer as writer_module
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.errors import UserError
-from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE
 
 HASH = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'  # as Jazzy has it
@@ -173,30 +172,6 @@ def test_large_bags_have_several_chunks_in_order(tmp_path, monkeypatch):
     ]
     assert information['starting_time'] == {'nanoseconds_since_epoch': messages[0][1]}
     assert information['duration'] == {'nanoseconds': messages[-1][1] - messages[0][1]}
-
-
-def test_a_block_is_written_as_its_messages_are(tmp_path):
-    messages = make.content(50)
-    with BagWriter(tmp_path / 'bag') as bag:
-        number = {STATES: bag.add_topic(STATES, TYPE), OTHER: bag.add_topic(OTHER, TEXT)}
-        times = [log_ns for _, log_ns, _ in messages]
-        bag.write(STATES, START - 1, b'before')
-        bag.write_block(
-            from_messages(
-                [number[topic] for topic, _, _ in messages],
-                times,
-                times,
-                [raw for _, _, raw in messages],
-            )
-        )
-        assert bag.counts() == {STATES: 51, OTHER: 17}
-        bag.write(OTHER, START + 10**9, b'after')
-        assert bag.counts() == {STATES: 51, OTHER: 18}
-    assert [raw for _, _, _, raw in messages_of(tmp_path / 'bag')] == [
-        b'before',
-        *(raw for _, _, raw in messages),
-        b'after',
-    ]
 
 
 def test_a_bag_without_messages_is_a_bag(tmp_path):
