@@ -55,11 +55,11 @@ class RemoteParameters:
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set them together; raise UserError if the node refuses one (with its reason)."""
-        asked = [
+        requested = [
             Parameter(name, value=list(value) if isinstance(value, tuple) else value)
             for name, value in values.items()
         ]
-        result = self._answer(lambda: self._client.set_parameters_atomically(asked)).result
+        result = self._answer(lambda: self._client.set_parameters_atomically(requested)).result
         if not result.successful:
             raise UserError(f"the node '{self.name}' refused the gains: {result.reason}")
 

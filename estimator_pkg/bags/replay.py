@@ -274,7 +274,7 @@ def _print(result: dict[str, Any]) -> None:
             )
             + (f'; {joint["why"]}' if joint['why'] else '')
             + (f'; stamps {joint["stamps"]["stamp_repair"]}' if 'stamps' in joint else '')
-            + ''.join(f'; {source} {said}' for source, said in joint.get('sources', {}).items())
+            + ''.join(f'; {source} {text}' for source, text in joint.get('sources', {}).items())
         )
     if result['out']:
         show(f'{result["out"]}: {", ".join(result["written"])}')

@@ -172,20 +172,20 @@ def _run_wheels(
 
 
 def first_guess(
-    samples: MechanismSamples, wanted: Unknowns, given: Mapping[str, Any], start: Mapping[str, Any]
+    samples: MechanismSamples, unknown: Unknowns, fixed: Mapping[str, Any], start: Mapping[str, Any]
 ) -> tuple[Unknowns, float]:
     """Return the start of the fit for a single joint, and its torque delay, by the weak form."""
     from estimator_pkg.models.single_joint import Parameters
 
-    fixed = build(Parameters, {**start, **given})
+    known = build(Parameters, {**start, **fixed})
     guess = identify(
         samples.time,
         samples.positions[:, 0],
-        samples.inputs[:, 0] * fixed.torque_constant * fixed.gear_ratio,
-        fixed.coulomb_speed,
+        samples.inputs[:, 0] * known.torque_constant * known.gear_ratio,
+        known.coulomb_speed,
     )
-    values = {name: value for name, value in guess.items() if name in wanted.names}
-    return (unknowns(JOINT_MODEL, given, {**values, **start}), guess[DELAY])
+    values = {name: value for name, value in guess.items() if name in unknown.names}
+    return (unknowns(JOINT_MODEL, fixed, {**values, **start}), guess[DELAY])
 
 
 def _print(

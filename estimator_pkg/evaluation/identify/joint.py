@@ -47,7 +47,7 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> dict[
     """
     from scipy.optimize import lsq_linear
 
-    rows, wanted, centres = _windows(time, position, torque, width)
+    rows, targets, centres = _windows(time, position, torque, width)
     split = time[0] + FIT_FRACTION * (time[-1] - time[0])
     first = centres < split - 0.5 * WINDOW_S
     second = centres > split + 0.5 * WINDOW_S
@@ -56,14 +56,14 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> dict[
             f'the recording is too short to identify a joint: it has {len(centres)} '
             f'windows of {WINDOW_S:g} s without a gap and needs {2 * FEWEST_WINDOWS}: record longer'
         )
-    rows, wanted = rows[first], wanted[first]
+    rows, targets = rows[first], targets[first]
     scale = np.linalg.norm(rows, axis=0)
     if not np.all(scale > 0.0) or np.linalg.cond(rows / scale) > 1e4:
         raise UserError(
             'the motion in the recording does not distinguish inertia, friction and '
             'gravity: record more varied motion'
         )
-    solved = [lsq_linear(rows / scale, each, (LOWER_BOUNDS, np.inf)) for each in wanted.T]
+    solved = [lsq_linear(rows / scale, each, (LOWER_BOUNDS, np.inf)) for each in targets.T]
     best = min(range(len(DELAYS)), key=lambda index: solved[index].cost)
     inertia, damping, coulomb, sine, cosine, bias = (solved[best].x / scale).tolist()
     if not inertia > 0.0:

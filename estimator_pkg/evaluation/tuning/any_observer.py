@@ -82,7 +82,7 @@ def against_default(
     tuned : results of `seek`. groups : the records that have their own gains. judged : as in
         `seek`.
     """
-    pairs, said = [], {}
+    pairs, sentences = [], {}
     for each in tuned:
         joint = each['joint']
         chosen = [record for record in groups[joint] if not record.why]
@@ -93,17 +93,19 @@ def against_default(
         parts = own or held or [record.seen for record in chosen]
         observer = tuning.entry.observer
         if not each['delay_known']:
-            said[joint] = f'the motion shows no delay, so {DEFAULT} stays, the default observer'
+            sentences[joint] = (
+                f'the motion shows no delay, so {DEFAULT} stays, the default observer'
+            )
             continue
         pair = compared(parts, observer, each['gains'], tuning.weights, DEFAULT)
-        said[joint] = _sentence(observer, bool(each['gains']), pair)
+        sentences[joint] = _sentence(observer, bool(each['gains']), pair)
         pairs += [] if pair is None else [pair]
     if not pairs:
-        return False, said
+        return False, sentences
     ratios = [math.log(1.0 + pair.difference / 100.0) for pair in pairs]
     errors = {DEFAULT: math.exp(mean(ratios)), tuning.entry.observer: 1.0}
     sign = max(pair.sign for pair in pairs)
-    return to_use(errors, (DEFAULT,), lambda *_: sign) != DEFAULT, said
+    return to_use(errors, (DEFAULT,), lambda *_: sign) != DEFAULT, sentences
 
 
 def _sentence(observer: str, tuned: bool, pair: Compared | None) -> str:

@@ -243,5 +243,5 @@ def describe(
         lines += [f'{of}: {text}' for text in founded(each)]
     if any(each['interrupted'] for each in tuned):
         lines.append('interrupted: these are the best gains so far')
-    said = [each for line in [*lines, *notes] for each in wrapped(units(line, period))]
-    return '\n'.join([units(head, period), _table(rows), *said])
+    below = [each for line in [*lines, *notes] for each in wrapped(units(line, period))]
+    return '\n'.join([units(head, period), _table(rows), *below])

@@ -86,10 +86,10 @@ def search(
                 points = _first(ranges, start)[:size]
             else:
                 points = _near(study.sampler, ranges, found, len(found.trials) / trials, size)
-            asked = [study.ask(ranges) for _ in range(size - len(points))]
-            points += [trial.params for trial in asked]
+            suggested = [study.ask(ranges) for _ in range(size - len(points))]
+            points += [trial.params for trial in suggested]
             for values, trial, (cost, details) in zip(
-                points, [*[None] * (size - len(asked)), *asked], judge(points)
+                points, [*[None] * (size - len(suggested)), *suggested], judge(points)
             ):
                 if trial is None:
                     _add(study, ranges, Trial(values, cost))

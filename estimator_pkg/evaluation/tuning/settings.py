@@ -119,10 +119,13 @@ def _weights(parsed: argparse.Namespace) -> Weights:
 
 
 def _ranges(
-    observer: str, known: Mapping[str, Parameter], wanted: Sequence[str], held: Mapping[str, Any]
+    observer: str,
+    known: Mapping[str, Parameter],
+    assignments: Sequence[str],
+    held: Mapping[str, Any],
 ) -> Ranges:
     found: Ranges = {}
-    for text in wanted:
+    for text in assignments:
         name, _, ends = text.partition('=')
         if name not in known:
             hint = observers.instead(name, known, observers.find(observer), NAME_IT)
@@ -130,7 +133,7 @@ def _ranges(
                 f"unknown parameter '{name}' of {observer}: {hint or suggestion(name, known)}"
             )
         found[name] = _searched(known[name], ends, text)
-    if not wanted:
+    if not assignments:
         found = {
             name: _range(*(each.search or (0.0, 1.0)), each.among)
             for name, each in known.items()
