@@ -175,16 +175,19 @@ def test_record_refuses_what_it_cannot_do(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ['there']
 
 
-PLAYED, LATCHED = '/played/states', '/played/text'
+LATCHED = '/played/text'
 
 
-@pytest.fixture(scope='module')
-def recording(tmp_path_factory):
-    """150 joint states in 0.3 s, best effort, a latched text, and what cannot be played."""
-    path = tmp_path_factory.mktemp('play') / 'bag'
+def bag_to_play(path, states):
+    """150 joint states in 0.3 s, best effort, a latched text, and what cannot be played.
+
+    Parameters
+    ----------
+    states : topic, of one test alone: DDS may keep a subscription a little longer.
+    """
     with BagWriter(path) as bag:
         bag.add_topic(LATCHED, TEXT, qos.profile(transient_local=True, depth=1))
-        bag.add_topic(PLAYED, TYPE, qos.profile(reliable=False, depth=50))
+        bag.add_topic(states, TYPE, qos.profile(reliable=False, depth=50))
         bag.add_topic('/own', 'own_msgs/msg/Unknown')
         bag.add_topic('/a b', TEXT)
         bag.add_topic('/json', TEXT, serialization='json')
@@ -192,20 +195,22 @@ def recording(tmp_path_factory):
         for topic in ('/own', '/a b', '/json'):
             bag.write(topic, START, b'\0\1\0\0')
         for i, raw in enumerate(raws(150)):
-            bag.write(PLAYED, START + i * 2_000_000, raw)
+            bag.write(states, START + i * 2_000_000, raw)
     return path
 
 
-def test_play_gives_bytes_timing_and_qos(probe, recording, tmp_path):
+def test_play_gives_bytes_timing_and_qos(probe, tmp_path):
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
 
-    states, one = listen(probe, JointState, PLAYED, best_effort())
+    topic = '/played/states'
+    states, one = listen(probe, JointState, topic, best_effort())
     texts, two = listen(probe, String, LATCHED, latched())
-    with command('play', recording, '--rate', '0.5', '--json', tmp_path / 'json') as process:
+    bag = bag_to_play(tmp_path / 'bag', topic)
+    with command('play', bag, '--rate', '0.5', '--json', tmp_path / 'json') as process:
         probe.until(lambda: len(states) >= 150 and texts)
         offered = {}
-        for info in probe.node.get_publishers_info_by_topic(PLAYED):
+        for info in probe.node.get_publishers_info_by_topic(topic):
             offered[info.topic_type] = info.qos_profile.reliability.name
         assert process.ends() == 0, process.output
     for subscription in (one, two):
@@ -217,10 +222,10 @@ def test_play_gives_bytes_timing_and_qos(probe, recording, tmp_path):
     assert '/own is not played: its type own_msgs/msg/Unknown is not installed' in process.output
     assert '/a b is not played: its name is not valid in ROS 2' in process.output
     assert "/json is not played: its messages are 'json', and ROS 2 needs CDR" in process.output
-    assert json.loads((tmp_path / 'json').read_text())['sent'] == {PLAYED: 150, LATCHED: 1}
+    assert json.loads((tmp_path / 'json').read_text())['sent'] == {topic: 150, LATCHED: 1}
 
 
-def test_play_publishes_the_time_and_loops(probe, recording):
+def test_play_publishes_the_time_and_loops(probe, tmp_path):
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
 
@@ -231,10 +236,12 @@ def test_play_publishes_the_time_and_loops(probe, recording):
         lambda message: clocks.append(message.clock.sec * 10**9 + message.clock.nanosec),
         1000,
     )
+    topic = '/looped/states'
     two = probe.node.create_subscription(
-        JointState, PLAYED, states.append, best_effort(1000), raw=True
+        JointState, topic, states.append, best_effort(1000), raw=True
     )
-    with command('play', recording, '--loop', '--clock') as process:
+    bag = bag_to_play(tmp_path / 'bag', topic)
+    with command('play', bag, '--loop', '--clock') as process:
         probe.until(lambda: len(states) >= 350)
         process.signal(signal.SIGINT)
         assert process.ends() == 0, process.output
@@ -249,10 +256,10 @@ def test_play_publishes_the_time_and_loops(probe, recording):
     assert len(clocks) > 60  # 0.7 s at 200 Hz
 
 
-def test_play_refuses_what_it_cannot_do(recording, tmp_path, capsys):
+def test_play_refuses_what_it_cannot_do(tmp_path, capsys):
     for words, said, code in (
         ([tmp_path / 'nowhere'], 'does not exist', 1),
-        ([recording, '--rate', '0'], '--rate is 0: it must be above 0', 2),
+        ([tmp_path, '--rate', '0'], '--rate is 0: it must be above 0', 2),
     ):
         assert cli.main(['play', *map(str, words)]) == code
         error = capsys.readouterr().err
@@ -265,14 +272,16 @@ def test_play_refuses_what_it_cannot_do(recording, tmp_path, capsys):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_played_bag_is_recorded_again(number, recording, tmp_path):
-    with command('record', PLAYED, '--out', tmp_path / 'bag') as recorder:
+def test_a_played_bag_is_recorded_again(number, tmp_path):
+    topic = f'/again_{number.name}/states'
+    bag = bag_to_play(tmp_path / 'source', topic)
+    with command('record', topic, '--out', tmp_path / 'bag') as recorder:
         recorder.prints('waiting for')
         # at once: the last ones still wait to be taken in when the recorder is ended
-        with command('play', recording, '--rate', '1000') as player:
+        with command('play', bag, '--rate', '1000') as player:
             assert player.ends() == 0, player.output
         recorder.signal(number)
         assert recorder.ends() == 0, recorder.output
-    assert [path.name for path in tmp_path.iterdir()] == ['bag']
-    with open_bag(tmp_path / 'bag') as bag:
-        assert [message.raw for message in bag.messages()] == raws(150)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['bag', 'source']
+    with open_bag(tmp_path / 'bag') as made:
+        assert [message.raw for message in made.messages()] == raws(150)

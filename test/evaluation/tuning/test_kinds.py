@@ -39,7 +39,7 @@ def test_a_mechanical_observer(pendulum, tmp_path):
     words = ['--observer', 'geso', '--params', params, '--trials', 12]
     found, out = tuned(tmp_path, pendulum, *words)
     (each,) = found['tuned']
-    assert each['held_out'] and each['best']['cost'] < 0.6 * each['default']['cost']
+    assert each['held_out'] and each['best']['cost'] < 0.75 * each['default']['cost']
     values = params_file.load(out, 'mechanical_observer')
     assert values['observer'] == 'geso' and values['bandwidth_hz'] < 10.0
     run('replay', pendulum, '--params', out, '--json', tmp_path / 'replayed.json')
