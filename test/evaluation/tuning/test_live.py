@@ -94,7 +94,7 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path, monkeypatch, capfd)
         with dds.NodeProcess('estimator_pkg.cli', *words, '--apply', 'joint_observer') as tuning:
             tuning.prints('set on joint_observer: bandwidth_hz: 7 -> ')  # not from the default
         with pytest.raises(UserError, match=r"runs pll, and .* start it with 'observer: kalman'"):
-            apply('joint_observer', {'bandwidth_hz': 5.0}, observer='kalman')
+            apply('joint_observer', {'bandwidth_hz': 5.0}, {}, 'kalman')
         monkeypatch.setattr('estimator_pkg.bags.record.run', never)
         other = [*words[:3], '--observer', 'kalman', *words[5:], '--apply', 'joint_observer']
         capfd.readouterr()
