@@ -19,7 +19,12 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.sources import Estimate, measured, source_of_stamps, sources
+from estimator_pkg.evaluation.compare.sources import (
+    EstimateSeries,
+    measured,
+    source_of_stamps,
+    sources,
+)
 from estimator_pkg.evaluation.compare.truth import Truth, check_common, truth
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
@@ -221,7 +226,7 @@ def compared(
     path: str,
     measurement: dict[str, Series],
     true: Truth,
-    found: Iterable[tuple[str, dict[str, Estimate]]],
+    found: Iterable[tuple[str, dict[str, EstimateSeries]]],
     options: Options,
     steps: int | None = None,
 ) -> Comparison:
@@ -308,7 +313,7 @@ def compared(
 def _row(
     source: str,
     joint: str,
-    estimate: Estimate,
+    estimate: EstimateSeries,
     truth: Series,
     start: int,
     known: Reference,
@@ -395,7 +400,7 @@ class _Candidates(Mapping[str, Array]):
     def __init__(self) -> None:
         self._kept: dict[str, Kept] = {}
 
-    def add(self, name: str, estimate: Estimate, moved: Motion) -> None:
+    def add(self, name: str, estimate: EstimateSeries, moved: Motion) -> None:
         self._kept[name] = Kept(at_reference(moved, estimate.stamps, estimate.velocity))
 
     def __getitem__(self, name: str) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.recording import Estimate, Recording
+from estimator_pkg.bags.recording import EstimateSeries, Recording
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions, with_velocity
 from estimator_pkg.bags.source import UnreadableError
@@ -114,7 +114,7 @@ def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
 
 def sources(
     bag: Bag, path: str, measurement: dict[str, Series], options: Options
-) -> Iterator[tuple[str, dict[str, Estimate]]]:
+) -> Iterator[tuple[str, dict[str, EstimateSeries]]]:
     """Yield (name, estimates by joint) of everything to compare.
 
     Raises
@@ -180,13 +180,15 @@ def recording(
     return found.per_sample() if of_drive or per_sample.available(bag, options) else found
 
 
-def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None) -> Estimate:
+def _recorded(
+    estimates: Series, deviations: Series | None, measurement: Series | None
+) -> EstimateSeries:
     """Return the estimates of one joint from a recorded topic."""
     stddev: NDArray[np.float64] = np.full(len(estimates.stamps_ns), np.nan)
     if deviations is not None:
         deviations = with_velocity(deviations)
         stddev = at_stamps(estimates.stamps_ns, deviations.stamps_ns, deviations.velocity)
-    return Estimate(
+    return EstimateSeries(
         estimates.stamps_ns,
         estimates.position,
         estimates.velocity,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.selection import MADE, USUAL, measured_topics
+from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, USUAL_MEASUREMENT, measured_topics
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.joint import FEWEST, checked, failed, stretch
@@ -95,10 +95,10 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
                 f'{path}: a drive without truth: add --observer pmsm and its motor data (--params '
                 f"FILE), or try 'velocity_estimator doctor {path}'"
             )
-        unread = USUAL in measured_topics(bag) and not measurement
+        unread = USUAL_MEASUREMENT in measured_topics(bag) and not measurement
         raise UserError(
             f'{path}: no truth: there is no topic {TRUTH}'
-            + (f', and {USUAL} has no finite position' if unread else '')
+            + (f', and {USUAL_MEASUREMENT} has no finite position' if unread else '')
             + '; name another JointState with '
             f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
             'off-line reference with --measurement or --angle'
@@ -289,6 +289,8 @@ def listed(names: Iterable[str]) -> str:
 
 def _joint_state_topics(bag: Bag) -> str:
     names = [
-        name for name, topic in bag.topics.items() if topic.type == TYPE and not name.endswith(MADE)
+        name
+        for name, topic in bag.topics.items()
+        if topic.type == TYPE and not name.endswith(ESTIMATE_SUFFIXES)
     ]
     return f'here: {listed(names)}' if names else 'here: no JointState at all'

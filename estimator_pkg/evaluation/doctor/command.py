@@ -19,7 +19,7 @@ import numpy as np
 from estimator_pkg import destination, streams, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.selection import MADE, TRUTH
+from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, TRUTH_NAMESPACE
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
@@ -216,7 +216,7 @@ def _examined(
 
 def _own(topic: str, made: Mapping[str, str]) -> list[Finding]:
     """Return the finding on a topic that is an estimate of ours; [] for any other."""
-    if topic not in made and not topic.endswith(MADE):
+    if topic not in made and not topic.endswith(ESTIMATE_SUFFIXES):
         return []
     of = f'the estimate of {made[topic]}' if topic in made else 'an estimate of ours'
     remedy = 'name the topic of the driver with --measurement'
@@ -248,7 +248,9 @@ def _running(named: str) -> tuple[list[str], dict[str, str]]:
                 if (
                     name == named
                     if named
-                    else TYPE in types and TRUTH not in f'{name}/' and not name.endswith(MADE)
+                    else TYPE in types
+                    and TRUTH_NAMESPACE not in f'{name}/'
+                    and not name.endswith(ESTIMATE_SUFFIXES)
                 )
                 and here.node.count_publishers(name)
             ]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.recording import Estimate
+from estimator_pkg.bags.recording import EstimateSeries
 from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import pairs
@@ -20,9 +20,9 @@ from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
 from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.tuning.objective import (
-    FEWEST,
-    Known,
-    Part,
+    FEWEST_ESTIMATES,
+    Dataset,
+    JointTruth,
     Weights,
     averaged,
     settled,
@@ -55,7 +55,7 @@ class Compared(NamedTuple):
 
 
 def compared(
-    parts: Sequence[Part],
+    parts: Sequence[Dataset],
     observer: str,
     gains: Mapping[str, Any],
     weights: Weights,
@@ -108,7 +108,7 @@ def compared(
 
 
 def _velocities(
-    estimates: Sequence[Estimate | None], known: Known
+    estimates: Sequence[EstimateSeries | None], known: JointTruth
 ) -> tuple[Array, NDArray[np.int64], Array, Array] | None:
     """Return (time, rows of `known`, tuned, default) where both have an estimate."""
     columns = []
@@ -118,7 +118,7 @@ def _velocities(
         columns.append(at_stamps(known.stamps, each.stamps, each.velocity))
     elapsed = (known.stamps - known.stamps[0]) * 1e-9
     rows = np.flatnonzero(settled(elapsed) & np.isfinite(columns).all(axis=0))
-    if len(rows) < FEWEST:
+    if len(rows) < FEWEST_ESTIMATES:
         return None
     return elapsed[rows], rows, columns[0][rows], columns[1][rows]
 
