@@ -19,7 +19,6 @@ from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
 from estimator_pkg.observers.pmsm.state import State
 from estimator_pkg.parameters import build as build_parameters
 from estimator_pkg.parameters import declared
-from estimator_pkg.sensor import guard
 from sim_pkg.reproduce.pmsm.observer import first_state, run_states
 
 NO_ENGINE = functions_of(observer) is None
@@ -63,17 +62,6 @@ def test_coasting_over_a_known_gap_keeps_the_relative_position():
         motor.step(seen.samples[k])
     after = motor.estimate()[0] - seen.truth[2199, 1] / 7.0
     assert after == pytest.approx(before, abs=0.01)
-
-
-@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf, 1e9])
-@pytest.mark.parametrize('place', range(4))
-def test_a_sample_that_is_no_number_is_dropped(bad, place):
-    sample = [1.0, 2.0, 3.0, 4.0]
-    joint = joint_of()
-    assert joint.update(10**9, sample)
-    sample[place] = bad
-    assert not joint.update(10**9 + 50_000, sample)
-    assert joint.dropped() == {'non_finite': 1}
 
 
 def disturbed():
@@ -123,15 +111,6 @@ def values_of(record):
     return [
         values_of(value) if hasattr(type(value), 'fields') else value for value in values(record)
     ]
-
-
-def test_the_status_of_a_disturbed_drive_has_all_values():
-    stamps, samples = disturbed()
-    out = joint_of(0.001).take(stamps, samples)
-    assert {TRACKING, NOT_OBSERVABLE, INITIALISING} <= set(out.status.tolist())
-    assert (out.verdict == guard.NON_FINITE).sum() == 1
-    assert (out.verdict == guard.DUPLICATE).sum() == 1
-    assert np.all(np.isnan(out.rows[300]))
 
 
 @needs_engine
