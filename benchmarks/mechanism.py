@@ -33,7 +33,7 @@ NUMPY = f'{__name__}:NumpyCartPendulum'
 
 
 class NumpyCartPendulum:
-    """The cart-pendulum as a user's model of a mechanism (docs/own_model.md)."""
+    """The cart-pendulum as a user's model of a mechanism (docs/known_inputs.md)."""
 
     joints = ('pendulum', 'cart')
     periods = (2.0 * np.pi, 0.0)

@@ -194,7 +194,7 @@ def test_reset_starts_again_and_keeps_counting():
         (('hybrid_angle',), {'bandwith_hz': 20.0}, "did you mean 'bandwidth_hz'"),
         (('hybrid_angle',), {'bandwidth_hz': math.nan}, 'must be finite'),
         (('hybrid_angle',), {'bandwidth_hz': 'fast'}, 'must be a number'),
-        ((), {'bandwidth_hz': 20.0}, "does not: use observer='hybrid_angle'"),
+        ((), {'bandwidth_hz': 20.0}, "does not: use observer='finite_difference'"),
         ((), {'observer': 'hybrid_angel'}, "did you mean 'hybrid_angle'"),
         (('kalman',), {'model': 'constant_jerk'}, 'is not one of'),
         (('geso',), {}, 'needs more inputs than an angle'),
@@ -289,11 +289,3 @@ def test_the_pages_example_prints_what_the_page_says(capsys):
     for (_, code), (_, printed) in zip(blocks[::2], blocks[1::2]):
         exec(compile(code, str(PAGE), 'exec'), names)
         assert capsys.readouterr().out == printed
-
-
-@pytest.mark.parametrize('fast', [False, True])
-def test_fast_has_no_effect_and_says_so(fast):
-    stamps, angles = [10**9, 2 * 10**9], [0.0, 0.1]
-    with pytest.warns(FutureWarning, match=r"^'fast' has no effect any more: remove it$"):
-        found = VelocityEstimator('pll').run(stamps, angles, fast=fast)
-    assert found.velocity.tolist() == VelocityEstimator('pll').run(stamps, angles).velocity.tolist()

@@ -167,37 +167,6 @@ def test_a_missing_library_is_one_line_with_the_command(library, words, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-NO_NUMBA = """
-    import importlib, pkgutil, sys
-    from contextlib import suppress
-    from estimator_pkg.cli import main
-    bag, motion, out = sys.argv[1:]
-    for words in (
-        ['replay', bag, '--out', out],
-        ['evaluate', bag],
-        ['doctor', bag],
-        ['tune', bag, '--trials', '2', '--out', out + '.yaml'],
-        ['identify', motion],
-        ['simulate', 'pmsm', '--out', out + '_motor', '--duration', '0.05'],
-    ):
-        assert main(words) == 0, words
-    for package in ('estimator_pkg', 'sim_pkg'):
-        for module in pkgutil.walk_packages([package], package + '.'):
-            with suppress(ImportError):  # what only a ROS installation has; the engine
-                importlib.import_module(module.name)
-    sys.exit('numba' in sys.modules)
-"""
-
-
-@pytest.mark.long
-def test_nothing_imports_numba(tmp_path):
-    bags = ROOT / 'bags'
-    words = bags / 'simulated/sine_12bit', bags / 'dfki_simple_pendulum/energy_shaping_200hz'
-    command = [sys.executable, '-c', textwrap.dedent(NO_NUMBA), *words, tmp_path / 'out']
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0, done.stderr
-
-
 def test_the_command_has_the_ranges_of_setup():
     named = {each.partition(';')[0] for each in requires('velocity_estimator')}
     line = optional.needs('matplotlib')

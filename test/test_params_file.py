@@ -76,27 +76,9 @@ def test_a_list_of_joints_is_no_override():
     )
 
 
-def test_names_of_the_last_release_are_split_as_the_new_ones(capsys):
-    old = {'joints': ['a'], 'joints.a.b.noise': 0.1, 'joints.y.known': ('k',), 'joints_max': 3}
-    common, overrides = split(old)
-    assert common == {'joints': ['a'], 'joints_max': 3}
-    assert overrides == {'a.b': {'noise': 0.1}, 'y': {'known': ('k',)}}
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "write 'per_joint.a.b.noise: 0.1' instead of 'joints.a.b.noise'" in line
-    assert "'per_joint.y.known: ['k']'" in line
-    both = {'joints.a.noise': 0.1, 'per_joint.a.noise': 0.2}
-    assert split(both) == ({}, {'a': {'noise': 0.2}})
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "'joints.a.noise' is ignored because 'per_joint.a.noise' is set" in line
-    assert "write '" not in line
-    split({'per_joint.a.noise': 0.2, 'joints.a': 3})  # the latter is unknown, not an old name
-    assert capsys.readouterr().err == ''
-
-
-def test_the_parameter_of_old_and_new_names():
-    for name in ('noise', 'per_joint.a.b.noise', 'joints.a.b.noise'):
-        assert params_file.parameter_of(name) == 'noise'
-    for name in ('joints', 'joints.noise', 'per_joint.noise', 'qos_overrides./a.depth'):
+def test_the_parameter_of_a_name():
+    assert params_file.parameter_of('per_joint.a.b.noise') == 'noise'
+    for name in ('noise', 'per_joint.noise', 'qos_overrides./a.depth'):
         assert params_file.parameter_of(name) == name
 
 

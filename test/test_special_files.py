@@ -41,7 +41,6 @@ def special(request, tmp_path, monkeypatch):
     [
         ['replay', 'SPECIAL'],
         ['doctor', 'SPECIAL'],
-        ['record', '--recover', 'SPECIAL', '--out', 'out'],
         ['replay', str(BAG), '--params', 'SPECIAL'],
         ['evaluate', str(BAG), '--params', 'SPECIAL'],
     ],

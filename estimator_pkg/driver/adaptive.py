@@ -62,8 +62,6 @@ class AdaptiveJoint(Joint):
         stamps: NDArray[np.int64],
         measurements: NDArray[np.float64],
         known_input: NDArray[np.float64] | None = None,
-        *,
-        fast: bool | None = None,
     ) -> Estimates:
         """As `Joint.run`, piece by piece: blocks of evidence end where a piece does.
 

@@ -96,7 +96,6 @@ class DriveJoint(Joint):
     observer : one of kind 'drive'.
     gains, settings : as in `Joint`.
     sample_period : s; 0: from the first batch.
-    fast : without effect; the next release does not take it.
 
     Attributes
     ----------
@@ -106,13 +105,7 @@ class DriveJoint(Joint):
     plain: Any = drive_channel
 
     def __init__(
-        self,
-        observer: Observer,
-        gains: Any,
-        settings: JointSettings,
-        *,
-        sample_period: float = 0.0,
-        fast: bool | None = None,
+        self, observer: Observer, gains: Any, settings: JointSettings, *, sample_period: float = 0.0
     ) -> None:
         self.given_period = sample_period
         self._period = sample_period

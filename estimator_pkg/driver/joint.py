@@ -93,6 +93,13 @@ class Joint(Counted):
             return type(self._channel).read(self.memory.array[0])
         return self._channel
 
+    @property
+    def view(self) -> Any:
+        """The joint's numbers, to be read: each when it is named."""
+        if self.memory is not None:
+            return type(self._channel).view(self.memory.array[0])
+        return self._channel
+
     @contextmanager
     def _changing(self) -> Iterator[Any]:
         """Give the joint's numbers, to be changed."""
@@ -234,8 +241,6 @@ class Joint(Counted):
         stamps: NDArray[np.int64],
         measurements: NDArray[np.float64],
         known_input: NDArray[np.float64] | None = None,
-        *,
-        fast: bool | None = None,
     ) -> Estimates:
         """Take many samples; return all estimates, equal to those sample by sample.
 
@@ -321,16 +326,16 @@ class Joint(Counted):
 
     def limit(self, dt: float) -> str | None:
         """Return why the gains cannot work at this sample time [s]; None: they can."""
-        reason: str | None = self.module.limits(self.design, dt)
+        reason: str | None = self.module.limits(self.view.design, dt)
         return reason
 
     def group_delay(self, dt: float) -> float:
         """Return the delay of the velocity at low frequency [s] at this dt [s]; nan: not known."""
-        return float(self.module.group_delay(self.design, dt))
+        return float(self.module.group_delay(self.view.design, dt))
 
     def why(self) -> str:
         """Return the meaning of the status, or another note for the user, as text."""
-        channel, status = self.channel, self.estimate()[3]
+        channel, status = self.view, self.estimate()[3]
         clock = channel.track.clock
         if STATUS_NAMES[status] == 'misconfigured':
             return self.limit(clock.mean_dt) or ''
@@ -356,7 +361,7 @@ class Joint(Counted):
         if counts == before:
             return {}
         self._faults_before = counts
-        faults = self.channel.faults
+        faults = self.view.faults
         return {
             kind: text_of(faults, kind) for kind, count in enumerate(counts) if count > before[kind]
         }

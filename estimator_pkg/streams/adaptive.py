@@ -112,10 +112,11 @@ class AdaptiveStream(DrivenStream):
     def _identified(self) -> list[diagnostics.Status]:
         return [
             diagnostics.Status(
-                report.trusted,
+                diagnostics.OK if report.trusted else diagnostics.WARN,
+                name,
                 name,
                 f'{report.phase}: {report.reason}',
-                values_of(report, self.bank.unit(name)),
+                diagnostics.packed(values_of(report, self.bank.unit(name))),
             )
             for name, report in self.bank.reports().items()
         ]

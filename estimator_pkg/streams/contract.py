@@ -242,7 +242,6 @@ class Stream(ABC):
         self.wanted = [not output.extra for output in self.outputs]
         self.received, self.malformed = [0] * len(self.inputs), [0] * len(self.inputs)
         self.answered = 0
-        self.skip = settings.no_estimate == SKIP
         self.complaint = ('', '')
         self.topics = [port.in_bag for port in self.inputs]
         self.history: dict[str, History] | None = None
@@ -301,7 +300,9 @@ class Stream(ABC):
                     f"unknown parameter '{name}': "
                     + (
                         instead(name, every, observer, SELECT_OBSERVER)
-                        or params_file.meant(name, every, known if cls.OVERRIDES else ())
+                        or params_file.parameter_suggestion(
+                            name, every, known if cls.OVERRIDES else ()
+                        )
                     )
                 )
         if overrides and not cls.OVERRIDES:
@@ -400,6 +401,17 @@ class Stream(ABC):
     def _called(self, name: str) -> str:
         """Return the text for a joint; '' is common to all joints."""
         return f"{self.KEPT} '{name}'" if name else self.observer.name
+
+    @property
+    def skip(self) -> bool:
+        """True if a message without an estimate of every joint is not answered."""
+        return bool(self.settings.no_estimate == SKIP)
+
+    def set_live(self, values: Values) -> None:
+        """Use other live `SETTINGS` from the next message on: they are read where they act."""
+        live = {name for name, each in declared(self.SETTINGS).items() if not each.structural}
+        changed = {name: value for name, value in values.items() if name in live}
+        self.settings = replace(self.settings, **changed)
 
     def apply(self, configuration: Any) -> None:
         """Use these gains and settings from the next sample on; every joint keeps its state."""

@@ -46,7 +46,7 @@ EVERY = {**NODES, **SIMULATORS}
 JOINT_OBSERVER, _ = NODES['joint_observer-hybrid_angle']
 TYPES = {float: 'DOUBLE', int: 'INTEGER', bool: 'BOOL', str: 'STRING'}
 TYPES |= {tuple: 'STRING_ARRAY', list: 'DOUBLE_ARRAY'}
-CHOSEN = {  # values other than the defaults, one of the old name, for a start of each node
+CHOSEN = {  # values other than the defaults, for a start of each node
     'joint_observer': {
         'observer': 'hybrid_angle',
         'joints': ['a', 'b.c'],
@@ -55,7 +55,7 @@ CHOSEN = {  # values other than the defaults, one of the old name, for a start o
         'per_joint.a.bandwidth_hz': 20,
         'per_joint.a.noise': 0.0,
         'per_joint.a.order': 3,
-        'joints.b.c.gap_max': 0.3,
+        'per_joint.b.c.gap_max': 0.3,
     },
     'mechanical_observer': {
         'mechanisms': ['arm', 'lab'],
@@ -65,14 +65,14 @@ CHOSEN = {  # values other than the defaults, one of the old name, for a start o
         'per_joint.lab.model': 'cart_pendulum',
         'per_joint.lab.noise': [math.nan],
         'per_joint.lab.model_parameters': ['gravity=-1'],
-        'joints.lab.bandwidth_hz': 12,
+        'per_joint.lab.bandwidth_hz': 12,
     },
     'adaptive_observer': {
         'observer_poles': [-20.0, -30.0],
         'known': ['k/J=0'],
         'per_joint.left.settle': 0,
         'per_joint.left.known': [''],
-        'joints.left.effort_is': 'measured',
+        'per_joint.left.effort_is': 'measured',
     },
     'pmsm_observer': {**MOTOR, 'initial_flux': 0, 'k_eta': -1, 'emf_min': 0.2},
     'wheel_odometry': {
@@ -429,7 +429,7 @@ def values_over_dds(probe, node):
 
 
 @pytest.mark.parametrize('name', CHOSEN)
-def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path, capfd):
+def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path):
     stream, given = STREAMS[name], CHOSEN[name]
     file, dump = tmp_path / 'given.yaml', tmp_path / 'dump.yaml'
     file.write_text(yaml.dump({name: {'ros__parameters': given}}))
@@ -446,16 +446,9 @@ def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path, capf
     assert first.keys() == second.keys()
     assert all(alike(first[key], second[key]) for key in first)
     assert settings == settings_again
-    joints = list(settings[1])
-    assert bool(joints) == stream.OVERRIDES
+    assert bool(settings[1]) == stream.OVERRIDES
     for key, value in given.items():
-        new = 'per_joint' + key.removeprefix('joints') if key.startswith('joints.') else key
-        assert first[new] == value or alike(first[new], value), new
-    old = [key for key in given if key.startswith('joints.')]
-    said = capfd.readouterr().err
-    assert said.count('does not read the old name') == (1 if old else 0)  # and none of the dump
-    for key in old:
-        assert f"write 'per_joint{key.removeprefix('joints')}: " in said
+        assert first[key] == value or alike(first[key], value), key
     with dds.NodeProcess(
         f'estimator_pkg.nodes.executables {name}', *dds.ros_args(file=dump)
     ) as process:
@@ -463,17 +456,12 @@ def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path, capf
         over_dds = values_over_dds(probe, name)
         assert over_dds.keys() == first.keys()
         assert all(alike(over_dds[key], first[key]) for key in first)
-        assert 'old name' not in process.output
         if not stream.OVERRIDES:
             return
-        (joint, *_) = joints
+        (joint, *_) = settings[1]
         request = [
-            RosParameter(key, value=value).to_parameter_msg()
-            for key, value in (
-                (f'joints.{joint}.gap_max', 0.7),
-                (f'joints.{joint}.timeout', 2),
-                (f'per_joint.{joint}.timeout', 3),
-            )
+            RosParameter(f'per_joint.{joint}.{key}', value=value).to_parameter_msg()
+            for key, value in (('gap_max', 0.7), ('timeout', 3))
         ]
         result = asked(
             probe, SetParametersAtomically, name, 'set_parameters_atomically', parameters=request
@@ -482,14 +470,6 @@ def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path, capf
         over_dds = values_over_dds(probe, name)
         assert over_dds[f'per_joint.{joint}.gap_max'] == 0.7
         assert over_dds[f'per_joint.{joint}.timeout'] == 3.0
-        assert not any(key.startswith('joints.') for key in over_dds)
-        process.prints(
-            f"write 'per_joint.{joint}.gap_max: 0.7' instead of 'joints.{joint}.gap_max'"
-        )
-        process.prints(
-            f"'joints.{joint}.timeout' is ignored because 'per_joint.{joint}.timeout' is set"
-        )
-        assert process.output.count('does not read the old name') == 1
 
 
 def settings_of(stream):
@@ -522,7 +502,7 @@ def test_a_name_is_never_leaf_and_branch(probe, tmp_path):
 
 
 def test_a_misspelt_group_is_named_with_the_right_one(probe, tmp_path):
-    given = dict.fromkeys(['per_joints.a.noise', 'joints.a.nose', 'a.noise', 'a.b.noise'], 0.1)
+    given = dict.fromkeys(['per_joints.a.noise', 'per_joint.a.nose', 'a.noise', 'a.b.noise'], 0.1)
     with declaring(JOINT_OBSERVER, given, tmp_path, ['noise']) as (_, ros):
         assert ros.unknown() == {
             'per_joints.a.noise': "did you mean 'per_joint.a.noise'?",

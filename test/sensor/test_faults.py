@@ -3,7 +3,7 @@
 
 """Faults of an encoder that an angle alone can show: named soon, covered until then, no false one.
 
-`python test/sensor/test_faults.py` prints the table of docs/silence.md.
+`python test/sensor/test_faults.py` prints the table of docs/troubleshooting.md.
 """
 
 import sys

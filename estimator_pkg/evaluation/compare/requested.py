@@ -46,7 +46,7 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
     from_file = [_from_file(params, name) for name in wanted]
     if params is not None and all(values is None for values in from_file):
         params_file.warn_unused(params, wanted)
-    values_of = params_file.modern(*({**(values or {}), **given} for values in from_file))
+    values_of = [{**(values or {}), **given} for values in from_file]
     by_observer = {
         name: streams.parameters(name, values) for name, values in zip(wanted, values_of)
     }

@@ -202,7 +202,6 @@ class Gains:
     gate: str = structural(
         'noise',
         choices=('noise', 'gamma', 'none'),
-        formerly={'off': 'none'},
         description='adapt only while the signals determine the parameters. noise: the '
         'information matrix exceeds signal_to_noise times the one of measurement noise '
         'alone; gamma: its smallest eigenvalue, weighted by gamma, exceeds '

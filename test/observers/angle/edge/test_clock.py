@@ -9,7 +9,7 @@ import pytest
 
 from estimator_pkg.circle import Circle
 from estimator_pkg.observers.angle.edge import observer
-from estimator_pkg.observers.angle.edge.constants import MEMORY, SIGMAS
+from estimator_pkg.observers.angle.edge.constants import NOISE_SAMPLES, SIGMAS
 from estimator_pkg.observers.angle.edge.covariance import Motion, set_covariance
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.sensor.noise import Sensor
@@ -49,9 +49,9 @@ def test_a_stamp_is_doubted_beyond_a_quantum_and_three_sigmas_of_the_prediction(
 
 def test_unevenness_is_the_mean_deviation_of_the_sample_times_that_are_taken():
     uneven, far = 0.1, 100.0 * QUANTUM
-    kept = 1.0 - 1.0 / MEMORY
+    kept = 1.0 - 1.0 / NOISE_SAMPLES
     _, clock = at(uneven, 1.3 * PACE, 1.3 * far, far / PACE)
-    assert clock.uneven == pytest.approx(kept * uneven + 0.3 / MEMORY)
+    assert clock.uneven == pytest.approx(kept * uneven + 0.3 / NOISE_SAMPLES)
     # the stamp lies: the mean sample time is taken, which deviates by nothing
     _, clock = at(uneven, 1.9 * PACE, far, far / PACE)
     assert clock.lateness == pytest.approx(0.9 * PACE)
@@ -67,7 +67,9 @@ def test_an_even_stream_is_looked_at_no_more_unless_a_stamp_is_late():
     assert clock.uneven == LEAST_ODD / ODD
 
 
-@pytest.mark.parametrize('paces, known', [(MEMORY - 1.0, True), (MEMORY + 1.0, False)])
+@pytest.mark.parametrize(
+    'paces, known', [(NOISE_SAMPLES - 1.0, True), (NOISE_SAMPLES + 1.0, False)]
+)
 def test_a_stamp_that_is_late_by_more_than_the_memory_makes_the_clock_unknown(paces, known):
     way, dt = 100.0 * QUANTUM, (1.0 + paces) * PACE
     taken, clock = at(0.02, dt, way, way / PACE)
@@ -100,7 +102,7 @@ def test_one_repeat_is_held_and_twice_the_longest_after_which_the_shaft_had_move
     assert not repeats(v, sure, held=0.6 * PACE)
     assert repeats(v, sure, held=2.4 * PACE, longest=PACE)
     assert not repeats(v, sure, held=2.6 * PACE, longest=PACE)
-    assert not repeats(v, sure, held=MEMORY * PACE, longest=1.0)
+    assert not repeats(v, sure, held=NOISE_SAMPLES * PACE, longest=1.0)
 
 
 def test_a_shaft_that_stops_soon_after_a_start_is_seen_to_stop():
