@@ -530,8 +530,8 @@ def refused():
             "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?",
             2,
         ),
-        (['--set', 'bandwidth_hz=3'], 'or use --observer finite_difference', 2),
-        (['--set', 'per_joint.a.bandwidth_hz=3'], 'or use --observer finite_difference', 2),
+        (['--set', 'bandwidth_hz=3'], 'or use --observer hybrid_angle', 2),
+        (['--set', 'per_joint.a.bandwidth_hz=3'], 'or use --observer hybrid_angle', 2),
         ([*PLL, '--set', 'bandwidth_hz=-3'], "'bandwidth_hz' = -3 is outside", 2),
         ([*PLL, '--set', 'bandwidth_hz=fast'], 'must be a number', 2),
         (['--set', 'bandwidth_hz'], 'is not key=value', 2),
@@ -580,7 +580,7 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
     params = tmp_path / 'params.yaml'
     for text, said in (
         ('bandwith_hz: 3', "did you mean 'bandwidth_hz'?"),
-        ('bandwidth_hz: 3', "write 'observer: finite_difference' in the parameter file"),
+        ('bandwidth_hz: 3', "write 'observer: hybrid_angle' in the parameter file"),
         ('{observer: hybrid_angle, bandwidth_hz: 1e9}', 'is outside'),
         ('per_joint: {a: {ordre: 2}}', 'unknown parameter'),
         ('joints: [zz]', "has no joint 'zz'; it has a, b"),
