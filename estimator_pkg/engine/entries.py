@@ -65,10 +65,6 @@ ENTRIES: tuple[Entry, ...] = (
         for name in INFORMED
     ),
     *(
-        Entry(f'{MECHANISM}.core', 'walk', {'observer': module}, f'{name}_walk')
-        for name, module in OF_A_MECHANISM.items()
-    ),
-    *(
         Entry(module, function, {}, loop_name(module, function))
         for module, functions in LOOPS.items()
         for function in functions

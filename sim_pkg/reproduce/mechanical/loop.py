@@ -26,7 +26,7 @@ from sim_pkg.reproduce.mechanical.lab import (
     QUANTA,
     plant,
 )
-from sim_pkg.reproduce.mechanical.runs import make, quantise
+from sim_pkg.reproduce.mechanical.runs import make, quantise, walk
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def balance(name: str, scenario: str) -> Balanced:
             y = quantise(q + offsets, quanta) - offsets
         if k > 0:
             rows, given = np.stack([before, y]), np.full((2, 1), force / CONSTANT)
-            velocity = tuple(plan.velocities(state, rows, given, DT, single=True)[1].tolist())
+            velocity = tuple(walk(plan, state, rows, given, DT, single=True)[1].tolist())
         before = y
         r, rate = triangle(k * DT)
         force = balancing_force((y[0], y[1]), velocity, r, rate, FORWARD, BACKWARD)
