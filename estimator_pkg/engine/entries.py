@@ -39,7 +39,7 @@ LOOPS = {  # functions of a module whose arguments are numbers, arrays and recor
     f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
     f'{SMOOTHER}.steps': ('backward', 'forward', 'likelihood'),
     'estimator_pkg.sensor.faults': ('find_faults',),
-    'sim_pkg.pmsm.drive': ('run_sensored',),
+    'sim_pkg.pmsm.drive': ('simulate',),
 }
 
 

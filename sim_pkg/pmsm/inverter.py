@@ -85,21 +85,18 @@ def switch(
     dc_voltage: float,
     dead: float,
     period: float,
-    start: float,
-    end: float,
 ) -> tuple[complex, float, float]:
-    """Return (current, electrical angle, speed) after part of a carrier period.
+    """Return (current, electrical angle, speed) after a carrier period.
 
     Parameters
     ----------
     voltage : commanded for this period [V].
     dead : dead time over period.
-    start, end : start and end of that part, as fractions of the period (0 to 1).
     """
     on_a, off_a, on_b, off_b, on_c, off_c = edges(voltage, current, dc_voltage, dead)
-    now = start
-    while now < end:
-        until = end
+    now = 0.0
+    while now < 1.0:
+        until = 1.0
         for edge in (on_a, off_a, on_b, off_b, on_c, off_c):
             if now < edge < until:
                 until = edge

@@ -176,4 +176,4 @@ def observer_run(variant: str, direction: int, eta0_deg: float, xi0: float) -> R
     # row 0 is the start, before the observer took a sample
     _, angle, speed, current, voltage = truth
     later = Signals(truth.time[1:], angle[1:], speed[1:], current[1:], voltage[1:])
-    return Run(later, log.h, log.z, log.x, 0, 0)
+    return Run(later, log.h, log.z, log.x)
