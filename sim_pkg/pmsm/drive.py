@@ -19,7 +19,7 @@ from estimator_pkg.engine import calls
 from estimator_pkg.record import record
 from sim_pkg.joints.sensor import random_stream
 from sim_pkg.pmsm.control import Control, current_control, speed_control
-from sim_pkg.pmsm.inverter import dead_time_error, switch
+from sim_pkg.pmsm.inverter import dead_time_error
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.plant import Plant, move
 from sim_pkg.pmsm.profiles import Profile
@@ -49,7 +49,6 @@ class Parts:
     limit: float  # its range [A]
     dead: float  # dead time, in periods
     delay: int  # of the reported voltage, in samples
-    switched: bool  # simulate the edges of the bridge instead of the mean voltage
 
 
 class Record(NamedTuple):
@@ -120,17 +119,10 @@ def simulate(
         truth[5 * k], truth[5 * k + 1], truth[5 * k + 2] = speed, theta, plant.flux
         truth[5 * k + 3] = (current * complex(math.cos(theta), -math.sin(theta))).imag
         truth[5 * k + 4] = reference[k]
-        if parts.switched:
-            current, theta, speed = switch(
-                current, theta, speed, load[k], plant, active, dc, dead, period
-            )
-        else:
-            lost = 0j
-            if dead > 0.0:
-                lost = dead_time_error(current, dc, dead)
-            current, theta, speed = move(
-                current, active - lost, theta, speed, load[k], plant, period
-            )
+        lost = 0j
+        if dead > 0.0:
+            lost = dead_time_error(current, dc, dead)
+        current, theta, speed = move(current, active - lost, theta, speed, load[k], plant, period)
         state.current, state.theta, state.speed = current, theta, speed
         state.older, state.acted, state.active = state.acted, active, following
 
@@ -166,7 +158,6 @@ class Drive:
         self._parts.limit = full_scale
         self._parts.dead = parameters.dead_time * parameters.sample_rate
         self._parts.delay = parameters.voltage_delay
-        self._parts.switched = parameters.inverter == 'switched'
 
     def run(self, count: int) -> Record:
         """Return the next `count` samples."""

@@ -72,16 +72,7 @@ class PmsmParameters:
     )
     dc_voltage: float = structural(24.0, unit='V', range=(0.1, 1e4), description='DC link voltage')
     sample_rate: float = structural(
-        20000.0,
-        unit='Hz',
-        range=(1000.0, 200000.0),
-        description='rate of controller, carrier and sampling',
-    )
-    inverter: str = structural(
-        'averaged',
-        choices=('averaged', 'switched'),
-        description='averaged: the mean voltage of each period; switched: the switching edges of '
-        'the bridge',
+        20000.0, unit='Hz', range=(1000.0, 200000.0), description='rate of controller and sampling'
     )
     dead_time: float = structural(
         0.0,

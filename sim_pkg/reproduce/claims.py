@@ -162,7 +162,7 @@ def text(reproduction: Reproduction, found: Sequence[Claim]) -> list[str]:
             shown.update(ids)
             lines += ['', *_table(table, by_id)]
     if shown:
-        lines = ['', LEGEND, *lines, *reproduction.extra()]
+        lines = ['', LEGEND, *lines]
     rest = [claim for claim in found if claim.row.reference.id not in shown]
     if rest:
         lines += ['', f'  {"row":<43} {"ours":>10}  {"the paper":<16} verdict']

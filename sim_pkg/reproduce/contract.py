@@ -26,11 +26,9 @@ ABSOLUTE = 'absolute'  # |value - reference| <= tolerance
 PERCENT = 'percent'  # |value - reference| <= tolerance % of |reference|
 EXACT = 'exact'  # value == reference
 AT_MOST = 'at most'  # value <= reference
-KINDS = (ABSOLUTE, PERCENT, EXACT, AT_MOST)
 SPECIFIED = 'specified'  # the paper gives everything that the row needs
 OPEN = 'open'  # gains, start, input or machine are not published: ours are assumed
 MISPRINT = 'misprint'  # explains a misprint or an ambiguity
-BASES = (SPECIFIED, OPEN, MISPRINT)
 DPI = 100  # resolution of the figures
 
 
@@ -43,10 +41,10 @@ class Reference:
     id : unique, its part's name first: 'F4 RMS e2 [0,2) sin'.
     what : the quantity in words, with its unit.
     value : the reference number.
-    tolerance : in the unit of the value, or in % for `kind` PERCENT; unused by the other kinds.
-    kind : one of KINDS.
+    tolerance : in the unit of the value, or in % for `kind` PERCENT; else unused.
+    kind : ABSOLUTE, PERCENT, EXACT or AT_MOST.
     paper : what the paper prints: a number or its words.
-    basis : one of BASES.
+    basis : SPECIFIED, OPEN or MISPRINT.
     """
 
     id: str
@@ -56,13 +54,6 @@ class Reference:
     kind: str
     paper: float | str
     basis: str = SPECIFIED
-
-    def __post_init__(self) -> None:
-        for name, choices in (('kind', KINDS), ('basis', BASES)):
-            if (value := getattr(self, name)) not in choices:
-                raise ValueError(
-                    f"'{self.id}': {name} '{value}' is not one of {', '.join(choices)}"
-                )
 
     @property
     def allowed(self) -> float:
@@ -162,7 +153,6 @@ class Reproduction:
         only for drawing, because it imports matplotlib.
     notes : lines printed below the table.
     tables : shown if all their rows were computed.
-    extra : lines that are printed with the tables and are no rows, such as measured times.
     reasons : (regular expression of ids, why ours are not what the paper prints).
     """
 
@@ -172,7 +162,6 @@ class Reproduction:
     figures: str
     notes: tuple[str, ...] = field(default=())
     tables: tuple[Table, ...] = field(default=())
-    extra: Callable[[], list[str]] = field(default=list)
     reasons: tuple[tuple[str, str], ...] = field(default=())
 
     def draw(self, folder: Path) -> list[Path]:

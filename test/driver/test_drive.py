@@ -8,6 +8,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from drive_status import first_state
 from motors import DT, MOTOR, angle_error, made, noisy, values
 
 from estimator_pkg.driver.configuration import JointSettings
@@ -20,7 +21,7 @@ from estimator_pkg.observers.pmsm.state import State
 from estimator_pkg.parameters import build as build_parameters
 from estimator_pkg.parameters import declared
 from estimator_pkg.sensor import guard
-from sim_pkg.reproduce.pmsm.observer import first_state, run_states
+from sim_pkg.reproduce.pmsm.observer import run_states
 
 NO_ENGINE = functions_of(observer) is None
 needs_engine = pytest.mark.skipif(NO_ENGINE, reason='installed without a C compiler')

@@ -68,7 +68,7 @@ def samples(
     -------
     times [s], true velocity [rad/s] and measured angle in [-pi, pi), each of shape (n,).
     """
-    time = PERIOD * np.arange(round(duration / PERIOD) + 1)
+    time = np.asarray(PERIOD * np.arange(round(duration / PERIOD) + 1), np.float64)
     position, velocity, _ = profile(time)
     return time, velocity, wrapped(position + start)
 

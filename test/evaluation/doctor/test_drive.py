@@ -171,7 +171,6 @@ DRIVES = [
     *((MOTOR, ('current_noise=0.1', f'profile={each}'), 1) for each in MOTIONS),
     *((MOTOR, ('current_noise=0.1', f'profile={each}', 'speed_rpm=2000'), 2) for each in MOTIONS),
     (MOTOR, ('profile=constant', 'load_constant=0.1', 'current_noise=0.1'), 1),
-    (MOTOR, ('inverter=switched',), 1),
     (MOTOR, ('publish_rate=5000', 'batch=50'), 1),
     *((SERVO, (*SERVO_SIM, f'profile={each}'), seed) for each in MOTIONS for seed in (1, 2)),
     (SERVO, (*SERVO_SIM, 'profile=constant', 'load_constant=1'), 1),
