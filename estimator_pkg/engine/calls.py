@@ -21,13 +21,7 @@ from estimator_pkg.printable import show
 from estimator_pkg.record import values
 
 PREFIXES = {  # of a module: of its functions, and their names
-    module: (
-        name,
-        (
-            *functions,
-            *(('inform',) if name in INFORMED else ()),
-        ),
-    )
+    module: (name, (*functions, *(('inform',) if name in INFORMED else ())))
     for observers, functions in FUNCTIONS.values()
     for name, module in observers.items()
 } | {module: (name, ('course',)) for name, module in MODELS.items()}

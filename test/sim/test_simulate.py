@@ -16,7 +16,6 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.messages.cdr import Reader
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.parameters import build
-from sim_pkg.contract import Simulator
 from sim_pkg.joints.encoder import SIMULATOR, EncoderParameters
 from sim_pkg.joints.profiles import make_profile
 from sim_pkg.joints.sensor import random_stream
@@ -234,27 +233,4 @@ def test_wrong_use_is_one_line_and_leaves_nothing(tmp_path, capsys, words, code,
     error = capsys.readouterr().err
     assert said in error
     assert error.count('\n') == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_existing_output_and_unwritable_place_are_refused(tmp_path, capsys):
-    (tmp_path / 'bag').mkdir()
-    (tmp_path / 'file').write_text('')
-    for out in (tmp_path / 'bag', tmp_path / 'nowhere' / 'bag', tmp_path / 'file' / 'bag'):
-        assert simulate('encoder', '--out', out, '--duration', 0.1) == 1
-        error = capsys.readouterr().err
-        assert str(out) in error
-        assert error.count('\n') == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['bag', 'file']
-    assert list((tmp_path / 'bag').iterdir()) == []
-
-
-def test_an_interrupt_leaves_no_half_written_bag(tmp_path):
-    def interrupted(parameters, duration, seed):
-        yield from itertools.islice(SIMULATOR.generate(parameters, duration, seed), 3)
-        raise KeyboardInterrupt
-
-    simulator = Simulator('encoder', '', EncoderParameters, SIMULATOR.topics, interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_bag(simulator, EncoderParameters(), 1.0, 1, tmp_path / 'bag')
     assert list(tmp_path.iterdir()) == []

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from estimator_pkg import params_file, registry
-from estimator_pkg.cli import main
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.joint_state import Decoder
@@ -116,16 +115,6 @@ def test_a_plant_that_runs_away_says_when(torque, said):
     with pytest.raises(UserError, match=said) as reported:
         list(chunks)
     assert '\n' not in str(reported.value) and reported.value.exit_code == 1
-
-
-def test_a_bag_of_a_plant_that_runs_away_is_not_kept(tmp_path, capsys):
-    out = tmp_path / 'bag'
-    values = ('torque=1e6', 'highest=0.3', 'rate=20', 'model_parameters=[inertia=1e-4,damping=0]')
-    words = [word for value in values for word in ('--set', value)]
-    assert main(['simulate', 'pendulum', '--out', str(out), *words]) == 1
-    error = capsys.readouterr().err
-    assert error.startswith('velocity_estimator simulate: the simulated plant diverged at 0.2 s')
-    assert not out.exists()
 
 
 def test_an_estimate_that_is_no_number_steers_nothing():

@@ -23,7 +23,7 @@ from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.inverter import dead_time_error
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.plant import electric, move, resisting
-from sim_pkg.pmsm.profiles import NAMES, P1, Profile, named
+from sim_pkg.pmsm.profiles import NAMES, Profile, named
 
 RPM = math.pi / 30.0
 PLANT = PmsmParameters(viscous=1e-5).plant()
@@ -172,10 +172,6 @@ def test_the_servo_of_the_configuration_runs_and_is_tracked():
     log = run_log(design, record.samples, 5e-5, first_state(design, record.samples[0]))
     found = judge(log, record.truth[1:, 1], record.truth[1:, 0], 5e-5)
     assert found.wrong == 0.0 and found.withheld < 40.0 and found.tracking > 290.0
-
-
-def test_p1_is_that_of_the_specification():
-    assert sum(part for part, _, _ in P1) == pytest.approx(0.70)
 
 
 def test_speed_control_stops_integrating_at_the_limit():
