@@ -59,7 +59,7 @@ from estimator_pkg.observers.maths.covariance import (
     update_2,
     update_3,
 )
-from estimator_pkg.observers.maths.informing import ANGLE, RATE, Told, told
+from estimator_pkg.observers.maths.informing import ANGLE, RATE, Fusion, scalar_update
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
@@ -139,7 +139,7 @@ class Core:
     p: Covariance  # P/R
     started: bool  # after the second sample
     scatter: Scatter  # of the measurement, where R is estimated
-    told: Told  # by another sensor
+    fusion: Fusion
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
@@ -173,8 +173,8 @@ def forget(core: Core, design: Design, measurement: float) -> None:
     core.acceleration = 0.0 if design.order == 3 else math.nan
     core.started = False
     set_first(core.p)
-    core.told.last = core.told.mean = 0.0
-    core.told.now = False
+    core.fusion.last = core.fusion.mean = 0.0
+    core.fusion.now = False
 
 
 def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
@@ -217,7 +217,7 @@ def inform(
         return
     y = core.velocity if kind == RATE else core.position if kind == ANGLE else core.acceleration
     r = core.scatter.variance if design.estimated else design.variance
-    x, v, a = told(core.p, core.told, kind, (value - y) / math.sqrt(r), variance / r)
+    x, v, a = scalar_update(core.p, core.fusion, kind, (value - y) / math.sqrt(r), variance / r)
     core.position += x * math.sqrt(r)
     core.velocity += v * math.sqrt(r)
     if design.order == 3:
