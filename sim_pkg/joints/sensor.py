@@ -3,9 +3,10 @@
 
 """An angle sensor and its transport, with every fault that users report.
 
-Faults of the value (`AngleSensor`, one per joint): eccentricity, noise, outliers, quantisation,
-repeated readings, a stuck sensor, the wrap convention. Faults of time and transport (`Line`, one
-per stream): jitter of sampling and of stamps, dropped and duplicated samples, gaps, bursts.
+Faults of the value (`AngleSensor`, one per joint): eccentricity, noise, outliers,
+quantisation, repeated readings, a stuck sensor, the wrap convention. Faults of time and transport
+(`Line`, one per stream): jitter of sampling and of stamps, dropped and duplicated samples, gaps,
+bursts.
 
 Each fault draws from its own random stream, one draw per sample whatever happens to the sample.
 Enabling one fault, or changing its rate, does not change the draws of the others.
@@ -209,7 +210,9 @@ class AngleSensor:
 
     def _quantised(self, angle: Floats) -> Floats:
         counts = self._p.counts_per_revolution
-        return np.floor(angle * (counts / TURN)) if counts else angle
+        if not counts:
+            return angle
+        return np.floor(angle * (counts / TURN))
 
     def _hold(self, reading: Floats) -> Floats:
         """Replace readings that are not fresh by the last fresh one."""
