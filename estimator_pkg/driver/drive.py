@@ -20,15 +20,14 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.driver import drive_channel
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING
-from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.pmsm.watch import BLIND, LOW_EMF, describe
 from estimator_pkg.sensor.guard import (
     DUPLICATE,
-    LATE,
     LATE_IN_A_ROW,
-    MISCONFIGURED,
+    LATE_STAMP,
+    UNSTABLE_GAINS,
     limits,
     longest_dt,
 )
@@ -97,7 +96,6 @@ class DriveJoint(Joint):
     observer : one of kind 'drive'.
     gains, settings : as in `Joint`.
     sample_period : s; 0: from the first batch.
-    fast : without effect; the next release does not take it.
 
     Attributes
     ----------
@@ -107,13 +105,7 @@ class DriveJoint(Joint):
     plain: Any = drive_channel
 
     def __init__(
-        self,
-        observer: Observer,
-        gains: Any,
-        settings: JointSettings,
-        *,
-        sample_period: float = 0.0,
-        fast: bool | None = None,
+        self, observer: Observer, gains: Any, settings: JointSettings, *, sample_period: float = 0.0
     ) -> None:
         self.given_period = sample_period
         self._period = sample_period
@@ -133,12 +125,11 @@ class DriveJoint(Joint):
             channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
         self._tighten()
 
-    def _begin(self) -> None:
-        self.learner = None
+    def _reset_channel(self) -> None:
         self._use_gains()  # the settings may be others
         with self._changing() as channel:
             channel.stamp_ns, channel.verdict = 0, DUPLICATE
-            self.plain.begin(self.module, channel)
+            self.plain.reset_channel(self.module, channel)
 
     def set_settings(self, settings: JointSettings) -> None:
         """Use other guard settings from the next sample on; the state is kept."""
@@ -158,7 +149,7 @@ class DriveJoint(Joint):
         self._late_batches = 0
         self._contradiction = 0, 0, 0
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Take samples with another drive and discard them, so that everything is imported."""
         other = type(self)(self.observer, self.gains, self.settings)
         other.take(np.array([1, 2, 3]) * 1_000_000, np.zeros((3, 4)))
@@ -184,7 +175,7 @@ class DriveJoint(Joint):
         if not count:
             return empty(0)
         if not self._fits(stamps):
-            return self._dropped(count, MISCONFIGURED)
+            return self._dropped(count, UNSTABLE_GAINS)
         fresh: Any = slice(None)
         last, behind = self.last_ns, self._value('limits', 'reorder_ns')
         old = (stamps <= last) & (stamps > 0)
@@ -194,9 +185,9 @@ class DriveJoint(Joint):
                     return self._dropped(count, DUPLICATE)
                 self._late_batches += 1
                 if self._late_batches < LATE_IN_A_ROW:
-                    return self._dropped(count, LATE)
+                    return self._dropped(count, LATE_STAMP)
                 with self._changing() as channel:
-                    channel.track.clock.late = LATE_IN_A_ROW - 1
+                    channel.track.clock.late_in_a_row = LATE_IN_A_ROW - 1
             else:
                 fresh = np.flatnonzero(~old)
         self._late_batches = 0
@@ -293,26 +284,26 @@ class DriveJoint(Joint):
         return self.running and self._reasons() & BLIND == LOW_EMF
 
     def _reasons(self) -> int:
-        self._call('show')
+        self._call('write_estimate')
         return int(self._value('electrical', 'reasons'))
 
     def estimate(self) -> tuple[float, float, float, int]:
         """Return (position, velocity, nan, status), mechanical, at the last used sample."""
         if self.misfit:
-            return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
+            return math.nan, math.nan, math.nan, MISCONFIGURED
         return super().estimate()
 
     def electrical(self) -> tuple[float, float, float, float]:
         """Return (angle [rad], speed [rad/s], flux linkage [Wb], 1.0 if valid), electrical."""
-        return self._shown('show', 'electrical')[:4]
+        return self._shown('write_estimate', 'electrical')[:4]
 
     def electrical_stddev(self) -> tuple[float, float, float]:
         """Return standard deviations of electrical angle, electrical speed and flux linkage."""
-        return self._shown('show_deviation', 'electrical_deviation')
+        return self._shown('write_deviation', 'electrical_deviation')
 
     def speed_bound(self) -> float:
         """Return an upper bound of |mechanical speed| [rad/s] while not observable; inf: none."""
-        self._call('show_deviation')
+        self._call('write_deviation')
         return float(self._value('speed_bound'))
 
     def why(self) -> str:

@@ -28,7 +28,7 @@ class Track:
     clock: Clock
     coefficients: Coefficients
     state: State
-    kept: State  # before the last gap, in case that stamp is a stray one
+    state_before_gap: State  # before the last gap, in case that stamp is a stray one
 
 
 @record
@@ -46,7 +46,7 @@ class Channel:
     estimate: Estimate
 
 
-def begin(observer: Any, channel: Channel) -> None:
+def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample."""
     blank = Clock()
     channel.track.clock.take(blank)
@@ -73,7 +73,7 @@ def take(observer: Any, channel: Channel, stamp_ns: int) -> int:
     return verdict
 
 
-def show(observer: Any, channel: Channel) -> None:
+def write_estimate(observer: Any, channel: Channel) -> None:
     """Set the estimate at the last used sample; positions and velocities only if there is one."""
     out, track = channel.estimate, channel.track
     if not track.clock.running:
@@ -121,7 +121,7 @@ def batch(
         for i in range(m):
             channel.known_input[i] = inputs[k * m + i]
         verdicts[k] = take(observer, channel, stamps[k])
-        show(observer, channel)
+        write_estimate(observer, channel)
         status[k] = out.status
         if verdicts[k] < DUPLICATE and out.status != MISCONFIGURED:
             for i in range(n):

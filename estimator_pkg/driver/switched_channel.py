@@ -22,7 +22,7 @@ class Track:
     clock: Clock
     coefficients: Coefficients
     state: State
-    kept: State  # before the last gap, in case that stamp is a stray one
+    state_before_gap: State  # before the last gap, in case that stamp is a stray one
 
 
 @record
@@ -41,7 +41,7 @@ class Channel:
     deviation: Deviation
 
 
-def begin(observer: Any, channel: Channel) -> None:
+def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample."""
     model, track, blank = observer.model, channel.track, Clock()
     track.clock.take(blank)
@@ -79,7 +79,7 @@ def take(
     return verdict
 
 
-def show(observer: Any, channel: Channel) -> None:
+def write_estimate(observer: Any, channel: Channel) -> None:
     """Set the estimate at the last used sample."""
     observer.estimate(
         observer,
@@ -92,7 +92,7 @@ def show(observer: Any, channel: Channel) -> None:
     )
 
 
-def show_deviation(observer: Any, channel: Channel) -> None:
+def write_deviation(observer: Any, channel: Channel) -> None:
     """Set one standard deviation of each output."""
     observer.deviation(
         observer,

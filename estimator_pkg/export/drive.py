@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from estimator_pkg.driver.channel import Track, advance, begin_track
+from estimator_pkg.driver.channel import Track, advance, reset_track
 from estimator_pkg.driver.drive_channel import LONGEST_COAST
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, Deviation
 from estimator_pkg.estimate import Estimate as Motion
@@ -54,7 +54,7 @@ def init(observer: Any, self: State, tuned: observer.Design) -> None:  # type: i
     nothing = Sample()
     self.take(blank)
     self.design.take(tuned)
-    begin_track(observer, self.track, self.design)
+    reset_track(observer, self.track, self.design)
     observer.start(observer, self.track.state, self.design, nothing)
 
 

@@ -369,8 +369,7 @@ def test_a_change_while_20_khz_stream_loses_nothing(probe):
     from rcl_interfaces.srv import SetParameters
     from rclpy.parameter import Parameter
 
-    with node('pmsm_changed', compile=True) as observer, Drive(probe, 'pmsm_changed') as drive:
-        observer.prints("parameter 'compile' has no effect any more: remove it")
+    with node('pmsm_changed') as observer, Drive(probe, 'pmsm_changed') as drive:
         observer.prints("estimates 'motor'")
         with dds.NodeProcess(
             SIMULATION,

@@ -21,7 +21,7 @@ from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, TRACKING
 from estimator_pkg.observers.maths.clarke import phases
 from estimator_pkg.observers.pmsm.observer import Gains
 from estimator_pkg.parameters import build, declared
-from estimator_pkg.streams.drive import DriveSettings, DriveStream
+from estimator_pkg.streams.drive import DriveSettings
 from sim_pkg.contract import RunSettings
 from sim_pkg.joints.encoder import EncoderParameters
 from sim_pkg.pmsm.simulator import PmsmSimulatorParameters, Source
@@ -101,15 +101,6 @@ def test_a_reset_forgets_which_batches_came():
     assert not motor.running and motor.why() == ''
     motor.take(*made[2])
     assert not motor.dropped() and motor.running
-
-
-def test_the_parameter_compile_is_accepted_with_one_line(capsys):
-    stream = DriveStream.of({**MOTOR, 'compile': True})
-    stream.joint.take(*batches(1)[0])
-    assert stream.joint.used == 50
-    assert capsys.readouterr().err == (
-        "warning: parameter 'compile' has no effect any more: remove it\n"
-    )
 
 
 def test_overtaken_batches_are_late_and_three_in_a_row_are_a_clock_that_jumped():

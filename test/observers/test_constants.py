@@ -11,7 +11,6 @@ import pytest
 ROOT = Path(__file__).parents[2] / 'estimator_pkg'
 # folder: the number that holds; it only falls
 MOST = {'observers/angle/edge': 23, 'sensor': 243}
-OF_THE_MAP = {'learner.py', 'map.py', 'marks.py', 'ripple.py', 'table.py'}  # of `sensor_map`
 FREE = {0, 1, 2, 0.5}
 # numbers of an equation, by the function that has it; '*': in all
 EQUATIONS = {
@@ -33,8 +32,6 @@ def constants(folder):
     """[(file, number)] of all literals of a law that no named equation has."""
     found = []
     for path in sorted((ROOT / folder).rglob('*.py')):
-        if path.name in OF_THE_MAP:
-            continue
         tree = ast.parse(path.read_text())
         within = {
             id(node): function.name

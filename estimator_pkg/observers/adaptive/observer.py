@@ -77,7 +77,7 @@ from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.observers.maths.least_squares import kept
 from estimator_pkg.observers.maths.vectors import add_square, dot, empty, quadratic, transformed
 from estimator_pkg.parameters import parameter, structural
-from estimator_pkg.sensor.convention import begin, follow, present
+from estimator_pkg.sensor.convention import begin_convention, follow_convention, present
 from estimator_pkg.sensor.scatter import begin_scatter, follow_scatter, resume_scatter
 
 SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
@@ -202,7 +202,6 @@ class Gains:
     gate: str = structural(
         'noise',
         choices=('noise', 'gamma', 'none'),
-        formerly={'off': 'none'},
         description='adapt only while the signals determine the parameters. noise: the '
         'information matrix exceeds signal_to_noise times the one of measurement noise '
         'alone; gamma: its smallest eigenvalue, weighted by gamma, exceeds '
@@ -356,7 +355,7 @@ def start(observer: Any, state: State, design: Design, measurement: float) -> No
     state.information, state.p = ([[0.0] * m for _ in range(m)] for _ in range(2))
     for i, first in enumerate(design.variance):
         state.p[i][i] = first
-    begin(state.convention, measurement)
+    begin_convention(state.convention, measurement)
     begin_scatter(state.scatter, measurement)
     state.age = state.power = state.speed_power = state.adapted = state.paused = state.usual = 0.0
     state.slow_e = state.slow_bend = state.slow_power = 0.0
@@ -415,7 +414,7 @@ def step(
         state.tick = 0
         if state.phase != INIT:
             check(state, coefficients, design)
-    follow(state.convention, measurement, period)
+    follow_convention(state.convention, measurement, period)
     follow_scatter(state.scatter, measurement, coefficients.h, period)
 
 
@@ -572,7 +571,7 @@ def resume(
     state.y += wrap(measurement - state.convention.last, design.period)
     _, _, speed = states(state, design)
     settle(state, design, speed)
-    follow(state.convention, measurement, design.period)
+    follow_convention(state.convention, measurement, design.period)
     resume_scatter(state.scatter, measurement)
     state.age = state.slow_e = state.slow_bend = 0.0
     state.phase, state.tick = INIT, 0

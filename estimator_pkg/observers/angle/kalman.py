@@ -63,8 +63,13 @@ from estimator_pkg.observers.maths.informing import ANGLE, RATE, Fusion, scalar_
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
-from estimator_pkg.sensor.scatter import FIRST as FIRST_VARIANCE
-from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter, resume_scatter
+from estimator_pkg.sensor.scatter import (
+    INITIAL_VARIANCE,
+    Scatter,
+    begin_scatter,
+    follow_scatter,
+    resume_scatter,
+)
 
 VELOCITY, ACCELERATION = 'constant_velocity', 'constant_acceleration'
 # -3 dB frequency of the velocity over w0; of the third order: the root of u^3 - 8 u - 1, u = w^2
@@ -261,7 +266,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     made.order = 2 if gains.model == VELOCITY else 3
     made.density = gains.acceleration_psd if made.order == 2 else gains.jerk_psd
     variance = variance_of(gains)
-    made.variance = variance if variance > 0.0 else FIRST_VARIANCE
+    made.variance = variance if variance > 0.0 else INITIAL_VARIANCE
     if gains.bandwidth_hz is not None:
         radius = 2.0 * math.pi * gains.bandwidth_hz / BANDWIDTH_RATIO[gains.model]
         made.density = radius ** (2 * made.order)
@@ -270,7 +275,7 @@ def design(gains: Gains, circle: Circle) -> Design:
         made.estimated = variance == 0.0
         if not made.estimated:
             made.density /= variance
-        usual = made.density / FIRST_VARIANCE if made.estimated else made.density
+        usual = made.density / INITIAL_VARIANCE if made.estimated else made.density
         radius = (usual / USUAL_DT) ** (0.5 / made.order)
     set_shared(made.shared, gains, circle, SETTLING / radius, LAG_2 if made.order == 2 else LAG_3)
     return made

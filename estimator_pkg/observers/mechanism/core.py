@@ -44,7 +44,7 @@ from estimator_pkg.observers.mechanism.parameters import (
 )
 from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work, enlarge
 from estimator_pkg.record import record
-from estimator_pkg.sensor.convention import begin, follow, present
+from estimator_pkg.sensor.convention import begin_convention, follow_convention, present
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def start(observer: Any, state: State, design: Design, measurement: Vector) -> N
     begin_core(observer.model, state, INITIALISING, NO_TROUBLE)
     for i in range(observer.model.JOINTS):
         state.before[i] = measurement[i]
-        begin(state.conventions[i], measurement[i])
+        begin_convention(state.conventions[i], measurement[i])
         state.squares[i] = state.drift[i] = state.drift_squares[i] = 0.0
 
 
@@ -118,7 +118,7 @@ def step(
     n, work, core = observer.model.JOINTS, state.work, state.core
     for i in range(n):
         work.moved[i] = wrap(measurement[i] - state.before[i], design.periods[i])
-        follow(state.conventions[i], measurement[i], design.periods[i])
+        follow_convention(state.conventions[i], measurement[i], design.periods[i])
     trouble = NO_TROUBLE
     if not is_finite(observer.model.INPUTS, known_input):
         trouble = NO_INPUT
@@ -246,7 +246,7 @@ def go_on(model: Any, state: State, design: Design, measurement: Vector) -> None
     """Follow the convention of a measurement without a step."""
     for i in range(model.JOINTS):
         state.before[i] = measurement[i]
-        follow(state.conventions[i], measurement[i], design.periods[i])
+        follow_convention(state.conventions[i], measurement[i], design.periods[i])
 
 
 def place(model: Any, state: State, design: Design) -> None:

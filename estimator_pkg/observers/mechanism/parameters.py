@@ -33,7 +33,7 @@ class MechanicalGains:
         'single_joint',
         choices=(*registry.names(registry.MODELS), 'package.module:name'),
         description="the mechanism; 'velocity_estimator list' shows the parameters of each, "
-        'docs/own_model.md how to write one',
+        'docs/known_inputs.md how to write one',
     )
     model_parameters: tuple[str, ...] = structural(
         (),

@@ -67,7 +67,7 @@ from estimator_pkg.observers.switched.velocity import (
     standard_deviations,
 )
 from estimator_pkg.parameters import parameter, structural
-from estimator_pkg.sensor.convention import Convention, begin, follow, present
+from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter, resume_scatter
 
 SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
@@ -257,7 +257,7 @@ def start(observer: Any, state: State, design: Design, measurement: Reading) -> 
     begin_motion(observer, state, design, measurement)
     state.conventions = [Convention() for _ in measurement]
     for convention, reading in zip(state.conventions, measurement):
-        begin(convention, float(reading))
+        begin_convention(convention, float(reading))
 
 
 def begin_motion(observer: Any, state: State, design: Design, measurement: Reading) -> None:
@@ -312,7 +312,7 @@ def step(
     state.total += h
     state.forgetting = max(0.0, state.forgetting - h)
     for reading, convention, scatter in zip(read, state.conventions, state.scatters):
-        follow(convention, reading, period)
+        follow_convention(convention, reading, period)
         follow_scatter(scatter, reading, h, period)
     if design.regression:
         learn(model, state, coefficients, design, y, jumps, u)
@@ -382,7 +382,7 @@ def resume(
         state.y[i] = state.y_at[i] = state.zh[i][0] = state.observed[i][0] = y
         state.zh[i][1:], state.observed[i][1:] = old.zh[i][1:], old.observed[i][1:]
         state.signals[i].y = resting(design, i, y)
-        follow(state.conventions[i], reading, design.period)
+        follow_convention(state.conventions[i], reading, design.period)
         state.scatters[i].take(old.scatters[i])
         resume_scatter(state.scatters[i], reading)
     state.zt, state.u, state.used, state.noises = old.zt, old.u, old.used, old.noises
@@ -396,7 +396,7 @@ def restart(
     """Start again; the turns that were counted stay."""
     begin_motion(observer, state, design, measurement)
     for convention, reading in zip(state.conventions, measurement):
-        follow(convention, float(reading), design.period)
+        follow_convention(convention, float(reading), design.period)
 
 
 def group_delay(design: Design, dt: float) -> float:

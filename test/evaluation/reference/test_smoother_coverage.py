@@ -3,7 +3,7 @@
 
 """The off-line reference says truly what it may be wrong by: at creep, at speed, on recordings.
 
-Run as a program it prints the table of docs/stamps_and_quantisation.md.
+Run as a program it prints the numbers of docs/stamps_and_quantisation.md.
 """
 
 import math

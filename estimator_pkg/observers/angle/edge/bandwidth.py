@@ -31,7 +31,7 @@ from typing import Any
 
 from estimator_pkg.observers.angle.edge.constants import (
     ALARM,
-    MEMORY,
+    NOISE_SAMPLES,
     NOISY_ABOVE,
     OUTLIER_QUANTA,
     RATE,
@@ -131,7 +131,7 @@ def adapt_process_noise(
     -------
     The growth is 0 where the density fell.
     """
-    process.mean_nis += (z * z - process.mean_nis) / MEMORY
+    process.mean_nis += (z * z - process.mean_nis) / NOISE_SAMPLES
     weight = SHARE * gain
     product = z * process.filtered_innovation / math.sqrt(process.variance)
     process.filtered_innovation += weight * (z - process.filtered_innovation)
@@ -170,12 +170,12 @@ def inflate_for_manoeuvre(state: Any, d: float, date: float, dt: float, flickers
             date = max(date, math.sqrt(p.p00 / p.p11))
     elif state.reading.noise_known:
         # without what cell and noise may hide; where edges are times the next is news anyway
-        hidden = 0.5 * sensor.quantum + SIGMAS * math.sqrt(sensor.scatter)
+        hidden = 0.5 * sensor.quantum + SIGMAS * math.sqrt(sensor.noise_bound)
         beyond = abs(d) - hidden
         if noisy and beyond > 0.0:
             share = date / max(date, process.time_since_manoeuvre)
             explains = share * jerk_density(beyond * beyond, date)
-            explains = min(explains, jerk_density(sensor.scatter + square, dt))
+            explains = min(explains, jerk_density(sensor.noise_bound + square, dt))
             process.density = max(process.density, explains)
         process.time_since_manoeuvre = 0.0
     add_manoeuvre(p, d, date)
@@ -204,5 +204,5 @@ def update_velocity_walk(
         return
     product = unpredicted * (walk.last - walk.before)
     product = most if product > most else -most if product < -most else product
-    walk.mean += (product - walk.mean) / MEMORY
+    walk.mean += (product - walk.mean) / NOISE_SAMPLES
     walk.before, walk.last = walk.last, unpredicted

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from estimator_pkg.sensor.noise import BLUR, MEMORY, SIGMAS  # noqa: F401  (of the laws, too)
+from estimator_pkg.sensor.noise import BLUR, NOISE_SAMPLES, SIGMAS  # noqa: F401  (of the laws, too)
 
 RATE = 0.3  # of the slow law: log density per unit of its product and of filter memory
 SLACK = 0.3  # of that product

@@ -13,7 +13,7 @@ import math
 from estimator_pkg.observers.angle.edge.constants import ACCELERATION_TIME_CONSTANT
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
-from estimator_pkg.sensor.noise import OUTLIER
+from estimator_pkg.sensor.noise import OUTLIER_RATIO
 
 
 @record
@@ -52,7 +52,7 @@ def predict(motion: Motion, p: Covariance, density: float, coefficients: Coeffic
     Elsewhere it decays with `ACCELERATION_TIME_CONSTANT`, which makes constant speeds exact.
     """
     a, dt, constant = motion.acceleration, coefficients.dt, ACCELERATION_TIME_CONSTANT
-    coefficients.kept = 1.0 if a * a > OUTLIER * p.p22 else constant / (constant + dt)
+    coefficients.kept = 1.0 if a * a > OUTLIER_RATIO * p.p22 else constant / (constant + dt)
     motion.velocity += a * dt
     motion.acceleration = coefficients.kept * a
     motion.idle += dt

@@ -25,7 +25,7 @@ from estimator_pkg.observers.angle.edge import start as starts
 from estimator_pkg.observers.angle.edge.bandwidth import ProcessNoise, VelocityRandomWalk
 from estimator_pkg.observers.angle.edge.constants import (
     CONFIRMED,
-    MEMORY,
+    NOISE_SAMPLES,
     NOISY_ABOVE,
     RATIO,
     REPEATS,
@@ -45,7 +45,8 @@ from estimator_pkg.record import record
 from estimator_pkg.sensor import noise as sensing
 from estimator_pkg.sensor import quantum as counts
 from estimator_pkg.sensor import sampling
-from estimator_pkg.sensor.convention import Convention, begin, follow, present
+from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
+from estimator_pkg.sensor.outliers import LARGEST_SPEED_CHANGE
 
 LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
@@ -137,7 +138,7 @@ class State:
     velocity_walk: VelocityRandomWalk
     sensor: sensing.Sensor
     steps: counts.Steps
-    clock: sampling.Clock
+    clock: sampling.Sampling
     convention: Convention
     tracking: Tracking
     uncertainty: StartUncertainty
@@ -170,7 +171,7 @@ def why(state: State, design: Design) -> str:
 
 def lateness(state: State) -> float:
     """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
-    return state.clock.late
+    return state.clock.lateness
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
@@ -188,7 +189,7 @@ def start(observer: Any, state: State, design: Design, measurement: float) -> No
     """Set the state after the first sample [rad]."""
     blank = State()
     state.take(blank)
-    begin(state.convention, measurement)
+    begin_convention(state.convention, measurement)
     counts.begin_steps(state.steps)
     reset(state, design.quantum, measurement)
 
@@ -197,7 +198,7 @@ def reset(state: State, quantum: float, measurement: float) -> None:
     """Reset all but the steps at this measurement [rad]; quantum [rad], 0: not known."""
     sensing.begin_sensor(state.sensor, quantum if quantum > 0.0 else counts.UNIT)
     starts.set_start_uncertainty(state.uncertainty, 0.0, starts.LAST, 0.0, 0.0)
-    sampling.begin_clock(state.clock)
+    sampling.begin_sampling(state.clock)
     reset_motion(state, measurement)
 
 
@@ -218,7 +219,7 @@ def restart(
     observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: float
 ) -> None:
     """Start again after an outage or a jump of the clock: what is known of the quantum stays."""
-    follow(state.convention, measurement, design.period)
+    follow_convention(state.convention, measurement, design.period)
     reset(state, counts.quantum_of(state.steps, design.quantum), measurement)
 
 
@@ -249,7 +250,7 @@ def resume(
     bandwidth.reset_cusum(state.process_noise)
     sensing.begin_differences(sensor)
     state.steps.jump = 0.0
-    follow(state.convention, measurement, design.period)
+    follow_convention(state.convention, measurement, design.period)
     if state.tracking.status == TRACKING:
         state.tracking.status = COASTING
     state.tracking.count = 0.0
@@ -257,8 +258,8 @@ def resume(
     starts.set_start_uncertainty(
         state.uncertainty, variance, starts.SETTLES, state.uncertainty.time_since_first_motion, 0.0
     )
-    clock.late = clock.held = 0.0
-    clock.grew = False
+    clock.lateness = clock.repeat_duration = 0.0
+    clock.lateness_grew = False
     preference.reset_second_filter(state.second)
 
 
@@ -276,14 +277,16 @@ def step(
     if not classify_reading(state, design, measurement, known_input, dt):
         predict_through_repeat(state, coefficients, design)
         return
-    clock, pace, taken = state.clock, state.sensor.pace, dt
+    clock, pace, taken = state.clock, state.sensor.mean_sample_time, dt
     if (
         clock.uneven > 0.0
-        or dt > (1.0 + sampling.UNEVEN) * pace
-        or dt < (1.0 - sampling.UNEVEN) * pace
+        or dt > (1.0 + sampling.LEAST_ODD) * pace
+        or dt < (1.0 - sampling.LEAST_ODD) * pace
     ):
         moved = reading.change + state.convention.last - state.motion.angle
-        taken = sampling.elapsed(clock, dt, moved, state.motion, state.p, state.sensor)
+        taken = sampling.corrected_sample_time(
+            clock, dt, moved, state.motion, state.p, state.sensor
+        )
     if taken == dt:
         process_reading(state, coefficients, design)
     else:  # the stamp was wrong
@@ -312,7 +315,7 @@ def classify_reading(
         change += steps.jump
     if change == 0.0 and not lasts and abs(motion.velocity) * dt > REPEATS * sensor.quantum:
         is_tracking = state.tracking.status == TRACKING
-        if sampling.is_repeat(clock, motion, state.p, sensor.pace, is_tracking, dt):
+        if sampling.is_repeat(clock, motion, state.p, sensor.mean_sample_time, is_tracking, dt):
             return False
     if starting:
         starts.pass_time(state.uncertainty, dt)
@@ -326,10 +329,12 @@ def classify_reading(
     reading.evidence = clock.evidence
     reading.observed_range = state.convention.high - state.convention.low
     reading.rested, reading.previous_change = sensor.since, sensor.step
-    reading.repeat_duration = clock.held
-    reading.passed = clock.held + dt
-    if clock.held > 0.0 or clock.evidence > 0.0:
-        sampling.resume_clock(clock, change, reading.passed, sensor.pace, motion.velocity)
+    reading.repeat_duration = clock.repeat_duration
+    reading.passed = clock.repeat_duration + dt
+    if clock.repeat_duration > 0.0 or clock.evidence > 0.0:
+        sampling.resume_sampling(
+            clock, change, reading.passed, sensor.mean_sample_time, motion.velocity
+        )
     return True
 
 
@@ -359,13 +364,13 @@ def predict_through_repeat(state: State, coefficients: Coefficients, design: Des
     motion.angle = motion.angle + v * dt + a * coefficients.half
     covariance.predict(motion, state.p, state.process_noise.density, coefficients)
     preference.predict_second_filter(state, design, coefficients, 0.0, dt)
-    state.clock.held += dt
+    state.clock.repeat_duration += dt
 
 
 def process_reading(state: State, coefficients: Coefficients, design: Design) -> None:
     """Process a reading whose time is known: learn the sensor, predict, correct."""
     reading, dt = state.reading, coefficients.dt
-    pace, previous = state.sensor.pace, state.sensor.dt
+    pace, previous = state.sensor.mean_sample_time, state.sensor.dt
     learn_sensor(state, design)
     unknown = reading.starting or reading.first or state.p.p02 == 0.0
     if unknown and shows_line(state, design, dt, pace, previous):
@@ -373,10 +378,11 @@ def process_reading(state: State, coefficients: Coefficients, design: Design) ->
         return
     predict(state, coefficients, design, pace)
     if reading.change != 0.0:  # a rest ends, in which samples may have been lost?
-        if reading.rested > MEMORY * (pace if 0.0 < pace < dt else dt):
+        if reading.rested > NOISE_SAMPLES * (pace if 0.0 < pace < dt else dt):
             doubt_velocity_after_rest(state, dt)
     innovation, quantum = reading.innovation, state.sensor.quantum
-    if (innovation > design.outside or innovation < -design.outside) and not is_next_count(
+    outside = max(design.outside, LARGEST_SPEED_CHANGE * dt)  # in a long sample a joint may get far
+    if (innovation > outside or innovation < -outside) and not is_next_count(
         innovation, quantum, design.period
     ):
         reject_outlier(state, design, dt)
@@ -397,7 +403,7 @@ def learn_sensor(state: State, design: Design) -> None:
         if counts.is_residue(reading.counted, extent, design.quantum, quantum, reading.first):
             reading.angle, reading.change, reading.first = last, 0.0, False  # it is used again
         else:
-            found = counts.search(steps, reading.counted, extent, design.quantum, sensor)
+            found = counts.search_quantum(steps, reading.counted, extent, design.quantum, sensor)
             if found != quantum:
                 rescale(state, found, reading.first)
                 quantum = found
@@ -408,7 +414,7 @@ def learn_sensor(state: State, design: Design) -> None:
     )
     if reading.evidence > sampling.BELIEVED:
         sensing.age_noise(sensor, state.motion.velocity)
-    follow(convention, reading.angle, design.period)
+    follow_convention(convention, reading.angle, design.period)
 
 
 def rescale(state: State, quantum: float, first: bool) -> None:
@@ -429,7 +435,7 @@ def rescale(state: State, quantum: float, first: bool) -> None:
     state.process_noise.density *= scale
     if first:
         sensor.noise *= scale
-        sensor.lasting *= scale
+        sensor.vibration_power *= scale
     if scale > 1.0 or first:
         p.p00, p.p01, p.p02 = p.p00 * scale, p.p01 * scale, p.p02 * scale
         p.p11, p.p12, p.p22 = p.p11 * scale, p.p12 * scale, p.p22 * scale
@@ -480,7 +486,9 @@ def predict(state: State, coefficients: Coefficients, design: Design, pace: floa
     swing = lasted = 0.0
     walk = state.velocity_walk
     if walk.mean > 0.0:
-        lasted = dt if dt > sampling.EVEN * pace else pace  # readings in bursts are not that near
+        lasted = (
+            dt if dt > sampling.EVEN_SAMPLING * pace else pace
+        )  # readings in bursts are not that near
         swing = walk.mean - sensor.quantum * sensor.quantum / 6.0 - 2.0 * sensor.noise
         covariance.add_velocity_noise(p, swing, lasted)
     if design.ratio != 1.0 or state.second.apart:
@@ -532,7 +540,7 @@ def correct(state: State, design: Design, dt: float) -> None:
     bandwidth.update_velocity_walk(
         walk,
         reading.unpredicted_motion,
-        sensing.OUTLIER * (sensor.scatter + square),
+        sensing.OUTLIER_RATIO * (sensor.noise_bound + square),
         tracking.count > 0.0,
     )
     half, noisy = 0.5 * quantum, sensor.noise > NOISY_ABOVE * square
@@ -573,7 +581,10 @@ def measurement_update(state: State, design: Design, dt: float, flickers: bool) 
     innovation, size = reading.innovation + 0.5 * cell_excess, quantum + 1.5 * abs(cell_excess)
     if update(state, design, innovation, size, flickers, dt):
         return True
-    if quantum != design.quantum and abs(reading.change) > counts.JUMP * reading.observed_range:
+    if (
+        quantum != design.quantum
+        and abs(reading.change) > counts.RESIDUE_RATIO * reading.observed_range
+    ):
         # what moved before was residue, or this is a glitch: the next reading decides
         state.steps.jump = reading.change
         starts.doubt_speed(state, reading.change, dt, 0.0, 0.0)

@@ -79,10 +79,10 @@ def begin_line(state: Any) -> None:
     """
     motion, p, sensor, uncertainty = state.motion, state.p, state.sensor, state.uncertainty
     change, dt, quantum = state.reading.change, state.reading.passed, sensor.quantum
-    rests, pace = uncertainty.edges_to_settle == FIRST_EDGE, sensor.pace
+    rests, pace = uncertainty.edges_to_settle == FIRST_EDGE, sensor.mean_sample_time
     if rests:
         sensing.first_step(sensor, quantum, change, dt)
-        sensor.pace = pace
+        sensor.mean_sample_time = pace
     rate = 1.0 / dt
     floor = quantum * quantum / 12.0 + sensor.noise
     size = max(quantum, abs(change))

@@ -3,8 +3,8 @@
 
 """The measurement update: an interval meets the Gaussian of the prediction; both laws adapt.
 
-The equations are those of docs/observers/edge_adaptive_theory.md, "What an edge shows" and "How the
-bandwidth moves".
+The equations are those of docs/observers/edge_adaptive_theory.md, "Measurement update" and "Process
+noise".
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def update(
     white = process.filtered_innovation * process.filtered_innovation < process.variance
     # the density is that of the longest memory, or of a vibration, at least
     least = LEAST_JERK_DENSITY * (quantum * quantum + 12.0 * noise)
-    if sensor.lasting > 0.0 and state.reading.noise_known and not flickers:
+    if sensor.vibration_power > 0.0 and state.reading.noise_known and not flickers:
         least = max(least, vibration(sensor))
     growth, product = bandwidth.adapt_process_noise(process, z, f * p.p00 / s, least)
     if growth > 0.0:
@@ -78,7 +78,7 @@ def update(
     # the noise follows the score: flicker shows it from either side alike; elsewhere what is
     # correlated is motion
     if white if flickers else kind != cells.HELD and (score < 0.0 or product < 1.0):
-        most = noise if flickers and sensor.scatter < noise else sensor.scatter
+        most = noise if flickers and sensor.noise_bound < noise else sensor.noise_bound
         sensor.noise = follow_noise(noise, score * noise / s, most, quantum)
     measured = kind != cells.HELD  # that no edge came moves the estimate only
     ratio = d / s  # K d = P_.0 d/S

@@ -70,7 +70,7 @@ def sensed(angles, dts=None, quantum=0.01):
     for i in range(1, len(angles)):
         step = angles[i] - angles[i - 1]
         if step != 0.0:
-            edge_quantum.search(steps, step, abs(angles[i]), quantum, sensor)
+            edge_quantum.search_quantum(steps, step, abs(angles[i]), quantum, sensor)
         dt, found = 1e-3 if dts is None else dts[i], edge_quantum.quantum_of(steps, quantum)
         edge_sensor.follow_sensor(sensor, step, step, dt, found, math.inf)
     return sensor, steps
@@ -84,7 +84,7 @@ def test_scatter_is_the_noise_whatever_the_motion_and_the_sample_times():
     scatters = [
         sensed(
             (5.0 * t * t + noise * random.normal(size=4000))[k : k + 200], dts[k : k + 200], 1e-3
-        )[0].scatter
+        )[0].noise_bound
         for k in range(0, 3800, 200)
     ]
     assert math.sqrt(np.mean(scatters)) == pytest.approx(noise, rel=0.1)
