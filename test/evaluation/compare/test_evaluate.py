@@ -647,7 +647,7 @@ def test_without_estimates_the_default_observer_runs(tmp_path, capsys):
         )
         assert rows == other and list(rows) == same[1:2]
     line = fails(capsys, bag, '--set', 'bandwidth_hz=20', code=2)
-    assert "unknown parameter 'bandwidth_hz' of edge_adaptive: finite_difference, " in line
+    assert "unknown parameter 'bandwidth_hz' of edge_adaptive: hybrid_angle, " in line
     assert '--observer hybrid_angle' in line
     file.write_text('pmsm_observer:\n  ros__parameters:\n    resistance: 1.0\n')
     assert 'name one with --observer' in fails(capsys, bag, '--params', str(file), code=2)
