@@ -14,8 +14,6 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from estimator_pkg import destination, streams, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
@@ -25,13 +23,12 @@ from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.checks.joint import LONGEST
-from estimator_pkg.evaluation.checks.readings import WARN, Finding, Readings
+from estimator_pkg.evaluation.checks.readings import WARN, Finding
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report, second
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
 from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
-from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
@@ -112,15 +109,10 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     settings = dict(entry.values)
     values = {'observer': drive.OBSERVER, **drive.ANY, **settings}
     chosen = wired(DriveStream, bag, values, Request(None, None))
-    found = drive.examine(bag, chosen, drive.needed(settings), parsed.motion_hz)
-    nothing = np.zeros(0)
-    no_stamps = np.zeros(0, np.int64)
-    none = Readings(found.name, no_stamps, no_stamps, nothing, nothing, math.tau)
-    examined = [Examined(none, found.findings, said=tuple(found.said), panels=found.panels)]
+    found = drive.examine(bag, chosen, drive.needed(settings))
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
     parameters = drive.as_yaml(found, origin, chosen.input | settings)
-    choice = Choice(drive.OBSERVER, {found.name: found.values}, bool(found.values))
-    return _reported(parsed, examined, choice, origin, parameters, chosen, found.verdict)
+    return _reported(parsed, [found], Choice(drive.OBSERVER), origin, parameters, chosen)
 
 
 def _reported(
@@ -130,7 +122,6 @@ def _reported(
     origin: str,
     parameters: str,
     setup: Setup,
-    of_drive: Verdict | None = None,
 ) -> dict[str, Any]:
     """Print the report, write the requested files, and return the result for ``--json``.
 
@@ -150,7 +141,6 @@ def _reported(
     if parsed.html:
         whole_file.write_text(parsed.html, report.page(examined, choice, origin, parameters))
         show(f'page: {parsed.html}')
-    verdicts = [of_drive if each.answer is None else each.answer.verdict for each in examined]
     return {
         'origin': origin,
         'topic': setup.topics[0].name,
@@ -161,9 +151,9 @@ def _reported(
             each.readings.name: {
                 'findings': [found.as_dict() for found in each.findings],
                 'gains': dict(choice.gains.get(each.readings.name, {})),
-                'verdict': None if verdict is None else verdict.as_dict(),
+                'verdict': None if each.answer is None else each.answer.verdict.as_dict(),
             }
-            for each, verdict in zip(examined, verdicts)
+            for each in examined
         },
         'ok': not any(each.failed for each in examined),
     }

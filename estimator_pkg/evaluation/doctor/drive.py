@@ -1,20 +1,18 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A drive without an encoder: what is wrong with its currents, voltages and motor data, and which
-form of `pmsm` to use.
+"""A drive without an encoder: what is wrong with its currents, voltages and motor data.
 
-The off-line electrical angle of the back-EMF (`evaluation.reference.back_emf`) judges. It needs no
-flux linkage, so it checks the given one, and a resistance that does not fit changes the amplitude
-of the back-EMF with the current.
+The off-line electrical angle of the back-EMF (`evaluation.reference.back_emf`) needs no flux
+linkage, so it checks the configured one. A resistance that does not fit changes the amplitude of
+the back-EMF with the current.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,29 +21,17 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Finding
-from estimator_pkg.evaluation.delay import measured
-from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Finding, Readings
+from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.matching import exact, pieces
 from estimator_pkg.evaluation.plots import COLOURS, GREY, Curve, Style, ahead, sample_times
-from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
-from estimator_pkg.evaluation.ranking.verdict import Verdict
-from estimator_pkg.evaluation.reference.back_emf import (
-    BackEmf,
-    Drive,
-    back_emf,
-    needed,
-    of_angles,
-    signals,
-)
+from estimator_pkg.evaluation.reference.back_emf import BackEmf, Drive, back_emf, needed, signals
 from estimator_pkg.evaluation.reference.motion import Motion, motion
 from estimator_pkg.evaluation.text import for_node, number, wrapped
 from estimator_pkg.streams.drive import ELECTRICAL, DriveSettings, DriveStream
 
 OBSERVER = 'pmsm'
 PHASES = 'phases'  # name of a check
-VARIANTS = ('hybrid', 'continuous')  # the default is 'identifier'
-FILTERS = (100.0, 300.0, 3000.0)  # of the speed [Hz], tried besides the default
 GAP = 1.5  # a longer step has lost samples [median sample times]
 LOST = 0.01  # a larger fraction of lost samples is reported
 SEEN = 0.5  # a smaller fraction of angles with enough back-EMF is reported
@@ -70,29 +56,12 @@ UNITS = {
 }
 
 
-class Examined(NamedTuple):
-    """Findings on a drive, the verdict in words, and the parameters to use besides those given.
-
-    verdict : of the candidates; None without a reference. panels : of its plots, by title.
-    """
-
-    name: str
-    findings: list[Finding]
-    said: list[str]
-    values: Mapping[str, Any]
-    verdict: Verdict | None = None
-    panels: Mapping[str, Sequence[Curve]] = MappingProxyType({})
-
-
-def examine(
-    bag: Bag, setup: Setup, missing: Sequence[str] = (), motion_hz: float | None = None
-) -> Examined:
-    """Return all findings on the drive of a bag, and the verdict.
+def examine(bag: Bag, setup: Setup, missing: Sequence[str] = ()) -> Examined:
+    """Return all findings on the drive of a bag.
 
     Parameters
     ----------
     missing : motor data that nobody gave; the setup has any values for them.
-    motion_hz : highest frequency at which the speed changes [Hz]; None: not known.
     """
     name = f'{setup.values.get("joint", DriveSettings.joint)}{ELECTRICAL}'
     drive = signals(bag, setup)
@@ -102,13 +71,22 @@ def examine(
         give = '; '.join(f'{each} ({UNITS[each]})' for each in missing)
         found.append(Finding('motor data', FAIL, f'not given: {", ".join(missing)}', f'set {give}'))
         options = ' '.join(f'--set {each}=...' for each in missing)
-        said = [f'No ranking: the motor data are needed. Add {options}, or --params FILE.']
-        return Examined(name, found, said, {}, panels=panels)
+        said = f'The motor data are needed: add {options}, or --params FILE.'
+        return Examined(_nothing(name), found, said=(said,), panels=panels)
     found, moved = checked(drive, setup.values)
-    if moved is None or moved.seldom:
-        said = ['No ranking: the rotor cannot be seen. Keep pmsm.']
-        return Examined(name, found, said, {}, panels=panels)
-    return _judged(name, found, bag, setup, of_angles(moved), motion_hz, panels, drive.stamps[0])
+    if moved is not None and not moved.seldom:
+        lock, speed = _lock(name, bag, setup, moved, drive.stamps[0])
+        found.append(lock)
+        panels = speed | panels
+    wrong = ', '.join(each.check for each in found if each.level != PASS)
+    said = f'Use {OBSERVER} with these motor data' + (f'; mend first: {wrong}.' if wrong else '.')
+    return Examined(_nothing(name), found, said=(said,), panels=panels)
+
+
+def _nothing(name: str) -> Readings:
+    """Return the readings of a joint without an encoder."""
+    stamps, values = np.zeros(0, np.int64), np.zeros(0)
+    return Readings(name, stamps, stamps, values, values, math.tau)
 
 
 def _panels(drive: Drive) -> dict[str, list[Curve]]:
@@ -293,78 +271,32 @@ def _fitted(size: np.ndarray, speed: np.ndarray, current: np.ndarray) -> tuple[f
     return flux, more, NORMAL * math.sqrt(ALIKE * float(np.mean(rest**2)) / own)
 
 
-def candidates() -> list[Entry]:
-    """Return the forms of `pmsm` that are compared, the default first."""
-    found = [Entry(OBSERVER, OBSERVER)]
-    found += [_entry(variant=each) for each in VARIANTS]
-    return found + [_entry(speed_filter_hz=hz) for hz in FILTERS]
-
-
-def _entry(**values: Any) -> Entry:
-    parts = [f'{each:g} Hz' if isinstance(each, float) else str(each) for each in values.values()]
-    return Entry(' '.join([OBSERVER, *parts]), OBSERVER, tuple(values.items()))
-
-
-def _judged(
-    name: str,
-    found: list[Finding],
-    bag: Bag,
-    setup: Setup,
-    moved: Motion,
-    motion_hz: float | None,
-    panels: dict[str, list[Curve]],
-    start_ns: int,
-) -> Examined:
-    """Return the result with the ranking of the candidates, and the panel of the speed.
+def _lock(
+    name: str, bag: Bag, setup: Setup, moved: Motion, start_ns: int
+) -> tuple[Finding, dict[str, list[Curve]]]:
+    """Return the finding on how long `pmsm` has an estimate, and the panel of the speed.
 
     Parameters
     ----------
-    panels : of the other plots. start_ns : of all times in them.
+    moved : the motion that the angles of the back-EMF show. start_ns : time zero of the plots.
     """
-    whole = recording(bag, setup, {}).per_sample()
-    velocity, share, why = {}, 0.0, ''
+    why, share, speed = '', 0.0, list[Curve]()
     run = max(pieces(moved.stamps), key=len)
-    entries = {entry.label: entry for entry in candidates()}
-    for label, entry in entries.items():
-        try:
-            made = whole.run(OBSERVER, dict(entry.values)).get(name)
-        except UserError as error:
-            why = str(error)
-            continue
-        if made is None or not len(made.stamps):
-            continue
-        velocity[label] = at_reference(moved, made.stamps, made.velocity)[run]
-        if label == OBSERVER:
-            share = len(np.unique(made.stamps)) / max(len(made.due), 1)
+    time = (moved.stamps[run] - start_ns) * 1e-9
+    try:
+        made = recording(bag, setup, {}).per_sample().run(OBSERVER, {}).get(name)
+    except UserError as error:
+        made, why = None, str(error)
+    if made is not None and len(made.stamps):
+        share = len(np.unique(made.stamps)) / max(len(made.due), 1)
+        velocity = exact(moved.stamps, made.stamps, made.velocity)[run]
+        speed.append(Curve(OBSERVER, '@ rad/s', time, velocity, Style(COLOURS[0], 'solid').line))
+    speed.append(Curve('back-EMF', '@ rad/s', time, moved.plain[run], Style(GREY, 'solid').line))
     text = f'pmsm has an estimate for {100.0 * share:.0f} % of the samples'
     remedy = '' if share >= SEEN else why or 'see flux linkage and resistance'
     level = PASS if share >= SEEN else WARN if share else FAIL
-    found.append(Finding('lock', level, text, remedy))
-    if not velocity:
-        said = [f'No ranking: {why or "no form has an estimate"}.']
-        return Examined(name, found, said, {}, panels=panels)
-    moved = moved.part(run)
-    verdict = rank(velocity, moved, OBSERVER, motion_hz)
-    chosen = verdict.choice
-    values = dict(entries[chosen].values)
-    said = []
-    if chosen in verdict.rms:
-        how = 'with ' + ', '.join(f'{k}: {v}' for k, v in values.items()) if values else 'as it is'
-        late, half = measured(moved.time, velocity[chosen], moved.velocity).known
-        text = f'Use {OBSERVER} {how}: error {number(verdict.rms[chosen], 2)} rad/s rms'
-        if math.isfinite(late):
-            text += f', {number(late * 1e3, 2)} +- {number(half * 1e3, 1)} ms late'
-        said.append(f'{text}.')
-    said += verdict.sentences()
-    time = (moved.stamps - start_ns) * 1e-9
-    of_emf = Curve('back-EMF', '@ rad/s', time, moved.velocity, Style(GREY, 'solid').line)
-    blue = Style(COLOURS[0], 'solid').line
-    speed = [
-        *(Curve(each, '@ rad/s', time, velocity[each], blue) for each in {chosen} & {*velocity}),
-        of_emf,
-    ]
-    panels = {f'electrical speed [rad/s]; blue: {chosen}, grey: back-EMF': speed, **panels}
-    return Examined(name, found, said, values, verdict, panels)
+    title = 'electrical speed [rad/s]; blue: pmsm, grey: back-EMF'
+    return Finding('lock', level, text, remedy), {title: speed}
 
 
 def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str:
@@ -377,12 +309,12 @@ def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str
     lines = [
         f'Made by velocity_estimator doctor from {origin}.',
         *for_node(DriveStream.NODE),
-        'Judged without ground truth, by the off-line angle of the back-EMF.',
-        *examined.said[:2],
+        'Checked by the off-line angle of the back-EMF.',
+        *examined.said,
     ]
     written = [yaml_text.comment(each) for line in lines for each in wrapped(line, 78)]
     written += ['/**:', '  ros__parameters:']
-    for name, value in {'observer': OBSERVER, **settings, **examined.values}.items():
+    for name, value in {'observer': OBSERVER, **settings}.items():
         if params_file.parameter_of(name) == name:
             written.append(f'    {yaml_text.key(name)}: {yaml_text.scalar(value)}')
     for name in needed(settings):

@@ -106,10 +106,7 @@ class Motion:
 
     def between(self, first: int, last: int) -> Motion:
         """Return the part with first < stamp <= last [ns]."""
-        return self.part((self.stamps > first) & (self.stamps <= last))
-
-    def part(self, kept: NDArray) -> Motion:
-        """Return these of the readings: rows, or a mask of shape (n,)."""
+        kept = (self.stamps > first) & (self.stamps <= last)
         cut_ = {name: getattr(self, name)[kept] for name in ('stamps', 'time', 'position', 'firm')}
         velocity = self.velocity[kept]
         plain = self.plain[kept] if self.put_back else velocity
