@@ -72,7 +72,7 @@ def trial(joint, bags):
         'tried': {'bandwidth_hz': 20.0},
         'default_gains': {},
         'why': '',
-        'pair': {'difference': 10.0, 'resolution': 2.0, 'motion_hz': 3.0, 'sign': 1, 'events': 0},
+        'pair': {'difference': 10.0, 'resolution': 2.0, 'sign': 1, 'events': 0},
         'cautions': [f'the record of {joint} is short'],
         'idle': [joint],
     }

@@ -59,7 +59,6 @@ class Verdict:
     ties : names that are as good as the best, as far as the readings show.
     rms : expected rms error by name, the reference's own variance added [rad/s]; best first.
     pairs : all pairs, best first.
-    motion_hz : the choice rests on motion up to this frequency [Hz]; nan: on none.
     question_hz : frequency of an oscillation that is motion or sensor noise; nan: none.
     other : the verdict if it is sensor noise; None: the same.
     cautions : what limits the verdict, most important first; the last one always applies.
@@ -73,7 +72,6 @@ class Verdict:
     ties: tuple[str, ...] = ()
     rms: Mapping[str, float] = field(default_factory=dict)
     pairs: tuple[Pair, ...] = ()
-    motion_hz: float = math.nan
     question_hz: float = math.nan
     other: Verdict | None = None
     cautions: tuple[str, ...] = (STANDING,)
@@ -108,7 +106,7 @@ class Verdict:
             keep = f'; use {self.default} as it is' if self.default else ''
             return [f'No ranking: {self.why}{keep}.', *map(_sentence, self.cautions)]
         use = self.choice if use is None else use
-        said = [self._first(use), *self._pairs(use), *self._events(), *self._rests(use)]
+        said = [self._first(use), *self._pairs(use), *self._events(), *self._question()]
         return [*said, *map(_sentence, self.cautions)]
 
     def _first(self, use: str) -> str:
@@ -164,20 +162,13 @@ class Verdict:
         other = bool(self.default) and use != self.default
         return other or any(pair.sign for pair in self.pairs)
 
-    def _rests(self, use: str) -> list[str]:
-        found = []
-        if self.other is not None:
-            hz = percent(self.question_hz)
-            found.append(
-                f'{self.other.best} is best if the {hz} Hz are sensor noise, {self.best} if they '
-                'are motion: answer with --motion-hz.'
-            )
-        if math.isfinite(self.motion_hz) and self._differ(use):
-            found.append(
-                f'This rests on motion up to {percent(self.motion_hz)} Hz. If the joint is slower, '
-                'set --motion-hz.'
-            )
-        return found
+    def _question(self) -> list[str]:
+        if self.other is None:
+            return []
+        return [
+            f'{self.other.best} is best if the {percent(self.question_hz)} Hz are sensor noise, '
+            f'{self.best} if they are motion: answer with --motion-hz.'
+        ]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for ``--json``."""
@@ -198,7 +189,6 @@ class Verdict:
                 }
                 for each in self.pairs
             ],
-            'motion_hz': self.motion_hz,
             'question_hz': self.question_hz,
             'other': None if self.other is None else self.other.best,
             'cautions': list(self.cautions),

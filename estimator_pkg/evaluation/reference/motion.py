@@ -86,22 +86,18 @@ class Motion:
             return self.stddev
         return self.smoothed.uncertainty
 
-    @property
-    def rate(self) -> float:
-        """Sample rate [Hz], from the median sample time."""
-        return 1.0 / float(np.median(np.diff(self.time)))
-
     def below(self, motion_hz: float) -> Motion:
         """Return the motion of a joint that moves at most at `motion_hz` [Hz].
 
         The velocities are low-passed at three times that. A vibration near or below `motion_hz` is
         motion. One above three times it is an error of the sensor. In between it is a question.
         """
+        rate = 1.0 / float(np.median(np.diff(self.time)))
         vibration = self.vibration_hz if self.put_back else 0.0
         whole = self.plain if vibration > ABOVE * motion_hz else self.velocity
-        velocity = plain = low_passed(whole, self.rate, ABOVE * motion_hz)
+        velocity = plain = low_passed(whole, rate, ABOVE * motion_hz)
         if UP_TO * motion_hz < vibration <= ABOVE * motion_hz:
-            plain = low_passed(self.plain, self.rate, ABOVE * motion_hz)
+            plain = low_passed(self.plain, rate, ABOVE * motion_hz)
         return replace(self, velocity=velocity, plain=plain, motion_hz=motion_hz)
 
     def between(self, first: int, last: int) -> Motion:

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Ranking without truth: the tests of pairs and frequencies, and the sentences of a verdict."""
+"""Ranking without truth: the tests of pairs, and the sentences of a verdict."""
 
 import math
 
@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from estimator_pkg.evaluation import pairs
-from estimator_pkg.evaluation.ranking import frequencies
 from estimator_pkg.evaluation.ranking.ranking import rank
 from estimator_pkg.evaluation.ranking.verdict import STANDING, Pair, Verdict
 from estimator_pkg.evaluation.reference.low_pass import low_passed
@@ -59,32 +58,6 @@ def test_the_low_pass_has_its_gain_and_no_phase():
     assert low_passed(ramp, 1000.0, 10.0) == pytest.approx(ramp)
 
 
-def test_a_choice_rests_on_the_vibration_that_only_it_follows():
-    """One estimate follows 1 Hz and 30 Hz but is noisy, the other one follows 1 Hz alone."""
-    time = np.arange(20_000) * 1e-3
-    slow = np.sin(2.0 * math.pi * time)
-    truth = slow + 0.5 * np.sin(2.0 * math.pi * 30.0 * time)
-    noisy = truth + np.random.default_rng(1).normal(0.0, 0.1, len(time))
-
-    def rests(first, second):
-        both = [frequencies.Frequencies.of(each, truth, 1000.0) for each in (first, second)]
-        return frequencies.rests_on(both, 1000.0)
-
-    assert 20.0 <= rests(noisy, slow) <= 37.0
-    assert math.isnan(rests(noisy, slow + 0.8))  # better without the 30 Hz, too
-
-
-def test_the_errors_by_frequency_are_those_against_the_low_passed_reference():
-    random = np.random.default_rng(2)
-    truth = np.cumsum(random.normal(size=6000))
-    estimate = truth + random.normal(size=6000)
-    found = frequencies.Frequencies.of(estimate, truth, 500.0)
-    for corner in (3.0, 30.0):
-        smooth = low_passed(truth, 500.0, corner)
-        expected = np.mean((estimate - smooth) ** 2)
-        assert found.against(corner) == pytest.approx(expected, rel=0.01)
-
-
 def test_the_sentences_of_a_verdict():
     found = Verdict(
         'edge_adaptive',
@@ -96,14 +69,12 @@ def test_the_sentences_of_a_verdict():
             Pair('edge_adaptive', 'hybrid_angle', 1, 62.0, 5.0),
             Pair('edge_adaptive', 'pll', 1, 90.0, 5.0),
         ),
-        37.2,
     )
     assert found.sentences() == [
         'edge_adaptive is best: 0.21 rad/s rms; hybrid_angle makes 0.34, 62 % more '
         '(95 % sure): use edge_adaptive.',
         'edge_adaptive is better than hybrid_angle and pll (95 %).',
         'edge_adaptive and kalman cannot be distinguished: within 6 %.',
-        'This rests on motion up to 37 Hz. If the joint is slower, set --motion-hz.',
         STANDING[0].upper() + STANDING[1:] + '.',
     ]
     assert found.choice == 'edge_adaptive'
@@ -170,20 +141,6 @@ def test_estimates_that_print_the_same_error_are_not_ranked(other, sign):
     verdict = rank({'a': found.velocity + 0.05, 'b': found.velocity + other}, found, default='b')
     assert verdict.pair('a', 'b').sign == sign
     assert ('b' in verdict.ties) == (sign == 0) and verdict.choice == ('b' if not sign else 'a')
-
-
-def test_a_choice_that_rests_on_no_motion_is_not_limited_by_it():
-    """The better one is so at every frequency; and without a declared pair there is no choice."""
-    time = np.arange(8000) * 2e-3
-    stamps = np.rint(time * 1e9).astype(np.int64) + 10**18
-    angle = np.floor(8e4 * np.sin(5.0 * time)) / 8e4
-    found = motion(stamps, angle, 0.0)
-    verdict = rank({'a': found.velocity + 0.05, 'b': found.velocity + 0.2}, found)
-    assert math.isnan(verdict.motion_hz) and 'rests' not in ' '.join(verdict.sentences())
-    undecided = Verdict(
-        'a', 'b', ('b',), {'a': 0.2, 'b': 0.204}, (Pair('a', 'b', 0, 2.0, 9.0),), 5.0
-    )
-    assert 'rests' not in ' '.join(undecided.sentences())
 
 
 def test_without_a_reference_the_default_is_the_choice():
