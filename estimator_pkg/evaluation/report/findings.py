@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,25 @@ def sentences(comparison: Comparison, of_readings: Mapping[str, list[str]]) -> l
             found += _of_errors(row, joint in comparison.refused)
     found += comparison.notes
     return found
+
+
+def grouped(findings: Iterable[str], joints: Collection[str]) -> list[str]:
+    """Return the findings, with those that are equal but for the joint in one sentence.
+
+    Parameters
+    ----------
+    findings : a finding on a joint begins with its name and a colon.
+    """
+    of: dict[str, list[str]] = {}
+    for finding in findings:
+        joint, colon, text = finding.partition(': ')
+        known = bool(colon) and joint in joints
+        of.setdefault(text if known else finding, []).extend([joint] if known else [])
+    every = f'all {len(joints)} joints'
+    return [
+        f'{every if len(names) == len(joints) > 1 else ", ".join(names)}: {text}' if names else text
+        for text, names in of.items()
+    ]
 
 
 def of_joint(comparison: Comparison, joint: str, seen: Readings) -> list[str]:

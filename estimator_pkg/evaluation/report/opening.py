@@ -17,7 +17,7 @@ from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.verdict import Verdict, listed
-from estimator_pkg.evaluation.report.contradictions import grouped
+from estimator_pkg.evaluation.report.findings import grouped
 from estimator_pkg.evaluation.report.tables import SHOWN, changed
 from estimator_pkg.evaluation.report.tradeoff import RAW, of_row
 from estimator_pkg.evaluation.text import interval, number

@@ -17,8 +17,7 @@ from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, opening, tradeoff
-from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
-from estimator_pkg.evaluation.report.findings import NONE, look, of_joint, sentences
+from estimator_pkg.evaluation.report.findings import NONE, grouped, look, of_joint, sentences
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.printable import escaped
 from estimator_pkg.progress import progress
@@ -116,10 +115,7 @@ class Report:
                 for joint, each in rows.items()
             }
             self._know(rows, chosen)
-            findings = grouped(
-                [*contradictions(comparison, rows, chosen), *sentences(comparison, of_readings)],
-                joints,
-            ) or [NONE]
+            findings = grouped(sentences(comparison, of_readings), joints) or [NONE]
             parts = self._opening(comparison, rows, chosen, raw, quanta)
             ordered = [row for joint in joints for row in rows[joint]]
             parts += [

@@ -25,11 +25,9 @@ from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import findings, opening, spectrum, tradeoff
-from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
 from estimator_pkg.evaluation.report.tables import Overview, changed
 from estimator_pkg.evaluation.thinning import broken, extremes, limits
 from estimator_pkg.messages.joint_state import TYPE, Encoder
-from estimator_pkg.streams.angle import AngleSettings
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 PENDULUM = BAGS / 'dfki_simple_pendulum' / 'gravity_compensation_1000hz'
@@ -611,20 +609,8 @@ def test_the_parameter_file_is_one_that_the_node_loads(tmp_path):
     assert values['quantum'] == pytest.approx(TURN / 4096, rel=1e-3)
 
 
-def test_findings_say_what_contradicts_expectation_and_why():
-    known = SimpleNamespace(lag_s=1.2e-3, lag_stddev=1e-4)
-    comparison = SimpleNamespace(references={'j': known}, smoothed={}, corrected={})
-    default = AngleSettings.observer
-    rows = {'j': [row('quiet', 0.05, 0.0), row(default, 0.2, 0.0, 0.6)]}
-    used = opening.choice(rows['j'], None)
-    late, better, narrow = contradictions(comparison, rows, {'j': used})
-    assert 'is 1.20 +- 0.20 ms late' in late and '--correct-reference' in late
-    assert f'{default}, the default, is not the best here' in better and 'less noisy' in better
-    assert f'too narrow for {default}' in narrow and '60 %' in narrow
-    comparison.references['j'].lag_s = 1e-5
-    rows = {'j': [row(default, 0.05, 0.0), row('b', 0.2, 0.0)]}
-    assert contradictions(comparison, rows, {'j': opening.choice(rows['j'], None)}) == []
-    assert grouped(['a: x', 'b: x', 'c: y'], 'ab') == ['all 2 joints: x', 'c: y']
+def test_findings_that_are_equal_but_for_the_joint_are_one_sentence():
+    assert findings.grouped(['a: x', 'b: x', 'c: y'], 'ab') == ['all 2 joints: x', 'c: y']
 
 
 def test_the_spectrum_holds_the_power():
