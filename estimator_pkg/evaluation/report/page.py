@@ -97,7 +97,6 @@ class Report:
                     if found is not None:
                         quanta[joint] = found.quantum
                         of_readings[joint] = of_joint(comparison, joint, found)
-                        del found  # its arrays are as long as the record
                 own = [row for row in comparison.rows if row.joint == joint]
                 raw_row = next((row for row in own if row.source == tradeoff.RAW), None)
                 if raw_row is None:

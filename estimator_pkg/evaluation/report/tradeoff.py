@@ -18,7 +18,7 @@ from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.comparison import Comparison, Kept, Row, coverage
+from estimator_pkg.evaluation.compare.comparison import Comparison, Row, coverage
 from estimator_pkg.evaluation.delay import measured
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.plots import GREY, Style, figure
@@ -83,8 +83,8 @@ def raw_difference(comparison: Comparison, joint: str, row: Row, period: float) 
         False,
         at,
         true,
-        Kept(estimate),
-        Kept(deviation),
+        estimate,
+        deviation,
         row.reference_noise,
         np.zeros(0),
         np.zeros(0, np.int8),
