@@ -24,9 +24,9 @@ from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.progress import progress
 from estimator_pkg.sensor.guard import why_dropped
-from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import stamp_remedy
 from estimator_pkg.streams.drive import ELECTRICAL
 
@@ -232,7 +232,7 @@ def compared(
         {
             joint: Verdict(cautions=(), why=true.faults[joint], tunable=False)
             if joint in true.faults
-            else rank(candidates[joint], moved, AngleSettings.observer, skip=options.skip or None)
+            else rank(candidates[joint], moved, DEFAULT, skip=options.skip or None)
             for joint, moved in true.motions.items()
         },
     )

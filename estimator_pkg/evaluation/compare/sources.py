@@ -50,7 +50,7 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
         use different clocks.
     """
     _check_clocks(options.observers)
-    chosen = options.observers or ((Entry('', AngleSettings.observer),) if options.angle else ())
+    chosen = options.observers or ((Entry('', DEFAULT),) if options.angle else ())
     for entry in chosen:
         setup = _setup(entry, bag, options)
         found = recordings.measured(bag, setup)

@@ -27,12 +27,11 @@ from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict, shown
 from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.parameters import declared
-from estimator_pkg.streams.angle import AngleSettings
 
 Array = NDArray[np.float64]
 
-DEFAULT = AngleSettings.observer
 BANDWIDTHS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)  # those that are tried [Hz],
 BELOW = 6.0  # up to this fraction of the sample rate
 PREFER = ('smooth', 'fast')

@@ -32,7 +32,6 @@ from estimator_pkg.streams.drive import ELECTRICAL, DriveSettings, DriveStream
 
 OBSERVER = 'pmsm'
 PHASES = 'phases'  # name of a check
-GAP = 1.5  # a longer step has lost samples [median sample times]
 LOST = 0.01  # a larger fraction of lost samples is reported
 SEEN = 0.5  # a smaller fraction of angles with enough back-EMF is reported
 FLUX = 0.15  # a larger relative difference of the flux linkage is reported

@@ -25,15 +25,15 @@ from estimator_pkg.evaluation.checks.readings import (
     to_mend,
 )
 from estimator_pkg.evaluation.doctor import second
-from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
+from estimator_pkg.evaluation.doctor.choice import Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.ranking.verdict import Verdict, percent
-from estimator_pkg.evaluation.text import for_node, units
+from estimator_pkg.evaluation.text import WIDTH, for_node, units
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.streams.angle import AngleStream
 
-WIDTH = 80
 NAME = 19  # columns of a check's name
 ALL = 'all joints'
 
@@ -92,29 +92,29 @@ def _sources(examined: Sequence[Examined], choice: Choice) -> dict[str, Any]:
     return second.together([each.sources for each in examined]) if informed else {}
 
 
-def text(examined: Sequence[Examined], choice: Choice, width: int = WIDTH) -> str:
-    """Return the findings and the verdict as text of `width` columns."""
+def text(examined: Sequence[Examined], choice: Choice) -> str:
+    """Return the findings and the verdict as text of 80 columns."""
     lines = []
     for heading, findings in blocks(examined):
         lines += [printable(heading)]
         for each in findings:
             lead = f'  {each.level}  {each.check:<{NAME}}'
-            lines += _wrapped(each.value, lead, width)
+            lines += _wrapped(each.value, lead)
             if each.level != PASS and each.remedy:
-                lines += _wrapped(f'-> {each.remedy}', ' ' * len(lead), width)
+                lines += _wrapped(f'-> {each.remedy}', ' ' * len(lead))
         lines.append('')
     lines += [summary(examined), '', 'VERDICT']
     for name, said in verdicts(examined, choice).items():
         lines.append(printable(f'{name or "joint"}:'))
         for sentence in said:
-            lines += _wrapped(sentence, '  ', width)
+            lines += _wrapped(sentence, '  ')
     return '\n'.join(lines)
 
 
-def _wrapped(words: str, lead: str, width: int) -> list[str]:
+def _wrapped(words: str, lead: str) -> list[str]:
     return textwrap.wrap(
         printable(words),
-        width,
+        WIDTH,
         initial_indent=lead,
         subsequent_indent=' ' * len(lead),
         break_long_words=True,

@@ -27,12 +27,12 @@ from estimator_pkg.driver.configuration import AS_ANGLE, AS_RATE, Configuration,
 from estimator_pkg.driver.informed import Informed
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.checks.readings import PASS, Finding, Readings, Rows
-from estimator_pkg.evaluation.doctor.choice import DEFAULT
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import shown
 from estimator_pkg.evaluation.reference.motion import Motion
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.observers import DEFAULT
 
 Array = NDArray[np.float64]
 

@@ -7,14 +7,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator_pkg.evaluation.ranking.verdict import STANDING
+from estimator_pkg.evaluation.ranking.verdict import NEVER_SHOWN
 from estimator_pkg.evaluation.reference.motion import Motion
-from estimator_pkg.evaluation.reference.put_back import SEEN
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
+from estimator_pkg.evaluation.reference.vibration import SEEN
 from estimator_pkg.evaluation.text import number
 
 AT_REST = 0.01  # a joint that moves less in the whole record is at rest [rad]
 SHORT = 5.0  # a shorter record shows too little of the motion [s]
+NEVER_SHOWN_BY_EMF = (
+    'currents and voltages show neither a wrong resistance or inductance, which acts on the '
+    'reference too, nor a constant error of the angle, nor anything near standstill'
+)
 DOUBT = 'judge by a measured truth, or record again without jumps and repeated readings'
 
 
@@ -41,7 +45,7 @@ def cautions(reference: Motion) -> tuple[str, ...]:
             'new readings make the reference'
         )
     if (
-        not (reference.standing or reference.constant or reference.put_back or reference.seldom)
+        not (reference.of_emf or reference.constant or reference.vibrates or reference.seldom)
         and left.unexplained > SEEN * left.uncertainty
     ):
         found.append(
@@ -51,7 +55,7 @@ def cautions(reference: Motion) -> tuple[str, ...]:
     length = float(reference.time[-1] - reference.time[0])
     if length < SHORT:
         found.append(f'the record has only {number(length, 2)} s: a longer one may rank otherwise')
-    return (*found, reference.standing or STANDING)
+    return (*found, NEVER_SHOWN_BY_EMF if reference.of_emf else NEVER_SHOWN)
 
 
 def contradiction(smoothed: Smoothed) -> str:

@@ -20,7 +20,7 @@ The error of a conditional mean is orthogonal to every function of the data. Hen
 (a - r)^2 ranks causal estimates a as the truth would, if r = E[v | all readings], and r's own
 variance only adds to all of them. The smoother is that mean as far as its model is right. A pair is
 declared only if its difference is significant against the reference with and without the vibration
-that was put back.
+that was recovered.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def rank(
         return replace(nothing, why='there are too few estimates', unranked=unranked)
     default = default if default in names else ''
     references = [reference.velocity[rows]]
-    if reference.put_back:
+    if reference.vibrates:
         references.append(reference.plain[rows])
     block = test.blocks(reference.time[rows])
     sums = {

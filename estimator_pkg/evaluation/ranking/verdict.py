@@ -13,7 +13,7 @@ from typing import Any
 from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.text import number
 
-STANDING = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
+NEVER_SHOWN = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
 VAGUE = 300.0  # a larger bound is no help [%]
 EQUAL = 30.0  # estimates whose errors differ by less may be called equal [%]
 
@@ -74,7 +74,7 @@ class Verdict:
     pairs: tuple[Pair, ...] = ()
     question_hz: float = math.nan
     other: Verdict | None = None
-    cautions: tuple[str, ...] = (STANDING,)
+    cautions: tuple[str, ...] = (NEVER_SHOWN,)
     why: str = ''
     unranked: tuple[str, ...] = ()
     tunable: bool = True

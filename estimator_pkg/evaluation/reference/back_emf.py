@@ -43,10 +43,6 @@ ALIKE = 0.3  # turns over one and two samples are clear if their sizes differ by
 WHOLE = 0.7  # least part of a window with samples
 RUN = 9  # angles in a row of which all are seen
 CLEAR = 8.0  # the mean back-EMF must exceed its standard deviation by this factor
-STANDING = (
-    'currents and voltages show neither a wrong resistance or inductance, which acts on the '
-    'reference too, nor a constant error of the angle, nor anything near standstill'
-)
 
 
 class Drive(NamedTuple):
@@ -249,7 +245,7 @@ def of_angles(moved: Motion) -> Motion:
 
     Their noise rises with the frequency, so what the smoother leaves is no vibration.
     """
-    return replace(moved, velocity=moved.plain, vibration_hz=math.nan, standing=STANDING)
+    return replace(moved, velocity=moved.plain, vibration_hz=math.nan, of_emf=True)
 
 
 def _acting(voltage: Vectors, delay: float) -> Vectors:

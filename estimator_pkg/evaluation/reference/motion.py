@@ -4,8 +4,8 @@
 """The motion of a joint from its readings alone: the reference where there is no ground truth.
 
 The off-line smoother, with three additions. Readings that are older than their stamps are left out
-(`fresh`). A vibration that the smoother took for noise is put back (`put_back`). Readings that lie
-on a straight line within their noise are a constant speed, and not the tones of the quantiser.
+(`fresh`). A vibration that the smoother took for noise is added (`vibration`). Readings that lie on
+a straight line within their noise are a constant speed, and not the tones of the quantiser.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference.fresh import Fresh, fresh
-from estimator_pkg.evaluation.reference.low_pass import low_passed
-from estimator_pkg.evaluation.reference.put_back import needed, put_back
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed, outliers, smooth
-from estimator_pkg.evaluation.signals import wrapped
+from estimator_pkg.evaluation.reference.vibration import needed, recover_vibration
+from estimator_pkg.evaluation.signals import low_passed, wrapped
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -46,17 +45,17 @@ class Motion:
 
     stamps : shape (n,) [ns], of the readings, in order, without those at the same stamp.
     time : shape (n,), strictly increasing [s].
-    velocity : shape (n,) [rad/s], with the vibration that was put back.
-    plain : shape (n,) [rad/s], without it; the same array if nothing was put back.
+    velocity : shape (n,) [rad/s], with the vibration that was recovered.
+    plain : shape (n,) [rad/s], without it; the same array if nothing was recovered.
     firm : shape (n,), False near the ends of a piece, where the reference is less accurate.
     stddev : rms of the smoother's own standard deviation where `firm` [rad/s].
-    vibration_hz : mean frequency of the vibration that was put back; nan: none was.
+    vibration_hz : mean frequency of the vibration that was recovered; nan: none was.
     constant : the readings show one constant speed.
     seldom : the reading changes too rarely to show the motion.
     fresh : which readings are new.
     smoothed : result of the smoother.
     motion_hz : highest frequency at which the joint moves [Hz], see `below`; None: not known.
-    standing : what such readings never show; '': that of an angle.
+    of_emf : the readings are angles of a back-EMF.
     """
 
     stamps: Stamps
@@ -72,17 +71,17 @@ class Motion:
     fresh: Fresh
     smoothed: Smoothed
     motion_hz: float | None = None
-    standing: str = ''
+    of_emf: bool = False
 
     @property
-    def put_back(self) -> bool:
-        """True if there are two references."""
+    def vibrates(self) -> bool:
+        """True if there are two references: with the vibration, and without."""
         return self.plain is not self.velocity
 
     @property
     def uncertainty(self) -> float:
         """Expected rms error of `velocity` where `firm` [rad/s]; infinite if `seldom`."""
-        if self.put_back or self.constant:
+        if self.vibrates or self.constant:
             return self.stddev
         return self.smoothed.uncertainty
 
@@ -93,7 +92,7 @@ class Motion:
         motion. One above three times it is an error of the sensor. In between it is a question.
         """
         rate = 1.0 / float(np.median(np.diff(self.time)))
-        vibration = self.vibration_hz if self.put_back else 0.0
+        vibration = self.vibration_hz if self.vibrates else 0.0
         whole = self.plain if vibration > ABOVE * motion_hz else self.velocity
         velocity = plain = low_passed(whole, rate, ABOVE * motion_hz)
         if UP_TO * motion_hz < vibration <= ABOVE * motion_hz:
@@ -105,7 +104,7 @@ class Motion:
         kept = (self.stamps > first) & (self.stamps <= last)
         cut_ = {name: getattr(self, name)[kept] for name in ('stamps', 'time', 'position', 'firm')}
         velocity = self.velocity[kept]
-        plain = self.plain[kept] if self.put_back else velocity
+        plain = self.plain[kept] if self.vibrates else velocity
         return replace(self, velocity=velocity, plain=plain, **cut_)
 
 
@@ -145,7 +144,7 @@ def motion(stamps: Stamps, position: Array, period: float) -> Motion | None:
     elif not smoothed.seldom and needed(smoothed):
         rest = wrapped(position[used] - smoothed.position, period)
         rest[outliers(rest, smoothed.noise.quantum)] = 0.0
-        more, at_hz = put_back(smoothed, rest)
+        more, at_hz = recover_vibration(smoothed, rest)
         if not math.isnan(at_hz):
             velocity = smoothed.velocity + more
     at = match(stamps[good], smoothed.stamps, velocity, places, 0.0)

@@ -21,8 +21,8 @@ from estimator_pkg.evaluation.report.findings import grouped
 from estimator_pkg.evaluation.report.tables import SHOWN, changed
 from estimator_pkg.evaluation.report.tradeoff import RAW, of_row
 from estimator_pkg.evaluation.text import interval, number
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.parameters import declared
-from estimator_pkg.streams.angle import AngleSettings
 
 NO_DELAY = 1e-4  # shorter delays are not worth a number [s]
 
@@ -62,7 +62,7 @@ def choice(rows: Sequence[Row], verdict: Verdict | None) -> Row:
             [np.bincount(block, squares[0] - squares[1])], [np.bincount(block)]
         ).sign
 
-    return by_source[chosen(errors, (AngleSettings.observer,), better)]
+    return by_source[chosen(errors, (DEFAULT,), better)]
 
 
 def words(

@@ -19,9 +19,9 @@ from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, opening, tradeoff
 from estimator_pkg.evaluation.report.findings import NONE, grouped, look, of_joint, sentences
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import escaped
 from estimator_pkg.progress import progress
-from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.drive import ELECTRICAL
 
 PER_ESTIMATE, SHARED = 4, 4  # numbers per instant: velocity, error, deviation, status; and others
@@ -50,12 +50,7 @@ class Report:
     """
 
     def __init__(
-        self,
-        path: str,
-        bags: int,
-        period: float,
-        data: str | None = None,
-        entries: Sequence[Entry] = (),
+        self, path: str, bags: int, period: float, data: str | None, entries: Sequence[Entry]
     ) -> None:
         self.path = Path(path)
         destination.check(path)
@@ -150,7 +145,7 @@ class Report:
             + (
                 ''
                 if any(map(opening.faulty, verdicts.values()))
-                else f'<div class="verdict"><p>Use {AngleSettings.observer} as it is.</p></div>'
+                else f'<div class="verdict"><p>Use {DEFAULT} as it is.</p></div>'
             )
             + ''.join(f'<p>{escaped(each)}</p>' for each in sentences)
         )

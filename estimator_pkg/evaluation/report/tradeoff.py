@@ -39,13 +39,11 @@ BEYOND = 2.0  # the picture shows curves up to this multiple of the points' rang
 class Sweep(NamedTuple):
     """One estimate, and its observer's curve.
 
-    gain : name of the gain that varies; '' : none. values : its values.
-    delay [s], noise [rad/s] : shape (k,), of the curve; own : (delay, noise) of the estimate.
+    delay [s], noise [rad/s] : shape (k,), of the curve over its main gain.
+    own : (delay, noise) of the estimate.
     """
 
     source: str
-    gain: str
-    values: tuple[Any, ...]
     delay: Array
     noise: Array
     own: tuple[float, float]
@@ -166,7 +164,7 @@ def sweeps(
                 else late_and_noisy(time, at_times(time, run[0], run[1]), true)
             )
         late, noise = np.reshape(np.array(curve, float), (-1, 2)).T
-        found.append(Sweep(row.source, gain, values, late, noise, own))
+        found.append(Sweep(row.source, late, noise, own))
     return found
 
 

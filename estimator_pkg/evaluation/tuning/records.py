@@ -180,7 +180,7 @@ def _known(
     good = np.isfinite(at.velocity)
     stamps, velocity = due[at.rows[good]], at.velocity[good]
     plain = None
-    if moved is not None and moved.put_back:
+    if moved is not None and moved.vibrates:
         plain = match(due, true.stamps_ns, moved.plain[moved.firm], true.position, period).velocity
         plain = plain[good]
     if len(stamps) < SHORTEST:

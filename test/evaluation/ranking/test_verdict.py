@@ -10,9 +10,9 @@ import pytest
 
 from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.ranking.ranking import rank
-from estimator_pkg.evaluation.ranking.verdict import STANDING, Pair, Verdict
-from estimator_pkg.evaluation.reference.low_pass import low_passed
+from estimator_pkg.evaluation.ranking.verdict import NEVER_SHOWN, Pair, Verdict
 from estimator_pkg.evaluation.reference.motion import motion
+from estimator_pkg.evaluation.signals import low_passed
 
 
 def difference(squares, others, block):
@@ -75,7 +75,7 @@ def test_the_sentences_of_a_verdict():
         '(95 % sure): use edge_adaptive.',
         'edge_adaptive is better than hybrid_angle and pll (95 %).',
         'edge_adaptive and kalman cannot be distinguished: within 6 %.',
-        STANDING[0].upper() + STANDING[1:] + '.',
+        NEVER_SHOWN[0].upper() + NEVER_SHOWN[1:] + '.',
     ]
     assert found.choice == 'edge_adaptive'
     assert found.better('pll', 'edge_adaptive') == -1 and found.better('kalman', 'pll') == 0

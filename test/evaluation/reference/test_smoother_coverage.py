@@ -80,20 +80,6 @@ def test_it_covers_what_it_promises_and_no_more(speed, noise):
     assert 0.75 <= reported / rms <= 1.35
 
 
-def test_at_creep_it_beats_readings_taken_as_numbers():
-    position, velocity = wandering(3, 0.02 * QUANTUM / STEP)
-    readings = np.round(position / QUANTUM) * QUANTUM
-    stamps = np.arange(COUNT) * round(STEP * 1e9) + 10**9
-    errors = [
-        np.sqrt(np.mean((found.velocity - velocity)[ENDS:-ENDS] ** 2))
-        for found in (
-            smooth(stamps, readings, 0.0),
-            smooth(stamps, readings, 0.0, reading=QUANTUM / math.sqrt(12.0)),
-        )
-    ]
-    assert errors[0] < 0.5 * errors[1]
-
-
 def test_a_count_that_is_repeated_is_not_counted_again():
     """At 0.003 counts per sample, with the right noise and jerk: 300 equal readings in a row."""
     within = []

@@ -320,7 +320,7 @@ def test_a_hostile_name_is_text_in_plots(tmp_path, driver):
     panels, _ = plots.over_time(
         {'velocity': [plots.Curve(name, '@', time, np.sin(time), line, name)]}, 1000, [name]
     )
-    sweep = tradeoff.Sweep(name, '', (), np.zeros(0), np.zeros(0), (0.01, 0.1))
+    sweep = tradeoff.Sweep(name, np.zeros(0), np.zeros(0), (0.01, 0.1))
     picture = tradeoff.picture([sweep], plots.styles([name]))
     path = tmp_path / 'page.html'
     path.write_text(made.page(name, made.add(panels) + made.add(picture)))

@@ -74,14 +74,12 @@ class Noise(NamedTuple):
         return min(1.0, self.quantum**2 / 12.0 / self.reading**2)
 
 
-def white(
-    parts: list[Piece], readings: Array, period: float, reading: float | None = None
-) -> Noise | None:
+def white(parts: list[Piece], readings: Array, period: float) -> Noise | None:
     """Return noise and jerk intensity of readings, shape (n,), by maximum likelihood, or None.
 
     With all variances in units of the readings' one, the latter follows in closed form, so one
     search over the ratio of both is enough. If it is below that of the quantisation, it is fixed
-    there and only the intensity is searched; a given `reading` is fixed likewise.
+    there and only the intensity is searched.
     """
     chosen = stretches(parts, STRETCH, STRETCHES)
     if not chosen:
@@ -90,8 +88,6 @@ def white(
     size = float(np.quantile(np.abs(readings), USUAL)) if len(readings) else 0.0
     count = quantum(readings)
     floor = max(count * count / 12.0, (TINY * size) ** 2, LEAST)
-    if reading is not None:
-        floor = reading * reading
 
     def sums(r: float, qc: float) -> tuple[float, float, int]:
         found = Sums()
@@ -111,12 +107,11 @@ def white(
         # scaling every variance by `squares / number` makes this the likelihood's maximum
         return logs + number * math.log(max(squares, 1e-300) / max(number, 1))
 
-    if reading is None:
-        best = _lowest(free, *RATIOS, CLOSE)
-        _, squares, number = at_floor(best)
-        r = floor * squares / max(number, 1)
-        if r > floor:
-            return Noise(math.sqrt(r), r * 10.0**best / step**5, count, False)
+    best = _lowest(free, *RATIOS, CLOSE)
+    _, squares, number = at_floor(best)
+    r = floor * squares / max(number, 1)
+    if r > floor:
+        return Noise(math.sqrt(r), r * 10.0**best / step**5, count, False)
 
     def held(ratio: float) -> float:
         logs, squares, _ = at_floor(ratio)

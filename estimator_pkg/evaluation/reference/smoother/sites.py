@@ -123,9 +123,7 @@ class Stretch:
         return result
 
 
-def find_sites(
-    part: Piece, quantum: float, blur: float, jerk: float, sweeps: int = SWEEPS
-) -> tuple[Array, float]:
+def find_sites(part: Piece, quantum: float, blur: float, jerk: float) -> tuple[Array, float]:
     """Return (sites, log of the probability) of a stretch of n cells; see `smoother.cells.sweep`.
 
     The sites have shape (n, 2) [1/rad^2, 1/rad]; they are 0 for cells that are not used.
@@ -137,5 +135,5 @@ def find_sites(
     jerk : intensity of the white jerk [rad^2/s^5].
     """
     stretch = Stretch(part, quantum)
-    log_z = stretch.probability(blur, jerk, sweeps)
+    log_z = stretch.probability(blur, jerk, SWEEPS)
     return stretch.sites(), log_z

@@ -108,12 +108,7 @@ class Smoothed(NamedTuple):
 
 
 def smooth(
-    stamps: Stamps,
-    position: Array,
-    period: float,
-    *,
-    noise: Noise | None = None,
-    reading: float | None = None,
+    stamps: Stamps, position: Array, period: float, *, noise: Noise | None = None
 ) -> Smoothed:
     """Return the smoothed motion of a record of positions.
 
@@ -123,11 +118,10 @@ def smooth(
     position : shape (n,) [rad or m]; values outside the range of any encoder are ignored.
     period : wrap period [rad]; 0: none.
     noise : None: estimated by maximum likelihood.
-    reading : standard deviation of a reading, if only the jerk is to be estimated.
     """
     good = np.flatnonzero((np.abs(position) < LARGEST) & (stamps > 0))
     parts = cut(stamps[good], position[good])
-    found = noise or white(parts, position[good], period, reading)
+    found = noise or white(parts, position[good], period)
     if found is None:
         return _nothing()
     result = [_as_numbers(part, found, period) for part in parts]
@@ -137,13 +131,13 @@ def smooth(
         ignored = sum(count for _, count in cleaned)
         if ignored:
             parts = [part for part, _ in cleaned]
-            found = white(parts, position[good], period, reading) or found
+            found = white(parts, position[good], period) or found
             result = [_as_numbers(part, found, period) for part in parts]
     rows = good[np.concatenate([part.rows for part in parts])]
     rest = [_rest(part, out, period) for part, out in zip(parts, result)]
     weights = [_weights(part, found) for part in parts]
     counted = 0.0 < found.reading < COARSE * found.quantum
-    if found.cells or (counted and noise is None and reading is None):
+    if found.cells or (counted and noise is None):
         cells = [
             part._replace(readings=out[:, 0] + left) for part, out, left in zip(parts, result, rest)
         ]

@@ -34,7 +34,7 @@ def needed(smoothed: Smoothed) -> bool:
     return smoothed.unexplained > SEEN * smoothed.uncertainty and room >= ROOM * noise.quantum
 
 
-def put_back(smoothed: Smoothed, rest: Array) -> tuple[Array, float]:
+def recover_vibration(smoothed: Smoothed, rest: Array) -> tuple[Array, float]:
     """Return (the velocity in the residual [rad/s], shape (n,), its mean frequency [Hz]).
 
     The frequency is nan if nothing stands out.
