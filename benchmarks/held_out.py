@@ -38,7 +38,7 @@ from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import text
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.truth import SMOOTHED, measured_truth
+from estimator_pkg.evaluation.compare.truth import OFFLINE_SMOOTHER, measured_truth
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference.motion import motion
@@ -145,7 +145,7 @@ def column(folder: Path, series: Listed) -> Column:
         quantum(angle),
         SKIPPED,
         float(noise) if np.isfinite(noise) else 0.0,
-        SMOOTHED if velocity is None else str(keys['truth']),
+        OFFLINE_SMOOTHER if velocity is None else str(keys['truth']),
         period,
     )
 

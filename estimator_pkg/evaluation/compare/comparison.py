@@ -32,8 +32,8 @@ from estimator_pkg.streams.drive import ELECTRICAL
 
 Array = NDArray[np.float64]
 
-BAND = 1.96  # the 95 % interval of a normal distribution [standard deviations]
-ROUNDING = 1e-10  # smaller values count as zero [s], [rad/s]
+SIGMAS_95 = 1.96  # the 95 % interval of a normal distribution [standard deviations]
+ZERO_BELOW = 1e-10  # smaller values count as zero [s], [rad/s]
 
 
 @dataclass(frozen=True)
@@ -302,7 +302,7 @@ def _sharing(row: Row, others: list[Row]) -> Row:
         for other in others:
             longer: Array = getattr(other, name)
             tail = longer[max(0, len(longer) - len(values)) :]
-            if len(tail) == len(values) and not np.any(np.abs(tail - values) > ROUNDING):
+            if len(tail) == len(values) and not np.any(np.abs(tail - values) > ZERO_BELOW):
                 return tail
         return values
 
@@ -316,7 +316,7 @@ def coverage(errors: Array, stddev: Array) -> float:
     known = np.isfinite(errors) & np.isfinite(stddev)
     if not known.any():
         return np.nan
-    return float(np.mean(np.abs(errors[known]) <= BAND * stddev[known]))
+    return float(np.mean(np.abs(errors[known]) <= SIGMAS_95 * stddev[known]))
 
 
 def _smoother(found: Smoothed | None) -> dict[str, Any] | None:

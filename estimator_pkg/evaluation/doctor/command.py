@@ -22,7 +22,7 @@ from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import plots
-from estimator_pkg.evaluation.checks.joint import LONGEST
+from estimator_pkg.evaluation.checks.joint import LONGEST_STRETCH
 from estimator_pkg.evaluation.checks.readings import WARN, Finding
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report, second
@@ -40,8 +40,8 @@ from estimator_pkg.streams.contract import Request
 from estimator_pkg.streams.drive import DriveStream
 
 APPEAR = 5.0  # longest wait for a topic of joint states [s]
-ALONE = 0.5  # and for another one after the first [s]
-MANY = 2_000_000  # estimates that are worth a second process
+ANOTHER_TOPIC = 0.5  # and for another one after the first [s]
+PARALLEL_ESTIMATES = 2_000_000  # estimates that are worth a second process
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,14 +105,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     """Examine a drive: the same for currents and voltages."""
-    (entry,) = requested.entries([drive.OBSERVER], parsed.params, parsed.set)
+    (entry,) = requested.entries([drive.PMSM], parsed.params, parsed.set)
     settings = dict(entry.values)
-    values = {'observer': drive.OBSERVER, **drive.ANY, **settings}
+    values = {'observer': drive.PMSM, **drive.ANY, **settings}
     chosen = wired(DriveStream, bag, values, Request(None, None))
     found = drive.examine(bag, chosen, drive.needed(settings))
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
     parameters = drive.as_yaml(found, origin, chosen.input | settings)
-    return _reported(parsed, [found], Choice(drive.OBSERVER), origin, parameters, chosen)
+    return _reported(parsed, [found], Choice(drive.PMSM), origin, parameters, chosen)
 
 
 def _reported(
@@ -180,8 +180,8 @@ def _examined(
         joints = readings(bag, chosen)
         topic = chosen.topics[0].name
         others = second.candidates(bag)
-    samples = sum(min(len(each.rows), LONGEST) for each in joints)
-    many = samples * len(candidates(1e3)) >= MANY
+    samples = sum(min(len(each.rows), LONGEST_STRETCH) for each in joints)
+    many = samples * len(candidates(1e3)) >= PARALLEL_ESTIMATES
     jobs = [(each, parsed.motion_hz, topic, others) for each in joints]
     with (
         workers(min(2, len(jobs)) if many else 1) as run_many,
@@ -243,7 +243,7 @@ def _running(named: str) -> tuple[list[str], dict[str, str]]:
                 and here.node.count_publishers(name)
             ]
             if names and not found:
-                end = time.monotonic() + ALONE
+                end = time.monotonic() + ANOTHER_TOPIC
             found = names
         if here.stopping:
             raise KeyboardInterrupt

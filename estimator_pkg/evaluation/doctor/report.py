@@ -34,8 +34,8 @@ from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.streams.angle import AngleStream
 
-NAME = 19  # columns of a check's name
-ALL = 'all joints'
+NAME_COLUMNS = 19  # columns of a check's name
+ALL_JOINTS = 'all joints'
 
 
 def shared(examined: Sequence[Examined]) -> tuple[list[Finding], list[list[Finding]]]:
@@ -57,7 +57,7 @@ def blocks(examined: Sequence[Examined]) -> list[tuple[str, list[Finding]]]:
     """Return (heading, findings): those of all joints, then those of each."""
     same, others = shared(examined)
     found = [(each.readings.name or 'joint', own) for each, own in zip(examined, others)]
-    return [each for each in [(ALL, same), *found] if each[1]]
+    return [each for each in [(ALL_JOINTS, same), *found] if each[1]]
 
 
 def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str]]:
@@ -83,7 +83,7 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
     same = set.intersection(*map(set, found.values())) if len(found) > 1 else set()
     common = [sentence for sentence in next(iter(found.values()), []) if sentence in same]
     found = {name: [each for each in said if each not in same] for name, said in found.items()}
-    return found | ({ALL: common} if common else {})
+    return found | ({ALL_JOINTS: common} if common else {})
 
 
 def _sources(examined: Sequence[Examined], choice: Choice) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def text(examined: Sequence[Examined], choice: Choice) -> str:
     for heading, findings in blocks(examined):
         lines += [printable(heading)]
         for each in findings:
-            lead = f'  {each.level}  {each.check:<{NAME}}'
+            lead = f'  {each.level}  {each.check:<{NAME_COLUMNS}}'
             lines += _wrapped(each.value, lead)
             if each.level != PASS and each.remedy:
                 lines += _wrapped(f'-> {each.remedy}', ' ' * len(lead))
@@ -215,7 +215,7 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
     made = plots.Plots()
     parts = [f'<h1>{escaped(origin)}</h1><h2>Verdict</h2>']
     for name, said in verdicts(examined, choice).items():
-        use = [each for each in said[:1] if name != ALL]
+        use = [each for each in said[:1] if name != ALL_JOINTS]
         parts.append(f'<h3>{escaped(name or "joint")}</h3>')
         parts += [f'<p class="use">{escaped(each)}</p>' for each in use]
         parts += ['<ul>', *(f'<li>{escaped(each)}</li>' for each in said[len(use) :]), '</ul>']
@@ -242,7 +242,7 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
         parts.append('<h2>Plots</h2>')
     numbers = sum(2 + sum(map(len, each.values())) for each in found.values())  # of an instant
     for name, curves in found.items():
-        drawn, note = plots.over_time(curves, plots.NUMBERS // numbers, whole=True)
+        drawn, note = plots.over_time(curves, plots.MOST_NUMBERS // numbers, whole=True)
         parts += [f'<h3>{escaped(name or "joint")}</h3>', made.add(drawn)]
         parts += [f'<p class="note">{note}</p>'] if note else []
     return made.page(f'Doctor: {origin}', '\n'.join(parts))

@@ -36,17 +36,17 @@ from numpy.typing import NDArray
 from estimator_pkg.evaluation import pairs as test
 from estimator_pkg.evaluation.matching import exact
 from estimator_pkg.evaluation.ranking.cautions import cautions
-from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict, shown
-from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.ranking.verdict import ComparedPair, Verdict, shown
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 
 Array = NDArray[np.float64]
 
-SKIPPED, AT_MOST = 1.0, 0.15  # ignored at the beginning [s], at most this part of the record
+SKIPPED, SKIP_PART = 1.0, 0.15  # ignored at the beginning [s], at most this part of the record
 PRESENT = 0.9  # a candidate with fewer than this fraction of the most estimates is not ranked
-FEWEST = 80  # smallest number of samples with all estimates
+FEWEST_COMMON = 80  # smallest number of samples with all estimates
 
 
-def at_reference(reference: Motion, stamps: NDArray[np.int64], velocity: Array) -> Array:
+def at_reference(reference: ReferenceMotion, stamps: NDArray[np.int64], velocity: Array) -> Array:
     """Return the estimates at the reference's stamps, nan where there is none.
 
     Parameters
@@ -58,7 +58,7 @@ def at_reference(reference: Motion, stamps: NDArray[np.int64], velocity: Array) 
 
 def rank(
     candidates: Mapping[str, Array],
-    reference: Motion | None,
+    reference: ReferenceMotion | None,
     default: str = '',
     motion_hz: float | None = None,
     skip: float | None = None,
@@ -89,11 +89,11 @@ def rank(
         )
     elapsed = reference.time - reference.time[0]
     counted = reference.firm & (
-        elapsed >= (min(SKIPPED, AT_MOST * elapsed[-1]) if skip is None else skip)
+        elapsed >= (min(SKIPPED, SKIP_PART * elapsed[-1]) if skip is None else skip)
     )
     names, rows = _common(candidates, counted)
     unranked = tuple(name for name in candidates if name not in names)
-    if not names or len(rows) < FEWEST:
+    if not names or len(rows) < FEWEST_COMMON:
         return replace(nothing, why='there are too few estimates', unranked=unranked)
     default = default if default in names else ''
     references = [reference.velocity[rows]]
@@ -154,7 +154,7 @@ def _ranked(
     rms = {name: math.sqrt(each) for name, each in mean.items()}
     order = sorted(rms, key=rms.__getitem__)
 
-    def pair(first: str, second: str) -> Pair:
+    def pair(first: str, second: str) -> ComparedPair:
         """Return a pair; every reference must agree on its sign."""
         found = [
             test.of_sums([one - other], [count]) for one, other in zip(sums[first], sums[second])
@@ -162,7 +162,7 @@ def _ranked(
         scale = 2.0 * max(mean[first], 1e-300)
         signs = {each.sign for each in found}
         printed = {shown(rms[name]) for name in (first, second)}
-        return Pair(
+        return ComparedPair(
             first,
             second,
             signs.pop() if len(signs) == 1 and len(printed) == 2 else 0,

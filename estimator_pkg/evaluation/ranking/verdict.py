@@ -14,12 +14,12 @@ from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.text import number
 
 NEVER_SHOWN = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
-VAGUE = 300.0  # a larger bound is no help [%]
-EQUAL = 30.0  # estimates whose errors differ by less may be called equal [%]
+VAGUE_BOUND = 300.0  # a larger bound is no help [%]
+EQUAL_WITHIN = 30.0  # estimates whose errors differ by less may be called equal [%]
 
 
 @dataclass(frozen=True)
-class Pair:
+class ComparedPair:
     """Two estimates compared.
 
     first, second : names; the first has the smaller error.
@@ -71,7 +71,7 @@ class Verdict:
     default: str = ''
     ties: tuple[str, ...] = ()
     rms: Mapping[str, float] = field(default_factory=dict)
-    pairs: tuple[Pair, ...] = ()
+    pairs: tuple[ComparedPair, ...] = ()
     question_hz: float = math.nan
     other: Verdict | None = None
     cautions: tuple[str, ...] = (NEVER_SHOWN,)
@@ -84,7 +84,7 @@ class Verdict:
         """The estimate to use, by the rule of `chosen`; the default if nothing can be ranked."""
         return chosen(self.rms, (self.default,), self.better) if self.best else self.default
 
-    def pair(self, one: str, other: str) -> Pair | None:
+    def pair(self, one: str, other: str) -> ComparedPair | None:
         """Return the pair of these names, in the order of their errors."""
         return next(
             (each for each in self.pairs if {each.first, each.second} == {one, other}), None
@@ -116,8 +116,8 @@ class Verdict:
         if not self._differ(use):
             within = max(pair.within for pair in self._of_best())
             keep = f': keep {self.default}' if self.default else ''
-            if within > EQUAL:
-                most = f' (within {percent(within)} %)' if within < VAGUE else ''
+            if within > EQUAL_WITHIN:
+                most = f' (within {percent(within)} %)' if within < VAGUE_BOUND else ''
                 return f'None can be distinguished here{most}{keep}.'
             return f'All are equal within {percent(within)} % here{keep}.'
         text = f'{self.best} is best: {own}'
@@ -138,8 +138,8 @@ class Verdict:
         worse = [pair.second for pair in self._of_best() if pair.sign]
         found = [f'{self.best} is better than {listed(worse)} (95 %).'] if worse else []
         ties = [pair for pair in self._of_best() if not pair.sign]
-        vague = [pair.second for pair in ties if pair.within > EQUAL]
-        found += [f'{pair.sentence()}.' for pair in ties if pair.within <= EQUAL]
+        vague = [pair.second for pair in ties if pair.within > EQUAL_WITHIN]
+        found += [f'{pair.sentence()}.' for pair in ties if pair.within <= EQUAL_WITHIN]
         return found + (
             [f'{self.best} and {listed(vague)} cannot be distinguished.'] if vague else []
         )
@@ -154,7 +154,7 @@ class Verdict:
             f'{times}.'
         ]
 
-    def _of_best(self) -> list[Pair]:
+    def _of_best(self) -> list[ComparedPair]:
         return [pair for pair in self.pairs if pair.first == self.best]
 
     def _differ(self, use: str) -> bool:

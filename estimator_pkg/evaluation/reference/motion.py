@@ -29,18 +29,18 @@ Stamps = NDArray[np.int64]
 
 ABOVE = 3.0  # the reference is low-passed at this multiple of the highest frequency of the motion
 UP_TO = 1.25  # a vibration whose mean frequency is below this multiple of it is motion
-AROUND = 60  # readings before and after a turn added by the smoother that are left out
-WITHIN = 1.1  # readings on a straight line leave it by at most this many quanta, end to end,
+TURN_SIDE = 60  # readings before and after a turn added by the smoother that are left out
+LINE_QUANTA = 1.1  # readings on a straight line leave it by at most this many quanta, end to end,
 WHITE = 2.0  # or by white noise: a spectrum below this multiple of its median
-STRETCH = 256  # readings in a window of that spectrum
-NOISY = 1.2  # and their rms is at most this multiple of the noise that the smoother finds
-LOW = 5  # windows of the spectrum below this are those of a motion
+SPECTRUM_WINDOW = 256  # readings in a window of that spectrum
+NOISE_RATIO = 1.2  # and their rms is at most this multiple of the noise that the smoother finds
+MOTION_BINS = 5  # windows of the spectrum below this are those of a motion
 TONES = 4  # number of the quantiser's tones that are left out of it
 LINE_FEWEST = 200  # smallest number of readings that show a constant speed
 
 
 @dataclass(frozen=True)
-class Motion:
+class ReferenceMotion:
     """The velocity of a joint at its readings' stamps, and what it rests on.
 
     stamps : shape (n,) [ns], of the readings, in order, without those at the same stamp.
@@ -85,7 +85,7 @@ class Motion:
             return self.stddev
         return self.smoothed.uncertainty
 
-    def below(self, motion_hz: float) -> Motion:
+    def below(self, motion_hz: float) -> ReferenceMotion:
         """Return the motion of a joint that moves at most at `motion_hz` [Hz].
 
         The velocities are low-passed at three times that. A vibration near or below `motion_hz` is
@@ -99,7 +99,7 @@ class Motion:
             plain = low_passed(self.plain, rate, ABOVE * motion_hz)
         return replace(self, velocity=velocity, plain=plain, motion_hz=motion_hz)
 
-    def between(self, first: int, last: int) -> Motion:
+    def between(self, first: int, last: int) -> ReferenceMotion:
         """Return the part with first < stamp <= last [ns]."""
         kept = (self.stamps > first) & (self.stamps <= last)
         cut_ = {name: getattr(self, name)[kept] for name in ('stamps', 'time', 'position', 'firm')}
@@ -108,7 +108,7 @@ class Motion:
         return replace(self, velocity=velocity, plain=plain, **cut_)
 
 
-def motion(stamps: Stamps, position: Array, period: float) -> Motion | None:
+def motion(stamps: Stamps, position: Array, period: float) -> ReferenceMotion | None:
     """Return the motion that the readings show; None for too few readings.
 
     Parameters
@@ -151,7 +151,7 @@ def motion(stamps: Stamps, position: Array, period: float) -> Motion | None:
     other = match(stamps[good], smoothed.stamps, plain, firm.astype(float), 0.0)
     if not len(at.rows):
         return None
-    return Motion(
+    return ReferenceMotion(
         stamps[good][at.rows],
         at.time,
         at.velocity,
@@ -179,7 +179,7 @@ def _followed(smoothed: Smoothed, readings: Array, period: float) -> NDArray[np.
     turns[_firsts(smoothed)] = False
     if not turns.any() or np.mean(turns) > 0.5:
         return np.ones(len(turns), bool)
-    near = np.convolve(turns, np.ones(2 * AROUND + 1))[AROUND : AROUND + len(turns)]
+    near = np.convolve(turns, np.ones(2 * TURN_SIDE + 1))[TURN_SIDE : TURN_SIDE + len(turns)]
     return near < 0.5
 
 
@@ -220,9 +220,9 @@ def _line(part: Piece, period: float, smoothed: Smoothed) -> tuple[float, float]
     rest = angle - angle.mean() - slope * time
     step = smoothed.noise.quantum
     spread = float(np.std(rest))
-    inside = step > 0.0 and float(np.ptp(rest)) <= WITHIN * step
+    inside = step > 0.0 and float(np.ptp(rest)) <= LINE_QUANTA * step
     tone = abs(slope) / step * float(np.median(part.steps[1:])) if step > 0.0 else 0.0
-    noise = spread <= NOISY * smoothed.noise.reading and _is_white(rest, tone)
+    noise = spread <= NOISE_RATIO * smoothed.noise.reading and _is_white(rest, tone)
     if not inside and not noise:
         return None
     return slope, spread / math.sqrt(inertia)
@@ -235,14 +235,14 @@ def _is_white(rest: Array, tone: float) -> bool:
     ----------
     tone : quanta per reading; the quantiser's tones are its multiples, modulo the sample rate.
     """
-    windows = rest[: len(rest) // STRETCH * STRETCH].reshape(-1, STRETCH)
+    windows = rest[: len(rest) // SPECTRUM_WINDOW * SPECTRUM_WINDOW].reshape(-1, SPECTRUM_WINDOW)
     if len(windows) < 4:
         return False
-    power = np.mean(np.abs(np.fft.rfft(np.hanning(STRETCH) * windows)) ** 2, axis=0)
+    power = np.mean(np.abs(np.fft.rfft(np.hanning(SPECTRUM_WINDOW) * windows)) ** 2, axis=0)
     own = np.zeros(len(power), bool)
     own[[0, -1]] = True
     for multiple in tone * np.arange(1, TONES + 1) if tone else ():
-        place = abs(multiple - round(multiple)) * STRETCH
-        own[LOW:] |= np.abs(np.arange(LOW, len(power)) - place) < 3.0
+        place = abs(multiple - round(multiple)) * SPECTRUM_WINDOW
+        own[MOTION_BINS:] |= np.abs(np.arange(MOTION_BINS, len(power)) - place) < 3.0
     margin = 1.0 + (WHITE - 1.0) * max(1.0, math.sqrt(32.0 / len(windows)))
     return float(np.max(power[~own])) <= margin * float(np.median(power))

@@ -17,7 +17,7 @@ from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, opening, tradeoff
-from estimator_pkg.evaluation.report.findings import NONE, grouped, look, of_joint, sentences
+from estimator_pkg.evaluation.report.findings import NO_FINDINGS, grouped, look, of_joint, sentences
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import escaped
@@ -33,7 +33,7 @@ USE = (
 )
 
 
-class Report:
+class ReportPage:
     """Collects bags and writes the page at the end of `written`.
 
     Parameters
@@ -67,7 +67,7 @@ class Report:
         self._left_out = ''
 
     @contextmanager
-    def written(self) -> Iterator[Report]:
+    def written(self) -> Iterator[ReportPage]:
         """Write the page at the end, unless an error occurred."""
         yield self
         with progress(f'{self.path}: page', None):
@@ -109,7 +109,7 @@ class Report:
                 for joint, each in rows.items()
             }
             self._know(rows, chosen)
-            findings = grouped(sentences(comparison, of_readings), joints) or [NONE]
+            findings = grouped(sentences(comparison, of_readings), joints) or [NO_FINDINGS]
             parts = self._opening(comparison, rows, chosen, raw, quanta)
             ordered = [row for joint in joints for row in rows[joint]]
             parts += [
@@ -224,7 +224,7 @@ class Report:
         """Return the largest number of instants of a joint."""
         joints = len({row.joint for row in comparison.rows})
         numbers = PER_ESTIMATE * (len(comparison.rows) + joints) + SHARED * joints
-        return plots.NUMBERS // (self._bags * numbers)
+        return plots.MOST_NUMBERS // (self._bags * numbers)
 
     def _of_joint(
         self, comparison: Comparison, joint: str, rows: Sequence[Row], best: Row, instants: int

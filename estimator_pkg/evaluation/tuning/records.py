@@ -21,7 +21,7 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.ranking.cautions import cautions
-from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.tuning.objective import Known, Part, averaged
@@ -167,7 +167,7 @@ def _part(
 def _known(
     estimate: Estimate,
     true: Series,
-    moved: Motion | None,
+    moved: ReferenceMotion | None,
     period: float,
     seen: NDArray[np.int64] | None,
 ) -> Known | None:

@@ -91,7 +91,7 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
     if parsed.study is not None and parsed.storage is None:
         raise UsageError('--study needs --storage: name where to keep it, as in sqlite:///study.db')
     check_joints(parsed)
-    if parsed.observer == requested.ALL:
+    if parsed.observer == requested.ALL_OBSERVERS:
         raise UsageError("--observer is 'all', but tuning needs one: name it")
     (entry,) = requested.entries([parsed.observer], parsed.params, parsed.set)
     known = declared(observers.find(entry.observer).gains)

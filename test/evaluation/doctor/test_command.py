@@ -26,12 +26,12 @@ from estimator_pkg.cli import main
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.doctor import command
-from estimator_pkg.evaluation.doctor.choice import DEFAULT, Answer, choose, sentences
+from estimator_pkg.evaluation.doctor.choice import DEFAULT, JointRanking, choose, sentences
 from estimator_pkg.evaluation.doctor.examine import examine
 from estimator_pkg.evaluation.entries import Entry, angle_observers
-from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict
+from estimator_pkg.evaluation.ranking.verdict import ComparedPair, Verdict
 from estimator_pkg.evaluation.reference.smoother import smoother
-from estimator_pkg.evaluation.reference.smoother.noise import Noise
+from estimator_pkg.evaluation.reference.smoother.noise import ReadingNoise
 from estimator_pkg.messages import vector3
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.streams.angle import AngleStream
@@ -182,7 +182,7 @@ def test_a_reference_that_its_readings_contradict_is_warned_of(
     noise = iter(2e-3 * np.random.default_rng(0).standard_normal(3000))
     path = bag(tmp_path / 'bag', {'joint': lambda t: math.sin(2.0 * t) + next(noise)})
     if wrong:
-        fitted = Noise(0.33, 3.5e-6, 0.0, False)
+        fitted = ReadingNoise(0.33, 3.5e-6, 0.0, False)
         monkeypatch.setattr(smoother, 'white', lambda *_: fitted)
     text = 'takes 0.33 rad for noise, but the readings scatter by 0.002'
     assert main(['evaluate', path, '--observer', 'kalman']) == 0
@@ -275,7 +275,7 @@ def verdict(rms, better):
     """A verdict in which the pairs of `better` are declared."""
     names = sorted(rms, key=rms.__getitem__)
     pairs = tuple(
-        Pair(a, b, int((a, b) in better), 10.0, 5.0)
+        ComparedPair(a, b, int((a, b) in better), 10.0, 5.0)
         for i, a in enumerate(names)
         for b in names[i + 1 :]
     )
@@ -288,7 +288,7 @@ def answered(tuned, better):
     best = {name: Entry(name, name) for name in angle_observers()}
     best['kalman'] = Entry('kalman 16 Hz', 'kalman', (('bandwidth_hz', 16.0),))
     found = verdict(rms, better)
-    return Answer(found, found, best, {})
+    return JointRanking(found, found, best, {})
 
 
 def test_gains_are_taken_where_they_beat_the_defaults():

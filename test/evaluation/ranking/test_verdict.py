@@ -10,7 +10,7 @@ import pytest
 
 from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.ranking.ranking import rank
-from estimator_pkg.evaluation.ranking.verdict import NEVER_SHOWN, Pair, Verdict
+from estimator_pkg.evaluation.ranking.verdict import NEVER_SHOWN, ComparedPair, Verdict
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.signals import low_passed
 
@@ -65,9 +65,9 @@ def test_the_sentences_of_a_verdict():
         ('kalman',),
         {'edge_adaptive': 0.21, 'kalman': 0.215, 'hybrid_angle': 0.34, 'pll': 0.4},
         (
-            Pair('edge_adaptive', 'kalman', 0, 2.4, 3.6),
-            Pair('edge_adaptive', 'hybrid_angle', 1, 62.0, 5.0),
-            Pair('edge_adaptive', 'pll', 1, 90.0, 5.0),
+            ComparedPair('edge_adaptive', 'kalman', 0, 2.4, 3.6),
+            ComparedPair('edge_adaptive', 'hybrid_angle', 1, 62.0, 5.0),
+            ComparedPair('edge_adaptive', 'pll', 1, 90.0, 5.0),
         ),
     )
     assert found.sentences() == [
@@ -88,7 +88,7 @@ def pair_of(difference, sign, *events):
         'edge_adaptive',
         () if sign else ('edge_adaptive',),
         {'pll': 0.2, 'edge_adaptive': 0.2 * (1.0 + difference / 100.0)},
-        (Pair('pll', 'edge_adaptive', sign, difference, 5.0, events),),
+        (ComparedPair('pll', 'edge_adaptive', sign, difference, 5.0, events),),
     )
 
 

@@ -20,9 +20,10 @@ from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother import sites
 from estimator_pkg.evaluation.reference.smoother.cells import along, filtered
+from estimator_pkg.evaluation.reference.smoother.noise import ReadingNoise
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
-from estimator_pkg.evaluation.reference.smoother.smoother import Noise, smooth
+from estimator_pkg.evaluation.reference.smoother.smoother import smooth
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 TURN = 2.0 * math.pi
@@ -201,7 +202,7 @@ def test_it_is_the_fixed_interval_smoother():
     random = np.random.default_rng(5)
     time = np.cumsum(random.uniform(0.01, 0.05, 30))
     readings = np.sin(3.0 * time) + 0.01 * random.standard_normal(30)
-    noise = Noise(0.01, 50.0, 0.0, False)
+    noise = ReadingNoise(0.01, 50.0, 0.0, False)
     ours = smooth(ns(time), readings, 0.0, noise=noise)
     velocity, deviation = dense(ns(time), readings, noise)
     assert ours.velocity == pytest.approx(velocity, abs=1e-7)
@@ -257,7 +258,7 @@ def test_every_unit_gives_the_same(noise, quantum, unit, tick):
 
 def test_noise_that_the_readings_do_not_have_contradicts_them():
     stamps, readings, _ = turning(1.5, 200.0, 2e-3, 0.0)
-    found = smooth(stamps, readings, TURN, noise=Noise(0.33, 3.5e-6, 0.0, False))
+    found = smooth(stamps, readings, TURN, noise=ReadingNoise(0.33, 3.5e-6, 0.0, False))
     assert found.contradicted
     assert found.scatter == pytest.approx(2e-3, rel=0.05)
     assert not smooth(stamps, np.zeros(len(stamps)), TURN).contradicted
@@ -393,7 +394,10 @@ def test_the_quick_search_finds_what_an_exhaustive_one_finds(bag):
     uncertainty, reading, jerk, blur = EXHAUSTIVE[bag]
     quantum_ = found.noise.quantum
     before = smooth(
-        series.stamps_ns, series.position, TURN, noise=Noise(reading, jerk, quantum_, False, blur)
+        series.stamps_ns,
+        series.position,
+        TURN,
+        noise=ReadingNoise(reading, jerk, quantum_, False, blur),
     )
     assert before.uncertainty == pytest.approx(uncertainty, rel=1e-3)
     assert found.uncertainty == pytest.approx(uncertainty, rel=0.1)

@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.reference.smoother import pieces
 from estimator_pkg.evaluation.reference.smoother.cells import site
-from estimator_pkg.evaluation.reference.smoother.noise import Noise
+from estimator_pkg.evaluation.reference.smoother.noise import ReadingNoise
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth
@@ -88,7 +88,7 @@ def test_a_count_that_is_repeated_is_not_counted_again():
         position, velocity = wandering(seed, speed)
         random = np.random.default_rng(seed + 1000)
         readings = np.round((position + random.uniform(0.0, QUANTUM)) / QUANTUM) * QUANTUM
-        noise = Noise(
+        noise = ReadingNoise(
             QUANTUM / math.sqrt(12.0), 4.0 * speed**2 / MEMORY**3, QUANTUM, True, 0.01 * QUANTUM
         )
         found = smooth(np.arange(COUNT) * round(STEP * 1e9) + 10**9, readings, 0.0, noise=noise)
@@ -195,7 +195,7 @@ def test_a_site_gives_the_moments_of_a_gaussian_in_a_cell(mean, variance, noise)
 @pytest.mark.long
 def test_the_probability_of_cells_is_that_of_drawing_them(monkeypatch):
     """Four readings of a coarse counter against draws of the motion."""
-    monkeypatch.setattr(pieces, 'WITHIN', 1.0)
+    monkeypatch.setattr(pieces, 'SPEED_STEPS', 1.0)
     random = np.random.default_rng(0)
     steps = np.array([0.0, 1.0, 1.0, 1.0])
     cells = np.array([0.0, 0.0, 1.0, 1.0])

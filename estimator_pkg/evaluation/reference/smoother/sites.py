@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 SWEEPS = 3  # forward and backward: the sites converge after two
 OF_A_RUN = 15.0  # number of used cells in a run of equal readings, and its last,
-DRIFT = 0.25  # or more, if the motion can drift by this many quanta between them
+DRIFT_QUANTA = 0.25  # or more, if the motion can drift by this many quanta between them
 
 
 class Stretch:
@@ -50,7 +50,7 @@ class Stretch:
     def _choose(self, jerk: float) -> tuple[NDArray[np.int64], Array, Array]:
         """Return (rows, gaps, centres) of the cells that are used."""
         # white jerk drifts by sqrt(jerk t^5 / 20) in a time t
-        drift = (20.0 * (DRIFT * self._quantum) ** 2 / jerk) ** 0.2 / self._step
+        drift = (20.0 * (DRIFT_QUANTA * self._quantum) ** 2 / jerk) ** 0.2 / self._step
         drift = min(drift, self._longest)  # above it, it does not matter
         if drift != self._drift:
             self._drift = drift
