@@ -86,8 +86,11 @@ def test_the_report_fits_80_columns_and_ends_in_a_verdict(report):
 
 
 @pytest.mark.long
-def test_the_file_is_one_that_the_node_takes(report):
+def test_the_file_is_one_that_the_node_takes_and_the_page_has_it(report):
     folder, _, result = report
+    page = (folder / 'page.html').read_text()
+    assert page.index('Verdict') < page.index('Parameter file') < page.index('Checks')
+    assert 'ros__parameters' in page and 'WARN">WARN' in page and '<script src' not in page
     text = (folder / 'params.yaml').read_text()
     assert max(map(len, text.splitlines())) <= 80
     values = params_file.load(folder / 'params.yaml')
@@ -156,21 +159,6 @@ def test_metres_are_not_called_rad(command, tmp_path, capsys):
     assert main([command, path, '--wrap-period', '0', *words]) == 0
     text = capsys.readouterr().out + (out.read_text() if words else '')
     assert 'm/s or rad/s' in text and not re.search(r'(?<!or)\s\[?rad', text)
-
-
-@pytest.mark.long
-def test_a_topic_of_joint_states_is_remapped(tmp_path, capsys):
-    path = bag(tmp_path / 'arm', {'elbow': swing}, seconds=1.0, topic='/arm/states')
-    main(['doctor', path, '--out', str(tmp_path / 'p.yaml')])
-    assert 'p.yaml \\\n  -r joint_states:=/arm/states\n' in capsys.readouterr().out
-
-
-@pytest.mark.long
-def test_the_page_has_verdict_file_and_checks(report):
-    folder, _, _ = report
-    page = (folder / 'page.html').read_text()
-    assert page.index('Verdict') < page.index('Parameter file') < page.index('Checks')
-    assert 'ros__parameters' in page and 'WARN">WARN' in page and '<script src' not in page
 
 
 @pytest.mark.long
@@ -282,20 +270,53 @@ def verdict(rms, better):
     return Verdict(names[0], DEFAULT, (), rms, pairs)
 
 
+TUNED = 'kalman 16 Hz'
+BETTER = {(TUNED, 'kalman'), (TUNED, DEFAULT)}
+GAINS = {'bandwidth_hz': 16.0}
+
+
 def answered(tuned, better):
-    """An answer where `kalman 16 Hz` was tuned, with these errors and declared pairs."""
-    rms = dict.fromkeys(angle_observers(), 1.0) | {'kalman 16 Hz': 0.4} | tuned
+    """An answer where `TUNED` was tuned, with these errors and declared pairs."""
+    rms = dict.fromkeys(angle_observers(), 1.0) | {TUNED: 0.4} | tuned
     best = {name: Entry(name, name) for name in angle_observers()}
-    best['kalman'] = Entry('kalman 16 Hz', 'kalman', (('bandwidth_hz', 16.0),))
+    best['kalman'] = Entry(TUNED, 'kalman', tuple(GAINS.items()))
     found = verdict(rms, better)
     return JointRanking(found, found, best, {})
 
 
-def test_gains_are_taken_where_they_beat_the_defaults():
-    both = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)}
-    choice = choose({'elbow': answered({}, both)})
-    assert (choice.observer, choice.tuned) == ('kalman', True)
-    assert choice.gains == {'elbow': {'bandwidth_hz': 16.0}}
+EVERY = {(TUNED, each) for each in angle_observers()}
+BAD = answered({TUNED: 3.0, 'kalman': 2.5}, {(DEFAULT, 'kalman')})
+MISSED = answered({}, BETTER)._replace(
+    held_out=verdict({'kalman': 0.5, TUNED: 0.9}, {('kalman', TUNED)})
+)
+STEADY = answered({}, BETTER)
+STEADY = STEADY._replace(verdict=replace(STEADY.verdict, tunable=False))
+
+
+@pytest.mark.parametrize(
+    'answers, observer, error, sure',
+    [
+        pytest.param([answered({}, BETTER)], 'kalman', 0.4, True, id='gains that beat defaults'),
+        pytest.param([answered({TUNED: 0.98}, set())], DEFAULT, 1.0, False, id='2 %, not sure'),
+        pytest.param([answered({TUNED: 0.98}, EVERY)], 'kalman', 0.98, True, id='2 %, sure'),
+        pytest.param([answered({TUNED: 0.96}, set())], 'kalman', 0.96, False, id='4 %, not sure'),
+        pytest.param(
+            [answered({'super_twisting': 0.405}, set())],
+            'super_twisting',
+            0.405,
+            False,
+            id='an observer as it is',
+        ),
+        pytest.param([MISSED], DEFAULT, 1.0, False, id='worse on held-out data'),
+        pytest.param([answered({}, BETTER), BAD], DEFAULT, 1.0, False, id='worse for one joint'),
+        pytest.param([STEADY], DEFAULT, 1.0, False, id='noise alone'),
+    ],
+)
+def test_the_choice(answers, observer, error, sure):
+    choice = choose(dict(zip(('elbow', 'wrist'), answers)))
+    assert (choice.observer, choice.tuned) == (observer, observer != DEFAULT)
+    assert choice.gains == ({'elbow': GAINS} if observer == 'kalman' else {})
+    assert choice.more == pytest.approx(100.0 / error - 100.0) and choice.sure is sure
 
 
 @pytest.mark.long
@@ -309,50 +330,12 @@ def test_each_observer_as_it_is_has_a_delay_too():
     assert found.delays['pll'].late > found.delays['hybrid_angle'].late
 
 
-@pytest.mark.parametrize(
-    'error, sure, stays', [(0.98, False, True), (0.96, False, False), (0.98, True, False)]
-)
-def test_the_default_stays_where_it_is_as_good_and_costs_less_than_3_percent(error, sure, stays):
-    pairs = {('kalman 16 Hz', each) for each in angle_observers()} if sure else set()
-    choice = choose({'elbow': answered({'kalman 16 Hz': error}, pairs)})
-    assert choice.tuned is not stays and (choice.observer == DEFAULT) is stays
-    if not stays:
-        assert choice.gains == {'elbow': {'bandwidth_hz': 16.0}}
-        assert choice.more == pytest.approx(100.0 / error - 100.0) and choice.sure is sure
-
-
-def test_an_observer_as_it_is_goes_before_gains_that_are_not_better():
-    choice = choose({'elbow': answered({'super_twisting': 0.405}, set())})
-    assert (choice.observer, choice.gains) == ('super_twisting', {})
-
-
-def test_gains_that_are_worse_on_held_out_data_are_not_taken():
-    found = answered({}, {('kalman 16 Hz', DEFAULT)})
-    worse = verdict({'kalman': 0.5, 'kalman 16 Hz': 0.9}, {('kalman', 'kalman 16 Hz')})
-    choice = choose({'elbow': found._replace(held_out=worse)})
-    assert (choice.observer, choice.gains) == (DEFAULT, {})
-
-
-def test_an_observer_that_is_worse_for_one_joint_is_not_taken():
-    good = answered({}, {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)})
-    bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {(DEFAULT, 'kalman')})
-    assert choose({'elbow': good, 'wrist': bad}).observer == DEFAULT
-
-
 def test_at_rest_nothing_is_compared(tmp_path):
     out = tmp_path / 'params.yaml'
     assert (
         main(['doctor', bag(tmp_path / 'still', {'elbow': lambda t: 0.5}), '--out', str(out)]) == 0
     )
     assert 'no joint moves enough to compare' in out.read_text() and '95 %' not in out.read_text()
-
-
-def test_noise_alone_chooses_no_observer():
-    """At constant speed the quietest observer is best, and the default stays."""
-    better = answered({}, {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)})
-    steady = better._replace(verdict=replace(better.verdict, tunable=False))
-    assert choose({'elbow': steady}).observer == DEFAULT
-    assert 'not used' not in ' '.join(sentences('elbow', steady, choose({'elbow': steady})))
 
 
 def test_without_stamps_the_arrival_is_used(tmp_path, capsys):
@@ -443,17 +426,7 @@ def listening(folder, *words):
 
 @pytest.mark.dds
 @pytest.mark.long
-def test_a_running_topic_is_examined(tmp_path):
-    text, checks = listening(tmp_path)
-    assert text.startswith('/arm/states, 2 s live: /arm/states, 1 joint')
-    assert checks['clock']['level'] == 'PASS' and 50.0 < checks['rate']['hz'] < 500.0
-    assert checks['resolution']['counts_per_turn'] == pytest.approx(4096.0, rel=1e-3)
-    assert 'topic' not in checks
-
-
-@pytest.mark.dds
-@pytest.mark.long
-def test_an_estimate_of_ours_is_no_measurement(tmp_path):
+def test_a_running_topic_is_examined_and_an_estimate_of_ours_is_no_measurement(tmp_path):
     import dds
 
     remap = 'joint_states:=/arm/states', '~/estimate:=/joint_states', '__node:=ours'
@@ -461,6 +434,8 @@ def test_an_estimate_of_ours_is_no_measurement(tmp_path):
     with dds.NodeProcess(node, *dds.ros_args(remap=remap)):
         text, checks = listening(tmp_path)
         assert text.startswith('/arm/states, 2 s live: /arm/states, 1 joint')
+        assert checks['clock']['level'] == 'PASS' and 50.0 < checks['rate']['hz'] < 500.0
+        assert checks['resolution']['counts_per_turn'] == pytest.approx(4096.0, rel=1e-3)
         assert 'topic' not in checks
         text, checks = listening(tmp_path, '--measurement', '/joint_states')
     assert checks['topic']['level'] == 'WARN'
@@ -475,18 +450,15 @@ def test_an_estimate_in_a_bag_is_named(tmp_path, capsys):
 
 
 def test_a_better_one_that_is_not_taken_is_named_with_the_reason():
-    pair = {('kalman 16 Hz', 'kalman'), ('kalman 16 Hz', DEFAULT)}
-    found = answered({}, pair)
-    worse = verdict({'kalman': 0.5, 'kalman 16 Hz': 0.9}, {('kalman', 'kalman 16 Hz')})
-    missed = found._replace(held_out=worse)
-    text = ' '.join(sentences('elbow', missed, choose({'elbow': missed})))
+    found = answered({}, BETTER)
+    text = ' '.join(sentences('elbow', MISSED, choose({'elbow': MISSED})))
     assert f'Use {DEFAULT} as it is' in text and f'(95 % sure): keep {DEFAULT}.' in text
     assert 'kalman 16 Hz is not used: it is worse on the last 30 % alone (95 %).' in text
-    bad = answered({'kalman 16 Hz': 3.0, 'kalman': 2.5}, {(DEFAULT, 'kalman')})
-    text = ' '.join(sentences('elbow', found, choose({'elbow': found, 'wrist': bad})))
+    text = ' '.join(sentences('elbow', found, choose({'elbow': found, 'wrist': BAD})))
     assert 'kalman 16 Hz is not used: all joints have one observer.' in text
     text = ' '.join(sentences('elbow', found, choose({'elbow': found})))
     assert 'is not used' not in text and ': use kalman 16 Hz.' in text
+    assert 'not used' not in ' '.join(sentences('elbow', STEADY, choose({'elbow': STEADY})))
 
 
 @pytest.mark.page
@@ -498,16 +470,10 @@ def test_the_page_fits_a_phone_and_is_legible_in_the_dark(tmp_path):
     driver = browser.start()
     try:
         for scheme in ('light', 'dark'):
-            feature = {'name': 'prefers-color-scheme', 'value': scheme}
-            driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
             for width in (400, 1280):
-                size = {'width': width, 'height': 900, 'deviceScaleFactor': 1}
-                metrics = {**size, 'mobile': width < 500}
-                driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
-                driver.get(page.as_uri())
+                browser.on_screen(driver, page, width, scheme)
                 wide = driver.execute_script('return document.documentElement.scrollWidth')
                 assert wide <= width
-                assert driver.execute_script('return Bokeh.documents[0].all_models.size') > 50
             colour = driver.execute_script(
                 "return getComputedStyle(document.querySelector('td.PASS')).color"
             )

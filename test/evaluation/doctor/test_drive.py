@@ -19,6 +19,7 @@ from estimator_pkg.cli import main
 from estimator_pkg.evaluation.doctor import drive
 from estimator_pkg.evaluation.reference.back_emf import Drive, back_emf, of_angles, signals
 from estimator_pkg.evaluation.reference.motion import motion
+from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.streams.contract import Request
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
@@ -133,6 +134,44 @@ def test_what_is_missing_is_named_with_its_unit(bare, tmp_path, capsys):
     assert '# resistance:' in out.read_text() and params_file.load(out, 'pmsm_observer')
     assert main(['evaluate', bare]) == 1
     assert 'add --observer pmsm and its motor data' in capsys.readouterr().err
+
+
+def written(path, parts, batches):
+    """A bag of drives one after another, as batches or as pairs of messages."""
+    topics = ['/drive_samples'] if batches else ['/current', '/voltage']
+    with BagWriter(path) as bag:
+        for topic in topics:
+            bag.add_topic(topic, BATCHES if batches else vector3.TYPE)
+        log = 10**18
+        for stamps, current, voltage in parts:
+            rows = np.column_stack([current, voltage]).view(float)
+            for part in np.split(np.arange(len(stamps)), range(50, len(stamps), 50)):
+                log += 10_000_000
+                if batches:
+                    bag.write(topics[0], log, drive_samples.encode(stamps[part], rows[part]))
+                    continue
+                for stamp, row in zip(stamps[part].tolist(), rows[part].tolist()):
+                    bag.write(topics[0], log, vector3.encode(stamp, '', *row[:2]))
+                    bag.write(topics[1], log, vector3.encode(stamp, '', *row[2:]))
+    return str(path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('batches', [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_runs_of_a_drive_are_not_mixed(batches, tmp_path):
+    parts = [
+        turning(lambda t: -1500.0 + 250.0 * np.cos(12.0 * t), 5000.0, 0.4, 0.02)[0],
+        turning(lambda t: 2500.0 + 250.0 * np.cos(12.0 * t), 5000.0, 0.8, 0.02)[0],
+    ]
+    path, result = written(tmp_path / 'bag', parts, batches), tmp_path / 'r.json'
+    assert main(['doctor', path, *DATA, '--json', str(result)]) == 1
+    found = json.loads(result.read_text())
+    (joint,) = found['joints'].values()
+    checks = {each['check']: each for each in joint['findings']}
+    assert checks['order of stamps']['clock_jumps'] == 1
+    assert {name for name, each in checks.items() if each['level'] != 'PASS'} == {'order of stamps'}
+    assert checks['flux linkage']['flux'] == pytest.approx(MOTOR['flux'], rel=0.02)
+    assert ('input: ' in found['parameters']) != batches  # the node's default is batches
 
 
 def recorded(path, values):

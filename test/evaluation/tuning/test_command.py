@@ -499,7 +499,7 @@ def bag(tmp_path_factory):
 @pytest.mark.long
 def test_an_unreachable_scheduler(bag, tmp_path, capsys, monkeypatch):
     pytest.importorskip('distributed', reason='not run: Dask is not installed')
-    monkeypatch.setattr('estimator_pkg.evaluation.workers.PATIENCE', '0.5s')
+    monkeypatch.setattr('estimator_pkg.evaluation.workers.SCHEDULER_WAIT', '0.5s')
     line = fails(
         capsys,
         bag,
