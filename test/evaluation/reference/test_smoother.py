@@ -4,7 +4,6 @@
 """The off-line reference, held to the table of spec 3.6 and to motions whose truth is known."""
 
 import math
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +23,11 @@ from estimator_pkg.evaluation.reference.smoother.noise import ReadingNoise
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth
+from sim_pkg.reproduce.mechanical import cart, lab
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 TURN = 2.0 * math.pi
-HPM, LPM = (7.85e-4, 1.8e-5), (1.23e-2, 1e-3)
+HPM, LPM = lab.QUANTA.values()
 
 
 def ns(seconds):
@@ -38,81 +38,13 @@ def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def cart_pendulum(par, start, force, count, dt, substeps, friction):
-    """The plant of spec 3.1 by Runge-Kutta: shape (count, 4), positions and velocities."""
-    inertia, coupling, mass, gravity = par
-    step, out, x = dt / substeps, np.empty((count, 4)), tuple(start)
-
-    def rate(x, u):
-        c, s = math.cos(x[0]), math.sin(x[0])
-        if friction:
-            u -= (3.98 if x[3] >= 0.0 else 2.87) * math.tanh(x[3] / 2e-3)
-        a, b = gravity * s, u + coupling * s * x[2] * x[2]
-        det = inertia * mass - coupling * coupling * c * c
-        return (
-            x[2],
-            x[3],
-            (mass * a - coupling * c * b) / det,
-            (inertia * b - coupling * c * a) / det,
-        )
-
-    def moved(x, h, d):
-        return x[0] + h * d[0], x[1] + h * d[1], x[2] + h * d[2], x[3] + h * d[3]
-
-    for k in range(count):
-        out[k], u = x, force(k * dt)
-        for _ in range(substeps):
-            a = rate(x, u)
-            b = rate(moved(x, step / 2, a), u)
-            c = rate(moved(x, step / 2, b), u)
-            d = rate(moved(x, step, c), u)
-            x = moved(x, step / 6, tuple(p + 2 * q + 2 * r + s for p, q, r, s in zip(a, b, c, d)))
-    return out
-
-
-def current(t):
-    if t < 5.0:
-        return 2.5 * math.sin(TURN * (2.0 * t + 0.7 * t * t))
-    if t < 6.0:
-        return 0.0
-    return 0.8 if (t - 6.0) * 2.0 % 1.0 < 0.5 else -0.8
-
-
-@lru_cache
-def driven():
-    """Spec 3.2, section 6.2."""
-    return cart_pendulum(
-        (0.0484, 0.105, 1.15, 1.030050),
-        (math.pi, 0.0, 0.0, 0.0),
-        lambda t: 9.27 * current(t),
-        2464,
-        1.0 / 224.0,
-        64,
-        True,
-    )
-
-
-@lru_cache
-def free():
-    """Spec 3.2, section 5.1."""
-    return cart_pendulum(
-        (1.0, 0.1, 1.0, 1.0),
-        (math.pi / 2 - 0.2, -0.1, 0.4, 0.35),
-        lambda t: 0.0,
-        15000,
-        1e-3,
-        4,
-        False,
-    )
-
-
 def encoder(axis, quanta, every):
     """(stamps, readings, true velocity, sample time) of an encoder whose zero lies anywhere."""
     offset = np.random.default_rng(0).uniform(-0.5, 0.5, 2)[axis] * quanta[axis]
-    motion = driven()[::every]
-    readings = np.floor((motion[:, axis] + offset) / quanta[axis] + 0.5) * quanta[axis] - offset
+    position, velocity = (each[::every, axis] for each in lab.truth('nominal')[:2])
+    readings = np.floor((position + offset) / quanta[axis] + 0.5) * quanta[axis] - offset
     step = every / 224.0
-    return ns(np.arange(len(motion)) * step), readings, motion[:, 2 + axis], step
+    return ns(np.arange(len(position)) * step), readings, velocity, step
 
 
 def inner(step):
@@ -147,11 +79,11 @@ def test_the_specs_table(axis, quanta, every, central, error):
 @pytest.mark.long
 @pytest.mark.parametrize('axis, quantum_, error', [(0, TURN / 256, 0.0040), (1, 1 / 500, 0.0019)])
 def test_the_specs_table_with_white_noise(axis, quantum_, error):
-    motion = free()
+    position, velocity = (each[:, axis] for each in cart.truth())
     noise = np.random.default_rng(0).standard_normal((15000, 2))[:, axis] * 0.01
-    readings = np.floor((motion[:, axis] + noise) / quantum_ + 0.5) * quantum_
+    readings = np.floor((position + noise) / quantum_ + 0.5) * quantum_
     found = smooth(ns(np.arange(15000) * 1e-3), readings, 0.0)
-    actual = rms((found.velocity - motion[:, 2 + axis])[250:-250])
+    actual = rms((found.velocity - velocity)[250:-250])
     assert actual == pytest.approx(error, rel=0.05)
     assert 0.9 <= found.uncertainty / actual <= 1.8
 
@@ -159,13 +91,13 @@ def test_the_specs_table_with_white_noise(axis, quantum_, error):
 @pytest.mark.long
 def test_jittered_stamps_are_found_to_be_noise():
     """Rows H5: +-1 ms of jitter."""
-    motion = driven()
-    time = np.arange(len(motion)) / 224.0
+    position, velocity = (each[:, 0] for each in lab.truth('nominal')[:2])
+    time = np.arange(len(position)) / 224.0
     stamps = ns(time + np.random.default_rng(0).uniform(-1e-3, 1e-3, len(time)))
-    readings = np.floor(motion[:, 0] / HPM[0] + 0.5) * HPM[0]
+    readings = np.floor(position / HPM[0] + 0.5) * HPM[0]
     cut = inner(1.0 / 224.0)
     found = smooth(stamps, readings, 0.0)
-    assert rms((found.velocity - motion[:, 2])[cut]) == pytest.approx(0.0307318, rel=0.15)
+    assert rms((found.velocity - velocity)[cut]) == pytest.approx(0.0307318, rel=0.15)
     assert found.noise.reading == pytest.approx(1.17e-3, rel=0.05)
     assert not found.noise.at_floor
 
