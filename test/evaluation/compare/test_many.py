@@ -6,7 +6,6 @@
 import html
 import json
 import math
-import shlex
 import shutil
 
 import pytest
@@ -52,10 +51,8 @@ def mixed(tmp_path):
 @pytest.mark.parametrize('jobs', ['1', '2'])
 def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys, jobs):
     result, page = tmp_path / 'result.json', tmp_path / 'page.html'
-    assert (
-        main(f'evaluate {mixed} --observer pll --jobs {jobs} --html {page} --json {result}'.split())
-        == 0
-    )
+    words = f'{mixed} --observer pll --jobs {jobs} --json {result}'.split()
+    assert main(['evaluate', *words, '--html', str(page)]) == 0
     warned = capsys.readouterr().err.splitlines()
     bad = [str(mixed / 'short'), str(mixed / 'torn')]
     assert [line.split()[1] for line in warned if 'is skipped' in line] == bad
@@ -64,22 +61,7 @@ def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys,
     assert list(found['left_out']) == bad
     assert 'no valid estimate' in found['left_out'][str(mixed / 'short')]
     assert all(html.escape(why) in page.read_text() for why in found['left_out'].values())
-    assert (
-        main(
-            [
-                'tune',
-                str(mixed),
-                *shlex.split('--observer pll --trials 8'),
-                '--jobs',
-                jobs,
-                '--out',
-                str(tmp_path / 'gains.yaml'),
-                '--json',
-                str(result),
-            ]
-        )
-        == 0
-    )
+    assert main(['tune', *words, '--trials', '8', '--out', str(tmp_path / 'gains.yaml')]) == 0
     found = json.loads(result.read_text())
     assert found['tuned'][0]['bags'] == [str(mixed / 'good')]
     assert list(found['left_out']) == [str(mixed / 'torn')]

@@ -346,16 +346,6 @@ def test_without_stamps_the_arrival_is_used(tmp_path, capsys):
     assert 'PASS  rate               250 Hz' in out
 
 
-def test_a_bag_that_ends_early_is_examined_with_one_warning(tmp_path, capsys):
-    whole = bag(tmp_path / 'whole', {'elbow': lambda t: 0.5}, seconds=8.0)
-    cut = tmp_path / 'cut.mcap'
-    raw = next(Path(whole).glob('*.mcap')).read_bytes()
-    cut.write_bytes(raw[: 3 * len(raw) // 4])
-    assert main(['doctor', str(cut)]) == 0
-    error = capsys.readouterr().err
-    assert 'ends early' in error and error.count('\n') == 1
-
-
 def test_a_bag_is_opened_once_with_its_limit(tmp_path, monkeypatch, capsys):
     path, opened = bag(tmp_path / 'whole', {'elbow': lambda t: 0.5}, seconds=1.0), []
     monkeypatch.setattr(
