@@ -240,17 +240,6 @@ def test_equal_stamps_take_the_truth_as_it_is():
     assert found.velocity.tolist() == truth[[2, 5]].tolist()
 
 
-def test_other_stamps_take_it_interpolated_and_holes_take_none():
-    stamps = np.arange(0, 2_000_000_000, 1_000_000, dtype=np.int64) + 10**18
-    stamps = stamps[(stamps < 10**18 + 500_000_000) | (stamps > 10**18 + 600_000_000)]
-    seconds = (stamps - 10**18) * 1e-9
-    asked = np.array([250_300_000, 550_000_000, 700_000_000, 5_000_000_000], np.int64) + 10**18
-    found = match(asked, stamps, sine(seconds), sine(seconds), 0.0)
-    assert found.rows.tolist() == [0, 2]
-    assert (found.exact, found.unmatched) == (1, 2)
-    assert found.velocity == pytest.approx(sine(np.array([0.2503, 0.7])), abs=5e-7)
-
-
 def test_a_looping_stream_is_matched_turn_by_turn():
     once = np.arange(1, 1001, dtype=np.int64) * 1_000_000
     stamps = np.concatenate([once, once])

@@ -119,10 +119,16 @@ def test_a_few_events_that_decide_are_named():
     assert pairs.events(one).tolist() == [7, 9]
 
 
-def test_the_events_are_where_one_estimate_is_wrong():
+def swinging(counts=8e4):
+    """The motion that 16 s of counted readings show."""
     time = np.arange(8000) * 2e-3
     stamps = np.rint(time * 1e9).astype(np.int64) + 10**18
-    found = motion(stamps, np.floor(8e4 * np.sin(5.0 * time)) / 8e4, 0.0)
+    return motion(stamps, np.floor(counts * np.sin(5.0 * time)) / counts, 0.0)
+
+
+def test_the_events_are_where_one_estimate_is_wrong():
+    found = swinging()
+    time = found.time
     wrong = found.velocity + 0.1
     wrong[(time > 9.0) & (time < 9.2)] += 2.0
     verdict = rank({'a': found.velocity + 0.1, 'b': wrong}, found, default='b')
@@ -134,10 +140,7 @@ def test_the_events_are_where_one_estimate_is_wrong():
 @pytest.mark.parametrize('other, sign', [(0.0504, 0), (0.0516, 1)])
 def test_estimates_that_print_the_same_error_are_not_ranked(other, sign):
     """Both differences are significant; 0.05 and 0.0504 are printed as 0.05."""
-    time = np.arange(8000) * 2e-3
-    stamps = np.rint(time * 1e9).astype(np.int64) + 10**18
-    angle = np.floor(8e4 * np.sin(5.0 * time)) / 8e4
-    found = motion(stamps, angle, 0.0)
+    found = swinging()
     verdict = rank({'a': found.velocity + 0.05, 'b': found.velocity + other}, found, default='b')
     assert verdict.pair('a', 'b').sign == sign
     assert ('b' in verdict.ties) == (sign == 0) and verdict.choice == ('b' if not sign else 'a')
@@ -152,11 +155,9 @@ def test_without_a_reference_the_default_is_the_choice():
 
 
 def test_a_default_without_estimates_is_not_recommended():
-    time = np.arange(4000) * 2e-3
-    stamps = np.rint(time * 1e9).astype(np.int64) + 10**18
-    angle = np.floor(800.0 * np.sin(5.0 * time)) / 800.0
-    found = motion(stamps, angle, 0.0)
-    both = {'a': found.velocity + 0.1, 'b': found.velocity - 0.1, 'c': np.full(4000, np.nan)}
+    found = swinging(800.0)
+    both = {'a': found.velocity + 0.1, 'b': found.velocity - 0.1}
+    both['c'] = np.full(len(found.time), np.nan)
     verdict = rank(both, found, default='c')
     assert verdict.unranked == ('c',) and verdict.default == '' and verdict.choice == verdict.best
     assert verdict.sentences()[0].startswith('All are equal within')

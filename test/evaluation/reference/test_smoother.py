@@ -17,13 +17,11 @@ from estimator_pkg.engine import calls
 from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.reference.quantum import quantum
-from estimator_pkg.evaluation.reference.smoother import sites
-from estimator_pkg.evaluation.reference.smoother.cells import along, filtered
 from estimator_pkg.evaluation.reference.smoother.noise import ReadingNoise
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth
-from sim_pkg.reproduce.mechanical import cart, lab
+from sim_pkg.reproduce.mechanical import lab
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 TURN = 2.0 * math.pi
@@ -74,18 +72,6 @@ def test_the_specs_table(axis, quanta, every, central, error):
     # where the cart's dry friction makes its acceleration jump, part of that is taken for noise
     assert actual <= (1.75 if axis and quanta is HPM else 1.1) * error
     assert 0.8 <= found.uncertainty / actual <= 1.8
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('axis, quantum_, error', [(0, TURN / 256, 0.0040), (1, 1 / 500, 0.0019)])
-def test_the_specs_table_with_white_noise(axis, quantum_, error):
-    position, velocity = (each[:, axis] for each in cart.truth())
-    noise = np.random.default_rng(0).standard_normal((15000, 2))[:, axis] * 0.01
-    readings = np.floor((position + noise) / quantum_ + 0.5) * quantum_
-    found = smooth(ns(np.arange(15000) * 1e-3), readings, 0.0)
-    actual = rms((found.velocity - velocity)[250:-250])
-    assert actual == pytest.approx(error, rel=0.05)
-    assert 0.9 <= found.uncertainty / actual <= 1.8
 
 
 @pytest.mark.long
@@ -188,14 +174,6 @@ def test_every_unit_gives_the_same(noise, quantum, unit, tick):
     assert other.uncertainty == pytest.approx(unit / tick * one.uncertainty, rel=1e-5)
 
 
-def test_noise_that_the_readings_do_not_have_contradicts_them():
-    stamps, readings, _ = turning(1.5, 200.0, 2e-3, 0.0)
-    found = smooth(stamps, readings, TURN, noise=ReadingNoise(0.33, 3.5e-6, 0.0, False))
-    assert found.contradicted
-    assert found.scatter == pytest.approx(2e-3, rel=0.05)
-    assert not smooth(stamps, np.zeros(len(stamps)), TURN).contradicted
-
-
 def test_chunks_leave_no_seam(monkeypatch):
     time = np.arange(1000) * 0.01
     readings = np.sin(2.0 * time) + 0.001 * np.random.default_rng(1).standard_normal(1000)
@@ -247,12 +225,6 @@ def test_motion_within_the_motion_is_not_passed_over():
     assert actual > 0.7
     assert rms(found.velocity_stddev) < 0.2 * actual
     assert 0.7 * actual < found.uncertainty < 1.5 * actual
-
-
-def test_too_little_gives_nothing():
-    for count in (0, 1, 5):
-        found = smooth(ns(np.arange(count) * 0.01), np.zeros(count), TURN)
-        assert not len(found.stamps) and math.isnan(found.uncertainty)
 
 
 @pytest.mark.skipif(not available(), reason='no engine was built')
@@ -341,35 +313,3 @@ def test_the_quick_search_finds_what_an_exhaustive_one_finds(bag):
         return sum(find_sites(each, quantum_, blur, jerk)[1] for each in parts)
 
     assert logarithm(found.noise.jerk, found.noise.blur) > logarithm(jerk, blur) - 10.0
-
-
-JOINTS = (
-    'dfki_double_pendulum/at_rest_500hz_duplicate_stamp',
-    'dfki_double_pendulum/trajectory_665hz',
-    'dfki_simple_pendulum/energy_shaping_200hz',
-    'dfki_simple_pendulum/system_identification_300hz',
-    'simulated/random_with_faults',
-)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('bag', JOINTS)
-def test_the_search_passes_few_times_over_the_readings(bag, monkeypatch):
-    """A pass over a reading takes about 80 ns, and they are most of the time of the reference."""
-    passed = 0
-
-    def counting(function, *arguments):
-        nonlocal passed
-        if function is along:
-            passed += arguments[1] * arguments[-1]
-        elif function is filtered:
-            passed += arguments[1]
-        return calls.run(function, *arguments)
-
-    monkeypatch.setattr(sites, 'run', counting)
-    with open_bag(BAGS / bag) as opened:
-        found = positions(opened, '/joint_states')
-    for series in found.values():
-        passed = 0
-        smooth(series.stamps_ns, series.position, TURN)
-        assert 20.0 < passed / len(series.stamps_ns) < 75.0  # 196 with a search for each blur

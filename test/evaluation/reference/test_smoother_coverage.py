@@ -15,7 +15,6 @@ from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.reference.smoother import pieces
 from estimator_pkg.evaluation.reference.smoother.cells import site
-from estimator_pkg.evaluation.reference.smoother.noise import ReadingNoise
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth
@@ -74,23 +73,6 @@ def test_it_covers_what_it_promises_and_no_more(speed, noise):
     rms, reported, within = held(speed, noise, range(2))
     assert 0.90 <= within <= 0.99
     assert 0.75 <= reported / rms <= 1.35
-
-
-def test_a_count_that_is_repeated_is_not_counted_again():
-    """At 0.003 counts per sample, with the right noise and jerk: 300 equal readings in a row."""
-    within = []
-    for seed in range(6):
-        speed = 0.003 * QUANTUM / STEP
-        position, velocity = wandering(seed, speed)
-        random = np.random.default_rng(seed + 1000)
-        readings = np.round((position + random.uniform(0.0, QUANTUM)) / QUANTUM) * QUANTUM
-        noise = ReadingNoise(
-            QUANTUM / math.sqrt(12.0), 4.0 * speed**2 / MEMORY**3, QUANTUM, True, 0.01 * QUANTUM
-        )
-        found = smooth(np.arange(COUNT) * round(STEP * 1e9) + 10**9, readings, 0.0, noise=noise)
-        error = (found.velocity - velocity)[ENDS:-ENDS]
-        within.append(np.mean(np.abs(error) <= 1.96 * found.velocity_stddev[ENDS:-ENDS]))
-    assert np.mean(within) > 0.9
 
 
 def test_a_count_that_stays_may_hide_a_creep():

@@ -18,7 +18,6 @@ import pytest
 
 from estimator_pkg import params_file
 from estimator_pkg.bags.series import of_positions
-from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.entries import Entry
@@ -26,7 +25,6 @@ from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import findings, opening, spectrum, tradeoff
 from estimator_pkg.evaluation.report.tables import Overview, changed
 from estimator_pkg.evaluation.thinning import broken, extremes, limits
-from estimator_pkg.messages.joint_state import TYPE, Encoder
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 PENDULUM = BAGS / 'dfki_simple_pendulum' / 'gravity_compensation_1000hz'
@@ -306,27 +304,6 @@ def test_without_truth_the_page_has_the_verdict(tmp_path):
     for sentence in verdict['sentences']:
         assert html.escape(sentence.rstrip('.')) in page
     assert page.count('<tr class="best">') == 1
-
-
-def coarse(path, joint, counts):
-    """A bag without truth in which a joint swings by a turn."""
-    states = Encoder()
-    with BagWriter(path) as bag:
-        bag.add_topic('/joint_states', TYPE)
-        for k in range(1, 800):
-            angle = math.floor(math.sin(0.01 * k) * counts) * TURN / counts
-            bag.write('/joint_states', k * 10**7, states.encode(k * 10**7, '', (joint,), [angle]))
-    return str(path)
-
-
-@pytest.mark.long
-def test_bags_with_other_joints_and_one_too_coarse_to_judge(tmp_path, capsys):
-    fine, rough = coarse(tmp_path / 'fine', 'a', 512), coarse(tmp_path / 'rough', 'b', 8)
-    page, found = report(tmp_path, fine, rough, '--observer', 'kalman')
-    assert found[fine]['refused'] == {}
-    assert 'too rarely' in found[rough]['refused']['b']
-    assert page.count('<tr class="best">') == 1
-    assert '<h3>a</h3>' in page and '<h3>b</h3>' in page
 
 
 @pytest.mark.parametrize(
