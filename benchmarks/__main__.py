@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, field, held_out, second
+from benchmarks import accuracy, csv_files, field, held_out, second
 from benchmarks.drive import drives
 from benchmarks.live import live
 from benchmarks.mechanism import mechanisms
@@ -46,6 +46,8 @@ def _speed(parsed: argparse.Namespace) -> Result:
 def _accuracy(parsed: argparse.Namespace) -> Result:
     if parsed.draws < 0:
         raise UsageError(f'--draws {parsed.draws}: give the number of random phases, 1 or more')
+    if parsed.draws and parsed.csv:
+        raise UsageError('--csv writes no file for --draws: leave out one of them')
     if parsed.draws:
         rows = accuracy.drawn(draws=parsed.draws)
         return rows, accuracy.describe_drawn(rows, parsed.markdown)
@@ -81,6 +83,10 @@ def _second(parsed: argparse.Namespace) -> Result:
     return rows, second.describe(rows, parsed.markdown)
 
 
+CSV: dict[str, Callable[[Any], str]] = {
+    'accuracy': csv_files.accuracy,
+    'held-out': csv_files.held_out,
+}
 PARTS: dict[str, Callable[[argparse.Namespace], Result]] = {
     'speed': _speed,
     'accuracy': _accuracy,
@@ -124,6 +130,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='held-out: only this list (may be repeated; default: all)',
     )
     add('--markdown', action='store_true', help='print the tables as Markdown')
+    add('--csv', metavar='FOLDER', help='write accuracy.csv and held_out.csv into this folder')
     add('--quick', action='store_true', help='a quick check, not a measurement: fewer rounds')
 
 
@@ -149,6 +156,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 raise
             printed = f'not run: {error}'
         print(f'{part}: {printed}\n', flush=True)
+        if parsed.csv and part in CSV and part in result:
+            path = Path(parsed.csv) / f'{part.replace("-", "_")}.csv'
+            path.write_text(CSV[part](result[part]), encoding='utf-8')
     return result
 
 

@@ -45,7 +45,6 @@ QUIET = {
     'relative_bandwidth': 0.3,
     'k_eta': 0.8 / FLUX,
     'epsilon': 150e-6,
-    'pwm_frequency': RATE,
     'speed_filter_hz': 0.99 * BANDWIDTH_HZ,
 }
 CASES: dict[str, dict[str, Any]] = {

@@ -131,7 +131,7 @@ def main() -> None:
     print(f'{"observer":<18} {"number":<7} {"ns":>6} {"state":>7} {"M4F":>8} {"M7":>8}')
     for name in OF_AN_ANGLE:
         observer = registry.find(registry.OBSERVERS, name)
-        gains, settings = Configuration(observer, {'sensor_map': 'none'}).for_joint('')
+        gains, settings = Configuration(observer).for_joint('')
         for float32 in (False, True):
             with tempfile.TemporaryDirectory() as temporary:
                 made, out = exported(observer, gains, settings, name, float32), Path(temporary)

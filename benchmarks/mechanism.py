@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.timing import Side, best_and_median, interleave, not_run, row
 from estimator_pkg import observers
-from estimator_pkg.driver.efforts import FIELD
+from estimator_pkg.driver.efforts import EFFORT_FIELD
 from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ NUMPY = f'{__name__}:NumpyCartPendulum'
 
 
 class NumpyCartPendulum:
-    """The cart-pendulum as a user's model of a mechanism (docs/own_model.md)."""
+    """The cart-pendulum as a user's model of a mechanism (docs/known_inputs.md)."""
 
     joints = ('pendulum', 'cart')
     periods = (2.0 * np.pi, 0.0)
@@ -101,7 +101,9 @@ def mechanisms(rounds: int = 7) -> list[dict[str, Any]]:
 def mechanism(model: str) -> Mechanism:
     """Return geso on this model."""
     record = observers.find('geso')
-    return Mechanism('mechanism', record, record.gains(model=model), MechanismSettings(), FIELD)
+    return Mechanism(
+        'mechanism', record, record.gains(model=model), MechanismSettings(), EFFORT_FIELD
+    )
 
 
 def _engine_times(joint: Mechanism, rounds: int) -> list[float]:

@@ -23,7 +23,7 @@ from estimator_pkg import observers
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.configuration import Configuration, SourceSettings
-from estimator_pkg.driver.informed import Informed
+from estimator_pkg.driver.fused import FusedJoint
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.doctor.second import candidates
 from estimator_pkg.evaluation.text import markdown, number, table
@@ -139,7 +139,7 @@ def judged(case: Case) -> dict[str, Any]:
     """Return the errors without, with and of the second sensor alone, and what was learnt."""
     observer = observers.find('edge_adaptive')
     gains = Configuration(observer, {'quantum': QUANTUM}).for_joint('')
-    joint, at, found = Informed(observer, *gains, [(0, 'second', case.source)]), 0, []
+    joint, at, found = FusedJoint(observer, *gains, [(0, 'second', case.source)]), 0, []
     values = list(zip(case.source_stamps.tolist(), case.values.tolist()))
     for stamp, angle in zip(case.stamps.tolist(), case.angle.tolist()):
         while at < len(values) and values[at][0] <= stamp:
@@ -152,7 +152,7 @@ def judged(case: Case) -> dict[str, Any]:
     alone, informed = np.sqrt(np.mean(error**2, axis=0)).tolist()
     own, single = joint.sensors[0], alone
     if case.source.ratio:
-        second = Informed(observer, *gains, []).alone.run(case.source_stamps, case.values)
+        second = FusedJoint(observer, *gains, []).alone.run(case.source_stamps, case.values)
         of_second = case.source.ratio * second.velocity[rows] - case.velocity[rows]
         single = min(alone, math.sqrt(np.mean(of_second**2)))
     return {

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 import operator
-import warnings
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -24,13 +23,13 @@ from estimator_pkg import observers
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
-from estimator_pkg.estimate import INITIALISING, STATUS_NAMES
-from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
-from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, VERDICTS
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, STATUS_NAMES
+from estimator_pkg.estimate import VALID as PUBLISHED
+from estimator_pkg.sensor.guard import DUPLICATE, UNSTABLE_GAINS, VERDICTS
 
 __all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
 
-VALID = ('tracking', 'coasting')  # statuses with which a node publishes a velocity
+VALID = tuple(STATUS_NAMES[status] for status in PUBLISHED)
 NAN = math.nan
 NAME_IT = "use observer='{0}'"  # what to do to have another observer's gain
 
@@ -157,30 +156,24 @@ class VelocityEstimator:
             )
             return self._last
         why = VERDICTS[joint.verdict]
-        if joint.verdict == MISCONFIGURED:
+        if joint.verdict == UNSTABLE_GAINS:
             self._last = Estimate(stamp_ns, NAN, NAN, NAN, NAN, NAN, why, False, why)
         else:
             self._last = self._last._replace(used=False, dropped=why)
         return self._last
 
-    def run(
-        self, stamps_ns: ArrayLike, angles: ArrayLike, *, fast: bool | None = None
-    ) -> EstimateArrays:
+    def run(self, stamps_ns: ArrayLike, angles: ArrayLike) -> EstimateArrays:
         """Take many samples and return all estimates, the same as those of `update`.
 
         Parameters
         ----------
         stamps_ns : shape (n,), integer times [ns], in the order in which the samples came.
         angles : shape (n,), measured positions [rad or m].
-        fast : without effect; the next release does not take it.
 
         Raises
         ------
         UsageError : arrays of other shapes or types.
         """
-        if fast is not None:
-            message = "'fast' has no effect any more: remove it"
-            warnings.warn(message, FutureWarning, stacklevel=2)
         stamps = _array(stamps_ns, np.int64, 'iu', 'stamps_ns must be integers [ns]')
         positions = _array(angles, np.float64, 'iuf', 'angles must be numbers [rad or m]')
         if stamps.ndim != 1 or stamps.shape != positions.shape:
@@ -189,8 +182,8 @@ class VelocityEstimator:
             )
         found = self._joint.run(stamps, positions)
         verdict = found.verdict
-        answered = (verdict < DUPLICATE) | (verdict == MISCONFIGURED)
-        status = np.where(verdict == MISCONFIGURED, STATUS_MISCONFIGURED, found.status)
+        answered = (verdict < DUPLICATE) | (verdict == UNSTABLE_GAINS)
+        status = np.where(verdict == UNSTABLE_GAINS, MISCONFIGURED, found.status)
         rows: list[Any] = [stamps, *found[:5], np.array(STATUS_NAMES)[status]]
         if not answered.all():  # a dropped sample repeats the row before; row 0: the last estimate
             row = np.maximum.accumulate(np.where(answered, np.arange(1, len(stamps) + 1), 0))
@@ -275,7 +268,7 @@ class VelocityEstimator:
         """A joint of these gains that has taken no sample."""
         try:
             joint = Joint(self._observer, *configuration.for_joint(''))
-            joint.rehearse()
+            joint.warm_up()
         except (ArithmeticError, ValueError) as error:
             raise UsageError(f'these gains give no estimates ({error})') from error
         return joint

@@ -82,6 +82,25 @@ class _RecordClass(type):
         """Return a new record with the values of an element of an array of `dtype`."""
         return _made(cls, element.tolist())
 
+    def view(cls, element: Any) -> Any:
+        """Return a `View` of an element of an array of `dtype`."""
+        return View(cls, element)
+
+
+class View:
+    """A record in an array: a field is read when it is named, and cannot be set."""
+
+    __slots__ = ('_element', '_kind')
+
+    def __init__(self, kind: Any, element: Any) -> None:
+        self._kind, self._element = kind, element
+
+    def __getattr__(self, name: str) -> Any:
+        kind, value = self._kind.fields[name], self._element[name]
+        if isinstance(kind, Vector):
+            return _made(kind, value.tolist())
+        return View(kind, value) if isinstance(kind, _RecordClass) else value.item()
+
 
 class _Record:
     __slots__ = ()

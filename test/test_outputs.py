@@ -14,7 +14,6 @@ import csv
 import io
 import itertools
 import math
-import re
 import tempfile
 from collections import Counter, defaultdict
 from pathlib import Path
@@ -25,7 +24,6 @@ import pytest
 from estimator_pkg import VelocityEstimator, cli
 from estimator_pkg.bags.definitions import jazzy
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.observers.angle.smoother import Smoother
 from estimator_pkg.sensor.stamp_repair import COLLECTING, LEFT_ALONE, REPAIRED, StampRepair
 
@@ -104,13 +102,7 @@ ANGLE = {
     ),
     'pll': ({}, {'bandwidth_hz': 5.0, 'low_speed_bound': False}, {'damping': 1.5}),
     'finite_difference': ({}, {'bandwidth_hz': 200.0}),
-    'super_twisting': (
-        {},
-        {'order': 1, 'quantum': TURN / 4096},
-        {'order': 3},
-        {'form': 'implicit', 'order': 1},
-        {'form': 'taylor', 'order': 3},
-    ),
+    'super_twisting': ({}, {'order': 1, 'quantum': TURN / 4096}, {'order': 3}),
 }
 CASES = [(name, gains) for name, variants in ANGLE.items() for gains in variants]
 
@@ -200,45 +192,6 @@ def of_stamp_repair(kind):
     yield 'stamps', figures(np.array(out) * 1e-9)
     yield 'fit', figures([repair.period, repair.drift, repair.jitter, repair.offset])
     yield 'states', figures([states[state] for state in range(len(STATES))])
-
-
-SPEEDS = {
-    'eccentric': lambda time: 40.0 + 0.0 * time,
-    'eccentric, back': lambda time: -30.0 + 8.0 * np.sin(2.0 * time),
-    'coarse': lambda time: 60.0 + 10.0 * np.sin(time),
-    'coarse, both ways': lambda time: 70.0 * np.tanh(20.0 * np.sin(1.5 * time)),
-    'cogging': lambda time: np.where(time < 3.0, 40.0, 80.0),
-    'exact': lambda time: 50.0 * (np.mod(time, 1.5) < 1.2),
-}
-
-
-def of_sensor_map(kind):
-    """Sensors with errors that repeat each turn, which are learnt."""
-    random, time = np.random.default_rng(5), np.arange(5000) * 1e-3
-    speed = SPEEDS[kind](time)
-    angle = 0.3 + 1e-3 * np.cumsum(speed)
-    if kind == 'cogging':
-        angle += 30.0 / speed**2 * np.sin(5.0 * angle)
-    turns = np.floor(angle / TURN)
-    if 'coarse' in kind:
-        edges = np.sort((np.arange(16) + random.uniform(-0.2, 0.2, 16) + 0.25) * TURN / 16)
-        place = np.searchsorted(edges, angle - TURN * turns) - 0.5
-        readings = (turns * 16 + place) * TURN / 16
-    else:
-        wrong = 0.03 * np.sin(angle) if 'eccentric' in kind else 0.0
-        readings = np.floor((angle + wrong) * 4096 / TURN) * TURN / 4096
-    readings = np.remainder(readings + math.pi, TURN) - math.pi
-    stamps = START_NS + np.round(1e9 * time).astype(np.int64)
-    for observer in ('kalman', 'edge_adaptive'):
-        joint = Entry(observer, observer).joint()
-        out = joint.run(stamps, readings)
-        yield observer, figures(out.velocity)
-        yield f'{observer}, position', figures(out.position)
-        numbers = re.findall(r'\d+(?:\.\d+)?', joint.learner.shaft.text())
-        yield f'{observer}, reported', figures([float(number) for number in numbers])
-        for way in (1, -1):
-            errors = joint.sensor_errors(way)(np.linspace(-3.1, 3.1, 60), np.full(60, 10.0))
-            yield f'{observer}, errors {way}', figures(errors)
 
 
 KINDS = ['late', 'bursts', 'drift', 'holes', 'jump', 'irregular', 'rest', 'equal', 'gaps', 'faults']
@@ -341,8 +294,6 @@ def cases():
     for stream in STREAMS:
         yield 'smoother', stream, lambda _, s=stream: of_smoother(s)
         yield 'smoother, quantum', stream, lambda _, s=stream: of_smoother(s, quantum=TURN / 4096)
-    for kind in SPEEDS:
-        yield 'sensor_map', kind, lambda _, k=kind: of_sensor_map(k)
     for kind in KINDS:
         yield 'stamp_repair', kind, lambda _, k=kind: of_stamp_repair(k)
     for bag, observer, text in DRIVEN:

@@ -205,7 +205,7 @@ def parameters(
     from_file = params_file.for_observer(params, node or stream.NODE, observer) if params else {}
     if params and from_file is None:
         params_file.warn_unused(params, [str(observer)])
-    (values,) = params_file.modern({**(from_file or {}), **assignments})
+    values = {**(from_file or {}), **assignments}
     if observer:
         values['observer'] = observer
     if not isinstance(values.get('observer', ''), str):

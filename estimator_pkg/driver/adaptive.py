@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from estimator_pkg.driver.bank import Bank, Line, TakenOfJoints, taken
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration, JointSettings
-from estimator_pkg.driver.efforts import COMMAND, FIELD, Acting, DrivenSettings
+from estimator_pkg.driver.efforts import EFFORT_COMMAND, EFFORT_FIELD, Acting, DrivenSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import NOT_OBSERVABLE
 from estimator_pkg.observers.adaptive.evidence import Evidence
-from estimator_pkg.observers.adaptive.report import Origin, Report, report
+from estimator_pkg.observers.adaptive.report import IdentificationReport, Origin, report
 from estimator_pkg.observers.adaptive.structure import structure
 from estimator_pkg.observers.contract import Observer
 
-PIECE = 0.25  # length of a batch, in blocks of evidence
+PIECE_BLOCKS = 0.25  # length of a batch, in blocks of evidence
 
 
 class AdaptiveJoint(Joint):
@@ -62,8 +62,6 @@ class AdaptiveJoint(Joint):
         stamps: NDArray[np.int64],
         measurements: NDArray[np.float64],
         known_input: NDArray[np.float64] | None = None,
-        *,
-        fast: bool | None = None,
     ) -> Estimates:
         """As `Joint.run`, piece by piece: blocks of evidence end where a piece does.
 
@@ -72,7 +70,7 @@ class AdaptiveJoint(Joint):
         pieces: list[Estimates] = []
         begin = 0
         while begin < len(stamps) or not pieces:
-            length_ns = round(PIECE * self.evidence.length * 1e9)
+            length_ns = round(PIECE_BLOCKS * self.evidence.length * 1e9)
             end = len(stamps) and begin + 1 + int(
                 np.searchsorted(stamps[begin + 1 :], stamps[begin] + length_ns)
             )
@@ -93,7 +91,7 @@ class AdaptiveJoint(Joint):
         """See `Joint`."""
         return self.estimate()[3] == NOT_OBSERVABLE
 
-    def report(self) -> Report:
+    def report(self) -> IdentificationReport:
         """Return the identified parameters."""
         return report(
             self.gains, self.design, self.state, self.mean_dt or 1e-3, self.evidence, self.origin
@@ -173,14 +171,14 @@ class AdaptiveBank(Bank):
     Parameters
     ----------
     configuration, only, most : as in `Bank`.
-    source : source of the efforts: FIELD (of joint states) or COMMAND (a separate topic).
+    source : of the efforts: EFFORT_FIELD (in joint states) or EFFORT_COMMAND (on a topic).
     """
 
     def __init__(
         self,
         configuration: Configuration,
         only: Iterable[str] = (),
-        source: str = FIELD,
+        source: str = EFFORT_FIELD,
         most: int | None = None,
     ) -> None:
         super().__init__(configuration, only, most)
@@ -206,11 +204,11 @@ class AdaptiveBank(Bank):
 
         Parameters
         ----------
-        positions, efforts : as in a JointState; efforts of COMMAND arrive by `command`.
+        positions, efforts : as in a JointState; efforts of EFFORT_COMMAND arrive by `command`.
         """
         if not self.fits(names, positions):
             return None
-        if self._source != COMMAND and len(efforts) != len(names):
+        if self._source != EFFORT_COMMAND and len(efforts) != len(names):
             self.without_input += 1
             self.mismatched += 1
             return None
@@ -220,7 +218,7 @@ class AdaptiveBank(Bank):
         estimates: list[tuple[float, float, float, int] | None] = []
         commanded = (math.nan,) * len(names)
         for name, position, effort in zip(
-            names, positions, commanded if self._source == COMMAND else efforts
+            names, positions, commanded if self._source == EFFORT_COMMAND else efforts
         ):
             joint: Any = self.joints.get(name) or self.joint(name)
             joints.append(joint)
@@ -281,7 +279,7 @@ class AdaptiveBank(Bank):
         settings: Any = self.joints[name].settings
         return settings.input_unit
 
-    def reports(self) -> dict[str, Report]:
+    def reports(self) -> dict[str, IdentificationReport]:
         """Return the identified parameters of each joint."""
         return {
             name: joint.report()

@@ -22,14 +22,14 @@ class Taken(NamedTuple):
     estimates : of each (position, velocity, acceleration or nan, status) [SI] after its sample;
         None: the sample was not used.
     efforts : of each, as in the message [N m or N]; empty: it has none.
-    written : (k) -> the measured position of joint k in the convention of its estimates.
+    measured_position : (k) -> the measured position of joint k in the convention of its estimates.
     stddevs : (joints by number) -> one standard deviation of position and velocity of each.
     """
 
     names: Sequence[str]
     estimates: Sequence[tuple[float, float, float, int] | None]
     efforts: Sequence[float]
-    written: Callable[[int], float]
+    measured_position: Callable[[int], float]
     stddevs: Callable[[Sequence[int]], Sequence[tuple[float, float]]]
 
 
@@ -90,10 +90,10 @@ class TakenOfJoints(NamedTuple):
     line: Line
     positions: Sequence[float]
 
-    def written(self, k: int) -> float:
+    def measured_position(self, k: int) -> float:
         """See `Taken`."""
         joint, position = self.line.joints[k], self.positions[k]
-        return position if joint is None else joint.written(position)
+        return position if joint is None else joint.in_estimate_convention(position)
 
     def stddevs(self, shown: Sequence[int]) -> list[tuple[float, float]]:
         """See `Taken`."""
@@ -130,14 +130,14 @@ class Received:
             return False
         return True
 
-    def touched(self) -> Iterable[str]:
+    def changed_joints(self) -> Iterable[str]:
         """Return the joints that may have had a sample since the last call."""
         return tuple(self.joints)
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Prepare everything that the first sample needs."""
         for joint in self.joints.values():
-            joint.rehearse()
+            joint.warm_up()
 
     def why_silent(self, name: str) -> str:
         """Return why a joint may have no usable sample, if it is known; else ''."""
@@ -168,7 +168,7 @@ class Bank(Received):
         self.most = math.inf if most is None else most
         self.refused = self.expired = 0
         self.refused_name = ''
-        self._recent: set[Sequence[str]] = set()  # names of messages since `touched`
+        self._recent: set[Sequence[str]] = set()  # names of messages since `changed_joints`
         self._noting = False
         self.configuration = configuration
         self.only = frozenset(only)
@@ -176,16 +176,16 @@ class Bank(Received):
         self._line: Line | None = None  # of the newest message
         self._unnamed = 0  # joints that the configuration does not name
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Take samples with a joint without a name, and note names from then on."""
-        self._make('').rehearse()
+        self._make('').warm_up()
         self._noting = True
 
     def named(self, name: str) -> bool:
         """Return True if the configuration names this joint."""
         return name in self.only or name in self.configuration.overrides
 
-    def touched(self) -> Iterable[str]:
+    def changed_joints(self) -> Iterable[str]:
         """Return the joints that may have had a sample since the last call."""
         recent, self._recent = self._recent, set()
         return {name for names in recent for name in names if name in self.joints}

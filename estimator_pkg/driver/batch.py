@@ -37,29 +37,3 @@ class Estimates(NamedTuple):
 def empty(count: int) -> Estimates:
     """Return arrays for `count` samples; what they contain is arbitrary."""
     return Estimates._make(np.empty(count, kind) for kind in 5 * (np.float64,) + 2 * (np.int8,))
-
-
-class Samples(NamedTuple):
-    """Arrays of shape (n,), one row per received sample, and the estimates to fill.
-
-    stamps [ns], measurements [rad or m] and known_input [its unit].
-    """
-
-    stamps: NDArray[np.int64]
-    measurements: NDArray[np.float64]
-    known_input: NDArray[np.float64]
-    out: Estimates
-
-    def row(self, row: int) -> tuple[int, float, float]:
-        """Return the stamp, the measurement and the known input of one row."""
-        return int(self.stamps[row]), float(self.measurements[row]), float(self.known_input[row])
-
-    def part(self, rows: slice) -> Samples:
-        """Return views of these rows."""
-        stamps, measurements, known_input, out = self
-        return Samples(
-            stamps[rows],
-            measurements[rows],
-            known_input[rows],
-            Estimates._make(column[rows] for column in out),
-        )

@@ -4,8 +4,8 @@
 """One joint's samples through guard and observer: the core of the driver.
 
 The observer's module is an argument. The functions run as plain Python, and the engine has them as
-C for each observer that is ours. `begin` prepares a channel, `take` takes one sample, `show` and
-`show_deviation` set the estimate; `message` and `batch` do it for many.
+C for each observer that is ours. `reset_channel` prepares a channel, `take` takes one sample,
+`write_estimate` and `write_deviation` set the estimate; `message` and `batch` do it for many.
 """
 
 from __future__ import annotations
@@ -16,42 +16,40 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.estimate import INITIALISING, Deviation, Estimate
-from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, Deviation, Estimate
 from estimator_pkg.record import record
 from estimator_pkg.sensor.calibration import BROKEN, Calibration, begin_calibration, calibrate
 from estimator_pkg.sensor.clock import (
-    EVIDENCE,
+    QUEUE_EVIDENCE,
     QUEUED,
     RATE_WEIGHT,
     Clock,
     follow_outage,
-    has_waited,
-    judge,
+    judge_stamp,
+    was_queued,
 )
-from estimator_pkg.sensor.faults import Faults, begin_faults, cover, forget_motion, is_usual, look
+from estimator_pkg.sensor.faults import (
+    EncoderFaults,
+    begin_faults,
+    examine_step,
+    forget_motion,
+    inflate,
+    is_usual,
+)
 from estimator_pkg.sensor.guard import (
     AFTER_GAP,
     AFTER_OUTAGE,
     AFTER_STRAY_STAMP,
     DUPLICATE,
-    FIRST,
-    LATE,
-    MISCONFIGURED,
+    FIRST_SAMPLE,
+    LATE_STAMP,
     NON_FINITE,
-    REPEATED,
+    REPEATED_READING,
     SLOW_STREAM,
-    USED,
+    UNSTABLE_GAINS,
+    USED_SAMPLE,
     ZERO_STAMP,
     Limits,
-)
-from estimator_pkg.sensor.map import (
-    Place,
-    SensorMap,
-    correct_reading,
-    follow_verdict,
-    put_back,
-    widen,
 )
 from estimator_pkg.sensor.repeats import Repeats, is_repeated
 from estimator_pkg.sensor.turns import Turns, follow_turns, is_news
@@ -69,7 +67,7 @@ class Track:
     coefficients: observer.Coefficients  # type: ignore[name-defined]  # noqa: F821  (bound by `Track.of`)
     state: observer.State  # type: ignore[name-defined]  # noqa: F821
     # that before the last gap, in case its stamp is a stray one
-    kept: observer.State  # type: ignore[name-defined]  # noqa: F821
+    state_before_gap: observer.State  # type: ignore[name-defined]  # noqa: F821
 
 
 @record
@@ -89,10 +87,9 @@ class Channel:
     limits: Limits
     track: Track
     turns: Turns
-    faults: Faults
+    faults: EncoderFaults
     wrapped: Frame  # with the joint's circle
     counted: Frame  # without, where the sensor counts turns
-    map: SensorMap
     verdict: int  # on the newest sample
     counts: Annotated[list[int], 12]  # of the samples, by verdict
     stamp_ns: int  # of the newest sample that was used
@@ -109,18 +106,18 @@ def use_frame(channel: Any, frame: Any) -> None:
     channel.track.clock.dt_ns = 0
 
 
-def begin(observer: Any, channel: Channel) -> None:
+def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample, with a circle if the joint has one."""
     use_frame(channel, channel.wrapped)
-    begin_track(observer, channel.track, channel.design)
+    reset_track(observer, channel.track, channel.design)
     begin_faults(channel.faults)
 
 
-def begin_track(observer: Any, track: Any, design: Any) -> None:
+def reset_track(observer: Any, track: Any, design: Any) -> None:
     """Set everything before the first sample but the observer's state."""
     blank = Clock()
     track.clock.take(blank)
-    track.clock.queue = EVIDENCE
+    track.clock.queue = QUEUE_EVIDENCE
     track.reading = track.earlier = 0.0
     no_pattern = Repeats()
     track.repeats.take(no_pattern)
@@ -139,22 +136,15 @@ def take(
                     use_frame(channel, channel.counted)
                 else:
                     use_frame(channel, channel.wrapped)
-    if channel.map.active:
-        verdict = take_mapped(observer, channel, stamp_ns, measurement)
-    else:
-        verdict = advance(
-            observer,
-            channel.track,
-            channel.design,
-            channel.limits,
-            stamp_ns,
-            measurement,
-            known_input,
-        )
+    verdict = advance(
+        observer, channel.track, channel.design, channel.limits, stamp_ns, measurement, known_input
+    )
     if observer.SINGLE_ANGLE:
-        if verdict == USED:
+        if verdict == USED_SAMPLE:
             if not is_usual(channel.faults, measurement, stamp_ns):
-                look(channel.faults, measurement, channel.track.clock, channel.limits.period)
+                examine_step(
+                    channel.faults, measurement, channel.track.clock, channel.limits.period
+                )
         elif verdict < DUPLICATE:
             forget_motion(channel.faults, measurement)
     channel.verdict = verdict
@@ -163,19 +153,6 @@ def take(
         channel.stamp_ns = stamp_ns
         channel.measurement = measurement
         channel.known_input = known_input
-    return verdict
-
-
-def take_mapped(observer: Any, channel: Channel, stamp_ns: int, measurement: float) -> int:
-    """Take a sample with the sensor's errors taken out; return the verdict."""
-    place = channel.map.place
-    before = Place()
-    before.take(place)
-    corrected, known = correct_reading(channel.map, measurement)
-    verdict = advance(
-        observer, channel.track, channel.design, channel.limits, stamp_ns, corrected, known
-    )
-    follow_verdict(place, before, verdict, measurement)
     return verdict
 
 
@@ -194,27 +171,31 @@ def advance(
         return NON_FINITE
     if stamp_ns <= 0:
         return ZERO_STAMP
-    verdict = judge(clock, limits, stamp_ns)
+    verdict = judge_stamp(clock, limits, stamp_ns)
     if observer.SINGLE_ANGLE:
-        if verdict == USED and (measurement == track.reading or track.repeats.most > 0):
-            verdict = sieve(observer, track, design, limits, stamp_ns, measurement)
+        if verdict == USED_SAMPLE and (measurement == track.reading or track.repeats.most > 0):
+            verdict = check_repeat(observer, track, design, limits, stamp_ns, measurement)
     if verdict >= DUPLICATE:
-        if verdict == LATE:
-            clock.late += 1
+        if verdict == LATE_STAMP:
+            clock.late_in_a_row += 1
         return verdict
-    if verdict == USED or verdict == AFTER_STRAY_STAMP:
+    if verdict == USED_SAMPLE or verdict == AFTER_STRAY_STAMP:
         before_ns = clock.dt_ns
         verdict, passed = follow_time(
             observer, track, design, limits, stamp_ns, measurement, verdict
         )
         if clock.dt_ns != before_ns:
             observer.prepare(track.coefficients, design, clock.dt_ns * 1e-9)
-        if verdict == USED and passed <= limits.longest_dt and clock.mean_dt <= limits.longest_dt:
+        if (
+            verdict == USED_SAMPLE
+            and passed <= limits.longest_dt
+            and clock.mean_dt <= limits.longest_dt
+        ):
             observer.step(
                 observer, track.state, track.coefficients, design, measurement, known_input
             )
             clock.last_ns = stamp_ns
-            clock.late = 0
+            clock.late_in_a_row = 0
             if observer.SINGLE_ANGLE:
                 if stamp_ns >= track.calibration.due_ns:
                     calibrate(
@@ -229,24 +210,24 @@ def advance(
                     )
                 track.earlier = track.reading
                 track.reading = measurement
-            return USED
+            return USED_SAMPLE
         if clock.mean_dt > limits.longest_dt:
-            verdict = MISCONFIGURED
-        elif verdict == USED:  # unstable if it were constant: handled like a gap
+            verdict = UNSTABLE_GAINS
+        elif verdict == USED_SAMPLE:  # unstable if it were constant: handled like a gap
             verdict = AFTER_GAP
     elif verdict == AFTER_GAP or verdict == AFTER_OUTAGE:
         follow_outage(clock, stamp_ns)
-        track.kept.take(track.state)
+        track.state_before_gap.take(track.state)
     else:
         clock.before_ns = 0
-    start(observer, track, design, stamp_ns, measurement, verdict)
+    start_at(observer, track, design, stamp_ns, measurement, verdict)
     return verdict
 
 
-def sieve(
+def check_repeat(
     observer: Any, track: Any, design: Any, limits: Limits, stamp_ns: int, measurement: float
 ) -> int:
-    """Return REPEATED for a reading that is an earlier one, published again; else USED."""
+    """Return REPEATED_READING for an earlier reading, published again; else USED_SAMPLE."""
     clock, repeats = track.clock, track.repeats
     recognised = repeats.most > 0
     if not is_repeated(
@@ -259,12 +240,12 @@ def sieve(
         clock.mean_dt,
         limits.period,
     ):
-        return USED
-    clock.late = 0
+        return USED_SAMPLE
+    clock.late_in_a_row = 0
     if not recognised:  # the state learnt from such a sensor is wrong
         observer.restart(observer, track.state, track.coefficients, design, measurement)
         track.calibration.due_ns = BROKEN
-    return REPEATED
+    return REPEATED_READING
 
 
 def follow_time(
@@ -287,7 +268,7 @@ def follow_time(
     clock.before_ns = 0  # the previous stamp if the next one may reveal this one as a stray
     if verdict == AFTER_STRAY_STAMP:
         clock.dt_ns = stamp_ns - before_ns
-        track.state.take(track.kept)
+        track.state.take(track.state_before_gap)
     passed = clock.dt_ns * 1e-9
     if verdict == AFTER_STRAY_STAMP:
         if (last_ns - before_ns) * 1e-9 <= clock.mean_dt:
@@ -296,7 +277,7 @@ def follow_time(
         clock.mean_dt = passed
         if stamp_ns - last_ns > limits.gap_ns:
             clock.before_ns = last_ns
-            track.kept.take(track.state)
+            track.state_before_gap.take(track.state)
     elif SLOW_STREAM * passed >= clock.mean_dt:
         clock.mean_dt += RATE_WEIGHT * (passed - clock.mean_dt)
     elif before_ns != 0 and before_dt_ns == last_ns - before_ns:
@@ -306,7 +287,7 @@ def follow_time(
         waits = False
         if observer.SINGLE_ANGLE:
             if passed < QUEUED * clock.mean_dt:
-                waits = has_waited(observer, track, design, measurement, passed, limits.period)
+                waits = was_queued(observer, track, design, measurement, passed, limits.period)
         if waits:  # it is taken as a sample after the mean time
             clock.dt_ns = round(1e9 * clock.mean_dt)
             clock.mean_dt += RATE_WEIGHT * (passed - clock.mean_dt)
@@ -318,26 +299,26 @@ def follow_time(
     return verdict, passed
 
 
-def start(
+def start_at(
     observer: Any, track: Any, design: Any, stamp_ns: int, measurement: Any, verdict: int
 ) -> None:
     """Take a sample that no prediction reaches."""
     clock = track.clock
-    if verdict == FIRST:
+    if verdict == FIRST_SAMPLE:
         observer.start(observer, track.state, design, measurement)
     elif verdict == AFTER_GAP or verdict == AFTER_STRAY_STAMP:
-        resume(observer, track, design, stamp_ns, measurement, verdict)
+        resume_after_gap(observer, track, design, stamp_ns, measurement, verdict)
     else:
         observer.restart(observer, track.state, track.coefficients, design, measurement)
     clock.running = True
     clock.last_ns = stamp_ns
-    clock.late = 0
+    clock.late_in_a_row = 0
     if observer.SINGLE_ANGLE:
         track.reading = track.earlier = measurement
         track.calibration.due_ns = BROKEN
 
 
-def resume(
+def resume_after_gap(
     observer: Any, track: Any, design: Any, stamp_ns: int, measurement: Any, verdict: int
 ) -> None:
     """Go on after a gap; the coefficients are those of its length."""
@@ -351,44 +332,37 @@ def resume(
         observer.resume(observer, track.state, track.coefficients, design, measurement)
 
 
-def show(observer: Any, channel: Channel) -> None:
+def write_estimate(observer: Any, channel: Channel) -> None:
     """Set the estimate at the last used sample."""
     out, track = channel.estimate, channel.track
     out.position = out.velocity = out.acceleration = math.nan
     if not track.clock.running:
         out.status = INITIALISING
     elif track.clock.mean_dt > channel.limits.longest_dt:
-        out.status = STATUS_MISCONFIGURED
+        out.status = MISCONFIGURED
     else:
-        measurement, known_input = channel.measurement, channel.known_input
-        if channel.map.active:
-            measurement += channel.map.place.correction
-            known_input = channel.map.place.further
         observer.estimate(
-            observer, out, track.state, track.coefficients, channel.design, measurement, known_input
+            observer,
+            out,
+            track.state,
+            track.coefficients,
+            channel.design,
+            channel.measurement,
+            channel.known_input,
         )
-        if channel.map.active:
-            put_back(channel.map, out)
 
 
-def show_deviation(observer: Any, channel: Channel) -> None:
+def write_deviation(observer: Any, channel: Channel) -> None:
     """Set one standard deviation of position and velocity, the latter calibrated."""
     track = channel.track
     scale = track.calibration.scale
     observer.deviation(
         observer, channel.deviation, track.state, track.coefficients, channel.design, scale
     )
-    if channel.map.active and channel.map.doubt != 0.0 and channel.map.place.slope != 0.0:
-        corrected = channel.map.place.reading + channel.map.place.correction
-        bare = Estimate()
-        observer.estimate(
-            observer, bare, track.state, track.coefficients, channel.design, corrected, 0.0
-        )
-        widen(channel.map, channel.deviation, bare.velocity)
     if observer.SINGLE_ANGLE:
         if channel.faults.doubted:
-            show(observer, channel)
-            cover(channel.faults, channel.deviation, channel.estimate.velocity)
+            write_estimate(observer, channel)
+            inflate(channel.faults, channel.deviation, channel.estimate.velocity)
 
 
 def inform(observer: Any, channel: Channel, kind: int, value: float, variance: float) -> None:
@@ -422,7 +396,7 @@ def message(
         channel = channels[k]
         row = 4 * k
         if take(observer, channel, stamp_ns, readings[k], 0.0) < DUPLICATE:
-            show(observer, channel)
+            write_estimate(observer, channel)
             estimate = channel.estimate
             out[row] = estimate.position
             out[row + 1] = estimate.velocity
@@ -438,7 +412,7 @@ def deviations(
     """Set one standard deviation of position and velocity of each joint, shape (2 count,)."""
     for k in range(count):
         channel = channels[k]
-        show_deviation(observer, channel)
+        write_deviation(observer, channel)
         sigmas[2 * k] = channel.deviation.position
         sigmas[2 * k + 1] = channel.deviation.velocity
 
@@ -464,8 +438,8 @@ def batch(
         verdict = take(observer, channel, stamps[k], measurements[k], known_input[k])
         verdicts[k] = verdict
         if verdict < DUPLICATE:
-            show(observer, channel)
-            show_deviation(observer, channel)
+            write_estimate(observer, channel)
+            write_deviation(observer, channel)
             position[k] = estimate.position
             velocity[k] = estimate.velocity
             acceleration[k] = estimate.acceleration

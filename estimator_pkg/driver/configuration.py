@@ -17,7 +17,7 @@ from estimator_pkg.parameters import Parameter, build, declared, structural
 from estimator_pkg.sensor.guard import GuardSettings
 
 # What to do to have another observer's gain, with {0} for its name.
-NAME_IT = "write 'observer: {0}' in the parameter file, or use --observer {0}"
+SELECT_OBSERVER = "write 'observer: {0}' in the parameter file, or use --observer {0}"
 
 
 @dataclass(frozen=True)
@@ -33,22 +33,6 @@ class JointSettings(GuardSettings):
     )
     unwrap: bool = structural(
         False, description='count turns from the first sample and publish a multi-turn position'
-    )
-
-
-NONE, LEARN = 'none', 'learn'  # of the parameter sensor_map
-
-
-@dataclass(frozen=True)
-class SensorSettings(JointSettings):
-    """Parameters per joint of observers that take single angles."""
-
-    sensor_map: str = structural(
-        LEARN,
-        choices=(NONE, LEARN),
-        description='learn: errors of the sensor that repeat each turn (eccentricity, misplaced '
-        'edges, edges that come late) are learnt while the joint turns, and taken out of its '
-        'readings where that is proven to help',
     )
 
 
@@ -107,8 +91,8 @@ class Configuration:
         observer: Observer,
         common: Mapping[str, Any] | None = None,
         overrides: Mapping[str, Mapping[str, Any]] | None = None,
-        settings: type[JointSettings] = SensorSettings,
-        remedy: str = NAME_IT,
+        settings: type[JointSettings] = JointSettings,
+        remedy: str = SELECT_OBSERVER,
     ) -> None:
         self.observer, self._settings, self._remedy = observer, settings, remedy
         self.common = dict(common or {})

@@ -10,7 +10,7 @@ from typing import Any
 
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.sensor.guard import (
-    DROPPED,
+    DROP_REASONS,
     DUPLICATE,
     LONGEST_FIRST,
     NEW_STARTS,
@@ -47,7 +47,7 @@ class Counted:
 
     def dropped(self) -> dict[str, int]:
         """Return the number of dropped samples by reason; reasons without any are omitted."""
-        return {kind: count for kind, count in zip(DROPPED, self.counts[DUPLICATE:]) if count}
+        return {kind: count for kind, count in zip(DROP_REASONS, self.counts[DUPLICATE:]) if count}
 
     def samples(self) -> dict[str, Any]:
         """Return the numbers of samples: received, used, dropped by reason."""

@@ -20,29 +20,28 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.driver import drive_channel
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING
-from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.pmsm.watch import BLIND, LOW_EMF, describe
 from estimator_pkg.sensor.guard import (
     DUPLICATE,
-    LATE,
     LATE_IN_A_ROW,
-    MISCONFIGURED,
+    LATE_STAMP,
+    UNSTABLE_GAINS,
     limits,
     longest_dt,
 )
 
-COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
+ESTIMATE_COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 
 
 class DriveEstimates(NamedTuple):
     """One row per received sample.
 
-    rows : shape (n, 4), `COLUMNS`: rad, rad/s, Wb, 0 or 1; nan where withheld or where the sample
-        was dropped.
+    rows : shape (n, 4), `ESTIMATE_COLUMNS`: rad, rad/s, Wb, 0 or 1; nan where withheld or where
+        the sample was dropped.
     status : shape (n,), see `observers.contract`.
-    reasons : shape (n,), bits of `observers.pmsm.watch.REASONS`.
+    reasons : shape (n,), bits of `observers.pmsm.watch.REASON_TEXTS`.
     verdict : shape (n,), see `sensor.guard`.
     """
 
@@ -70,20 +69,20 @@ class DriveEstimates(NamedTuple):
 def empty(count: int) -> DriveEstimates:
     """Return arrays for `count` samples."""
     return DriveEstimates(
-        np.full((count, len(COLUMNS)), np.nan),
+        np.full((count, len(ESTIMATE_COLUMNS)), np.nan),
         np.full(count, INITIALISING, np.int8),
         np.zeros(count, np.int32),
         np.zeros(count, np.int8),
     )
 
 
-REMEMBERED = 64  # number of batches for the detection of repeated ones
-GAP = 2.5  # this many sample periods without a sample are a gap
+BATCHES_REMEMBERED = 64  # number of batches for the detection of repeated ones
+GAP_PERIODS = 2.5  # this many sample periods without a sample are a gap
 UNKNOWN_GAP = 0.01  # length of a gap while the sample period is unknown [s]
-LASTS = 200_000_000  # what contradicts the motor data for this time is no start [ns],
-KEPT = 10**10  # and is kept as the reason for this time [ns]
+CONTRADICTION_TIME = 200_000_000  # what contradicts the motor data for this time is no start [ns],
+CONTRADICTION_KEPT = 10**10  # and is kept as the reason for this time [ns]
 LONGEST_BATCH = 10**8  # longer times between two estimates are pauses [ns]
-FITS = 0.01  # allowed relative difference of the sample period from the stamps
+PERIOD_TOLERANCE = 0.01  # allowed relative difference of the sample period from the stamps
 
 
 class DriveJoint(Joint):
@@ -97,7 +96,6 @@ class DriveJoint(Joint):
     observer : one of kind 'drive'.
     gains, settings : as in `Joint`.
     sample_period : s; 0: from the first batch.
-    fast : without effect; the next release does not take it.
 
     Attributes
     ----------
@@ -107,20 +105,14 @@ class DriveJoint(Joint):
     plain: Any = drive_channel
 
     def __init__(
-        self,
-        observer: Observer,
-        gains: Any,
-        settings: JointSettings,
-        *,
-        sample_period: float = 0.0,
-        fast: bool | None = None,
+        self, observer: Observer, gains: Any, settings: JointSettings, *, sample_period: float = 0.0
     ) -> None:
         self.given_period = sample_period
         self._period = sample_period
         self.misfit = ''
         self._late_batches = 0
         self._contradiction = 0, 0, 0  # reasons without an estimate, their time, last stamp [ns]
-        self._recent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
+        self._recent: deque[tuple[int, int]] = deque(maxlen=BATCHES_REMEMBERED)
         super().__init__(observer, gains, settings)
 
     def _use_gains(self) -> None:
@@ -133,12 +125,11 @@ class DriveJoint(Joint):
             channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
         self._tighten()
 
-    def _begin(self) -> None:
-        self.learner = None
+    def _reset_channel(self) -> None:
         self._use_gains()  # the settings may be others
         with self._changing() as channel:
             channel.stamp_ns, channel.verdict = 0, DUPLICATE
-            self.plain.begin(self.module, channel)
+            self.plain.reset_channel(self.module, channel)
 
     def set_settings(self, settings: JointSettings) -> None:
         """Use other guard settings from the next sample on; the state is kept."""
@@ -147,7 +138,7 @@ class DriveJoint(Joint):
 
     def _tighten(self) -> None:
         """Shorten the guard's gap: the rotor turns far between two samples."""
-        gap = GAP * self._period if self._period > 0.0 else UNKNOWN_GAP
+        gap = GAP_PERIODS * self._period if self._period > 0.0 else UNKNOWN_GAP
         with self._changing() as channel:
             channel.limits.gap_ns = min(round(self.settings.gap_max * 1e9), round(gap * 1e9))
 
@@ -158,7 +149,7 @@ class DriveJoint(Joint):
         self._late_batches = 0
         self._contradiction = 0, 0, 0
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Take samples with another drive and discard them, so that everything is imported."""
         other = type(self)(self.observer, self.gains, self.settings)
         other.take(np.array([1, 2, 3]) * 1_000_000, np.zeros((3, 4)))
@@ -184,7 +175,7 @@ class DriveJoint(Joint):
         if not count:
             return empty(0)
         if not self._fits(stamps):
-            return self._dropped(count, MISCONFIGURED)
+            return self._dropped(count, UNSTABLE_GAINS)
         fresh: Any = slice(None)
         last, behind = self.last_ns, self._value('limits', 'reorder_ns')
         old = (stamps <= last) & (stamps > 0)
@@ -194,9 +185,9 @@ class DriveJoint(Joint):
                     return self._dropped(count, DUPLICATE)
                 self._late_batches += 1
                 if self._late_batches < LATE_IN_A_ROW:
-                    return self._dropped(count, LATE)
+                    return self._dropped(count, LATE_STAMP)
                 with self._changing() as channel:
-                    channel.track.clock.late = LATE_IN_A_ROW - 1
+                    channel.track.clock.late_in_a_row = LATE_IN_A_ROW - 1
             else:
                 fresh = np.flatnonzero(~old)
         self._late_batches = 0
@@ -248,11 +239,11 @@ class DriveJoint(Joint):
         # the median; NumPy's own takes as long as all samples in the engine
         spacing = float(np.sort(stamps[1:] - stamps[:-1])[(len(stamps) - 1) // 2]) * 1e-9
         if self.given_period <= 0.0:
-            if spacing > 0.0 and abs(spacing - self._period) > FITS * self._period:
+            if spacing > 0.0 and abs(spacing - self._period) > PERIOD_TOLERANCE * self._period:
                 self._period = spacing
                 self._tighten()
             return True
-        if abs(spacing - self.given_period) <= FITS * self.given_period:
+        if abs(spacing - self.given_period) <= PERIOD_TOLERANCE * self.given_period:
             self.misfit = ''
         else:
             self.misfit = (
@@ -293,26 +284,26 @@ class DriveJoint(Joint):
         return self.running and self._reasons() & BLIND == LOW_EMF
 
     def _reasons(self) -> int:
-        self._call('show')
+        self._call('write_estimate')
         return int(self._value('electrical', 'reasons'))
 
     def estimate(self) -> tuple[float, float, float, int]:
         """Return (position, velocity, nan, status), mechanical, at the last used sample."""
         if self.misfit:
-            return math.nan, math.nan, math.nan, STATUS_MISCONFIGURED
+            return math.nan, math.nan, math.nan, MISCONFIGURED
         return super().estimate()
 
     def electrical(self) -> tuple[float, float, float, float]:
         """Return (angle [rad], speed [rad/s], flux linkage [Wb], 1.0 if valid), electrical."""
-        return self._shown('show', 'electrical')[:4]
+        return self._shown('write_estimate', 'electrical')[:4]
 
     def electrical_stddev(self) -> tuple[float, float, float]:
         """Return standard deviations of electrical angle, electrical speed and flux linkage."""
-        return self._shown('show_deviation', 'electrical_deviation')
+        return self._shown('write_deviation', 'electrical_deviation')
 
     def speed_bound(self) -> float:
         """Return an upper bound of |mechanical speed| [rad/s] while not observable; inf: none."""
-        self._call('show_deviation')
+        self._call('write_deviation')
         return float(self._value('speed_bound'))
 
     def why(self) -> str:
@@ -324,7 +315,7 @@ class DriveJoint(Joint):
             return note
         reasons = self._reasons()
         known, total, last_ns = self._contradiction
-        if total > LASTS and self.stamp_ns - last_ns < KEPT:
+        if total > CONTRADICTION_TIME and self.stamp_ns - last_ns < CONTRADICTION_KEPT:
             return describe(known | (reasons & ~LOW_EMF))
         if self.estimate()[3] != NOT_OBSERVABLE:
             return describe(reasons)

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver import channel as single
 from estimator_pkg.driver.channel import Track, advance
-from estimator_pkg.estimate import INITIALISING, Deviation, Estimate
-from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
-from estimator_pkg.observers.pmsm.drive import Electrical, ElectricalDeviation, Sample
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, Deviation, Estimate
+from estimator_pkg.observers.pmsm.drive import DriveSample, Electrical, ElectricalDeviation
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import AFTER_GAP, DUPLICATE, Limits
 
@@ -32,8 +31,8 @@ class Channel:
     verdict: int  # on the newest sample
     counts: Annotated[list[int], 12]  # of the samples, by verdict
     stamp_ns: int  # of the newest sample that was used
-    measurement: Sample  # the newest sample that was used
-    taken: Sample  # the newest sample
+    measurement: DriveSample  # the newest sample that was used
+    taken: DriveSample  # the newest sample
     estimate: Estimate  # mechanical
     deviation: Deviation
     electrical: Electrical
@@ -41,10 +40,10 @@ class Channel:
     speed_bound: float  # of the mechanical speed, see `observers.pmsm.drive` [rad/s]
 
 
-def begin(observer: Any, channel: Channel) -> None:
+def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample."""
-    nothing = Sample()
-    single.begin_track(observer, channel.track, channel.design)
+    nothing = DriveSample()
+    single.reset_track(observer, channel.track, channel.design)
     observer.start(observer, channel.track.state, channel.design, nothing)
 
 
@@ -73,7 +72,7 @@ def take(
     return verdict
 
 
-def show(observer: Any, channel: Channel) -> None:
+def write_estimate(observer: Any, channel: Channel) -> None:
     """Set the mechanical and the electrical estimate at the last used sample."""
     out, track, design = channel.estimate, channel.track, channel.design
     observer.electrical(channel.electrical, track.state, design)
@@ -81,14 +80,14 @@ def show(observer: Any, channel: Channel) -> None:
     if not track.clock.running:
         out.status = INITIALISING
     elif track.clock.mean_dt > channel.limits.longest_dt:
-        out.status = STATUS_MISCONFIGURED
+        out.status = MISCONFIGURED
     else:
         observer.estimate(
             observer, out, track.state, track.coefficients, design, channel.measurement, 0.0
         )
 
 
-def show_deviation(observer: Any, channel: Channel) -> None:
+def write_deviation(observer: Any, channel: Channel) -> None:
     """Set one standard deviation of each, and the bound of the speed."""
     design, track = channel.design, channel.track
     state, coefficients = track.state, track.coefficients
@@ -150,7 +149,7 @@ def trace(
     ----------
     samples : shape (4 count,), without the sample of `states[0]`.
     """
-    sample = Sample()
+    sample = DriveSample()
     for k in range(count):
         at = 4 * k
         sample.i_alpha, sample.i_beta = samples[at], samples[at + 1]

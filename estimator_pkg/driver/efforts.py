@@ -19,11 +19,11 @@ from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import parameter, structural
 
-FIELD, COMMAND = 'joint_states', 'effort_command'  # sources of efforts
+EFFORT_FIELD, EFFORT_COMMAND = 'joint_states', 'effort_command'  # sources of efforts
 COMMANDED, MEASURED = 'commanded', 'measured'  # kinds of efforts
-REMEMBERED = 4096  # number of stored efforts of each input
-LONGEST = 10 * 10**9  # longest time between related samples or efforts [ns]
-LARGEST = 1e9  # largest valid input [N m, N, V or A]
+STORED_EFFORTS = 4096  # number of stored efforts of each input
+LONGEST_RELATED_NS = 10 * 10**9  # longest time between related samples or efforts [ns]
+LARGEST_INPUT = 1e9  # largest valid input [N m, N, V or A]
 NO_EFFORT = "publish the effort, too, or set 'input: effort_command'"  # what to do without one
 
 
@@ -42,7 +42,6 @@ class DrivenSettings(JointSettings):
     input_unit: str = structural(
         '',
         choices=('N m', 'newton', 'V', 'A'),
-        formerly={'N': 'newton'},
         description="unit of the model's input, which is effort times input_scale; it is part of "
         'the status and of the units of identified parameters; empty: unknown',
     )
@@ -87,7 +86,7 @@ class Inputs:
 
     def __init__(self, count: int) -> None:
         self._steps: list[deque[tuple[int, float]]] = [
-            deque(maxlen=REMEMBERED) for _ in range(count)
+            deque(maxlen=STORED_EFFORTS) for _ in range(count)
         ]
 
     def __len__(self) -> int:
@@ -151,14 +150,14 @@ class Acting:
     Parameters
     ----------
     count : number of inputs.
-    source : FIELD (each sample has its efforts) or COMMAND (they arrive by `command`).
+    source : EFFORT_FIELD (each sample has efforts) or EFFORT_COMMAND (they arrive by `command`).
     settings : of the joint; those that are not structural may change between samples.
     """
 
     def __init__(self, count: int, source: str, settings: DrivenSettings) -> None:
         self._source = source
         self._measured = (
-            settings.effort_is or (MEASURED if source == FIELD else COMMANDED)
+            settings.effort_is or (MEASURED if source == EFFORT_FIELD else COMMANDED)
         ) == MEASURED
         self._inputs = Inputs(count)
         self._last_ns = [0] * count  # stamp of the previous effort
@@ -166,13 +165,13 @@ class Acting:
 
     def command(self, place: int, stamp_ns: int, effort: float) -> None:
         """Take an effort from its own topic; one that is not finite is ignored."""
-        if self._source == COMMAND and math.isfinite(effort):
+        if self._source == EFFORT_COMMAND and math.isfinite(effort):
             self._put(place, stamp_ns, effort)
 
     def known_input(
         self, before_ns: int, stamp_ns: int, efforts: Sequence[float], settings: DrivenSettings
     ) -> tuple[float, ...]:
-        """Return the mean input since the previous sample; nan if unknown or beyond `LARGEST`.
+        """Return the mean input since the previous sample; nan if unknown or above `LARGEST_INPUT`.
 
         Parameters
         ----------
@@ -182,7 +181,7 @@ class Acting:
             their own.
         """
         scales, delays = settings.input_scale, settings.input_delay
-        field = self._source == FIELD
+        field = self._source == EFFORT_FIELD
         behind_ns = before_ns - stamp_ns
         if field and self._measured and not any(delays):
             values: Sequence[float] = efforts
@@ -203,7 +202,7 @@ class Acting:
             scales = scales * len(values)
         return tuple(
             [
-                u if -LARGEST < (u := value * scale) < LARGEST else math.nan
+                u if -LARGEST_INPUT < (u := value * scale) < LARGEST_INPUT else math.nan
                 for value, scale in zip(values, scales)
             ]
         )
@@ -215,7 +214,7 @@ class Acting:
 
     def why_unknown(self) -> str:
         """Return why the input of the newest sample is not known, with its remedy."""
-        if self._source == FIELD:
+        if self._source == EFFORT_FIELD:
             return 'its effort is not a number'
         if not all(self._last_ns):
             return 'no effort_command is valid for it: none had its name, check the names there'
@@ -245,4 +244,4 @@ class Acting:
 
 def _related(before_ns: int, stamp_ns: int) -> int:
     """Return the previous stamp; `stamp_ns` if there is none (0) or it is not shortly before."""
-    return before_ns if before_ns and 0 < stamp_ns - before_ns < LONGEST else stamp_ns
+    return before_ns if before_ns and 0 < stamp_ns - before_ns < LONGEST_RELATED_NS else stamp_ns

@@ -18,13 +18,13 @@ import yaml
 from estimator_pkg import whole_file, yaml_text
 from estimator_pkg.driver.adaptive import AdaptiveBank
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.observers.adaptive.report import Report
+from estimator_pkg.observers.adaptive.report import IdentificationReport
 from estimator_pkg.observers.adaptive.structure import structure
 
 UNKNOWN_UNIT = 'unit of input'  # name in a report
 
 
-def values_of(said: Report, input_unit: str = '') -> dict[str, Any]:
+def values_of(said: IdentificationReport, input_unit: str = '') -> dict[str, Any]:
     """Return the state, and value, deviation, unit and trust of each parameter.
 
     Parameters
@@ -52,8 +52,8 @@ def values_of(said: Report, input_unit: str = '') -> dict[str, Any]:
     return values
 
 
-FORMAT = 1
-ABOUT = "x1' = A x + B u in observable canonical form: a is the first column of A, b is B."
+FILE_FORMAT = 1
+FILE_COMMENT = "x1' = A x + B u in observable canonical form: a is the first column of A, b is B."
 
 
 def save(path: str, bank: AdaptiveBank) -> list[str]:
@@ -84,8 +84,8 @@ def save(path: str, bank: AdaptiveBank) -> list[str]:
         names.append(name)
     if not names:
         raise UserError('nothing is identified yet: excite the joint for longer')
-    text = f'{yaml_text.comment(ABOUT)}\n' + yaml_text.block(
-        {'adaptive_parameters': FORMAT, 'joints': joints}
+    text = f'{yaml_text.comment(FILE_COMMENT)}\n' + yaml_text.block(
+        {'adaptive_parameters': FILE_FORMAT, 'joints': joints}
     )
     try:
         whole_file.write_text(path, text)
@@ -107,7 +107,7 @@ def load(path: str) -> dict[str, dict[str, Any]]:
         raise UsageError(f'cannot read {path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError):
         content = None
-    if not isinstance(content, dict) or content.get('adaptive_parameters') != FORMAT:
+    if not isinstance(content, dict) or content.get('adaptive_parameters') != FILE_FORMAT:
         raise UsageError(f'{path} contains no parameters of the adaptive observer')
     joints = content.get('joints') or {}
     if not isinstance(joints, dict):
@@ -115,12 +115,12 @@ def load(path: str) -> dict[str, dict[str, Any]]:
             f"{path}: 'joints' must map each joint's name to its parameters, not {joints!r}"
         )
     for name, own in joints.items():
-        if not _whole(own):
+        if not _is_entry(own):
             raise UsageError(f"{path}: the parameters of joint '{name}' are damaged")
     return dict(joints)
 
 
-def _whole(own: Any) -> bool:
+def _is_entry(own: Any) -> bool:
     """Return True if this is a joint's entry as `save` writes it."""
     if not isinstance(own, dict) or type(own.get('order')) is not int:
         return False

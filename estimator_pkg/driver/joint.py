@@ -19,25 +19,21 @@ from numpy.typing import NDArray
 
 from estimator_pkg.circle import Circle, nearest_turn
 from estimator_pkg.driver import channel
-from estimator_pkg.driver.batch import Estimates, Samples, empty
+from estimator_pkg.driver.batch import Estimates, empty
 from estimator_pkg.driver.channel import Frame, use_frame
-from estimator_pkg.driver.configuration import LEARN, NONE, JointSettings
+from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.counts import Counted
 from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.sensor.clock import note_on_queue
 from estimator_pkg.sensor.faults import KINDS, note_on_faults, text_of
-from estimator_pkg.sensor.guard import DUPLICATE, USED, limits, longest_dt
-from estimator_pkg.sensor.learner import Learner
-from estimator_pkg.sensor.map import set_map
-from estimator_pkg.sensor.marks import Errors
+from estimator_pkg.sensor.guard import DUPLICATE, limits, longest_dt
 from estimator_pkg.sensor.repeats import note_on_repeats
 from estimator_pkg.sensor.turns import begin_turns
 
 TYPICAL_DT = 1e-3  # [s]
 LOST_TURNS = 'turns may have been lost in an outage or a clock jump (~/reset restarts them)'
-PART = 65_536  # samples after which a batch looks for what was learnt
 
 
 class Tried:
@@ -88,13 +84,20 @@ class Joint(Counted):
         self._faults_before = [0] * len(KINDS)
         self._new_starts = 0  # their number at the last reset
         self._use_gains()
-        self._begin()
+        self._reset_channel()
 
     @property
     def channel(self) -> Any:
         """The joint's numbers; with the engine a copy of them."""
         if self.memory is not None:
             return type(self._channel).read(self.memory.array[0])
+        return self._channel
+
+    @property
+    def view(self) -> Any:
+        """The joint's numbers, to be read: each when it is named."""
+        if self.memory is not None:
+            return type(self._channel).view(self.memory.array[0])
         return self._channel
 
     @contextmanager
@@ -135,54 +138,22 @@ class Joint(Counted):
         frame.longest_dt = longest_dt(lambda dt: self.module.limits(design, dt))
         frame.period = float(circle.period)
 
-    def _begin(self) -> None:
+    def _reset_channel(self) -> None:
         """Start as if no sample had come."""
         self._use_gains()  # the settings may be others
         with self._changing() as channel:
-            channel.map.active = False
-            channel.map.period = float(self.settings.wrap_period)
             begin_turns(channel.turns, self.settings.wrap_period if self._counts_turns else 0.0)
             channel.stamp_ns, channel.measurement, channel.known_input = 0, 0.0, 0.0
             channel.verdict = DUPLICATE
-            self.plain.begin(self.module, channel)
-        self._begin_to_learn()
-
-    def _begin_to_learn(self) -> None:
-        """Learn the sensor from the next sample on: its quantum, and its errors."""
-        period = self.settings.wrap_period
-        learns = period and getattr(self.settings, 'sensor_map', NONE) == LEARN
-        self.learner: Any = None
-        if learns:
-            self.learner = Learner(period, _quantum(self.gains), self.module.EDGES)
-        self._left = self.learner.left if self.learner else -1  # samples that it does not need
-
-    def _learn(self) -> None:
-        """Pass the newest sample, which was used, to the learner."""
-        learner, verdict = self.learner, self.verdict
-        if verdict >= DUPLICATE:
-            return
-        if self._left and (verdict == USED or not learner.awake):
-            self._left -= 1
-            return
-        if not learner.awake:
-            learner.look((self.stamp_ns,), (self.estimate()[1],))
-        elif learner.note(self.stamp_ns, self._value('measurement'), verdict):
-            with self._changing() as channel:
-                set_map(channel.map, learner)
-        self._left = learner.left
+            self.plain.reset_channel(self.module, channel)
 
     def set_gains(self, gains: Any) -> None:
         """Use other gains from the next sample on; the state is kept.
 
         The caller must ensure that no structural parameter changes.
         """
-        quantum = _quantum(self.gains)
         self.gains = gains
         self._use_gains()
-        if _quantum(gains) != quantum:  # another sensor: its map is another one
-            with self._changing() as channel:
-                channel.map.active = False
-            self._begin_to_learn()
 
     def try_step(self, design: Any) -> None:
         """Take a step with another design and a copy of the state.
@@ -207,7 +178,7 @@ class Joint(Counted):
                 channel.measurement,
                 getattr(channel, 'known_input', 0.0),  # a drive has none
             )
-            self.plain.show(self.module, channel)
+            self.plain.write_estimate(self.module, channel)
 
     def set_settings(self, settings: JointSettings) -> None:
         """Use other guard settings from the next sample on; the state is kept."""
@@ -218,11 +189,11 @@ class Joint(Counted):
 
     def reset(self) -> None:
         """Reset the observer to its start; the counters continue."""
-        self._begin()
+        self._reset_channel()
         self.reset_count += 1
         self._new_starts = self.new_starts()
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Take samples with another joint and discard them, so that everything is imported.
 
         Raises
@@ -243,16 +214,14 @@ class Joint(Counted):
             verdict = self.plain.take(
                 self.module, self._channel, stamp_ns, measurement, known_input
             )
-        if self.learner is not None:
-            self._learn()
         return bool(verdict < DUPLICATE)
 
     def estimate(self) -> tuple[float, float, float, int]:
         """Return (position, velocity, acceleration or nan, status) at the last used sample."""
         if self.memory is not None:
-            self.compiled.show(self.memory.pointer)
+            self.compiled.write_estimate(self.memory.pointer)
             return self.memory.array['estimate'][0].item()
-        self.plain.show(self.module, self._channel)
+        self.plain.write_estimate(self.module, self._channel)
         out = self._channel.estimate
         return out.position, out.velocity, out.acceleration, out.status
 
@@ -261,9 +230,9 @@ class Joint(Counted):
         if not self.running:
             return math.nan, math.nan
         if self.memory is not None:
-            self.compiled.show_deviation(self.memory.pointer)
+            self.compiled.write_deviation(self.memory.pointer)
             return self.memory.array['deviation'][0].item()
-        self.plain.show_deviation(self.module, self._channel)
+        self.plain.write_deviation(self.module, self._channel)
         out = self._channel.deviation
         return out.position, out.velocity
 
@@ -272,8 +241,6 @@ class Joint(Counted):
         stamps: NDArray[np.int64],
         measurements: NDArray[np.float64],
         known_input: NDArray[np.float64] | None = None,
-        *,
-        fast: bool | None = None,
     ) -> Estimates:
         """Take many samples; return all estimates, equal to those sample by sample.
 
@@ -285,64 +252,20 @@ class Joint(Counted):
         """
         count = len(stamps)
         given = np.zeros(count) if known_input is None else known_input
-        samples = Samples(
+        columns = [
             np.ascontiguousarray(stamps, np.int64),
             np.ascontiguousarray(measurements, np.float64),
             np.ascontiguousarray(given, np.float64),
-            empty(count),
-        )
-        at = 0
-        while at < count:
-            at = self._take_block(samples, at)
-        return samples.out
-
-    def _take(self, samples: Samples) -> None:
-        """Take these samples."""
-        *columns, out = samples
+        ]
+        out = empty(count)
         if self.memory is not None:
-            self.compiled.run(self.memory.pointer, len(samples.stamps), *columns, *out)
+            self.compiled.run(self.memory.pointer, count, *columns, *out)
         else:  # lists contain Python numbers, which are several times faster than NumPy's
             rows = [column.tolist() for column in columns]
-            self.plain.batch(self.module, self._channel, len(samples.stamps), *rows, *out)
+            self.plain.batch(self.module, self._channel, count, *rows, *out)
+        return out
 
-    def _take_block(self, samples: Samples, at: int) -> int:
-        """Take samples from `at` on; return the row after the last one.
-
-        The block ends where what is taken out of the readings changes.
-        """
-        learner = self.learner
-        if learner is None:
-            self._take(samples)
-            return len(samples.stamps)
-        learner.left, before = self._left, type(self._channel)()
-        before.take(self.channel)
-        part = samples.part(slice(at, at + (learner.room if before.map.active else PART)))
-        self._take(part)
-        out = part.out
-        count = learner.follow(part.stamps, part.measurements, out.verdict, out.velocity)
-        self._left = learner.left
-        if 0 < count < len(part.stamps):  # the rows after it are taken again, in the next block
-            with self._changing() as channel:
-                channel.take(before)
-            part = samples.part(slice(at, at + count))
-            self._take(part)
-        if count:
-            with self._changing() as channel:
-                set_map(channel.map, learner)
-        return at + len(part.stamps)
-
-    def correction(self) -> float:
-        """Return what `sensor_map` adds to the newest reading [rad]: no ripple."""
-        place = self.channel.map.place if self._value('map', 'active') else None
-        return 0.0 if place is None else place.correction - place.taken
-
-    def sensor_errors(self, heading: int) -> Errors:
-        """Return the errors that `sensor_map` takes out now; see `Shaft.errors`."""
-        if self.learner is None:
-            return lambda angles, speeds: np.zeros(len(angles))
-        return self.learner.shaft.errors(heading)
-
-    def written(self, position: float) -> float:
+    def in_estimate_convention(self, position: float) -> float:
         """Return a measured position in the convention of the estimate: with its turns, if any."""
         if not self.settings.unwrap:
             return position
@@ -403,16 +326,16 @@ class Joint(Counted):
 
     def limit(self, dt: float) -> str | None:
         """Return why the gains cannot work at this sample time [s]; None: they can."""
-        reason: str | None = self.module.limits(self.design, dt)
+        reason: str | None = self.module.limits(self.view.design, dt)
         return reason
 
     def group_delay(self, dt: float) -> float:
         """Return the delay of the velocity at low frequency [s] at this dt [s]; nan: not known."""
-        return float(self.module.group_delay(self.design, dt))
+        return float(self.module.group_delay(self.view.design, dt))
 
     def why(self) -> str:
         """Return the meaning of the status, or another note for the user, as text."""
-        channel, status = self.channel, self.estimate()[3]
+        channel, status = self.view, self.estimate()[3]
         clock = channel.track.clock
         if STATUS_NAMES[status] == 'misconfigured':
             return self.limit(clock.mean_dt) or ''
@@ -423,8 +346,7 @@ class Joint(Counted):
             note = self.module.why(channel.track.state, channel.design)
         if not note and self.settings.unwrap and self.new_starts() > self._new_starts:
             note = LOST_TURNS
-        note = note or note_on_queue(clock.queue)
-        return note or ('' if self.learner is None else self.learner.shaft.text())
+        return note or note_on_queue(clock.queue)
 
     @property
     def _shows_faults(self) -> bool:
@@ -439,7 +361,7 @@ class Joint(Counted):
         if counts == before:
             return {}
         self._faults_before = counts
-        faults = self.channel.faults
+        faults = self.view.faults
         return {
             kind: text_of(faults, kind) for kind, count in enumerate(counts) if count > before[kind]
         }
@@ -448,9 +370,3 @@ class Joint(Counted):
     def needs_motion(self) -> bool:
         """True while there is no estimate because the joint moves too little."""
         return False
-
-
-def _quantum(gains: Any) -> float:
-    """Return the quantum of a single angle that gains declare [rad]; 0: none is known."""
-    quantum = getattr(gains, 'quantum', None)
-    return float(quantum) if isinstance(quantum, (int, float)) else 0.0

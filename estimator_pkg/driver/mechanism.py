@@ -21,7 +21,13 @@ from estimator_pkg.circle import Circle, nearest_turn
 from estimator_pkg.driver import mechanism_channel
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import COMMAND, FIELD, NO_EFFORT, Acting, DrivenSettings
+from estimator_pkg.driver.efforts import (
+    EFFORT_COMMAND,
+    EFFORT_FIELD,
+    NO_EFFORT,
+    Acting,
+    DrivenSettings,
+)
 from estimator_pkg.driver.joint import TYPICAL_DT, Joint
 from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.errors import UsageError, suggestion
@@ -32,7 +38,7 @@ from estimator_pkg.observers.mechanism.state import Coefficients, enlarge
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.sensor.guard import DUPLICATE, limits, longest_dt
 
-WAITING = 16  # largest number of incomplete stamps of a mechanism
+MOST_PARTIAL = 16  # largest number of incomplete stamps of a mechanism
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,6 @@ class Mechanism(Joint):
     settings: MechanismSettings
     plain = mechanism_channel
     compiled: Any
-    learner = None
 
     def __init__(
         self, name: str, observer: Observer, gains: Any, settings: MechanismSettings, source: str
@@ -78,7 +83,7 @@ class Mechanism(Joint):
         self._channel = enlarge(mechanism_channel.Channel(), mechanics.degrees)
         self.memory: Any = None if self.compiled is None else Memory(type(self._channel))
         self._use_gains()
-        self._begin()
+        self._reset_channel()
         self.names = settings.joints or mechanics.joints
         if len(self.names) != mechanics.degrees:
             raise UsageError(
@@ -111,10 +116,10 @@ class Mechanism(Joint):
             channel.limits.take(limits(self.settings, self.longest_dt))
             channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
 
-    def _begin(self) -> None:
+    def _reset_channel(self) -> None:
         with self._changing() as channel:
             channel.stamp_ns, channel.verdict = 0, DUPLICATE
-            self.plain.begin(self.module, channel)
+            self.plain.reset_channel(self.module, channel)
 
     def set_gains(self, gains: Any) -> None:
         """Use other gains from the next sample on; the state is kept."""
@@ -132,7 +137,7 @@ class Mechanism(Joint):
         at, known_input = self._channel.measurement, self._channel.known_input
         plan.module.step(plan.module, state, coefficients, plan.design, at, known_input)
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Take samples with another mechanism and discard them, so that everything is imported."""
         mechanics = self.plan.mechanics
         other = Mechanism(self.name, self.observer, self.gains, self.settings, self._source)
@@ -187,11 +192,11 @@ class Mechanism(Joint):
         """Return (positions, velocities, nan, status) at the last used sample."""
         n = len(self.names)
         if self.memory is not None:
-            self.compiled.show(self.memory.pointer)
+            self.compiled.write_estimate(self.memory.pointer)
             position, velocity, status = self.memory.array['estimate'][0].item()
             position, velocity = position.tolist(), velocity.tolist()
         else:
-            self.plain.show(self.module, self._channel)
+            self.plain.write_estimate(self.module, self._channel)
             out = self._channel.estimate
             position, velocity, status = out.position, out.velocity, out.status
         if status == MISCONFIGURED or not self._is_running():
@@ -249,14 +254,14 @@ class Mechanism(Joint):
                 return waiting
         waiting = _Partial(stamp_ns)
         self._pending.append(waiting)
-        if len(self._pending) > WAITING:
+        if len(self._pending) > MOST_PARTIAL:
             self._pending.popleft()
             self.incomplete += 1
         return waiting
 
     def _complete(self, found: _Partial) -> bool:
         stamp_ns, actuated = found.stamp_ns, self.plan.mechanics.actuated
-        efforts = found.efforts if self._source == FIELD else {}
+        efforts = found.efforts if self._source == EFFORT_FIELD else {}
         known_input = self._acting.known_input(
             self._before_ns,
             stamp_ns,
@@ -302,7 +307,7 @@ class Mechanism(Joint):
             return [(math.nan, math.nan, math.nan, status)] * len(self.names)
         return [(q, v, math.nan, status) for q, v in zip(position, velocity)]
 
-    def written_at(self, index: int) -> float:
+    def measured_position(self, index: int) -> float:
         """Return a joint's newest measured position in the convention of its estimate."""
         position: Any = self.estimate()[0]
         measured = self.completed.positions[index]
@@ -318,7 +323,7 @@ class Mechanism(Joint):
         if not self.running:
             return self.why_silent()
         said = self.plan.why(self.state)
-        if self._source == COMMAND and self._acting.is_unknown:
+        if self._source == EFFORT_COMMAND and self._acting.is_unknown:
             said += f'{said and "; "}{self._acting.why_unknown()}'
         elif said.startswith('no effort'):
             said += f': {NO_EFFORT}'
@@ -372,7 +377,7 @@ class MechanismBank(Received):
     Parameters
     ----------
     names : names of the mechanisms.
-    source : FIELD (the effort field of the joint states) or COMMAND (a separate topic).
+    source : of the efforts: EFFORT_FIELD (in joint states) or EFFORT_COMMAND (on a topic).
 
     Attributes
     ----------
@@ -380,7 +385,7 @@ class MechanismBank(Received):
     """
 
     def __init__(
-        self, configuration: Configuration, names: Iterable[str], source: str = FIELD
+        self, configuration: Configuration, names: Iterable[str], source: str = EFFORT_FIELD
     ) -> None:
         super().__init__()
         self.configuration = configuration
@@ -407,7 +412,7 @@ class MechanismBank(Received):
             tuple(name for each in self.joints.values() for name in each.names),
             tuple(name for each in self.joints.values() for name in each.actuated),
         )
-        self._reads_efforts = source == FIELD and bool(self.orders[1])
+        self._reads_efforts = source == EFFORT_FIELD and bool(self.orders[1])
         self.only: frozenset[str] = frozenset()
         self._places = {
             joint: (each, index)
@@ -444,9 +449,9 @@ class MechanismBank(Received):
         shown = self._shape(tuple(names), tuple(estimates))
         of_each = [(mechanism.completed.efforts, index) for mechanism, index in shown]
 
-        def written(k: int) -> float:
+        def measured_position(k: int) -> float:
             mechanism, index = shown[k]
-            return mechanism.written_at(index)
+            return mechanism.measured_position(index)
 
         def stddevs(these: Sequence[int]) -> list[tuple[float, float]]:
             found: dict[str, Any] = {}  # by mechanism two tuples, where a joint has two numbers
@@ -467,7 +472,7 @@ class MechanismBank(Received):
             [known.get(index, math.nan) for known, index in of_each]
             if any(known for known, _ in of_each)
             else (),
-            written,
+            measured_position,
             stddevs,
         )
 

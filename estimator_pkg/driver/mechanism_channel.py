@@ -14,7 +14,7 @@ from estimator_pkg.driver.channel import advance
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED
 from estimator_pkg.models.mechanics import Vector
 from estimator_pkg.observers.mechanism.algebra import is_finite
-from estimator_pkg.observers.mechanism.core import Estimate
+from estimator_pkg.observers.mechanism.core import MechanismEstimate
 from estimator_pkg.observers.mechanism.state import Coefficients, Design, State
 from estimator_pkg.record import record
 from estimator_pkg.sensor.clock import Clock
@@ -28,7 +28,7 @@ class Track:
     clock: Clock
     coefficients: Coefficients
     state: State
-    kept: State  # before the last gap, in case that stamp is a stray one
+    state_before_gap: State  # before the last gap, in case that stamp is a stray one
 
 
 @record
@@ -43,10 +43,10 @@ class Channel:
     stamp_ns: int  # of the newest sample that was used
     measurement: Vector  # the newest positions, used or not [rad or m]
     known_input: Vector  # since the last sample
-    estimate: Estimate
+    estimate: MechanismEstimate
 
 
-def begin(observer: Any, channel: Channel) -> None:
+def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample."""
     blank = Clock()
     channel.track.clock.take(blank)
@@ -73,7 +73,7 @@ def take(observer: Any, channel: Channel, stamp_ns: int) -> int:
     return verdict
 
 
-def show(observer: Any, channel: Channel) -> None:
+def write_estimate(observer: Any, channel: Channel) -> None:
     """Set the estimate at the last used sample; positions and velocities only if there is one."""
     out, track = channel.estimate, channel.track
     if not track.clock.running:
@@ -121,7 +121,7 @@ def batch(
         for i in range(m):
             channel.known_input[i] = inputs[k * m + i]
         verdicts[k] = take(observer, channel, stamps[k])
-        show(observer, channel)
+        write_estimate(observer, channel)
         status[k] = out.status
         if verdicts[k] < DUPLICATE and out.status != MISCONFIGURED:
             for i in range(n):

@@ -10,17 +10,17 @@ from collections import deque
 from typing import NamedTuple
 
 from estimator_pkg.observers.maths.clarke import clarke
-from estimator_pkg.observers.pmsm.drive import LARGEST
+from estimator_pkg.observers.pmsm.drive import LARGEST_VECTOR
 
-WAITING = 100  # largest number of messages of each kind that wait for their partner
+MOST_UNPAIRED = 100  # largest number of messages of each kind that wait for their partner
 CURRENT, VOLTAGE = 0, 1
 FORGETS = 0.999  # decay of the recent largest current, per sample
-LEAST = 1e-9  # smallest value of the recent largest current [A]
+LEAST_CURRENT = 1e-9  # smallest value of the recent largest current [A]
 
-Vector = tuple[float, float]
+AlphaBeta = tuple[float, float]
 
 
-class Pair(NamedTuple):
+class PairedSample(NamedTuple):
     """A sample: current and voltage (alpha, beta) at the stamp of the current."""
 
     stamp_ns: int
@@ -48,19 +48,19 @@ class Pairs:
         self.unpaired = 0
         self.nearest_ns: int | None = None
 
-    def put(self, kind: int, stamp_ns: int, vector: Vector) -> list[Pair]:
+    def put(self, kind: int, stamp_ns: int, vector: AlphaBeta) -> list[PairedSample]:
         """Take a message of `kind`; return the completed pairs, usually one at most."""
         queue = self._waiting[kind]
         while queue and queue[-1][0] > stamp_ns:  # of a clock that jumped
             queue.pop()
             self.unpaired += 1
         queue.append((stamp_ns, vector))
-        if len(queue) > WAITING:
+        if len(queue) > MOST_UNPAIRED:
             queue.popleft()
             self.unpaired += 1
         return self._matches()
 
-    def _matches(self) -> list[Pair]:
+    def _matches(self) -> list[PairedSample]:
         currents, voltages = self._waiting
         found = []
         while currents and voltages:
@@ -68,7 +68,7 @@ class Pairs:
             if abs(difference) <= self._tolerance:
                 stamp_ns, current = currents.popleft()
                 voltage = voltages.popleft()[1]
-                found.append(Pair(stamp_ns, (*current, *voltage)))
+                found.append(PairedSample(stamp_ns, (*current, *voltage)))
                 self.paired += 1
                 self.nearest_ns = None
                 continue
@@ -94,14 +94,14 @@ class Phases:
 
     def __init__(self, tolerance: float) -> None:
         self._tolerance = tolerance
-        self._largest = LEAST
+        self._largest = LEAST_CURRENT
         self.unbalanced = 0
         self.worst = 0.0
 
-    def current(self, a: float, b: float, c: float) -> Vector | None:
+    def current(self, a: float, b: float, c: float) -> AlphaBeta | None:
         """Return (alpha, beta) [A]; None if the phases do not sum to zero."""
         largest = max(abs(a), abs(b), abs(c))
-        if not largest < LARGEST:  # no current: the guard drops it
+        if not largest < LARGEST_VECTOR:  # no current: the guard drops it
             return math.nan, math.nan
         self._largest = max(largest, FORGETS * self._largest)
         imbalance = abs(a + b + c) / self._largest
@@ -112,6 +112,6 @@ class Phases:
         return clarke(a, b, c)
 
     @staticmethod
-    def voltage(a: float, b: float, c: float) -> Vector:
+    def voltage(a: float, b: float, c: float) -> AlphaBeta:
         """Return (alpha, beta) [V]; the zero-sequence component drives no current and cancels."""
         return clarke(a, b, c)

@@ -24,7 +24,7 @@ from estimator_pkg.circle import Circle, nearest_turn
 from estimator_pkg.driver import switched_channel
 from estimator_pkg.driver.bank import Received, Taken
 from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.efforts import FIELD, REMEMBERED, Acting
+from estimator_pkg.driver.efforts import EFFORT_FIELD, STORED_EFFORTS, Acting
 from estimator_pkg.driver.joint import LOST_TURNS, Joint
 from estimator_pkg.estimate import INITIALISING
 from estimator_pkg.models.switched import SwitchedModel
@@ -59,7 +59,6 @@ class SwitchedJoint(Joint):
     """
 
     plain = switched_channel
-    learner = None
     longest_dt = math.inf
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
@@ -69,7 +68,7 @@ class SwitchedJoint(Joint):
         self.refused = ''
         self._waiting: list[tuple[int, tuple]] = []  # by stamp
         # and results, since the last used sample
-        self._newest: deque[tuple[int, tuple, str]] = deque(maxlen=REMEMBERED)
+        self._newest: deque[tuple[int, tuple, str]] = deque(maxlen=STORED_EFFORTS)
         self._last_event_ns = -math.inf  # stamp of the newest that took effect
         self._jump_ns = (0, 0)  # last stamp of the clock before, first one of this one
 
@@ -80,17 +79,17 @@ class SwitchedJoint(Joint):
         channel.limits.take(limits(settings, self.longest_dt))
         channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
 
-    def _begin(self) -> None:
+    def _reset_channel(self) -> None:
         self._use_gains()  # the settings may be others
         self._channel.verdict = DUPLICATE  # the stamp stays: events are compared with it
-        self.plain.begin(self.module, self._channel)
+        self.plain.reset_channel(self.module, self._channel)
 
     def set_gains(self, gains: Any) -> None:
         """Use other gains from the next sample on; the state is kept."""
         self.gains = gains
         self._use_gains()
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Take samples with another system and discard them, so that everything is imported."""
         other, channel = SwitchedJoint(self.observer, self.gains, self.settings), self._channel
         for k in range(1, 4):
@@ -136,7 +135,7 @@ class SwitchedJoint(Joint):
             return APPLIED if behind <= half else LATE
         if any(stamp_ns == waiting_ns for waiting_ns, _ in self._waiting):
             return OUT_OF_ORDER
-        return WAITING if len(self._waiting) < REMEMBERED else TOO_MANY
+        return WAITING if len(self._waiting) < STORED_EFFORTS else TOO_MANY
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = ()) -> bool:
         """Take one sample, and first the events that are due by it; see `Joint`."""
@@ -219,7 +218,7 @@ class SwitchedJoint(Joint):
         """
         if not self.running:
             return [], INITIALISING
-        self.plain.show(self.module, self._channel)
+        self.plain.write_estimate(self.module, self._channel)
         out = self._channel.estimate
         return list(zip(out.position, out.velocity, out.acceleration)), out.status
 
@@ -229,7 +228,7 @@ class SwitchedJoint(Joint):
 
     def deviations(self) -> list[tuple[float, float]]:
         """Return one standard deviation of (position, velocity) of each output."""
-        self.plain.show_deviation(self.module, self._channel)
+        self.plain.write_deviation(self.module, self._channel)
         out = self._channel.deviation
         return list(zip(out.position, out.velocity))
 
@@ -252,7 +251,7 @@ class SwitchedBank(Received):
     joint : the system.
     names : names of its joints in the messages, in the order of the model's outputs; the efforts
         of the first ones are the inputs.
-    source : source of the efforts: FIELD (of joint states) or COMMAND (a separate topic).
+    source : source of the efforts: EFFORT_FIELD (of joint states) or COMMAND (a separate topic).
 
     Raises
     ------
@@ -263,7 +262,9 @@ class SwitchedBank(Received):
     joints : the system, by the name of its first joint.
     """
 
-    def __init__(self, joint: SwitchedJoint, names: tuple[str, ...], source: str = FIELD) -> None:
+    def __init__(
+        self, joint: SwitchedJoint, names: tuple[str, ...], source: str = EFFORT_FIELD
+    ) -> None:
         super().__init__()
         self.system = joint
         self.configuration: Any = None  # as in other banks; here the joint exists already
@@ -311,7 +312,7 @@ class SwitchedBank(Received):
         """
         if not self.fits(names, positions):
             return None
-        needed = self._inputs > 0 and self._source == FIELD
+        needed = self._inputs > 0 and self._source == EFFORT_FIELD
         if not set(self.names).issubset(names) or (needed and len(efforts) != len(names)):
             self.mismatched += 1
             return None
@@ -332,7 +333,7 @@ class SwitchedBank(Received):
         output = [self.names.index(names[place]) for place in shown]
         outputs, status = system.estimates()
 
-        def written(k: int) -> float:
+        def measured_position(k: int) -> float:
             position, settings = positions[shown[k]], system.settings
             if not (settings.unwrap and outputs):
                 return position
@@ -346,6 +347,6 @@ class SwitchedBank(Received):
             [names[place] for place in shown],
             [(*outputs[i], status) if used else None for i in output],
             [efforts[place] for place in shown] if len(efforts) == len(names) else (),
-            written,
+            measured_position,
             stddevs,
         )

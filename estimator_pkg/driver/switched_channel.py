@@ -9,7 +9,13 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 from estimator_pkg.driver.channel import advance
-from estimator_pkg.observers.switched.state import Coefficients, Design, Deviation, Estimate, State
+from estimator_pkg.observers.switched.state import (
+    Coefficients,
+    Design,
+    OutputDeviations,
+    OutputEstimates,
+    State,
+)
 from estimator_pkg.record import record
 from estimator_pkg.sensor.clock import Clock
 from estimator_pkg.sensor.guard import DUPLICATE, NON_FINITE, Limits
@@ -22,7 +28,7 @@ class Track:
     clock: Clock
     coefficients: Coefficients
     state: State
-    kept: State  # before the last gap, in case that stamp is a stray one
+    state_before_gap: State  # before the last gap, in case that stamp is a stray one
 
 
 @record
@@ -37,11 +43,11 @@ class Channel:
     stamp_ns: int  # of the newest sample that was used
     measurement: list[float]  # one number per output [rad or m]
     known_input: list[float]
-    estimate: Estimate
-    deviation: Deviation
+    estimate: OutputEstimates
+    deviation: OutputDeviations
 
 
-def begin(observer: Any, channel: Channel) -> None:
+def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample."""
     model, track, blank = observer.model, channel.track, Clock()
     track.clock.take(blank)
@@ -79,7 +85,7 @@ def take(
     return verdict
 
 
-def show(observer: Any, channel: Channel) -> None:
+def write_estimate(observer: Any, channel: Channel) -> None:
     """Set the estimate at the last used sample."""
     observer.estimate(
         observer,
@@ -92,7 +98,7 @@ def show(observer: Any, channel: Channel) -> None:
     )
 
 
-def show_deviation(observer: Any, channel: Channel) -> None:
+def write_deviation(observer: Any, channel: Channel) -> None:
     """Set one standard deviation of each output."""
     observer.deviation(
         observer,

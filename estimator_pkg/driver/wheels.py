@@ -29,21 +29,21 @@ from estimator_pkg.parameters import structural
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter
 from estimator_pkg.sensor.source import agree
 
-WINDOW = 0.5  # shortest time over which gyro and wheels are compared to learn [s]
-PROOF, TURN = 4, 0.2  # windows that agree, and turns in them [rad], before the gyro is used
-LIMIT = 10  # windows in a row that do not agree, after which the gyro is learnt again
-UNKNOWN = (0.1, 1.0, 0.02, 0.005)  # deviations of track, bias [rad/s], delay [s], radii at first
-WALK = np.array([1e-6, 1e-8, 0.0, 0.0, 0.0])  # of the constant errors: variances per second
+LEARNING_WINDOW = 0.5  # shortest time over which gyro and wheels are compared to learn [s]
+PROOF_WINDOWS, PROOF_TURN = 4, 0.2  # windows and turns [rad] that agree, before the gyro is used
+RELEARNT_AFTER = 10  # windows in a row that do not agree, after which the gyro is learnt again
+PRIOR_DEVIATIONS = (0.1, 1.0, 0.02, 0.005)  # of track, bias [rad/s], delay [s] and radii
+ERROR_WALK = np.array([1e-6, 1e-8, 0.0, 0.0, 0.0])  # of the constant errors: variances per second
 GATE = 25.0  # squared deviations of a window that does not agree
-SLIPS, AGREES = 0.05, 0.25  # time without, and with agreement, after which slip begins, ends [s]
-STANDS = 2.0  # time for which the gyro contradicts wheels that stand: its bias is another one [s]
-SILENT = 0.5  # time without a value, after which the gyro is silent [s]
-STUCK = 25  # equal values of a gyro that contradicts the wheels, after which it is stuck
-ALIKE = 0.5  # correlation of the speeds' errors of two wheels of a side: 0 to 0.5 in simulation
-OFTEN = 10.0  # shortest time between two notices of slip [s]
-MEMORY = 0.02  # weight of one value in the mean square error of its prediction by the wheels
-QUEUE = 4096  # values of the gyro that wait for the wheels at most
-SMALL = 1e-4  # angle [rad] below which an arc is its series
+SLIP_BEGINS, SLIP_ENDS = 0.05, 0.25  # time without, and with agreement [s]
+STANDSTILL = 2.0  # the gyro contradicts wheels at rest for so long [s]: its bias has changed
+GYRO_SILENT = 0.5  # time without a value, after which the gyro is silent [s]
+STUCK_VALUES = 25  # equal values of a gyro that contradicts the wheels, after which it is stuck
+SIDE_CORRELATION = 0.5  # of the errors of two speeds of a side: 0 to 0.5 in simulation
+NOTICE_INTERVAL = 10.0  # shortest time between two notices of slip [s]
+PREDICTION_WEIGHT = 0.02  # of one value in the mean square error of its prediction by the wheels
+GYRO_QUEUE = 4096  # values of the gyro that wait for the wheels at most
+SMALL_TURN = 1e-4  # angle [rad] below which an arc is its series
 
 OBSERVER = replace(
     edge_adaptive.OBSERVER,
@@ -156,7 +156,7 @@ class Rate(NamedTuple):
 
 def arc(distance: float, turn: float, yaw: float) -> tuple[Array, Array]:
     """Return an arc's x, y, yaw, and its derivatives by distance and turn, shape (3, 2)."""
-    if abs(turn) < SMALL:
+    if abs(turn) < SMALL_TURN:
         forward, left = 1.0 - turn * turn / 6.0, 0.5 * turn
         forward_by, left_by = -turn / 3.0, 0.5 - turn * turn / 8.0
     else:
@@ -183,7 +183,7 @@ class Learnt(NamedTuple):
     s: float  # error of the mean radius, relative
 
 
-class Filter:
+class PoseFilter:
     """Pose and constant errors, with one covariance.
 
     Attributes
@@ -193,7 +193,7 @@ class Filter:
     """
 
     def __init__(self, geometry: Geometry, gyro: bool) -> None:
-        of_track, bias, delay, of_radius = UNKNOWN if gyro else (0.0, 0.0, 0.0, 0.0)
+        of_track, bias, delay, of_radius = PRIOR_DEVIATIONS if gyro else (0.0, 0.0, 0.0, 0.0)
         track, of_track = geometry.effective_track, geometry.track_stddev or of_track
         half = 0.5 * (geometry.radius_stddev or of_radius) ** 2
         self._quarter = 0.25 * track**2
@@ -253,7 +253,7 @@ class Filter:
         """
         h, gain = np.zeros(9), np.zeros(9)
         h[3:7] = window[:4]
-        self.p[range(3, 8), range(3, 8)] += WALK * window[1]
+        self.p[range(3, 8), range(3, 8)] += ERROR_WALK * window[1]
         innovation, c = window[4] - h @ self.x, self.p @ h
         s = h @ c + noise
         if innovation * innovation > GATE * s:
@@ -271,7 +271,8 @@ class Gyro:
     Attributes
     ----------
     now : value at the newest message, with its bias [rad/s]. ahead : its time from the newest value
-    [s]. white, blur : variances of a value and of `bend`. spacing : time between values [s].
+    [s]. white, blur : variances of a value and of the acceleration. spacing : time between values
+    [s].
     step : integral I [rad], time T [s], change W [rad/s] since the message before.
     equal : number of equal values in a row.
     """
@@ -282,34 +283,34 @@ class Gyro:
 
     def restart(self) -> None:
         """Begin without a value."""
-        self._scatter, self._queue = Scatter(), deque[tuple[int, float]](maxlen=QUEUE)
+        self._scatter, self._queue = Scatter(), deque[tuple[int, float]](maxlen=GYRO_QUEUE)
         self._stamp_ns, self._value, self._integral = 0, 0.0, 0.0
-        self._bend = self._wrong = 0.0  # [rad/s^2], mean square [(rad/s)^2]
+        self._acceleration = self._wrong = 0.0  # [rad/s^2], mean square [(rad/s)^2]
         self._here: tuple[float, float] | None = None  # integral and value at the newest message
         self.now = self.ahead = self.white = self.blur = self.spacing = 0.0
         self.step, self.equal = np.zeros(3), 0
 
-    def hear(self, stamp_ns: int, value: float) -> None:
+    def receive(self, stamp_ns: int, value: float) -> None:
         """Take a value; it counts from the next message of the wheels on."""
         if math.isfinite(value):
             self._queue.append((stamp_ns, self._ratio * value))
 
-    def follow(self, stamp_ns: int, dt: float, bend: float) -> bool:
+    def follow(self, stamp_ns: int, dt: float, acceleration: float) -> bool:
         """Take the values up to a message of the wheels; return False if it is silent.
 
         Parameters
         ----------
-        dt : since the message before [s]. bend : change of the yaw rate [rad/s^2].
+        dt : since the message before [s]. acceleration : change of the yaw rate [rad/s^2].
         """
         while self._queue and self._queue[0][0] <= stamp_ns:
             self._take(*self._queue.popleft())
         self.ahead = ahead = (stamp_ns - self._stamp_ns) * 1e-9
         before, self._here = self._here, None
-        if self.spacing == 0.0 or ahead > SILENT:
+        if self.spacing == 0.0 or ahead > GYRO_SILENT:
             return False
-        self._bend, self.white = bend, self._scatter.variance
+        self._acceleration, self.white = acceleration, self._scatter.variance
         self.blur = max(0.0, self._wrong - 2.0 * self.white) / self.spacing**2
-        self.now = self._value + bend * ahead
+        self.now = self._value + acceleration * ahead
         self._here = here = self._integral + 0.5 * (self._value + self.now) * ahead, self.now
         if before is None:
             return False
@@ -320,20 +321,22 @@ class Gyro:
         dt = (stamp_ns - self._stamp_ns) * 1e-9
         if dt <= 0.0:
             return
-        if self._stamp_ns == 0 or dt > SILENT:
+        if self._stamp_ns == 0 or dt > GYRO_SILENT:
             begin_scatter(self._scatter, value)
             self._wrong = self.spacing = 0.0
         else:
             follow_scatter(self._scatter, value, dt, math.inf)
             change = value - self._value
             self.equal = self.equal + 1 if change == 0.0 else 0
-            self._wrong += MEMORY * ((change - self._bend * dt) ** 2 - self._wrong)
+            self._wrong += PREDICTION_WEIGHT * (
+                (change - self._acceleration * dt) ** 2 - self._wrong
+            )
             self._integral += 0.5 * (self._value + value) * dt
             self.spacing = dt
         self._stamp_ns, self._value = stamp_ns, value
 
 
-class Base:
+class WheelOdometry:
     """The base: pass it the joints of each message, read twist and pose.
 
     Attributes
@@ -348,7 +351,7 @@ class Base:
         """`gyro` : its ratio, 0: there is none. period : of angles. outage : longest gap [s]."""
         self._geometry, self._period, self._outage = geometry, period, outage
         self.gyro = Gyro(gyro) if gyro else None
-        self._filter = Filter(geometry, gyro != 0.0)
+        self._filter = PoseFilter(geometry, gyro != 0.0)
         count, radii = len(geometry.wheels_left), geometry.radius or (math.nan,)
         self._by_wheel = np.zeros((2, len(geometry.names)))  # what both sides travel [m/rad]
         self._by_wheel[0, :count] = radii[0] / count
@@ -389,10 +392,13 @@ class Base:
                 self.gyro.restart()
         dt = 0.0 if before is None else (stamp_ns - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp_ns
-        _, speeds, bends, places, sigmas = (self._by_wheel @ joints).T
-        sigmas = np.sqrt(ALIKE * sigmas**2 + (1 - ALIKE) * (self._by_wheel**2 @ joints[:, 4] ** 2))
-        newest = to * places**2 @ to.T
-        turned, walk = np.zeros(len(joints)), places**2  # a start is at the true positions
+        _, speeds, accelerations, position_sigmas, sigmas = (self._by_wheel @ joints).T
+        sigmas = np.sqrt(
+            SIDE_CORRELATION * sigmas**2
+            + (1 - SIDE_CORRELATION) * (self._by_wheel**2 @ joints[:, 4] ** 2)
+        )
+        newest = to * position_sigmas**2 @ to.T
+        turned, walk = np.zeros(len(joints)), position_sigmas**2  # a start is at the true positions
         if before is not None:
             turned += joints[:, 0] - before[:, 0]
             if self._period:
@@ -403,39 +409,43 @@ class Base:
             self.notices.append(f'no wheel for {dt:.3g} s: turns in it are not in the pose')
             walk += (self._by_wheel.sum(axis=1) * self._period) ** 2
         walk = to * walk @ to.T
-        gone = to @ self._by_wheel @ turned
+        wheel_displacement = to @ self._by_wheel @ turned
         (speed, rate), by = kept.corrected(to @ speeds)
         covariance = by @ kept.p @ by.T + self._learnt(to * sigmas**2 @ to.T)
-        wheels, said = Rate(rate, covariance[1, 1]), ''
+        wheels, slip_reason = Rate(rate, covariance[1, 1]), ''
         turns = f'the wheels turn the base at {rate:.4g} rad/s'
-        told, found, slid = None, wheels, np.zeros(2)
+        by_gyro, found, slip_spread = None, wheels, np.zeros(2)
         if self.gyro is not None:
             still = bool((speeds**2 < 9.0 * sigmas**2).all())
-            told = self._told(dt, wheels, to[1] @ bends / kept.learnt.r, still, turns)
-            contradicts = told is not None and (self.slips != '' or not told.agrees(wheels))
-            self._learn(None if contradicts else gone, walk[1, 1], newest[1, 1])
-        wide = np.ptp(joints[: 2 * len(geometry.wheels_left), 1].reshape(2, -1), axis=1)
-        wide *= self._by_wheel.max(axis=1) * len(geometry.wheels_left)
-        if (wide > 10.0 * sigmas).any():
-            said = f'wheels of one side differ by {max(wide):.3g} m/s'
-            slid = 0.5 * np.abs(to) @ wide
+            by_gyro = self._gyro_rate(
+                dt, wheels, to[1] @ accelerations / kept.learnt.r, still, turns
+            )
+            contradicts = by_gyro is not None and (self.slips != '' or not by_gyro.agrees(wheels))
+            self._learn(None if contradicts else wheel_displacement, walk[1, 1], newest[1, 1])
+        same_side_difference = np.ptp(
+            joints[: 2 * len(geometry.wheels_left), 1].reshape(2, -1), axis=1
+        )
+        same_side_difference *= self._by_wheel.max(axis=1) * len(geometry.wheels_left)
+        if (same_side_difference > 10.0 * sigmas).any():
+            slip_reason = f'wheels of one side differ by {max(same_side_difference):.3g} m/s'
+            slip_spread = 0.5 * np.abs(to) @ same_side_difference
         if geometry.steering:
             steered = self._steered(joints[-1], speed, covariance[0, 0])
             found = wheels.fused(steered)
-            if told is None and not steered.agrees(wheels):
-                said = said or f'{turns}, the steering at {steered.value:.3g}'
+            if by_gyro is None and not steered.agrees(wheels):
+                slip_reason = slip_reason or f'{turns}, the steering at {steered.value:.3g}'
                 found = Rate(0.5 * (steered.value + rate), steered.variance + wheels.variance)
-                slid[1] += 0.5 * abs(steered.value - rate)
-        moved, by = kept.corrected(gone)
+                slip_spread[1] += 0.5 * abs(steered.value - rate)
+        moved, by = kept.corrected(wheel_displacement)
         walk = self._learnt(walk)
-        if told is not None and self.gyro is not None:
-            found, share = told.fused(wheels), 0.0  # of the turn by the wheels
+        if by_gyro is not None and self.gyro is not None:
+            found, share = by_gyro.fused(wheels), 0.0  # of the turn by the wheels
             white = self.gyro.white * self.gyro.spacing * dt
             if contradicts:  # one side slips alone, or the gyro is wrong
-                found, half = told, 0.5 * abs(told.value - rate)
-                slid += half * geometry.effective_track, half
-                if not told.agrees(wheels):
-                    said = f'{turns}, the gyro at {told.value:.4g}'
+                found, half = by_gyro, 0.5 * abs(by_gyro.value - rate)
+                slip_spread += half * geometry.effective_track, half
+                if not by_gyro.agrees(wheels):
+                    slip_reason = f'{turns}, the gyro at {by_gyro.value:.4g}'
             elif white > 0.0:
                 share = white / (white + walk[1, 1])
             r, b, g = kept.learnt[:3]
@@ -448,62 +458,70 @@ class Base:
             covariance[0, 1] = covariance[1, 0] = 0.0
             covariance[1, 1] = found.variance
         self.twist = speed, found.value
-        self.twist_covariance = covariance + np.outer(slid, slid)
-        by[:, 8] = slid * dt * (1.0, float(told is None))
+        self.twist_covariance = covariance + np.outer(slip_spread, slip_spread)
+        by[:, 8] = slip_spread * dt * (1.0, float(by_gyro is None))
         kept.move(moved, by, walk)
         on = arc(0.0, 0.0, kept.pose[2])[1]
         self.covariance = kept.p[:3, :3] + on @ self._learnt(newest) @ on.T
-        self._note(dt, said)
+        self._note(dt, slip_reason)
 
     def _learnt(self, covariance: Array) -> Array:
         """Return a covariance of distance and turn by the wheels, by what is learnt."""
         by = (1.0, self._filter.learnt.r)
         return covariance / np.outer(by, by)
 
-    def _told(self, dt: float, wheels: Rate, bend: float, still: bool, turns: str) -> Rate | None:
+    def _gyro_rate(
+        self, dt: float, wheels: Rate, acceleration: float, still: bool, turns: str
+    ) -> Rate | None:
         """Return the rate by the gyro, None if it is not used."""
         gyro, p, (r, b, g) = self.gyro, self._filter.p, self._filter.learnt[:3]
         assert gyro is not None
-        if not gyro.follow(self._stamp_ns, dt, bend):
+        if not gyro.follow(self._stamp_ns, dt, acceleration):
             self._window = None
-            self._blame('silent')
+            self._disable_gyro('silent')
             return None
-        unsure = float(p[4, 4] + bend * bend * p[5, 5]) / (r * r)
+        unsure = float(p[4, 4] + acceleration * acceleration * p[5, 5]) / (r * r)
         unsure += gyro.white + gyro.blur * (gyro.ahead + g / r) ** 2
-        told = Rate(gyro.now + (b + g * bend) / r, unsure)
-        agrees = told.agrees(wheels)
+        by_gyro = Rate(gyro.now + (b + g * acceleration) / r, unsure)
+        agrees = by_gyro.agrees(wheels)
         self._contrary = self._contrary + dt if still and not agrees else 0.0
-        if not agrees and gyro.equal >= STUCK:
-            self._blame(f'stuck at {gyro.now:.4g}, {turns}')
-        elif self._contrary > STANDS:
-            self._blame(f'it is at {told.value:.4g} rad/s and the wheels stand')
-        return told if self.used else None
+        if not agrees and gyro.equal >= STUCK_VALUES:
+            self._disable_gyro(f'stuck at {gyro.now:.4g}, {turns}')
+        elif self._contrary > STANDSTILL:
+            self._disable_gyro(f'it is at {by_gyro.value:.4g} rad/s and the wheels stand')
+        return by_gyro if self.used else None
 
-    def _blame(self, why: str, always: bool = False) -> None:
+    def _disable_gyro(self, why: str, always: bool = False) -> None:
         """Use the gyro no more, until it agrees again; `always`: also one that is not used yet."""
         if self.used or (always and self._why != why):
             self.notices.append(f'the gyro is not used: {why}')
             self._filter.forget()
             self.used, self._why, self._fits, self._proof, self._window = False, why, 0, 0.0, None
 
-    def _learn(self, gone: Array | None, walk: float, newest: float) -> None:
-        """Continue the window, and learn at its end; `gone` : None: wheels slip."""
+    def _learn(self, wheel_displacement: Array | None, walk: float, newest: float) -> None:
+        """Continue the window, and learn at its end; `wheel_displacement` : None: wheels slip."""
         gyro, window, self._window = self.gyro, self._window, None
         assert gyro is not None
-        if gone is None:
+        if wheel_displacement is None:
             return
         if window is not None:
-            self._window = window = window + np.array([*gyro.step, *gone, walk])
-            if window[1] < WINDOW:
+            self._window = window = window + np.array([*gyro.step, *wheel_displacement, walk])
+            if window[1] < LEARNING_WINDOW:
                 return
             white = self._filter.learnt.r**2 * gyro.white * gyro.spacing * window[1]
             fits = self._filter.learn(window, window[5] + newest + white)
             self._fits = max(1, self._fits + 1) if fits else min(-1, self._fits - 1)
             self._proof = self._proof + abs(window[4]) if fits else 0.0
-            if self._fits >= PROOF and self._proof > TURN and gyro.equal < STUCK:
+            if (
+                self._fits >= PROOF_WINDOWS
+                and self._proof > PROOF_TURN
+                and gyro.equal < STUCK_VALUES
+            ):
                 self.used, self._why = True, 'used'
-            elif self._fits <= -LIMIT:
-                self._blame('its turns and those of the wheels do not agree: check its sign', True)
+            elif self._fits <= -RELEARNT_AFTER:
+                self._disable_gyro(
+                    'its turns and those of the wheels do not agree: check its sign', True
+                )
         self._window = np.array([0.0, 0.0, 0.0, 0.0, 0.0, newest])
 
     def _steered(self, steering: Array, speed: float, variance: float) -> Rate:
@@ -514,17 +532,17 @@ class Base:
         unsure = steering[3] ** 2 + self._geometry.steering_stddev**2
         return Rate(speed * tangent, tangent * tangent * variance + by_angle * by_angle * unsure)
 
-    def _note(self, dt: float, said: str) -> None:
+    def _note(self, dt: float, slip_reason: str) -> None:
         """Note where slip begins and ends."""
-        self._agreed = 0.0 if said else self._agreed + dt
-        self._doubt = max(0.0, self._doubt + (dt if said else -0.2 * dt))
-        if self._agreed > AGREES:
+        self._agreed = 0.0 if slip_reason else self._agreed + dt
+        self._doubt = max(0.0, self._doubt + (dt if slip_reason else -0.2 * dt))
+        if self._agreed > SLIP_ENDS:
             self.slips, self._doubt = '', 0.0
-        elif self._doubt > SLIPS and not self.slips:
-            self.slips, self.slipped = said, self.slipped + 1
-            if (self._stamp_ns - self._noticed_ns) * 1e-9 > OFTEN:
+        elif self._doubt > SLIP_BEGINS and not self.slips:
+            self.slips, self.slipped = slip_reason, self.slipped + 1
+            if (self._stamp_ns - self._noticed_ns) * 1e-9 > NOTICE_INTERVAL:
                 self._noticed_ns = self._stamp_ns
-                self.notices.append(f'slip: {said}')
+                self.notices.append(f'slip: {slip_reason}')
 
     def text(self) -> str:
         """Return pose, slips and what is known of the gyro, for people."""

@@ -56,8 +56,8 @@ class Functions:
 
     take: Any
     inform: Any
-    show: Any
-    show_deviation: Any
+    write_estimate: Any
+    write_deviation: Any
     message: Any
     deviations: Any
     batch: Any

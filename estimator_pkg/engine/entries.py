@@ -16,8 +16,8 @@ OF_AN_ANGLE = {  # observers of a single angle, by the prefix of their functions
 }
 INFORMED = ('edge_adaptive', 'kalman')  # observers that other sensors may inform
 OF_A_DRIVE = {'pmsm': 'estimator_pkg.observers.pmsm.observer'}
-CHANNEL = ('take', 'show', 'show_deviation', 'message', 'deviations', 'batch')
-DRIVE_CHANNEL = ('take', 'show', 'show_deviation', 'batch', 'trace')
+CHANNEL = ('take', 'write_estimate', 'write_deviation', 'message', 'deviations', 'batch')
+DRIVE_CHANNEL = ('take', 'write_estimate', 'write_deviation', 'batch', 'trace')
 MECHANISM = 'estimator_pkg.observers.mechanism'
 MODELS = {
     name: f'estimator_pkg.models.{name}'
@@ -32,7 +32,7 @@ OF_A_MECHANISM = {  # observers of mechanisms with a model; `velocity` is hgo an
 FUNCTIONS = {  # of an observer, by the module of its channel
     'estimator_pkg.driver.channel': (OF_AN_ANGLE, CHANNEL),
     'estimator_pkg.driver.drive_channel': (OF_A_DRIVE, DRIVE_CHANNEL),
-    'estimator_pkg.driver.mechanism_channel': (OF_A_MECHANISM, ('take', 'show', 'batch')),
+    'estimator_pkg.driver.mechanism_channel': (OF_A_MECHANISM, ('take', 'write_estimate', 'batch')),
 }
 SMOOTHER = 'estimator_pkg.evaluation.reference.smoother'
 LOOPS = {  # functions of a module whose arguments are numbers, arrays and records

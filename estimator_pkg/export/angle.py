@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a header of an observer of one angle has: `driver.channel` for one sample, without a map.
+"""What a header of an observer of one angle has: `driver.channel` for one sample.
 
 The engine translates these functions. `export.header` binds the arguments `wrapped` and `counted`.
 """
@@ -11,12 +11,19 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from estimator_pkg.driver.channel import Frame, Track, advance, begin_track, use_frame
+from estimator_pkg.driver.channel import Frame, Track, advance, reset_track, use_frame
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, Deviation
 from estimator_pkg.estimate import Estimate as Motion
 from estimator_pkg.record import record
-from estimator_pkg.sensor.faults import Faults, begin_faults, cover, forget_motion, is_usual, look
-from estimator_pkg.sensor.guard import DUPLICATE, USED, Limits
+from estimator_pkg.sensor.faults import (
+    EncoderFaults,
+    begin_faults,
+    examine_step,
+    forget_motion,
+    inflate,
+    is_usual,
+)
+from estimator_pkg.sensor.guard import DUPLICATE, USED_SAMPLE, Limits
 from estimator_pkg.sensor.turns import Turns, begin_turns, follow_turns, is_news
 
 
@@ -36,7 +43,7 @@ class State:
     limits: Limits
     track: Track
     turns: Turns  # whether the sensor counts turns
-    faults: Faults  # of the encoder, as its readings show them
+    faults: EncoderFaults  # of the encoder, as its readings show them
     # samples by verdict: used, first, after a gap, clock jump, stray stamp, outage; and dropped:
     # duplicate, late, non-finite, zero stamp, misconfigured, repeated
     counts: Annotated[list[int], 12]
@@ -61,7 +68,7 @@ def init(observer: Any, self: State, wrapped: Frame) -> None:
     if self.options.turns:
         begin_turns(self.turns, wrapped.period)
     use_frame(self, wrapped)
-    begin_track(observer, self.track, self.design)
+    reset_track(observer, self.track, self.design)
     begin_faults(self.faults)
 
 
@@ -83,9 +90,9 @@ def update(
                 else:
                     use_frame(self, wrapped)
     verdict = advance(observer, self.track, self.design, self.limits, stamp_ns, angle, 0.0)
-    if verdict == USED:
+    if verdict == USED_SAMPLE:
         if not is_usual(self.faults, angle, stamp_ns):
-            look(self.faults, angle, self.track.clock, self.limits.period)
+            examine_step(self.faults, angle, self.track.clock, self.limits.period)
     elif verdict < DUPLICATE:
         forget_motion(self.faults, angle)
     self.counts[verdict] += 1
@@ -113,7 +120,7 @@ def get(observer: Any, self: State, out: Estimate) -> None:
         observer, motion, track.state, track.coefficients, self.design, track.reading, 0.0
     )
     if self.faults.doubted:
-        cover(self.faults, deviation, motion.velocity)
+        inflate(self.faults, deviation, motion.velocity)
         out.velocity_stddev = deviation.velocity
     out.position, out.velocity = motion.position, motion.velocity
     out.acceleration, out.status = motion.acceleration, motion.status

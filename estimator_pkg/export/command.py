@@ -82,8 +82,6 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     done = folder.write(out, made, samples)
     lines = len(made.header.splitlines())
     print(f'{out / prefix}.h: {parsed.observer}, {lines} lines of C99')
-    for note in made.notes:
-        show(note)
     passed, said = done or (None, ['no C compiler here: main.c is not run'])
     print(*said, sep='\n')
     if passed is False and parsed.float32:

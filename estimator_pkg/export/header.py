@@ -8,14 +8,13 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from estimator_pkg import __version__
-from estimator_pkg.driver.configuration import NONE
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.driver.efforts import FIELD
+from estimator_pkg.driver.efforts import EFFORT_FIELD
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.mechanism import Mechanism
 from estimator_pkg.engine.calls import PREFIXES
@@ -39,7 +38,6 @@ TITLES = {
     'mechanical': 'velocities of a mechanism from its positions and efforts',
 }
 SIZES = 'its state has the size that its parameters say, so it runs as plain Python only'
-NO_MAP = 'sensor_map: a header learns no errors of the sensor, as the node with sensor_map: none'
 FILE = """\
 /* {title}
  *
@@ -74,14 +72,12 @@ class Exported:
     """A header and what belongs to it.
 
     prefix : of all names in it. header : the text. joint : the driver's joint with these gains.
-    notes : what the user should know.
     """
 
     prefix: str
     header: str
     joint: Any
     float32: bool
-    notes: tuple[str, ...] = ()
 
 
 def exported(
@@ -107,9 +103,6 @@ def exported(
     """
     if not re.fullmatch(r'[a-z][a-z0-9_]*', prefix) or prefix in TAKEN:
         raise UsageError(f"'{prefix}' is no name for C: use lower-case letters, digits and _")
-    notes: tuple[str, ...] = ()
-    if getattr(settings, 'sensor_map', NONE) != NONE:
-        settings, notes = replace(settings, sensor_map=NONE), (NO_MAP,)
     joint = _joint(observer, gains, settings, sample_period)
     plain = getattr(joint.module, 'runs_plain', None)
     if joint.module.__name__ not in PREFIXES or (plain and plain(gains)):
@@ -147,13 +140,13 @@ def exported(
         guard=f'{prefix.upper()}_H',
         body=single(body) if float32 else body,
     )
-    return Exported(prefix, header, joint, float32, notes)
+    return Exported(prefix, header, joint, float32)
 
 
 def _joint(observer: Any, gains: Any, settings: Any, sample_period: float) -> Any:
     """Return the driver's joint, drive or mechanism."""
     if observer.kind == 'mechanical':
-        return Mechanism(observer.name, observer, gains, settings, FIELD)
+        return Mechanism(observer.name, observer, gains, settings, EFFORT_FIELD)
     if observer.kind == 'drive':
         return DriveJoint(observer, gains, settings, sample_period=sample_period)
     if observer.kind == 'angle':

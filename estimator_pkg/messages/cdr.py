@@ -92,8 +92,12 @@ class Writer:
         """Write numbers of struct code `code`, aligned."""
         if len(values) == 0:
             return
-        self.raw += b'\0' * (-(len(self.raw) - 4) % struct.calcsize(code))
+        self.align(struct.calcsize(code))
         self.raw += struct.pack(f'<{len(values)}{code}', *values)
+
+    def align(self, size: int) -> None:
+        """Pad to a multiple of `size` bytes."""
+        self.raw += b'\0' * (-(len(self.raw) - 4) % size)
 
     def text(self, value: str) -> None:
         """Write a string with its terminator."""

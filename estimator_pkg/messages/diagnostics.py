@@ -13,16 +13,27 @@ from estimator_pkg.messages.cdr import Writer
 from estimator_pkg.messages.joint_state import EARLIEST, LATEST
 
 TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
-OK, WARN = 0, 1  # levels of a DiagnosticStatus
+OK, WARN, ERROR = 0, 1, 2  # levels of a DiagnosticStatus
 
 
 class Status(NamedTuple):
-    """One entry: good or not, name, message, and values."""
+    """One entry; see `packed` for its values."""
 
-    good: bool
+    level: int
     name: str
+    hardware_id: str
     message: str
-    values: Mapping[str, Any]
+    values: bytes
+
+
+def packed(values: Mapping[str, Any]) -> bytes:
+    """Return the CDR bytes of an entry's values, which are the same wherever it stands."""
+    writer = Writer()
+    writer.numbers('I', (len(values),))
+    for key, value in values.items():
+        writer.text(key)
+        writer.text(text(value))
+    return bytes(writer.raw[4:])
 
 
 def encode(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
@@ -34,14 +45,12 @@ def encode(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
     writer.text('')
     writer.numbers('I', (len(statuses),))
     for status in statuses:
-        writer.numbers('B', (OK if status.good else WARN,))
+        writer.numbers('B', (status.level,))
         writer.text(status.name)
         writer.text(status.message)
-        writer.text(status.name)  # hardware_id: the joint
-        writer.numbers('I', (len(status.values),))
-        for key, value in status.values.items():
-            writer.text(key)
-            writer.text(text(value))
+        writer.text(status.hardware_id)
+        writer.align(4)
+        writer.raw += status.values
     return bytes(writer.raw)
 
 

@@ -1,16 +1,13 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Status and diagnostics of a node, as diagnostic_msgs."""
+"""The status of a joint as an entry of diagnostics: level, message, values."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
-
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.node import Node
 
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import (
@@ -22,18 +19,16 @@ from estimator_pkg.estimate import (
     STATUS_NAMES,
     TRACKING,
 )
-from estimator_pkg.messages.diagnostics import text
+from estimator_pkg.messages.diagnostics import ERROR, OK, WARN, Status, packed
 from estimator_pkg.sensor.guard import (
-    DROPPED,
+    DROP_REASONS,
     DUPLICATE,
-    LATE,
+    LATE_STAMP,
     NON_FINITE,
-    REPEATED,
+    REPEATED_READING,
     VERDICTS,
     ZERO_STAMP,
 )
-
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 _LEVELS = {
     INITIALISING: WARN,
@@ -51,10 +46,10 @@ _REASONS = {
 EVENTS = VERDICTS[2:DUPLICATE]
 _DROPPED_FOR = {
     DUPLICATE: 'their stamps repeat',
-    LATE: 'their stamps are late',
+    LATE_STAMP: 'their stamps are late',
     NON_FINITE: 'their numbers are not finite, or too large for any joint',
     ZERO_STAMP: 'they have no time stamp',
-    REPEATED: 'they repeat the previous reading',
+    REPEATED_READING: 'they repeat the previous reading',
 }
 
 
@@ -62,28 +57,6 @@ def dropped_for(verdict: int) -> str:
     """Return why samples are dropped, as text; '' for other verdicts."""
     why = _DROPPED_FOR.get(verdict, '')
     return why and f'received samples are dropped: {why}'
-
-
-def array(node: Node, entries: Iterable[DiagnosticStatus]) -> DiagnosticArray:
-    """Return a message with these entries, stamped now.
-
-    An entry's hardware_id is its joint; that of the node's own entry is the node.
-    """
-    message = DiagnosticArray(status=list(entries))
-    for status in message.status:
-        status.hardware_id = status.name.removeprefix(f'{node.get_fully_qualified_name()}: ')
-    message.header.stamp = node.get_clock().now().to_msg()
-    return message
-
-
-def entry(level: bytes, name: str, message: str, values: Mapping[str, Any]) -> DiagnosticStatus:
-    """Return one entry, with readable numbers."""
-    return DiagnosticStatus(
-        level=level,
-        name=name,
-        message=message,
-        values=[KeyValue(key=key, value=text(value)) for key, value in values.items()],
-    )
 
 
 def group_delay(joint: Joint) -> float:
@@ -100,15 +73,15 @@ def counters(joints: Mapping[str, Joint]) -> dict[str, int]:
     total = [sum(column) for column in zip(*(joint.counts for joint in joints.values()))]
     total = total or [0] * len(VERDICTS)
     values = {'received': sum(total), 'used': sum(total[:DUPLICATE])}
-    values.update({f'dropped.{kind}': count for kind, count in zip(DROPPED, total[DUPLICATE:])})
+    values.update(
+        {f'dropped.{kind}': count for kind, count in zip(DROP_REASONS, total[DUPLICATE:])}
+    )
     values.update({f'events.{kind}': count for kind, count in zip(EVENTS, total[2:DUPLICATE])})
     return values
 
 
-def joint_status(
-    name: str, joint: Joint, status: int, why: str, more: Mapping[str, Any] | None = None
-) -> DiagnosticStatus:
-    """Return the entry of one joint in ~/status: its message is the status and the reason.
+def joint_status(name: str, joint: Joint, status: int, why: str, more: Mapping[str, Any]) -> Status:
+    """Return the entry of one joint: its message is the status and the reason.
 
     Parameters
     ----------
@@ -123,6 +96,7 @@ def joint_status(
         'rate_hz': 1.0 / joint.mean_dt if joint.mean_dt > 0.0 else math.nan,
         **counters({name: joint}),
         'resets': joint.reset_count,
-        **(more or {}),
+        **more,
     }
-    return entry(_LEVELS[status], name, f'{said}: {why}' if why else said, values)
+    message = f'{said}: {why}' if why else said
+    return Status(_LEVELS[status], name, name, message, packed(values))

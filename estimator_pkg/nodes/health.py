@@ -10,12 +10,14 @@ from collections.abc import Iterable, Mapping
 from time import monotonic
 from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from estimator_pkg.estimate import LOST, MISCONFIGURED, STATUS_NAMES, VALID
+from estimator_pkg.messages.diagnostics import ERROR, OK, WARN, encode, packed
+from estimator_pkg.messages.diagnostics import Status as Entry
 from estimator_pkg.nodes.detection import INPUT_PATIENCE, JOINT_PATIENCE, Detector
-from estimator_pkg.nodes.diagnostics import ERROR, OK, WARN, array, counters, entry, joint_status
+from estimator_pkg.nodes.diagnostics import counters, joint_status
 from estimator_pkg.nodes.endpoints import Endpoints
 from estimator_pkg.nodes.faults import HARMLESS, Faults, listed, of_joints, rounded, which
 from estimator_pkg.nodes.inputs import Input
@@ -80,6 +82,7 @@ class Health:
         self.watch = JointWatch(stream)
         self._detector = Detector(node, stream, endpoints, self.watch, self._faults, DIAGNOSTICS)
         self._expired: dict[str, int] = {}  # counters of expired joints
+        self._entries: dict[str, Entry] = {}  # by joint, each at most a second old
         self._before = _Totals()
         self._publish_status()
 
@@ -126,6 +129,7 @@ class Health:
         changed = self.watch.look(now, every=due)
         if changed:
             self._report_changes(changed)
+        self._refresh([*changed, *self.watch.due])
         before = self._faults.present.keys()
         self._detector.look(now)
         begun = self._faults.present.keys() - before
@@ -150,6 +154,8 @@ class Health:
             self._expired[key] = self._expired.get(key, 0) + count
         self.watch.forget(old)
         self._detector.forget(old)
+        for name in old:
+            self._entries.pop(name, None)
         self._faults.begin(
             'expired',
             of_joints(old, self._stream.KEPT, ('is', 'are'))
@@ -161,24 +167,23 @@ class Health:
         joints = {name: self._stream.bank.joints[name] for name in names}
         return {**counters(joints), 'resets': sum(each.reset_count for each in joints.values())}
 
+    def _refresh(self, names: Iterable[str]) -> None:
+        """Make the entries of these joints again."""
+        for name in names:
+            joint, status = self._stream.bank.joints[name], self.watch.statuses.get(name, NEW)
+            self._entries[name] = joint_status(name, joint, *status, self._stream.about(name))
+
+    def _of_joints(self) -> list[Entry]:
+        names = self._stream.bank.joints
+        self._refresh(names.keys() - self._entries.keys())
+        return [self._entries[name] for name in names]
+
     def _publish_status(self) -> None:
-        self._status.publish(
-            array(
-                self._node,
-                (
-                    *(
-                        joint_status(
-                            name,
-                            joint,
-                            *self.watch.statuses.get(name, NEW),
-                            self._stream.about(name),
-                        )
-                        for name, joint in self._stream.bank.joints.items()
-                    ),
-                    self._of_node({'faults': len(self._faults.present)}),
-                ),
-            )
-        )
+        of_node = self._of_node({'faults': len(self._faults.present)})
+        self._status.publish(encode(self._now(), [*self._of_joints(), of_node]))
+
+    def _now(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)
 
     def _report(self, now: float) -> None:
         passed, self._last_report = now - self._last_report, now
@@ -186,24 +191,14 @@ class Health:
         new = totals.since(self._before)
         self._before = totals
         self._faults.update(self._detector.present(new, now), now)
-        name = self._node.get_fully_qualified_name()
-        self._diagnostics.publish(
-            array(
-                self._node,
-                (
-                    self._of_node(self._values(totals, new, passed), self._counted(new)),
-                    *(
-                        joint_status(
-                            f'{name}: {joint}', self._stream.bank.joints[joint], status, why
-                        )
-                        for joint, (status, why) in self.watch.statuses.items()
-                    ),
-                ),
-            )
-        )
+        of_node = self._of_node(self._values(totals, new, passed), self._counted(new))
+        of_joints = [
+            each._replace(name=f'{of_node.name}: {each.name}') for each in self._of_joints()
+        ]
+        self._diagnostics.publish(encode(self._now(), [of_node, *of_joints]))
         self._step_time = self._longest_step = 0.0
 
-    def _of_node(self, values: Mapping[str, Any], counted: Iterable[str] = ()) -> DiagnosticStatus:
+    def _of_node(self, values: Mapping[str, Any], counted: Iterable[str] = ()) -> Entry:
         """Return the entry of the node, which is never OK while nothing is estimated."""
         estimated = self.watch.estimated
         wrong = [*self._faults.present.values(), *counted]
@@ -211,7 +206,7 @@ class Health:
             wrong = [self._why_nothing()]
         level = OK if not wrong else WARN if estimated or not self._faults.present else ERROR
         name = self._node.get_fully_qualified_name()
-        return entry(level, name, ', '.join(wrong) or 'ok', values)
+        return Entry(level, name, name, ', '.join(wrong) or 'ok', packed(values))
 
     def _why_nothing(self) -> str:
         """Return why there is no estimate, where this is no fault (yet)."""

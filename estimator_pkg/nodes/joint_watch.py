@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.estimate import INITIALISING, LOST, MISCONFIGURED, VALID
+from estimator_pkg.estimate import INITIALISING, LOST, MISCONFIGURED, TRACKING, VALID
 from estimator_pkg.nodes.diagnostics import dropped_for
 from estimator_pkg.streams.contract import Stream
 
 Status = tuple[int, str]  # status, and why
 NEW: Status = (INITIALISING, '')
+TURNS = 10  # looks in which each joint has its turn once
 
 
 class JointWatch:
@@ -31,6 +32,7 @@ class JointWatch:
     began : when the first sample of each joint was used, by `monotonic` [s].
     silent : joints whose samples ended, and since when.
     returned : joints that are back, and the length of their outage [s]; emptied by its reader.
+    due : joints whose turn it was at the last look: what takes long is done once in `TURNS` looks.
     """
 
     def __init__(self, stream: Stream) -> None:
@@ -41,6 +43,8 @@ class JointWatch:
         self.silent: dict[str, float] = {}
         self.returned: dict[str, float] = {}
         self._alive: set[str] = set()  # joints that are not lost
+        self._turn = 0
+        self.due: list[str] = []
 
     def look(self, now: float, every: bool) -> dict[str, tuple[Status, Status]]:
         """Return the joints whose status changed, with the statuses before and now.
@@ -49,38 +53,48 @@ class JointWatch:
         `every` joint is.
         """
         bank, statuses = self._stream.bank, self.statuses
-        joints, touched = bank.joints, bank.touched()
+        joints, touched = bank.joints, bank.changed_joints()
         names = joints if every or len(joints) != len(statuses) else self._alive.union(touched)
+        self._turn = (self._turn + 1) % TURNS
+        self.due = list(joints)[self._turn :: TURNS]
         changed = {}
         for name in joints if len(names) == len(joints) else sorted(names):
-            before, status = statuses.get(name), self.judge(name, joints[name], now)
+            before = statuses.get(name)
+            status = self.judge(name, joints[name], now, before if name not in self.due else None)
             if status != before:
                 changed[name] = before or NEW, status
                 (self._alive.discard if status[0] == LOST else self._alive.add)(name)
                 statuses[name] = status
         return changed
 
-    def judge(self, name: str, joint: Joint, now: float) -> Status:
-        """Return a joint's status; it is lost after too long without a usable sample."""
+    def judge(self, name: str, joint: Joint, now: float, before: Status | None) -> Status:
+        """Return a joint's status; it is lost after too long without a usable sample.
+
+        Parameters
+        ----------
+        before : status at the last look; while the joint tracks its text is kept. None: it is due.
+        """
         status = joint.estimate()[3]
         if self._stream.always_awake(name):
             return status, joint.why()
         # a misconfigured joint uses no sample: it is lost when none arrives
         used, received = joint.received if status == MISCONFIGURED else joint.used, joint.received
-        known, since, before = self.used.get(name, (-1, now, 0))
+        known, since, count = self.used.get(name, (-1, now, 0))
         if used != known:
             if name in self.silent:
                 self.returned[name] = now - self.silent.pop(name)
-            since, before = now, received
+            since, count = now, received
             self.used[name] = (used, now, received)
             self.began.setdefault(name, now)
         if now - since > joint.silence:
             reason = self._stream.why_silent(name)
-            if not reason and received > before:
+            if not reason and received > count:
                 reason = dropped_for(joint.verdict)
             return LOST, (
                 f'no usable sample for {joint.silence:.3g} s' + (f'; {reason}' if reason else '')
             )
+        if before and before[0] == status == TRACKING:
+            return before
         return status, joint.why()
 
     @property

@@ -31,7 +31,7 @@ from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
 from estimator_pkg.observers import instead
 from estimator_pkg.parameters import declared
 from estimator_pkg.printable import PrintableLogger, printable
-from estimator_pkg.streams.contract import NO_NUMBERS, SKIP, Action, Stream
+from estimator_pkg.streams.contract import NO_NUMBERS, Action, Stream
 
 LOOK_AROUND = 0.1  # [s]
 START_WITH = "start the node with 'observer: {}'"  # to have another observer's gain
@@ -198,7 +198,7 @@ class ObserverNode(Node):
             self.stream.check(self._configuration(values, overrides))
 
     def _apply(self) -> None:
-        self.stream.skip = self._ros.values['no_estimate'] == SKIP
+        self.stream.set_live(self._ros.values)
         try:
             with plainly(f"observer '{self.stream.observer.name}'"):
                 self.stream.apply(self._configuration(self._ros.values, self._ros.overrides))

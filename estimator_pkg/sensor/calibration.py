@@ -13,7 +13,7 @@ The spacing is a compromise. Doubled, it quarters the noise's variance; too long
 resolve the motion. It is doubled while the noise hides the error, and halved where the fourth
 difference of the readings exceeds their noise. A vibration looks like noise at a long spacing, so
 the shortest one gets a look now and then, and is kept while it shows larger errors than the
-noise explains. docs/coverage.md derives it.
+noise explains. docs/evidence.md derives it.
 
 Most samples pass without any work: a sample is an instant when it is `due`.
 """
@@ -28,35 +28,35 @@ from estimator_pkg.estimate import TRACKING, Deviation, Estimate
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import Limits
 
-SHORTEST = 4_000_000  # spacing of the instants [ns], at least
-LONGEST = 256_000_000  # and at most
-MEMORY = 24.0  # errors over which their mean square is taken
-CHANCE = 0.25  # of the published variance, which chance adds to the mean square
-BOUND = 9.0  # of its mean, for the square of one error
-FEWEST = 0.5  # least mean square
-MOST = 1e6  # largest mean square
+SHORTEST_SPACING_NS = 4_000_000  # spacing of the instants [ns], at least
+LONGEST_SPACING_NS = 256_000_000  # and at most
+ERROR_MEMORY = 24.0  # errors over which their mean square is taken
+CHANCE_VARIANCE = 0.25  # of the published variance, which chance adds to the mean square
+LARGEST_SQUARE = 9.0  # of its mean, for the square of one error
+LEAST_MEAN_SQUARE = 0.5  # least mean square
+LARGEST_MEAN_SQUARE = 1e6  # largest mean square
 HIDES = 0.3  # the noise hides an error: its variance exceeds this part of the published one
-PATIENCE = 8  # instants that the spacing lasts before it is doubled, ...
-LOOKS = 32  # ... and until the shortest one gets a look
+DOUBLED_AFTER = 8  # instants that the spacing lasts before it is doubled, ...
+PROBED_AFTER = 32  # ... and until the shortest one gets a look
 FOUND = 1.5  # of the expected mean square at this spacing: a larger one is worth staying for
-LEAP = 4.0  # quanta; a larger change after a rest is no creep
-MOVING = 3  # of the four intervals, in which the reading has changed
-READINGS = 32.0  # pairs of steps over which the noise is averaged
-FOURTHS = 96.0  # the same by fourth differences; neighbouring ones share four of five readings
-UNEVEN = 2.5  # a step of time, or between instants, longer by this factor is a hole
-RESIDUE = 1e-9  # [rad] smaller differences are rounding, as are
-ROUNDING = 2.0**-22  # those below this part of the reading
+LARGEST_CREEP = 4.0  # quanta; a larger change after a rest is no creep
+CHANGED_INTERVALS = 3  # of the four intervals, in which the reading has changed
+SECONDS_MEMORY = 32.0  # pairs of steps over which the noise is averaged
+FOURTHS_MEMORY = 96.0  # the same by fourth differences; neighbours share four of five readings
+HOLE_RATIO = 2.5  # a step of time, or between instants, longer by this factor is a hole
+LEAST_DIFFERENCE = 1e-9  # [rad] smaller differences are rounding, as are
+LEAST_RELATIVE_DIFFERENCE = 2.0**-22  # those below this part of the reading
 OF_DERIVATIVE = 130.0 / 144.0  # (1 + 64 + 64 + 1)/12^2: variance of the derivative, of the noise's
 OF_FOURTH = 70.0  # 1 + 16 + 36 + 16 + 1: variance of the fourth difference, of the noise's
 SHAKES = 2.0  # times that by fourth differences: a larger variance by second ones has motion in it
 RESOLVED = 10.0 * OF_FOURTH  # a square of it beyond this is motion
-LEAST = 1e-100  # a smaller standard deviation cannot be scaled
+LEAST_SIGMA = 1e-100  # a smaller standard deviation cannot be scaled
 
 BROKEN = -1  # due: the instants before the next sample are void
 
 
 @record
-class Chain:
+class Instants:
     """The newest instants."""
 
     count: int
@@ -92,7 +92,7 @@ class Calibration:
     variance: float  # of the noise, by second differences [rad^2]
     fourths: float  # the same by fourth differences
     quantum: float  # smallest step [rad]
-    chain: Chain
+    chain: Instants
 
 
 def begin_calibration(calibration: Calibration) -> None:
@@ -101,7 +101,7 @@ def begin_calibration(calibration: Calibration) -> None:
     calibration.take(blank)
     calibration.due_ns = BROKEN
     calibration.scale = calibration.mean = 1.0
-    calibration.spacing_ns = SHORTEST
+    calibration.spacing_ns = SHORTEST_SPACING_NS
     calibration.quantum = math.inf
 
 
@@ -129,9 +129,9 @@ def calibrate(
         observer, now, track.state, track.coefficients, design, measurement, known_input
     )
     observer.deviation(observer, sigma, track.state, track.coefficients, design, 1.0)
-    known = now.status == TRACKING and LEAST < sigma.velocity < math.inf
+    known = now.status == TRACKING and LEAST_SIGMA < sigma.velocity < math.inf
     if calibration.due_ns == BROKEN or not known:
-        blank = Chain()
+        blank = Instants()
         calibration.chain.take(blank)
     if known:
         follow_calibration(
@@ -150,7 +150,7 @@ def calibrate(
     calibration.due_ns = stamp_ns + calibration.spacing_ns - passed_ns // 2
 
 
-def follow_noise(
+def follow_reading_noise(
     calibration: Calibration,
     measurement: float,
     moved: float,
@@ -167,7 +167,7 @@ def follow_noise(
     moved, before : the newest step and the one before [rad].
     passed_ns, before_ns : the times that they took.
     """
-    least = RESIDUE + ROUNDING * abs(measurement)
+    least = LEAST_DIFFERENCE + LEAST_RELATIVE_DIFFERENCE * abs(measurement)
     size, change = abs(moved), abs(moved - before)
     if least < size < calibration.quantum:
         calibration.quantum = size
@@ -179,7 +179,7 @@ def follow_noise(
     if calibration.variance == 0.0:
         calibration.variance = square
     else:
-        calibration.variance += (square - calibration.variance) / READINGS
+        calibration.variance += (square - calibration.variance) / SECONDS_MEMORY
 
 
 def change(later: float, sooner: float, expected: float, period: float) -> float:
@@ -221,18 +221,20 @@ def follow_calibration(
     if chain.count > 0:
         moves = measurement != reading or reading != earlier
         passed, since = float(passed_ns), float(before_ns)
-        if moves and UNEVEN * since > passed and UNEVEN * passed > since:
+        if moves and HOLE_RATIO * since > passed and HOLE_RATIO * passed > since:
             pace = speed * 1e-9
             moved = change(measurement, reading, pace * passed_ns, period)
             before = change(reading, earlier, pace * before_ns, period)
-            follow_noise(calibration, measurement, moved, before, passed_ns, before_ns)
+            follow_reading_noise(calibration, measurement, moved, before, passed_ns, before_ns)
         if measurement != chain.last:
             changed = 1
             quantum = calibration.quantum
-            leap = LEAP * quantum if quantum < math.inf else 0.0
-            rested = chain.c1 + chain.c2 + chain.c3 == 0 and calibration.spacing_ns > SHORTEST
+            leap = LARGEST_CREEP * quantum if quantum < math.inf else 0.0
+            rested = (
+                chain.c1 + chain.c2 + chain.c3 == 0 and calibration.spacing_ns > SHORTEST_SPACING_NS
+            )
             if rested and not -leap <= measurement - chain.last <= leap:  # a motion begins
-                restart_spacing(calibration, SHORTEST)
+                restart_spacing(calibration, SHORTEST_SPACING_NS)
                 calibration.still = chain.count = 0
         differentiate(calibration, stamp_ns, measurement, speed, changed, passed_ns, period)
     chain.count += 1
@@ -256,7 +258,7 @@ def differentiate(
     h, before = (stamp_ns - chain.t1) * 1e-9, (chain.t1 - chain.t2) * 1e-9
     r1, r2, r3 = chain.rate, chain.second, chain.third
     chain.rate = change(measurement, chain.last, 0.5 * (speed + chain.v1) * h, period) / h
-    if chain.count > 1 and not (h < UNEVEN * before and before < UNEVEN * h):
+    if chain.count > 1 and not (h < HOLE_RATIO * before and before < HOLE_RATIO * h):
         chain.count = 0  # no derivative is known to be so much worse
     if chain.count > 1:
         chain.second = (chain.rate - r1) / ((stamp_ns - chain.t2) * 1e-9)
@@ -268,9 +270,9 @@ def differentiate(
         width = 0.25 * whole
         bend = chain.fourth
         chain.fourth = 24.0 * slope * width * width * width
-        if changed + chain.c1 + chain.c2 + chain.c3 < MOVING:
+        if changed + chain.c1 + chain.c2 + chain.c3 < CHANGED_INTERVALS:
             calibration.still += 1
-            if calibration.still >= PATIENCE and calibration.spacing_ns < LONGEST:
+            if calibration.still >= DOUBLED_AFTER and calibration.spacing_ns < LONGEST_SPACING_NS:
                 calibration.spacing_ns, calibration.still = 2 * calibration.spacing_ns, 0
         else:
             calibration.still = 0
@@ -299,13 +301,13 @@ def take_error(
     noise /= width * width
     most = RESOLVED * noise
     spacing_ns = calibration.spacing_ns
-    shorter = spacing_ns > SHORTEST and spacing_ns > passed_ns
+    shorter = spacing_ns > SHORTEST_SPACING_NS and spacing_ns > passed_ns
     if shorter and (chain.fourth * chain.fourth > most or bend * bend > most):
         restart_spacing(calibration, spacing_ns // 2)
         chain.count = 0
         return
     bent = chain.fourth * width
-    calibration.fourths += (bent * bent / OF_FOURTH - calibration.fourths) / FOURTHS
+    calibration.fourths += (bent * bent / OF_FOURTH - calibration.fourths) / FOURTHS_MEMORY
     # the derivative at t2 of the polynomial through the five readings
     to_0, to_1, to_3 = chain.t2 - stamp_ns, chain.t2 - chain.t1, chain.t2 - chain.t3
     of_third = 1e-18 * to_0 * to_1
@@ -313,20 +315,20 @@ def take_error(
     later += of_third * (chain.third + 1e-9 * to_3 * slope)
     noise *= OF_DERIVATIVE / (chain.s2 * chain.s2)
     error = (chain.v2 - later) / chain.s2
-    mean = averaged(calibration.mean, error, noise)
+    mean = averaged_square(calibration.mean, error, noise)
     calibration.mean = mean
-    calibration.scale = math.sqrt(mean - CHANCE) if mean > 1.0 + CHANCE else 1.0
+    calibration.scale = math.sqrt(mean - CHANCE_VARIANCE) if mean > 1.0 + CHANCE_VARIANCE else 1.0
     calibration.waited += 1
     calibration.level += (error * error - calibration.level) / calibration.waited
     hidden = noise > HIDES * mean and calibration.level < FOUND * (noise + mean)
-    if calibration.waited >= PATIENCE and hidden and spacing_ns < LONGEST:
+    if calibration.waited >= DOUBLED_AFTER and hidden and spacing_ns < LONGEST_SPACING_NS:
         restart_spacing(calibration, 2 * spacing_ns)
-    elif calibration.waited >= LOOKS and shorter:
-        restart_spacing(calibration, SHORTEST)
+    elif calibration.waited >= PROBED_AFTER and shorter:
+        restart_spacing(calibration, SHORTEST_SPACING_NS)
         chain.count = 0
 
 
-def averaged(mean: float, error: float, noise: float) -> float:
+def averaged_square(mean: float, error: float, noise: float) -> float:
     """Return the mean square of the errors after one more.
 
     An error that the noise hides counts less: its square has the variance 2 (mean + noise)^2.
@@ -337,12 +339,12 @@ def averaged(mean: float, error: float, noise: float) -> float:
     noise : variance of this error's own error, in published variances.
     """
     square, widest = error * error - noise, mean + noise
-    if square > BOUND * widest:
-        square = BOUND * widest
-    elif not square > -BOUND * widest:
-        square = -BOUND * widest
+    if square > LARGEST_SQUARE * widest:
+        square = LARGEST_SQUARE * widest
+    elif not square > -LARGEST_SQUARE * widest:
+        square = -LARGEST_SQUARE * widest
     weight = mean / widest
-    mean += weight * weight * (square - mean) / MEMORY
-    if mean > FEWEST:
-        return mean if mean < MOST else MOST
-    return FEWEST  # also where it is nan
+    mean += weight * weight * (square - mean) / ERROR_MEMORY
+    if mean > LEAST_MEAN_SQUARE:
+        return mean if mean < LARGEST_MEAN_SQUARE else LARGEST_MEAN_SQUARE
+    return LEAST_MEAN_SQUARE  # also where it is nan

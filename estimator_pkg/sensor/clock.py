@@ -25,20 +25,20 @@ from estimator_pkg.sensor.guard import (
     AFTER_OUTAGE,
     AFTER_STRAY_STAMP,
     DUPLICATE,
-    FIRST,
-    LATE,
+    FIRST_SAMPLE,
     LATE_IN_A_ROW,
+    LATE_STAMP,
     LONGEST_FIRST,
     SLOW_STREAM,
-    USED,
+    USED_SAMPLE,
     Limits,
 )
 
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
 QUEUED = 0.1  # mean sample times: a sample that comes sooner may have waited in a queue
-SURELY = 16.0  # times that its stamp may explain its reading better if all before it had waited
+QUEUE_ODDS = 16.0  # times that its stamp may explain its reading better if all before it had waited
 VOTES = 16.0  # samples over which the evidence is averaged
-EVIDENCE = 0.25  # at a start
+QUEUE_EVIDENCE = 0.25  # at a start
 IN_BURSTS = 0.5  # evidence that the status reports
 
 
@@ -49,36 +49,36 @@ class Clock:
     running: bool  # True after the first sample
     last_ns: int  # the last stamp
     before_ns: int  # the stamp before it, after a gap or an implausible first sample time; else 0
-    late: int  # late stamps in a row
+    late_in_a_row: int  # late stamps in a row
     dt_ns: int  # the last sample time
     mean_dt: float  # the mean sample time [s]; 0: not known yet
     queue: float  # evidence that samples which come at once waited in a queue, from 0 to 1
 
 
-def judge(clock: Clock, limits: Limits, stamp_ns: int) -> int:
+def judge_stamp(clock: Clock, limits: Limits, stamp_ns: int) -> int:
     """Return the verdict on a stamp."""
     if not clock.running:
-        return FIRST
+        return FIRST_SAMPLE
     ahead = stamp_ns - clock.last_ns
     if 0 < ahead <= limits.gap_ns:
-        return USED
+        return USED_SAMPLE
     mean_dt = clock.mean_dt
     slow_ns = int(1e9 * (SLOW_STREAM * mean_dt if mean_dt > 0.0 else LONGEST_FIRST))
     if ahead > 0:
         if ahead <= slow_ns:
-            return USED
+            return USED_SAMPLE
         return AFTER_OUTAGE if ahead > limits.timeout_ns else AFTER_GAP
     if ahead == 0:
         return DUPLICATE
     since = stamp_ns - clock.before_ns
     if clock.before_ns != 0 and since > 0 and (since <= limits.gap_ns or since <= slow_ns):
         return AFTER_STRAY_STAMP
-    if ahead < -limits.reorder_ns or clock.late + 1 >= LATE_IN_A_ROW:
+    if ahead < -limits.reorder_ns or clock.late_in_a_row + 1 >= LATE_IN_A_ROW:
         return AFTER_CLOCK_JUMP
-    return LATE
+    return LATE_STAMP
 
 
-def has_waited(
+def was_queued(
     observer: Any, track: Any, design: Any, measurement: float, passed: float, period: float
 ) -> bool:
     """Return True if the reading moved as in a mean sample time, and note what it shows.
@@ -96,7 +96,7 @@ def has_waited(
     moved = wrap(measurement - reading, period)
     at_stamps = abs(moved - before.velocity * passed)
     evenly = abs(moved - before.velocity * clock.mean_dt)
-    waited = evenly <= SURELY * clock.queue * clock.queue * at_stamps
+    waited = evenly <= QUEUE_ODDS * clock.queue * clock.queue * at_stamps
     vote = 1.0 if evenly < at_stamps else 0.0
     clock.queue += (vote - clock.queue) / VOTES
     return waited

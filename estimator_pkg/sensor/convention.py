@@ -15,7 +15,7 @@ from __future__ import annotations
 from estimator_pkg.circle import wrap
 from estimator_pkg.record import record
 
-SLACK = 1e-6  # of a turn: atan2 returns +pi too, and float32 values miss the edges by rounding
+EDGE_SLACK = 1e-6  # of a turn: atan2 returns +pi too, and float32 values miss the edges by rounding
 
 
 @record
@@ -29,13 +29,13 @@ class Convention:
     turns: float  # turns counted from the first sample
 
 
-def begin(convention: Convention, measurement: float) -> None:
+def begin_convention(convention: Convention, measurement: float) -> None:
     """Set the convention after the first sample [rad or m]."""
     convention.last = convention.low = convention.high = measurement
     convention.wraps = convention.turns = 0.0
 
 
-def follow(convention: Convention, measurement: float, period: float) -> None:
+def follow_convention(convention: Convention, measurement: float, period: float) -> None:
     """Take one more sample [rad or m]."""
     change = measurement - convention.last
     convention.last = measurement
@@ -73,7 +73,7 @@ def present(convention: Convention, position: float, period: float, unwrap: bool
         return shown + convention.turns * period
     if low <= shown <= high:
         return shown  # within the measured range, so it has the measurement's convention
-    slack = SLACK * period
+    slack = EDGE_SLACK * period
     if low < -half - slack or high >= period + slack or (low < -slack and high >= half + slack):
         return shown  # the range exceeds every interval of one period: multi-turn
     if convention.wraps > 0.0:

@@ -10,8 +10,9 @@ force acted: an impact, a strike, a gripper that closes. Readings that stop are 
 of a stuck sensor, and mostly nobody can know until they move again. Until it is decided the
 deviation covers both.
 
-Most readings cost two comparisons. `look` is called for an unusual step, after a start, during a
-suspicion, and for a window of readings a second, in which the bits of the counter are examined.
+Most readings cost two comparisons. `examine_step` is called for an unusual step, after a start,
+during a suspicion, and for a window of readings a second, in which the bits of the counter are
+examined.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from estimator_pkg.estimate import Deviation
 from estimator_pkg.record import record
 from estimator_pkg.sensor.clock import Clock
 
-NONE = -1
-STOPPED, STUCK, HELD, LOST, JUMP, GLITCH, REVERSED, TOGGLE, BIT = range(9)
+NO_FAULT = -1
+STOPPED, STUCK_AT, HELD_AT, LOST_WAY, OFFSET_JUMP, GLITCH, REVERSED, TOGGLE, STUCK_BIT = range(9)
 KINDS = (  # name, text with (size, speed before, reading)
     ('stopped', 'the readings stopped at {1:.3g} rad/s within a sample: a stop, or a stuck sensor'),
     ('stuck', 'the reading is stuck within a count of {2:.6g} rad since it moved at {1:.3g} rad/s'),
@@ -43,30 +44,30 @@ KINDS = (  # name, text with (size, speed before, reading)
 SHOWN_NS = 5_000_000_000  # time for which a fault stays in the status [ns]
 
 PAUSE_NS = 300_000_000  # time without a look after an irregular sample time [ns]
-AGAIN = 8  # readings before a suspicion after it
-WEIGHT = 0.25  # of the newest step in the mean
-RESIDUE = 1e-6  # of a step: rounding
-FINEST = 1e-4  # [rad or m] smaller steps are compared with it
+REARMED_AFTER = 8  # readings before a suspicion after it
+SLOPE_WEIGHT = 0.25  # of the newest step in the mean
+STEP_ROUNDING = 1e-6  # of a step: rounding
+ROUNDED_STEP = 1e-4  # [rad or m] smaller steps are compared with it
 QUANTISED = 1.05  # grains by which a uniform motion's step differs from their mean
-WINDOW = 32  # readings in which each bit that they pass changes; before the first suspicion, too
+BIT_WINDOW = 32  # readings in which each passed bit changes; before the first suspicion, too
 TOGGLES = 128  # readings that show a count on every second one
 SOON_NS = 900_000_000  # time from one window to the end of the next [ns]
-WINDOWS = 4  # before a bit is judged: the counter is known
-FORGET = 2.5e-4  # [s] over the sample time: part of the largest bend that a window forgets,
+SETTLED_WINDOWS = 4  # before a bit is judged: the counter is known
+FORGETTING = 2.5e-4  # [s] over the sample time: part of the deviation that a window forgets,
 MOST_FORGOTTEN = 0.25  # but no more
 MOST_COUNTS = 1e6
-CALM = 3  # steps in a row that show how the joint goes on
-PATIENCE = 12  # readings after which a suspicion ends
-AWAY = 8  # equal or reversed readings away from the motion: the sensor is wrong
-CHANCE = 0.05  # a stop looks like a stuck sensor less often than this, or it is not reported
-SHORTEST = 0.05  # equal readings for this time are judged [s]
-DOUBT = 10.0  # time for which a stop may be a stuck sensor [s]
-COVER = 32  # readings after a fault in which an observer may follow what was wrong
+RESUMED_AFTER = 3  # steps in a row that show how the joint goes on
+LONGEST_SUSPICION = 12  # readings after which a suspicion ends
+WRONG_AFTER = 8  # equal or reversed readings away from the motion: the sensor is wrong
+STUCK_CHANCE = 0.05  # a stop looks like a stuck sensor less often than this, or it is not reported
+SHORTEST_REST = 0.05  # equal readings for this time are judged [s]
+LONGEST_STOP = 10.0  # time for which a stop may be a stuck sensor [s]
+INFLATED_AFTER = 32  # readings after a fault in which an observer may follow what was wrong
 ABSURD = 2.5e4  # no joint accelerates and brakes like this [rad/s^2 or m/s^2]
 
 
 @record
-class Faults:
+class EncoderFaults:
     """What the readings of one joint have shown."""
 
     last: float  # newest reading [rad or m]
@@ -78,29 +79,29 @@ class Faults:
     dt: float  # mean sample time [s]
     now_ns: int  # newest stamp that was looked at
     grain: float  # smallest step, or change of a step
-    bend: float  # largest difference of a step from the mean, beyond that of counting
+    tolerance: float  # largest difference of a step from the mean, beyond that of counting
     doubted: bool  # the joint may still move as before
-    cover: int  # readings for which the deviation covers the motion before
+    inflated: int  # readings for which the deviation covers the motion before
     age: int  # readings of the suspicion; 0: none
-    off: float  # distance from the line of the motion before,
-    first: float  # and the first, where it moves
-    place: float  # the reading there
+    offset: float  # distance from the line of the motion before,
+    first_offset: float  # and the first, where it moves
+    moved_reading: float  # the reading there
     soft: int  # readings on the way from there to the line
     worst: float  # largest change of a step in it
-    held: int  # readings from its beginning that rest
+    resting: int  # readings from its beginning that rest
     decided: bool  # the rest is reported already
-    calm: int  # newest steps in a row as before it,
-    mirrored: int  # that go backwards,
-    steady: int  # that are alike,
-    equal: int  # and zero
-    moved: int  # steps that are not
+    resumed_steps: int  # newest steps in a row as before it,
+    reversed_steps: int  # that go backwards,
+    steady_steps: int  # that are alike,
+    zero_steps: int  # and zero
+    moving_steps: int  # steps that are not
     unusual: bool  # a step was, since the last window
     window: int  # readings of the window so far; 0: none
     settled: int  # windows since the grain is as now
     code: int  # newest reading in grains
     changed: int  # bits of it that changed in this window,
-    ever: int  # and in the windows before
-    way: float  # sum of the ordinary steps of the window
+    bits_seen: int  # and in the windows before
+    travelled: float  # sum of the ordinary steps of the window
     moves: int  # its readings in which the joint neither rests nor moves uniformly
     swing: float  # sum of the changes of the steps, every second one negative,
     changes: float  # and of their sizes
@@ -112,56 +113,56 @@ class Faults:
     reading: Annotated[list[float], 9]  # of the newest by kind [rad or m]
 
 
-def begin_faults(faults: Faults) -> None:
+def begin_faults(faults: EncoderFaults) -> None:
     """Set everything before the first sample; what was found is kept."""
-    faults.warm = WINDOW
+    faults.warm = BIT_WINDOW
     forget_motion(faults, 0.0)
-    faults.settled = faults.ever = faults.due_ns = 0
-    faults.bend = 0.0
+    faults.settled = faults.bits_seen = faults.due_ns = 0
+    faults.tolerance = 0.0
     faults.grain = math.inf
-    faults.newest = NONE
+    faults.newest = NO_FAULT
 
 
-def forget_motion(faults: Faults, reading: float) -> None:
+def forget_motion(faults: EncoderFaults, reading: float) -> None:
     """Take a reading whose step from the one before is not known."""
-    faults.cover = faults.age = faults.window = 0
-    faults.warm = max(faults.warm, AGAIN)
+    faults.inflated = faults.age = faults.window = 0
+    faults.warm = max(faults.warm, REARMED_AFTER)
     faults.doubted = False
     faults.slope, faults.usual, faults.last = math.nan, -1.0, reading
 
 
-def cover(faults: Faults, deviation: Deviation, velocity: float) -> None:
+def inflate(faults: EncoderFaults, deviation: Deviation, velocity: float) -> None:
     """Widen a deviation so that it covers the motion before, too; velocity as published."""
     off = abs(velocity - faults.slope / faults.dt)
     if deviation.velocity < off:
         deviation.velocity = off
 
 
-def text_of(faults: Faults, kind: int) -> str:
+def text_of(faults: EncoderFaults, kind: int) -> str:
     """Return the newest fault of a kind as text."""
     return KINDS[kind][1].format(faults.size[kind], faults.rate[kind], faults.reading[kind])
 
 
-def note_on_faults(faults: Faults, stamp_ns: int) -> str:
+def note_on_faults(faults: EncoderFaults, stamp_ns: int) -> str:
     """Return the newest fault as a note for the status, while it is new or lasts; else ''."""
     lasts = faults.age > 0 and faults.decided
-    if faults.newest == NONE or not (lasts or stamp_ns - faults.newest_ns < SHOWN_NS):
+    if faults.newest == NO_FAULT or not (lasts or stamp_ns - faults.newest_ns < SHOWN_NS):
         return ''
     return text_of(faults, faults.newest)
 
 
-def is_usual(faults: Faults, reading: float, stamp_ns: int) -> bool:
+def is_usual(faults: EncoderFaults, reading: float, stamp_ns: int) -> bool:
     """Return False if a reading that was used is to be looked at; else take it."""
     off = reading - faults.last - faults.slope
     if abs(off) <= faults.usual and stamp_ns < faults.due_ns:
         faults.last = reading
-        faults.slope += WEIGHT * off
+        faults.slope += SLOPE_WEIGHT * off
         return True
     return False
 
 
-def look(faults: Faults, reading: float, clock: Clock, period: float) -> int:
-    """Take a reading by looking at it; return the kind of a fault that it decides, or NONE.
+def examine_step(faults: EncoderFaults, reading: float, clock: Clock, period: float) -> int:
+    """Take a reading by looking at it; return the kind of a fault that it decides, or NO_FAULT.
 
     Parameters
     ----------
@@ -180,43 +181,43 @@ def look(faults: Faults, reading: float, clock: Clock, period: float) -> int:
         if not regular:
             faults.usual = math.inf
             faults.due_ns = max(faults.due_ns, faults.now_ns + PAUSE_NS)
-        return NONE
+        return NO_FAULT
     change, off = step - before, step - faults.slope
     if abs(change) + abs(off) > 0.5 * period:
         change, off = wrap(change, period), wrap(off, period)
     for each in (abs(step), abs(change)):
-        if consecutive and RESIDUE * (abs(step) + FINEST) < each < faults.grain:
+        if consecutive and STEP_ROUNDING * (abs(step) + ROUNDED_STEP) < each < faults.grain:
             faults.grain = each
-            faults.ever = faults.settled = 0
+            faults.bits_seen = faults.settled = 0
     faults.warm = max(faults.warm - 1, 0)
-    faults.cover = max(faults.cover - 1, 0)
-    limit = 2.0 * faults.bend + 2.2 * faults.grain
-    odd, most = abs(off) > limit, faults.bend + QUANTISED * faults.grain
+    faults.inflated = max(faults.inflated - 1, 0)
+    limit = 2.0 * faults.tolerance + 2.2 * faults.grain
+    odd, most = abs(off) > limit, faults.tolerance + QUANTISED * faults.grain
     faults.unusual = faults.unusual or abs(off) > most
-    kind = NONE
+    kind = NO_FAULT
     if faults.window > 0 or faults.now_ns >= faults.due_ns:
-        kind = examine(faults, step, change, odd)
+        kind = examine_window(faults, step, change, odd)
     stops = step == 0.0 and abs(off) > most + 0.95 * faults.grain
     if faults.age > 0 or (faults.warm == 0 and (odd or stops)):
-        kind = max(kind, follow(faults, step, change, limit))
+        kind = max(kind, follow_suspicion(faults, step, change, limit))
     else:
-        faults.bend = max(faults.bend, abs(off) - QUANTISED * faults.grain)
-        faults.slope += WEIGHT * off
-    faults.doubted = faults.age + faults.cover > 0
-    busy = faults.warm + faults.window + faults.age + faults.cover > 0
-    faults.usual = -1.0 if busy else faults.bend + QUANTISED * faults.grain
+        faults.tolerance = max(faults.tolerance, abs(off) - QUANTISED * faults.grain)
+        faults.slope += SLOPE_WEIGHT * off
+    faults.doubted = faults.age + faults.inflated > 0
+    busy = faults.warm + faults.window + faults.age + faults.inflated > 0
+    faults.usual = -1.0 if busy else faults.tolerance + QUANTISED * faults.grain
     return kind
 
 
-def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
-    """Take a reading of a window; return TOGGLE, BIT or NONE."""
+def examine_window(faults: EncoderFaults, step: float, change: float, odd: bool) -> int:
+    """Take a reading of a window; return TOGGLE, STUCK_BIT or NO_FAULT."""
     if faults.window == 0:
-        if step == 0.0 or (faults.settled > WINDOWS and not faults.unusual):
-            wait(faults, SOON_NS)
-            return NONE
+        if step == 0.0 or (faults.settled > SETTLED_WINDOWS and not faults.unusual):
+            schedule_window(faults, SOON_NS)
+            return NO_FAULT
         faults.unusual = False
         faults.changed = faults.moves = 0
-        faults.way = faults.swing = faults.changes = 0.0
+        faults.travelled = faults.swing = faults.changes = 0.0
     faults.window += 1
     faults.swing = change - faults.swing
     faults.changes += abs(change)
@@ -224,174 +225,181 @@ def examine(faults: Faults, step: float, change: float, odd: bool) -> int:
     code = round(exact) if abs(exact) < MOST_COUNTS else 0
     counts = abs(exact - code) <= 0.1
     if not counts:
-        faults.ever = faults.settled = 0
+        faults.bits_seen = faults.settled = 0
     if faults.window > 1:
         faults.changed |= (code | faults.code) - (code & faults.code)  # exclusive or
     faults.code = code
     if not odd:
-        faults.way += step
+        faults.travelled += step
         faults.moves += 1 if step != 0.0 and abs(change) > 0.5 * faults.grain else 0
-    if faults.window < WINDOW:
-        return NONE
+    if faults.window < BIT_WINDOW:
+        return NO_FAULT
     mean, swing = faults.changes / faults.window, abs(faults.swing) / faults.window
     alternates = swing > 0.8 * mean and abs(swing - 2.0 * faults.grain) < 0.5 * faults.grain
     if alternates and faults.window < TOGGLES:
-        return NONE
-    if faults.settled > WINDOWS or faults.moves == 0 or not counts:
-        wait(faults, SOON_NS - round(2e9 * WINDOW * faults.dt))
+        return NO_FAULT
+    if faults.settled > SETTLED_WINDOWS or faults.moves == 0 or not counts:
+        schedule_window(faults, SOON_NS - round(2e9 * BIT_WINDOW * faults.dt))
     bit = stuck_bit(faults)
-    faults.ever |= faults.changed
+    faults.bits_seen |= faults.changed
     faults.settled += 1 if faults.moves > 0 else 0
     faults.window = 0
     if bit >= 0:
-        return note(faults, BIT, float(bit))
-    return note(faults, TOGGLE if alternates and faults.settled > 1 else NONE, faults.grain)
+        return count_fault(faults, STUCK_BIT, float(bit))
+    kind = TOGGLE if alternates and faults.settled > 1 else NO_FAULT
+    return count_fault(faults, kind, faults.grain)
 
 
-def wait(faults: Faults, time_ns: int) -> None:
-    """Set when the next window begins; until then large bends are forgotten."""
+def schedule_window(faults: EncoderFaults, time_ns: int) -> None:
+    """Set when the next window begins; until then large deviations are forgotten."""
     faults.due_ns = faults.now_ns + time_ns
-    faults.bend *= 1.0 - min(FORGET / faults.dt, MOST_FORGOTTEN)
+    faults.tolerance *= 1.0 - min(FORGETTING / faults.dt, MOST_FORGOTTEN)
 
 
-def stuck_bit(faults: Faults) -> int:
+def stuck_bit(faults: EncoderFaults) -> int:
     """Return a bit of the counter that does not change any more while the motion passes it, or -1.
 
     A bit need not change if the mean step is nearly a multiple of its period.
     """
-    passed = faults.ever - (faults.ever & faults.changed)
+    passed = faults.bits_seen - (faults.bits_seen & faults.changed)
     if (
         passed == 0
-        or faults.way == 0.0
-        or faults.settled <= WINDOWS
+        or faults.travelled == 0.0
+        or faults.settled <= SETTLED_WINDOWS
         or 2 * faults.moves <= faults.window
     ):
-        return NONE
-    if not 0.5 < faults.slope * faults.window / faults.way < 2.0:  # it stops, or starts
-        return NONE
-    mean = faults.way / (faults.window * faults.grain)
+        return -1
+    if not 0.5 < faults.slope * faults.window / faults.travelled < 2.0:  # it stops, or starts
+        return -1
+    mean = faults.travelled / (faults.window * faults.grain)
     k, size = 0, 1
-    while 4.0 * size * faults.grain <= abs(faults.way):
+    while 4.0 * size * faults.grain <= abs(faults.travelled):
         if passed & size != 0 and abs(wrap(mean, 2.0 * size)) > 0.1 * size:
             return k
         k += 1
         size *= 2
-    return NONE
+    return -1
 
 
-def follow(faults: Faults, step: float, change: float, limit: float) -> int:
-    """Take a reading of a suspicion; return the kind of a fault that it decides, or NONE."""
+def follow_suspicion(faults: EncoderFaults, step: float, change: float, limit: float) -> int:
+    """Take a reading of a suspicion; return the kind of a fault that it decides, or NO_FAULT."""
     slope, grain = faults.slope, faults.grain
     if faults.age == 0:
-        faults.off = faults.worst = 0.0
-        faults.held = faults.calm = faults.mirrored = 0
-        faults.steady = faults.equal = faults.moved = faults.soft = 0
+        faults.offset = faults.worst = 0.0
+        faults.resting = faults.resumed_steps = faults.reversed_steps = 0
+        faults.steady_steps = faults.zero_steps = faults.moving_steps = faults.soft = 0
         faults.decided = False
     faults.age += 1
-    faults.off += step - slope
+    faults.offset += step - slope
     faults.worst = max(faults.worst, abs(change))
-    faults.moved += 1 if step != 0.0 else 0
-    off, fast = faults.off, abs(slope)
-    if faults.held == faults.age - 1:
+    faults.moving_steps += 1 if step != 0.0 else 0
+    off, fast = faults.offset, abs(slope)
+    if faults.resting == faults.age - 1:
         if abs(off + faults.age * slope) <= 1.5 * grain:
-            faults.held = faults.age
+            faults.resting = faults.age
             return follow_rest(faults)
-        faults.first, faults.place = off, faults.last
-    first, since = faults.first, faults.age - faults.held
-    near = limit + min(0.05 * fast, (faults.bend + grain) * faults.age)
+        faults.first_offset, faults.moved_reading = off, faults.last
+    first, since = faults.first_offset, faults.age - faults.resting
+    near = limit + min(0.05 * fast, (faults.tolerance + grain) * faults.age)
     as_before = abs(step - slope) <= near and (step != 0.0 or fast <= 2.0 * grain)
-    faults.calm = faults.calm + 1 if as_before else 0
-    faults.steady = faults.steady + 1 if abs(change) <= near else 0
-    faults.equal = faults.equal + 1 if step == 0.0 else 0
+    faults.resumed_steps = faults.resumed_steps + 1 if as_before else 0
+    faults.steady_steps = faults.steady_steps + 1 if abs(change) <= near else 0
+    faults.zero_steps = faults.zero_steps + 1 if step == 0.0 else 0
     abrupt = abs(first + 2.0 * slope) <= limit or abs(first) > limit + 4.0 * fast
     way = fast * (since - 1)
     back = abs(off - first + 2.0 * slope * (since - 1)) <= limit + 0.05 * way
-    faults.mirrored = faults.mirrored + 1 if abrupt and back else 0
+    faults.reversed_steps = faults.reversed_steps + 1 if abrupt and back else 0
     if 0.2 * abs(first) < abs(off) < 0.5 * abs(first) or abs(off) > 2.0 * abs(first):
         faults.soft += 1
-    if faults.held > 0 and faults.moved == since:
+    if faults.resting > 0 and faults.moving_steps == since:
         caught_up = abs(off) <= limit + 0.3 * abs(step) and abs(step) > 1.5 * fast
-        leap = abs(first + (faults.held + 1) * slope)
-        far = faults.held > 1 and leap > limit + 2.0 * max(fast, abs(step))
+        leap = abs(first + (faults.resting + 1) * slope)
+        far = faults.resting > 1 and leap > limit + 2.0 * max(fast, abs(step))
         if (since == 1 and caught_up) or (since == 2 and far):
             return end_hold(faults, limit)
-    return judge(faults, limit)
+    return judge_suspicion(faults, limit)
 
 
-def judge(faults: Faults, limit: float) -> int:
-    """Return the kind of a fault that the readings of a suspicion show so far, or NONE."""
-    grain, dt, first, off = faults.grain, faults.dt, faults.first, faults.off
+def judge_suspicion(faults: EncoderFaults, limit: float) -> int:
+    """Return the kind of a fault that the readings of a suspicion show so far, or NO_FAULT."""
+    grain, dt, first, off = faults.grain, faults.dt, faults.first_offset, faults.offset
     fast = abs(faults.slope)
-    absurd = faults.held == 0 and abs(first) > ABSURD * dt * dt
-    far = abs(first) > 6.0 * faults.bend + 8.0 * grain and (fast > limit or absurd)
-    drift = 0.5 * (faults.bend + grain) * faults.age
+    absurd = faults.resting == 0 and abs(first) > ABSURD * dt * dt
+    far = abs(first) > 6.0 * faults.tolerance + 8.0 * grain and (fast > limit or absurd)
+    drift = 0.5 * (faults.tolerance + grain) * faults.age
     returned = abs(off) <= max(2.0 * limit + drift, 0.1 * abs(first))
-    if far and returned and faults.soft == 0 and max(faults.calm, faults.steady) >= CALM:
-        return end(faults, GLITCH, abs(first)) if faults.held == 0 else end_hold(faults, limit)
-    if faults.calm >= CALM:
+    goes_on = max(faults.resumed_steps, faults.steady_steps) >= RESUMED_AFTER
+    if far and returned and faults.soft == 0 and goes_on:
+        if faults.resting > 0:
+            return end_hold(faults, limit)
+        return end_suspicion(faults, GLITCH, abs(first))
+    if faults.resumed_steps >= RESUMED_AFTER:
         if returned or not far or abs(first - off) > limit + 0.2 * abs(off):
-            return end(faults, NONE, 0.0)
-        slipped = off * faults.slope < 0.0 and abs(off) <= 1.5 * fast * max(faults.held, 1)
-        return end(faults, LOST if slipped else JUMP, off)
-    way = fast * (faults.age - faults.held - 1)
-    if faults.mirrored >= AWAY and way > 12.0 * limit and fast > limit:
-        return end(faults, REVERSED, fast)
-    rests = faults.equal > 0 and far and abs(first) > 1.5 * fast and fast > 2.0 * grain
-    if rests and faults.equal >= AWAY and faults.equal * dt > SHORTEST:
-        return end(faults, STUCK, off)
-    if faults.mirrored > 0 or rests:
-        return NONE
-    late = faults.moved > PATIENCE and faults.equal == 0
-    return end(faults, NONE, 0.0) if late or faults.steady >= CALM else NONE
+            return end_suspicion(faults, NO_FAULT, 0.0)
+        slipped = off * faults.slope < 0.0 and abs(off) <= 1.5 * fast * max(faults.resting, 1)
+        return end_suspicion(faults, LOST_WAY if slipped else OFFSET_JUMP, off)
+    way = fast * (faults.age - faults.resting - 1)
+    if faults.reversed_steps >= WRONG_AFTER and way > 12.0 * limit and fast > limit:
+        return end_suspicion(faults, REVERSED, fast)
+    rests = faults.zero_steps > 0 and far and abs(first) > 1.5 * fast and fast > 2.0 * grain
+    if rests and faults.zero_steps >= WRONG_AFTER and faults.zero_steps * dt > SHORTEST_REST:
+        return end_suspicion(faults, STUCK_AT, off)
+    if faults.reversed_steps > 0 or rests:
+        return NO_FAULT
+    late = faults.moving_steps > LONGEST_SUSPICION and faults.zero_steps == 0
+    if late or faults.steady_steps >= RESUMED_AFTER:
+        return end_suspicion(faults, NO_FAULT, 0.0)
+    return NO_FAULT
 
 
-def follow_rest(faults: Faults) -> int:
+def follow_rest(faults: EncoderFaults) -> int:
     """Take a reading that rests since a suspicion began."""
     fast, passed = abs(faults.slope), faults.age * faults.dt
-    unclear = faults.grain + faults.bend
-    if faults.decided or passed <= SHORTEST or faults.age * fast <= 16.0 * unclear:
-        rests = faults.decided and passed > DOUBT and faults.newest == STOPPED
-        return end(faults, NONE, 0.0) if rests else NONE
+    unclear = faults.grain + faults.tolerance
+    if faults.decided or passed <= SHORTEST_REST or faults.age * fast <= 16.0 * unclear:
+        rests = faults.decided and passed > LONGEST_STOP and faults.newest == STOPPED
+        return end_suspicion(faults, NO_FAULT, 0.0) if rests else NO_FAULT
     faults.decided = True
-    faults.place = faults.last
-    return note(faults, STUCK if 2.5 * unclear <= CHANCE * fast else STOPPED, passed)
+    faults.moved_reading = faults.last
+    kind = STUCK_AT if 2.5 * unclear <= STUCK_CHANCE * fast else STOPPED
+    return count_fault(faults, kind, passed)
 
 
-def end_hold(faults: Faults, limit: float) -> int:
+def end_hold(faults: EncoderFaults, limit: float) -> int:
     """End a suspicion: the reading was held; a single one of a slow joint may be chance."""
     faults.worst = 0.0
-    sure = faults.held > 1 or abs(faults.slope) >= limit
-    return end(faults, HELD if sure else NONE, float(faults.held))
+    sure = faults.resting > 1 or abs(faults.slope) >= limit
+    return end_suspicion(faults, HELD_AT if sure else NO_FAULT, float(faults.resting))
 
 
-def end(faults: Faults, kind: int, size: float) -> int:
-    """End a suspicion; return the kind of the fault, or NONE if a joint can move like this."""
-    note(faults, kind, size)
+def end_suspicion(faults: EncoderFaults, kind: int, size: float) -> int:
+    """End a suspicion; return the kind of the fault, or NO_FAULT if a joint can move like this."""
+    count_fault(faults, kind, size)
     faults.age = 0
-    if kind == NONE:
-        faults.bend = max(faults.bend, faults.worst - QUANTISED * faults.grain)
+    if kind == NO_FAULT:
+        faults.tolerance = max(faults.tolerance, faults.worst - QUANTISED * faults.grain)
     else:
-        faults.cover = COVER
-    if kind == STUCK:
+        faults.inflated = INFLATED_AFTER
+    if kind == STUCK_AT:
         faults.slope = 0.0
-    elif kind == NONE or kind == REVERSED:
+    elif kind == NO_FAULT or kind == REVERSED:
         faults.slope = faults.step
     return kind
 
 
-def note(faults: Faults, kind: int, size: float) -> int:
+def count_fault(faults: EncoderFaults, kind: int, size: float) -> int:
     """Count a fault if it is one; return its kind."""
-    if kind != NONE:
+    if kind != NO_FAULT:
         faults.newest, faults.newest_ns = kind, faults.now_ns
         faults.counts[kind] += 1
         faults.size[kind] = size
         faults.rate[kind] = abs(faults.slope) / faults.dt
-        faults.reading[kind] = faults.place
+        faults.reading[kind] = faults.moved_reading
     return kind
 
 
 def find_faults(
-    faults: Faults,
+    faults: EncoderFaults,
     clock: Clock,
     count: int,
     period: float,
@@ -399,15 +407,15 @@ def find_faults(
     readings: NDArray[np.float64],
     kinds: NDArray[np.int64],
 ) -> None:
-    """Set the kind of the fault that each used reading decides, or NONE; shape (count,) each.
+    """Set the kind of the fault that each used reading decides, or NO_FAULT; shape (count,) each.
 
     Parameters
     ----------
-    clock : with the mean sample time. period : see `look`.
+    clock : with the mean sample time. period : see `examine_step`.
     """
     for k in range(count):
         clock.dt_ns = stamps[k] - clock.last_ns
         clock.last_ns = stamps[k]
-        kinds[k] = NONE
+        kinds[k] = NO_FAULT
         if not is_usual(faults, readings[k], stamps[k]):
-            kinds[k] = look(faults, readings[k], clock, period)
+            kinds[k] = examine_step(faults, readings[k], clock, period)

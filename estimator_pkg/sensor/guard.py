@@ -14,18 +14,18 @@ from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 
 # Verdicts. Below DUPLICATE the sample is used.
-USED = 0
-FIRST = 1
+USED_SAMPLE = 0
+FIRST_SAMPLE = 1
 AFTER_GAP = 2  # position re-initialised, speed kept
 AFTER_CLOCK_JUMP = 3  # reset: a looping bag, a restarted simulation
 AFTER_STRAY_STAMP = 4  # the previous stamp was far in the future: continue from the one before it
 AFTER_OUTAGE = 5  # a new start: the motion before is too old
 DUPLICATE = 6
-LATE = 7
+LATE_STAMP = 7
 NON_FINITE = 8
 ZERO_STAMP = 9
-MISCONFIGURED = 10
-REPEATED = 11  # an earlier reading, published again: see `sensor.repeats`
+UNSTABLE_GAINS = 10
+REPEATED_READING = 11  # an earlier reading, published again: see `sensor.repeats`
 VERDICTS = (
     'used',
     'first',
@@ -41,7 +41,7 @@ VERDICTS = (
     'repeated',
 )
 NEW_STARTS = (AFTER_CLOCK_JUMP, AFTER_OUTAGE)  # turns may have been lost in them
-DROPPED = VERDICTS[DUPLICATE:]
+DROP_REASONS = VERDICTS[DUPLICATE:]
 
 WHY_DROPPED = {
     'duplicate': 'repeated stamps: the driver publishes faster than it stamps',

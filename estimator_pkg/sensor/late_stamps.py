@@ -13,14 +13,14 @@ from typing import Any
 
 from estimator_pkg.record import record
 
-UNEVEN = 0.1  # a sample time this part off the mean may be stamped wrongly
-# An innovation is not noise if its square is BEYOND times the recent power, and BEYOND times the
-# square that the right sample time leaves.
-BEYOND = 16.0
-PACES = 32.0  # samples over which the sample time is averaged
-HOLE = 2.0  # mean sample times: a longer one is a hole, and is averaged as this
-WHOLE = 0.2  # mean sample times: this close to a whole number, samples may have been lost ...
-SURE = 144.0  # ... unless the square is SURE times what the right sample time leaves
+STAMP_TOLERANCE = 0.1  # a sample time this part off the mean may be stamped wrongly
+# An innovation is not noise if its square is this many times the recent power, and as many times
+# the square that the right sample time leaves.
+INNOVATION_RATIO = 16.0
+SAMPLE_TIME_MEMORY = 32.0  # samples over which the sample time is averaged
+LONGEST_AVERAGED = 2.0  # mean sample times: a longer one is a hole, and is averaged as this
+WHOLE_TOLERANCE = 0.2  # mean sample times off a whole number: samples may have been lost ...
+LOST_SAMPLES_RATIO = 144.0  # ... unless the square is this many times that of the right sample time
 
 
 @record
@@ -29,26 +29,26 @@ class Timing:
 
     mean_dt: float  # mean sample time [s]
     taken_dt: float  # the last sample was taken in with it [s]; 0: with that between the stamps
-    late: float  # by how much the stamp of the last sample was late [s]
+    lateness: float  # by how much the stamp of the last sample was late [s]
     # the core before this sample, where its time is uneven
     before: observer.Core  # type: ignore[name-defined]  # noqa: F821
     # the core if the last sample was not late, while that is open
     other: observer.Core  # type: ignore[name-defined]  # noqa: F821
 
 
-def follow_pace(stamps: Timing, dt: float) -> None:
+def follow_sample_time(stamps: Timing, dt: float) -> None:
     """Follow the sample time, with a sample whose stamp is believed, `dt` [s] after the last."""
-    stamps.taken_dt = stamps.late = 0.0
+    stamps.taken_dt = stamps.lateness = 0.0
     if stamps.mean_dt == 0.0:
         stamps.mean_dt = dt
     else:
-        longest = HOLE * stamps.mean_dt
-        stamps.mean_dt += ((dt if dt < longest else longest) - stamps.mean_dt) / PACES
+        longest = LONGEST_AVERAGED * stamps.mean_dt
+        stamps.mean_dt += ((dt if dt < longest else longest) - stamps.mean_dt) / SAMPLE_TIME_MEMORY
 
 
 def is_uneven(stamps: Timing, dt: float) -> bool:
     """Return True if the stamp of this sample, or that of the one before, is at an odd time."""
-    return stamps.taken_dt != 0.0 or abs(dt - stamps.mean_dt) > UNEVEN * stamps.mean_dt
+    return stamps.taken_dt != 0.0 or abs(dt - stamps.mean_dt) > STAMP_TOLERANCE * stamps.mean_dt
 
 
 def retake(
@@ -76,9 +76,9 @@ def retake(
     dt, pace = coefficients.dt, stamps.mean_dt
     odd = dt - pace
     least = innovation * innovation
-    if stamps.late == 0.0:
-        if abs(odd) <= UNEVEN * pace or not BEYOND * power < least < math.inf:
-            follow_pace(stamps, dt)
+    if stamps.lateness == 0.0:
+        if abs(odd) <= STAMP_TOLERANCE * pace or not INNOVATION_RATIO * power < least < math.inf:
+            follow_sample_time(stamps, dt)
             return innovation, dt
         return _take_evenly(observer, core, stamps, coefficients, design, measurement, innovation)
     tried = observer.Core()
@@ -91,8 +91,8 @@ def retake(
     taken = 0.0
     # late still, but less; or the first again that is stamped rightly
     for trial in (
-        pace if odd * stamps.late < 0.0 and abs(odd) > UNEVEN * pace else 0.0,
-        dt + stamps.late,
+        pace if odd * stamps.lateness < 0.0 and abs(odd) > STAMP_TOLERANCE * pace else 0.0,
+        dt + stamps.lateness,
     ):
         if trial > 0.0:
             observer.prepare(times, design, trial)
@@ -102,10 +102,10 @@ def retake(
                 core.take(tried)
                 innovation, least, taken = left, left * left, trial
     if taken == 0.0:
-        follow_pace(stamps, dt)
+        follow_sample_time(stamps, dt)
         return innovation, dt
-    late = stamps.late + (dt - taken)
-    stamps.late = late if abs(late) > UNEVEN * pace else 0.0
+    late = stamps.lateness + (dt - taken)
+    stamps.lateness = late if abs(late) > STAMP_TOLERANCE * pace else 0.0
     stamps.taken_dt = taken
     stamps.other.take(core)
     return innovation, taken
@@ -128,11 +128,11 @@ def _take_evenly(
     tried.take(stamps.before)
     left = observer.correct(tried, evenly, design, measurement)
     paces = dt / pace
-    lost = paces > 1.5 and abs(paces - math.floor(paces + 0.5)) < WHOLE
-    if left * left * (SURE if lost else BEYOND) < innovation * innovation:
-        stamps.taken_dt, stamps.late = pace, dt - pace
+    lost = paces > 1.5 and abs(paces - math.floor(paces + 0.5)) < WHOLE_TOLERANCE
+    if left * left * (LOST_SAMPLES_RATIO if lost else INNOVATION_RATIO) < innovation * innovation:
+        stamps.taken_dt, stamps.lateness = pace, dt - pace
         stamps.other.take(core)
         core.take(tried)
         return left, pace
-    follow_pace(stamps, dt)
+    follow_sample_time(stamps, dt)
     return innovation, dt

@@ -17,12 +17,12 @@ from estimator_pkg.record import record
 
 SIGMAS = 3.0  # slack of the cumulative sums; prediction this far outside its cell is held
 BLUR = 0.03  # quanta: no edge is known better; and either end of an interval, of its width
-MEMORY = 32.0  # samples: memory of the noise, and of the innovations' size
-OUTLIER = 25.0  # largest weight of a square, in its expected value: 5 sigma
+NOISE_SAMPLES = 32.0  # samples: memory of the noise, and of the innovations' size
+OUTLIER_RATIO = 25.0  # largest weight of a square, in its expected value: 5 sigma
 # third differences after one wrong reading, over the one before each; how near one must be to it
-ALONE = (-3.0, -1.0, -1.0 / 3.0)
-NEAR = 0.25
-LASTING = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8, see below
+GLITCH_PATTERN = (-3.0, -1.0, -1.0 / 3.0)
+GLITCH_TOLERANCE = 0.25
+CORRELATION_SCALE = 4.0 / 11.0  # third differences are twice the changes of the residual; 3 + 8
 
 
 @record
@@ -31,15 +31,15 @@ class Sensor:
 
     quantum: float  # in use [rad]
     noise: float  # variance of the edges, without the quantum's own [rad^2]
-    scatter: float  # mean square of third differences over 20 [rad^2]
+    noise_bound: float  # mean square of third differences over 20 [rad^2]
     residual: float  # of linear interpolation, one sample before [rad]
     step: float  # change of the reading in the sample before [rad]
     dt: float  # sample time of that [s]; 0: none
     size: float  # of the last change of the reading [rad]; 0: none
     since: float  # time since that [s]
-    bend: float  # change of the residual one sample before [rad]; inf: none
-    lasting: float  # square of the third differences that last [rad^2], negative: they alternate
-    pace: float  # mean sample time [s]
+    residual_change: float  # change of the residual one sample before [rad]; inf: none
+    vibration_power: float  # of third differences that last [rad^2]; negative: they alternate
+    mean_sample_time: float  # mean sample time [s]
 
 
 def jerk_density(variance: float, within: float) -> float:
@@ -55,15 +55,15 @@ def begin_sensor(sensor: Sensor, quantum: float) -> None:
     """Set the sensor before anything was seen."""
     sensor.quantum = quantum
     sensor.noise = BLUR * BLUR * quantum * quantum
-    sensor.scatter = 0.0
+    sensor.noise_bound = 0.0
     begin_differences(sensor)
 
 
 def begin_differences(sensor: Sensor) -> None:
     """Forget the readings so far, but for what they showed of the noise."""
     sensor.residual = sensor.step = sensor.dt = sensor.size = sensor.since = 0.0
-    sensor.lasting = sensor.pace = 0.0
-    sensor.bend = math.inf
+    sensor.vibration_power = sensor.mean_sample_time = 0.0
+    sensor.residual_change = math.inf
 
 
 def first_step(sensor: Sensor, quantum: float, step: float, dt: float) -> None:
@@ -78,9 +78,9 @@ def age_noise(sensor: Sensor, v: float) -> None:
     The age is uniform, so the noise is at least (v dt)^2/12. It repeats like a sawtooth, of which
     third differences see the teeth alone.
     """
-    age = v * v * sensor.pace * sensor.pace / 12.0
+    age = v * v * sensor.mean_sample_time * sensor.mean_sample_time / 12.0
     sensor.noise = age if sensor.noise < age else sensor.noise
-    sensor.scatter = age if sensor.scatter < age else sensor.scatter
+    sensor.noise_bound = age if sensor.noise_bound < age else sensor.noise_bound
 
 
 def follow_sensor(
@@ -105,23 +105,27 @@ def follow_sensor(
     if sensor.dt > 0.0:
         third = (step * sensor.dt - sensor.step * dt) / (dt + sensor.dt) - sensor.residual
         sensor.residual += third
-        if sensor.bend == math.inf:
-            sensor.bend, sensor.lasting = 0.0, -square
-            sensor.pace = sensor.pace if sensor.pace > 0.0 else dt
+        if sensor.residual_change == math.inf:
+            sensor.residual_change, sensor.vibration_power = 0.0, -square
+            if sensor.mean_sample_time == 0.0:
+                sensor.mean_sample_time = dt
         else:
-            bend, scatter = sensor.bend, sensor.scatter
-            power, most = 0.2 * third * third, OUTLIER * (scatter + square)
+            before, bound = sensor.residual_change, sensor.noise_bound
+            power, most = 0.2 * third * third, OUTLIER_RATIO * (bound + square)
             if believed < 3.0:
-                alone = ALONE[int(believed)] * bend
-                if abs(third - alone) < NEAR * abs(alone):  # a glitch is no noise
-                    most = scatter + square
-            sensor.scatter = scatter + ((power if power < most else most) - scatter) / MEMORY
-            power = LASTING * bend * (3.0 * bend + 8.0 * third) - square / 12.0 - sensor.noise
-            sensor.lasting += ((power if power < most else most) - sensor.lasting) / MEMORY
-            sensor.pace += (dt - sensor.pace) / MEMORY
-            sensor.bend = third
-    if sensor.noise < sensor.scatter - square:  # more than any quantisation makes: it is noise
-        sensor.noise = sensor.scatter - square
+                glitch = GLITCH_PATTERN[int(believed)] * before
+                if abs(third - glitch) < GLITCH_TOLERANCE * abs(glitch):  # a glitch is no noise
+                    most = bound + square
+            power = power if power < most else most
+            sensor.noise_bound = bound + (power - bound) / NOISE_SAMPLES
+            power = CORRELATION_SCALE * before * (3.0 * before + 8.0 * third)
+            power = power - square / 12.0 - sensor.noise
+            power = power if power < most else most
+            sensor.vibration_power += (power - sensor.vibration_power) / NOISE_SAMPLES
+            sensor.mean_sample_time += (dt - sensor.mean_sample_time) / NOISE_SAMPLES
+            sensor.residual_change = third
+    if sensor.noise < sensor.noise_bound - square:  # more than any quantisation makes: it is noise
+        sensor.noise = sensor.noise_bound - square
     elif quantum != sensor.quantum:
         sensor.noise = BLUR * BLUR * square
     sensor.quantum, sensor.step, sensor.dt = quantum, step, dt
@@ -137,9 +141,9 @@ def vibration(sensor: Sensor) -> float:
     Within a sample it adds their square to the variance of the predicted angle: the error of
     extrapolating with an acceleration. 0: there is nothing but noise.
     """
-    if sensor.lasting <= 0.0:
+    if sensor.vibration_power <= 0.0:
         return 0.0
-    return jerk_density(sensor.lasting, sensor.pace)
+    return jerk_density(sensor.vibration_power, sensor.mean_sample_time)
 
 
 def follow_noise(noise: float, excess: float, scatter: float, quantum: float) -> float:
@@ -152,7 +156,7 @@ def follow_noise(noise: float, excess: float, scatter: float, quantum: float) ->
     ----------
     excess : score of the innovation variance, times the noise [rad^2].
     """
-    noise += noise * (excess / MEMORY if excess < MEMORY else 1.0)
+    noise += noise * (excess / NOISE_SAMPLES if excess < NOISE_SAMPLES else 1.0)
     if noise > scatter:
         noise = scatter
     least = BLUR * BLUR * quantum * quantum

@@ -16,13 +16,13 @@ from __future__ import annotations
 from estimator_pkg.circle import wrap
 from estimator_pkg.record import record
 
-FAR = 400.0  # (20)^2: times the power of recent innovations; a reading further off is doubted
+OUTLIER_GATE = 400.0  # (20)^2: times the power of recent innovations; a reading beyond is doubted
 BOUNCE = 2.0  # times the way expected within the sample: an impact turns the speed round at most
-LEAP = 100.0  # [rad/s] no joint is faster by more, one sample later
+LARGEST_SPEED_CHANGE = 100.0  # [rad/s] no joint is faster by more, one sample later
 
 
 @record
-class Doubt:
+class Outliers:
     """Whether the newest readings are as expected."""
 
     far: int  # how many in a row were not; the first of them is not believed
@@ -30,7 +30,7 @@ class Doubt:
 
 
 def believed(
-    doubt: Doubt,
+    doubt: Outliers,
     measurement: float,
     expected: float,
     ahead: float,
@@ -49,8 +49,8 @@ def believed(
     """
     off = wrap(measurement - expected, period)
     square = off * off
-    least = LEAP * dt + (BOUNCE * abs(ahead) if off * ahead < 0.0 else 0.0)
-    if square <= FAR * power or -least <= off <= least:
+    least = LARGEST_SPEED_CHANGE * dt + (BOUNCE * abs(ahead) if off * ahead < 0.0 else 0.0)
+    if square <= OUTLIER_GATE * power or -least <= off <= least:
         doubt.far = 0
         return measurement
     doubt.far += 1
@@ -59,6 +59,6 @@ def believed(
         return expected
     if period > 0.0:
         flipped = wrap(off + 0.5 * period, period)
-        if flipped * flipped <= FAR * power:
+        if flipped * flipped <= OUTLIER_GATE * power:
             return expected + flipped
     return measurement

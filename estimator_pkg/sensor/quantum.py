@@ -15,14 +15,14 @@ from estimator_pkg.record import record
 from estimator_pkg.sensor.noise import Sensor
 
 UNIT = 1.0  # [rad] quantum while none is known
-ROUNDING = 1e-6  # of the reading: smaller steps are a float32's last digit
-LARGEST = 1e3  # [rad or m] but of no more than this: a wheel turns on, and its steps stay
-RESIDUE = 1e-3  # of the quantum: a change by less is rounding residue, and no motion
-FINEST = 1e-10  # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
-JUMP = 1e3  # times the range of all readings before: those before were residue
-SEEN = 2.0  # a smaller step than the given quantum is believed when it came twice
-SHOWN = 8.0  # readings that show the quantum, before it is thought to be larger than before
-RETURNS = 3.0  # the first of them, which a stray reading makes by itself: there, back, and on
+LAST_DIGIT = 1e-6  # of the reading: smaller steps are a float32's last digit
+LARGEST_READING = 1e3  # [rad or m] but of no more than this: a wheel turns on, and its steps stay
+RESIDUE_PART = 1e-3  # of the quantum: a change by less is rounding residue, and no motion
+FINEST_QUANTUM = 1e-10  # [rad or m] no sensor resolves less (36 bits a turn; an atom's diameter)
+RESIDUE_RATIO = 1e3  # times the range of all readings before: those before were residue
+FINER_STEPS = 2.0  # a smaller step than the given quantum is believed when it came twice
+CONFIRMING_STEPS = 8.0  # readings that show the quantum, before it may be larger than before
+STRAY_STEPS = 3.0  # the first of them, which a stray reading makes by itself: there, back, and on
 SEARCH = 96.0  # readings among which these are looked for, after a new smallest step
 FINER = 0.75  # the quantum is too large if steps below this part of it are seen
 
@@ -31,10 +31,10 @@ SMOOTH = 0.02  # of the squared smallest step: a counter scatters more, unless i
 
 FLOATS = 0.0  # in place of the smallest step: they are no counts, unless the search shows some
 
-CLOSE = 0.9  # a step above this part of the quantum is one, but for its last digits,
+SAME_STEP = 0.9  # a step above this part of the quantum is one, but for its last digits,
 DIGITS = 0.01  # which are below this part
 
-AGREES = 0  # the given quantum, with the steps seen
+QUANTUM_AGREES = 0  # the given quantum, with the steps seen
 TOO_LARGE = 1
 TOO_SMALL = 2
 
@@ -47,10 +47,10 @@ class Steps:
     candidate: float  # for the quantum, of which all steps since it came up are multiples [rad]
     # how many of them could have shown a finer one; below 0: how many were no multiples
     shown: float
-    least: float  # the smallest of these but the first `RETURNS` [rad]
+    least: float  # the smallest of these but the first `STRAY_STEPS` [rad]
     left: float  # readings for which the search goes on
     finer: float  # steps that were finer than the given quantum
-    jump: float  # the last step [rad], where it exceeds `JUMP` times the range before, else 0
+    jump: float  # the last step [rad], if above `RESIDUE_RATIO` times the range before; else 0
 
 
 def begin_steps(steps: Steps) -> None:
@@ -66,8 +66,8 @@ def follow_steps(
     """Take a `step` [rad], where the last before was +-`last` [rad].
 
     A finer step than any before is believed at once, and starts a search: when all steps have been
-    multiples of a candidate, `SHOWN` of them could have shown a finer one, and one repeated it, it
-    is the quantum, and what was finer was a stray reading.
+    multiples of a candidate, `CONFIRMING_STEPS` of them could have shown a finer one, and one
+    repeated it, it is the quantum, and what was finer was a stray reading.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def follow_steps(
     scatter : mean square of third differences over 20 [rad^2].
     """
     moved = found = abs(step)
-    grain = max(ROUNDING * min(size, LARGEST), RESIDUE * min(steps.smallest, moved))
+    grain = max(LAST_DIGIT * min(size, LARGEST_READING), RESIDUE_PART * min(steps.smallest, moved))
     shows = since > 0.0
     if last > 0.0:
         bend = abs(moved - last)
@@ -90,17 +90,17 @@ def follow_steps(
     steps.jump = 0.0
     if found <= grain:
         return
-    if found < FINER * given and steps.finer < SEEN:
+    if found < FINER * given and steps.finer < FINER_STEPS:
         steps.finer += 1.0
-    if found < CLOSE * steps.smallest:
+    if found < SAME_STEP * steps.smallest:
         steps.left = SEARCH
     if found < steps.smallest:
         steps.smallest = found if steps.least != FLOATS else DIGITS * found
     candidate = steps.candidate
     rest = math.fmod(moved, candidate)
-    if found < CLOSE * candidate or DIGITS * candidate < rest < (1.0 - DIGITS) * candidate:
+    if found < SAME_STEP * candidate or DIGITS * candidate < rest < (1.0 - DIGITS) * candidate:
         refute(steps, found, 1.0 if shows else 0.5, scatter)
-    elif shows and steps.shown < SHOWN:
+    elif shows and steps.shown < CONFIRMING_STEPS:
         confirm(steps, found, given, scatter)
     steps.left = max(steps.left, 0.0)
 
@@ -125,11 +125,11 @@ def confirm(steps: Steps, found: float, given: float, scatter: float) -> None:
     """Take a multiple of the candidate that could have shown a finer one."""
     steps.shown = (1.0 if steps.shown <= -1.0 else max(steps.shown, 0.0)) + 1.0
     steps.left -= 1.0
-    if steps.shown > RETURNS and found < steps.least:
+    if steps.shown > STRAY_STEPS and found < steps.least:
         steps.least = found
-    if steps.shown < SHOWN:
+    if steps.shown < CONFIRMING_STEPS:
         return
-    if CLOSE * steps.least > steps.candidate:  # a stray reading alone showed it
+    if SAME_STEP * steps.least > steps.candidate:  # a stray reading alone showed it
         steps.candidate, steps.shown = steps.least, 1.0
         steps.least, steps.left = math.inf, SEARCH
     elif steps.least == FLOATS and scatter < SMOOTH * steps.candidate * steps.candidate:
@@ -147,30 +147,30 @@ def shows_quantum(steps: Steps, step: float, last: float, since: float, quantum:
     smaller than the quantum in use. See `follow_steps`.
     """
     step = abs(step)
-    if step < CLOSE * quantum:
+    if step < SAME_STEP * quantum:
         return True
     bend = abs(step - last)
     if steps.left > 0.0:
-        return since > 0.0 or bend > ROUNDING * step
-    return DIGITS * quantum < bend < CLOSE * quantum
+        return since > 0.0 or bend > LAST_DIGIT * step
+    return DIGITS * quantum < bend < SAME_STEP * quantum
 
 
 def quantum_of(steps: Steps, given: float) -> float:
     """Return the quantum to use [rad]; 0: none is known yet."""
     smallest = steps.smallest
     if given > 0.0:
-        return given if agreement(steps, given) == AGREES else smallest
+        return given if agreement(steps, given) == QUANTUM_AGREES else smallest
     return smallest if smallest < math.inf else 0.0
 
 
 def agreement(steps: Steps, given: float) -> int:
-    """Return how the given quantum [rad] fits the steps seen: AGREES, TOO_LARGE or TOO_SMALL."""
+    """Return how the given quantum [rad] fits: QUANTUM_AGREES, TOO_LARGE or TOO_SMALL."""
     if given <= 0.0:
-        return AGREES
-    seen, confirmed = steps.smallest, steps.shown >= SHOWN
-    if seen < given and (steps.finer >= SEEN or (confirmed and seen < CLOSE * given)):
+        return QUANTUM_AGREES
+    seen, confirmed = steps.smallest, steps.shown >= CONFIRMING_STEPS
+    if seen < given and (steps.finer >= FINER_STEPS or (confirmed and seen < SAME_STEP * given)):
         return TOO_LARGE
-    return TOO_SMALL if confirmed and CLOSE * seen > given else AGREES
+    return TOO_SMALL if confirmed and SAME_STEP * seen > given else QUANTUM_AGREES
 
 
 def is_residue(step: float, size: float, given: float, used: float, first: bool) -> bool:
@@ -181,11 +181,13 @@ def is_residue(step: float, size: float, given: float, used: float, first: bool)
     size : of the two readings [rad]. given, used : the quantum as given and in use [rad].
     first : this is the first step of all.
     """
-    least = ROUNDING * min(size, LARGEST) if first and given == 0.0 else RESIDUE * used
-    return -least <= step <= least or -FINEST < step < FINEST
+    least = RESIDUE_PART * used
+    if first and given == 0.0:
+        least = LAST_DIGIT * min(size, LARGEST_READING)
+    return -least <= step <= least or -FINEST_QUANTUM < step < FINEST_QUANTUM
 
 
-def search(steps: Steps, step: float, size: float, given: float, sensor: Sensor) -> float:
+def search_quantum(steps: Steps, step: float, size: float, given: float, sensor: Sensor) -> float:
     """Take a step; return the quantum to use [rad].
 
     Parameters
@@ -193,7 +195,7 @@ def search(steps: Steps, step: float, size: float, given: float, sensor: Sensor)
     step, size : as of `follow_steps`.
     given : quantum as given [rad]; 0: not known.
     """
-    follow_steps(steps, step, sensor.size, sensor.since, size, given, sensor.scatter)
+    follow_steps(steps, step, sensor.size, sensor.since, size, given, sensor.noise_bound)
     return quantum_of(steps, given)
 
 

@@ -27,15 +27,15 @@ from estimator_pkg.circle import wrap
 from estimator_pkg.record import record
 
 SCORE = 12  # a chain is accepted at this many holds of one sample, half as many longer ones
-ALIKE = 50  # or at this many holds with exactly the same spacing,
+EVEN_HOLDS = 50  # or at this many holds with exactly the same spacing,
 DIFFERENCES = 10  # if this many of their changes differ
-VARIED = 3.0  # a change above this multiple of the second smallest is motion, not one count
+MOTION_RATIO = 3.0  # a change above this multiple of the second smallest is motion, not one count
 DIFFERENT = 0.002  # two changes differ if their relative difference is larger than this
-RESIDUE = 1e-10  # smaller changes are rounding [rad or m],
-ROUNDING = 3e-7  # or smaller than this fraction of the reading (float32)
+LEAST_CHANGE = 1e-10  # smaller changes are rounding [rad or m],
+LEAST_RELATIVE_CHANGE = 3e-7  # or smaller than this fraction of the reading (float32)
 SLIP = 1.25  # allowed difference of the spacing within a chain [samples],
-SLACK = 0.2  # or this fraction of it
-FAR = 16.0  # holds of one sample further apart form no chain [samples]
+SPACING_SLACK = 0.2  # or this fraction of it
+LONGEST_SPACING = 16.0  # holds of one sample further apart form no chain [samples]
 BREAKS = 3  # this many changes in a row without a hold end the recognition
 
 
@@ -58,7 +58,7 @@ class Repeats:
     longest: int  # length of the longest hold
     changes: int  # changes in a row without a hold
     patience: int  # this many end the recognition
-    pace: float  # sample time of the messages [ns]
+    message_period: float  # sample time of the messages [ns]
 
 
 def is_repeated(
@@ -94,14 +94,14 @@ def is_repeated(
         change_in_pattern(repeats, passed_ns, wrap(measurement - reading, period))
         return False
     if reading != earlier:
-        hold(repeats, stamp_ns, reading, earlier, mean_dt, period)
+        follow_hold(repeats, stamp_ns, reading, earlier, mean_dt, period)
         return repeats.most > 0
     if repeats.length == 1:
         repeats.length = 2
     return False
 
 
-def hold(
+def follow_hold(
     repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
 ) -> None:
     """Take a reading that is repeated and had changed, without a pattern so far.
@@ -117,10 +117,10 @@ def hold(
     spacing_ns = stamp_ns - repeats.hold_ns
     slip = abs(spacing_ns - repeats.spacing_ns)
     follows = earlier == value  # one change since the last hold
-    regular = float(slip) <= max(SLIP * pace, SLACK * spacing_ns) and (
-        follows or (length == 1 and float(spacing_ns) < FAR * pace)
+    regular = float(slip) <= max(SLIP * pace, SPACING_SLACK * spacing_ns) and (
+        follows or (length == 1 and float(spacing_ns) < LONGEST_SPACING * pace)
     )
-    rounding = RESIDUE + ROUNDING * (abs(reading) + abs(earlier))
+    rounding = LEAST_CHANGE + LEAST_RELATIVE_CHANGE * (abs(reading) + abs(earlier))
     repeats.length = 1
     repeats.hold_ns = stamp_ns
     repeats.spacing_ns = spacing_ns
@@ -141,15 +141,15 @@ def hold(
     if float(slip) > 0.5 * pace:
         repeats.alike = repeats.differences = 0
     if change * last > 0.0 and reading != value:
-        if size >= VARIED * repeats.second:
+        if size >= MOTION_RATIO * repeats.second:
             repeats.score += 1 if held == 1 else 2
         if abs(change - last) > DIFFERENT * size + rounding:
             repeats.differences += 1
-    if repeats.score < SCORE and (repeats.alike < ALIKE or repeats.differences < DIFFERENCES):
+    if repeats.score < SCORE and (repeats.alike < EVEN_HOLDS or repeats.differences < DIFFERENCES):
         return
     repeats.most = repeats.longest
     repeats.patience = BREAKS if follows else BREAKS + 2 * int(spacing_ns / pace + 0.5)
-    repeats.pace = pace
+    repeats.message_period = pace
     repeats.alone = False
     repeats.score = repeats.alike = repeats.differences = repeats.longest = repeats.changes = 0
 
@@ -163,7 +163,9 @@ def change_in_pattern(repeats: Repeats, passed_ns: int, change: float) -> None:
     change : change of the reading [rad or m].
     """
     repeats.changes = (
-        repeats.changes + 1 if repeats.length == 0 and float(passed_ns) < 1.5 * repeats.pace else 0
+        repeats.changes + 1
+        if repeats.length == 0 and float(passed_ns) < 1.5 * repeats.message_period
+        else 0
     )
     if repeats.changes >= repeats.patience:
         blank = Repeats()
@@ -173,7 +175,7 @@ def change_in_pattern(repeats: Repeats, passed_ns: int, change: float) -> None:
         repeats.alone
         and repeats.length == 0
         and change * repeats.change > 0.0
-        and abs(change) >= VARIED * repeats.second
+        and abs(change) >= MOTION_RATIO * repeats.second
         and abs(repeats.change) >= 0.5 * abs(change)
     ):
         repeats.most += 1  # what was taken for a reading at rest was in the midst of the motion

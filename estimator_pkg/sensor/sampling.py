@@ -19,74 +19,81 @@ import math
 from typing import Any
 
 from estimator_pkg.record import record
-from estimator_pkg.sensor.noise import MEMORY, SIGMAS, Sensor
+from estimator_pkg.sensor.noise import NOISE_SAMPLES, SIGMAS, Sensor
 
-UNEVEN = 0.1  # of the mean sample time: what differs by less is never odd
+LEAST_ODD = 0.1  # of the mean sample time: what differs by less is never odd
 ODD = 4.0  # mean deviations: a sample time that differs by more is odd
-LIE = 0.25  # of an innovation: a mean sample time that leaves less shows a wrong stamp
-EVEN = 0.5  # mean deviation: with a larger one no sample time is known to be the usual one
+WRONG_STAMP_RATIO = 0.25  # of an innovation: a mean sample time that leaves less: a wrong stamp
+EVEN_SAMPLING = 0.5  # mean deviation: with a larger one no sample time is known to be the usual one
 STOPS = 4.0  # samples: a shaft that is about to stop within them may have stopped
-SEEN = 0.25  # what one repeat adds to the evidence of another clock, from 0 to 1
+REPEAT_EVIDENCE = 0.25  # what one repeat adds to the evidence of another clock, from 0 to 1
 BELIEVED = 0.3  # evidence above this is believed: two repeats
-FORGOTTEN = 8.0 * MEMORY  # samples in which evidence of another clock is forgotten
+EVIDENCE_MEMORY = 8.0 * NOISE_SAMPLES  # samples in which evidence of another clock is forgotten
 
 
 @record
-class Clock:
+class Sampling:
     """What is known of the stamps, and of the sensor's own clock."""
 
-    late: float  # by how much the last stamp was late [s]
+    lateness: float  # by how much the last stamp was late [s]
     uneven: float  # mean deviation of the sample times, over their mean
-    held: float  # time since the reading repeats [s]; 0: it does not
-    longest: float  # the longest such time after which the shaft had moved on [s]
+    repeat_duration: float  # time since the reading repeats [s]; 0: it does not
+    longest_repeat: float  # the longest such time after which the shaft had moved on [s]
     evidence: float  # that the sensor has another clock, 0 to 1
-    grew: bool  # the last stamp was even later than the one before
+    lateness_grew: bool  # the last stamp was even later than the one before
 
 
-def begin_clock(clock: Clock) -> None:
+def begin_sampling(clock: Sampling) -> None:
     """Set the clock of a start, which has to show that its stream is even."""
-    clock.late = clock.held = clock.longest = clock.evidence = 0.0
+    clock.lateness = clock.repeat_duration = clock.longest_repeat = clock.evidence = 0.0
     clock.uneven = 1.0
-    clock.grew = False
+    clock.lateness_grew = False
 
 
-def is_repeat(clock: Clock, motion: Any, p: Any, pace: float, tracking: bool, dt: float) -> bool:
+def is_repeat(
+    clock: Sampling, motion: Any, p: Any, mean_dt: float, tracking: bool, dt: float
+) -> bool:
     """Return True if an unchanged reading is an old one, at a speed of `REPEATS` in a sample.
 
     One is held so at first, and as many as twice the longest such pause after which the shaft had
     moved on.
     """
-    speed, held = abs(motion.velocity), clock.held + dt
+    speed, held = abs(motion.velocity), clock.repeat_duration + dt
     way = speed * dt
     return (
         tracking
         and way * way > SIGMAS * SIGMAS * p.p11 * dt * dt
         and speed > STOPS * abs(motion.acceleration) * dt
-        and held <= 2.0 * clock.longest + 1.5 * dt
-        and held <= MEMORY * pace
+        and held <= 2.0 * clock.longest_repeat + 1.5 * dt
+        and held <= NOISE_SAMPLES * mean_dt
     )
 
 
-def resume_clock(clock: Clock, change: float, passed: float, pace: float, v: float) -> None:
+def resume_sampling(
+    clock: Sampling, change: float, passed: float, mean_dt: float, v: float
+) -> None:
     """Take a reading that is believed, and moved by `change` [rad].
 
     Parameters
     ----------
     passed : time since the last one that was [s].
     """
-    clock.evidence -= 1.0 / FORGOTTEN
-    if clock.held > 0.0:
-        short = (v * passed - change) / (v * pace)  # of the way [samples]
+    clock.evidence -= 1.0 / EVIDENCE_MEMORY
+    if clock.repeat_duration > 0.0:
+        short = (v * passed - change) / (v * mean_dt)  # of the way [samples]
         if change != 0.0 and -1.5 < short < 1.5:  # the shaft had moved on
-            clock.longest = clock.held if clock.held > clock.longest else clock.longest
-            clock.evidence += SEEN if short > 0.5 else 0.0
+            if clock.repeat_duration > clock.longest_repeat:
+                clock.longest_repeat = clock.repeat_duration
+            clock.evidence += REPEAT_EVIDENCE if short > 0.5 else 0.0
     clock.evidence = (
         0.0 if clock.evidence < 0.0 else 1.0 if clock.evidence > 1.0 else clock.evidence
     )
-    clock.held = 0.0
+    clock.repeat_duration = 0.0
 
 
-def elapsed(clock: Clock, dt: float, moved: float, motion: Any, p: Any, sensor: Sensor) -> float:
+def corrected_sample_time(
+    clock: Sampling, dt: float, moved: float, motion: Any, p: Any, sensor: Sensor
+) -> float:
     """Return the time that passed between two readings [s].
 
     Parameters
@@ -95,40 +102,43 @@ def elapsed(clock: Clock, dt: float, moved: float, motion: Any, p: Any, sensor: 
     moved : distance of the reading from the last estimate [rad].
     motion, p : estimate before this reading, and its covariance.
     """
-    pace = sensor.pace
-    if pace <= 0.0:
+    mean_dt = sensor.mean_sample_time
+    if mean_dt <= 0.0:
         return dt
-    odd, taken, late, grows = dt - pace, dt, clock.late, False
-    limit = (ODD * clock.uneven if ODD * clock.uneven > UNEVEN else UNEVEN) * pace
-    if odd > limit or -odd > limit or late != 0.0:
+    odd, taken, lateness, grows = dt - mean_dt, dt, clock.lateness, False
+    limit = (ODD * clock.uneven if ODD * clock.uneven > LEAST_ODD else LEAST_ODD) * mean_dt
+    if odd > limit or -odd > limit or lateness != 0.0:
         # an innovation that is larger is no noise
         v, a = motion.velocity, motion.acceleration
         variance = p.p00 + sensor.noise + dt * (2.0 * p.p01 + dt * p.p11)
         doubtful = sensor.quantum + SIGMAS * math.sqrt(variance)
-        right = dt + late
+        right = dt + lateness
         least = abs(moved - (v + 0.5 * a * dt) * dt)
         after = abs(moved - (v + 0.5 * a * right) * right)
-        evenly = abs(moved - (v + 0.5 * a * pace) * pace)
-        lies = evenly < LIE * least
-        if late == 0.0:
-            if lies and least > doubtful and clock.uneven < EVEN:
-                taken, late = pace, odd
-        elif abs(late + odd) < limit and after < doubtful:  # the stamps have caught up
-            taken, late = right, 0.0
-        elif not (clock.grew and late + odd > late > 0.0) and (
-            lies or (evenly < doubtful and abs(odd) > 0.5 * limit and abs(late + odd) < abs(late))
+        evenly = abs(moved - (v + 0.5 * a * mean_dt) * mean_dt)
+        lies = evenly < WRONG_STAMP_RATIO * least
+        if lateness == 0.0:
+            if lies and least > doubtful and clock.uneven < EVEN_SAMPLING:
+                taken, lateness = mean_dt, odd
+        elif abs(lateness + odd) < limit and after < doubtful:  # the stamps have caught up
+            taken, lateness = right, 0.0
+        elif not (clock.lateness_grew and lateness + odd > lateness > 0.0) and (
+            lies
+            or (
+                evenly < doubtful and abs(odd) > 0.5 * limit and abs(lateness + odd) < abs(lateness)
+            )
         ):
-            grows = late + odd > late > 0.0
-            taken, late = pace, late + odd  # late still, mostly less
+            grows = lateness + odd > lateness > 0.0
+            taken, lateness = mean_dt, lateness + odd  # late still, mostly less
         else:  # they have caught up, and samples were lost; or the motion did change
-            taken, late = right if after < least and right > 0.0 else dt, 0.0
-        if late > MEMORY * pace or -late > MEMORY * pace:  # no stamp: the mean sample time is wrong
-            begin_clock(clock)
+            taken, lateness = right if after < least and right > 0.0 else dt, 0.0
+        if abs(lateness) > NOISE_SAMPLES * mean_dt:  # no stamp: the mean sample time is wrong
+            begin_sampling(clock)
             return dt
-        odd = taken - pace
-    clock.late, clock.grew = late, grows
-    off = abs(odd) / pace
-    clock.uneven += ((off if off < 1.0 else 1.0) - clock.uneven) / MEMORY
-    if ODD * clock.uneven < UNEVEN:  # even enough for `elapsed` to be left out, unless it is late
-        clock.uneven = 0.0 if late == 0.0 else UNEVEN / ODD
+        odd = taken - mean_dt
+    clock.lateness, clock.lateness_grew = lateness, grows
+    off = abs(odd) / mean_dt
+    clock.uneven += ((off if off < 1.0 else 1.0) - clock.uneven) / NOISE_SAMPLES
+    if ODD * clock.uneven < LEAST_ODD:  # even enough to trust the next stamp, unless it is late
+        clock.uneven = 0.0 if lateness == 0.0 else LEAST_ODD / ODD
     return taken

@@ -15,12 +15,12 @@ from __future__ import annotations
 from estimator_pkg.circle import wrap
 from estimator_pkg.record import record
 
-MEMORY = 400.0  # most differences over which the square is averaged
-OUTLIER = 25.0  # a square is clamped to this multiple of the mean: outliers are not noise
-UNEVEN = 2.0  # differences across sample times that differ by more than this factor are left out
-FINEST = 1e-14  # smallest variance [rad^2], finer than any encoder
+VARIANCE_MEMORY = 400.0  # most differences over which the square is averaged
+LARGEST_OUTLIER = 25.0  # a square is clamped to this multiple of the mean: outliers are not noise
+SAMPLE_TIME_RATIO = 2.0  # differences across sample times that differ by more are left out
+LEAST_VARIANCE = 1e-14  # smallest variance [rad^2], finer than any encoder
 ZERO = 1e-9  # a smaller third difference [rad] is rounding
-FIRST = 1e-6  # initial variance, (1 mrad)^2
+INITIAL_VARIANCE = 1e-6  # initial variance, (1 mrad)^2
 
 
 @record
@@ -31,21 +31,21 @@ class Scatter:
     count: float  # differences averaged
     last: float  # measurement [rad]
     rate: float  # [rad/s]
-    bend: float  # last difference of rates [rad/s^2]
+    acceleration: float  # last difference of rates [rad/s^2]
     before: float  # the last sample time [s]; 0: no such sample yet
     earlier: float  # the one before it [s]
 
 
 def begin_scatter(scatter: Scatter, measurement: float) -> None:
     """Set the scatter after the first sample [rad]."""
-    scatter.variance, scatter.count = FIRST, 1.0
+    scatter.variance, scatter.count = INITIAL_VARIANCE, 1.0
     resume_scatter(scatter, measurement)
 
 
 def resume_scatter(scatter: Scatter, measurement: float) -> None:
     """Continue after a gap: the variance is kept, the differences start again."""
     scatter.last = measurement
-    scatter.rate = scatter.bend = scatter.before = scatter.earlier = 0.0
+    scatter.rate = scatter.acceleration = scatter.before = scatter.earlier = 0.0
 
 
 def follow_scatter(scatter: Scatter, measurement: float, dt: float, period: float) -> None:
@@ -63,20 +63,21 @@ def follow_scatter(scatter: Scatter, measurement: float, dt: float, period: floa
     curve = 0.0
     if before != 0.0:
         curve = 2.0 * (newest - scatter.rate) / (dt + before)
-        if earlier > 0.0 and dt < UNEVEN * before and before < UNEVEN * dt:
-            third = (curve - scatter.bend) * dt * before * 3.0 * earlier / (dt + before + earlier)
+        if earlier > 0.0 and dt < SAMPLE_TIME_RATIO * before and before < SAMPLE_TIME_RATIO * dt:
+            third = (curve - scatter.acceleration) * dt * before * 3.0 * earlier
+            third /= dt + before + earlier
             if not -ZERO < third < ZERO:
                 average(scatter, 0.05 * third * third)  # 1 + 9 + 9 + 1 = 20 variances
-    scatter.last, scatter.rate, scatter.bend = measurement, newest, curve
+    scatter.last, scatter.rate, scatter.acceleration = measurement, newest, curve
     scatter.earlier, scatter.before = before, dt
 
 
 def average(scatter: Scatter, square: float) -> None:
     """Average the variance over one more square [rad^2]."""
-    if square > OUTLIER * scatter.variance:
-        square = OUTLIER * scatter.variance
-    if scatter.count < MEMORY:
+    if square > LARGEST_OUTLIER * scatter.variance:
+        square = LARGEST_OUTLIER * scatter.variance
+    if scatter.count < VARIANCE_MEMORY:
         scatter.count += 1.0
     scatter.variance += (square - scatter.variance) / scatter.count
-    if scatter.variance < FINEST:
-        scatter.variance = FINEST
+    if scatter.variance < LEAST_VARIANCE:
+        scatter.variance = LEAST_VARIANCE

@@ -20,17 +20,17 @@ import numpy as np
 
 from estimator_pkg.circle import wrap
 
-SLOWEST, FASTEST = 0.98, 1.6  # periods per message, of the rates that are tried
+LOWEST_RATE, HIGHEST_RATE = 0.98, 1.6  # periods per message, of the rates that are tried
 LINE = 0.4  # of the spectrum, over its largest possible value
-NEAR = 4  # largest number of periods that a step shows
-AROUND = 6  # steps to both sides that show what is usual
+COUNTED_PERIODS = 4  # largest number of periods that a step shows
+NEIGHBOUR_STEPS = 6  # steps to both sides that show what is usual
 COMMON = 0.8  # this part of the steps deviates from the usual one by less than
-CLEAR = 5.0  # times less than the usual one, if they show anything
+CLEAR_RATIO = 5.0  # times less than the usual one, if they show anything
 
-Message = tuple[int, Sequence[str], Sequence[float]]  # stamp [ns], joints, readings [rad or m]
+Arrival = tuple[int, Sequence[str], Sequence[float]]  # stamp [ns], joints, readings [rad or m]
 
 
-def numbers_of(messages: Sequence[Message], periods: Callable[[str], float]) -> list[int] | None:
+def numbers_of(messages: Sequence[Arrival], periods: Callable[[str], float]) -> list[int] | None:
     """Return the numbers of periods between messages; None if nothing shows them.
 
     Parameters
@@ -52,7 +52,7 @@ def by_stamps(stamps: Sequence[int]) -> list[int] | None:
     if since[-1] <= 0.0:
         return None
     rate = (len(since) - 1) / since[-1]
-    rates = np.arange(SLOWEST * rate, FASTEST * rate, 0.4 / since[-1])
+    rates = np.arange(LOWEST_RATE * rate, HIGHEST_RATE * rate, 0.4 / since[-1])
     lines = np.exp(2j * np.pi * np.outer(rates, since)).mean(1)
     best = np.argmax(np.abs(lines))
     phase = np.angle(lines[best]) / (2.0 * np.pi)
@@ -62,8 +62,11 @@ def by_stamps(stamps: Sequence[int]) -> list[int] | None:
 
 def by_steps(steps: Sequence[float]) -> list[int] | None:
     """Return the numbers as steps of a joint's readings show them; None if it is too slow."""
-    usual = [median(steps[max(0, k - AROUND) : k + AROUND + 1]) for k in range(len(steps))]
+    usual = [
+        median(steps[max(0, k - NEIGHBOUR_STEPS) : k + NEIGHBOUR_STEPS + 1])
+        for k in range(len(steps))
+    ]
     deviations = sorted(abs(step - each) for step, each in zip(steps, usual))
-    if min(map(abs, usual)) <= CLEAR * deviations[int(COMMON * len(deviations))]:
+    if min(map(abs, usual)) <= CLEAR_RATIO * deviations[int(COMMON * len(deviations))]:
         return None
-    return [min(max(1, round(step / each)), NEAR) for step, each in zip(steps, usual)]
+    return [min(max(1, round(step / each)), COUNTED_PERIODS) for step, each in zip(steps, usual)]

@@ -7,7 +7,7 @@
 
 Phase and period of the device's clock follow a growing-memory g-h filter (a recursive least-squares
 line; Brookner, Tracking and Kalman Filtering Made Easy, 1998, section 1.2.10), whose memory ends at
-`MEMORY` messages so that it follows a drift. Residuals count up to `CLIPPED` times their mean.
+`FIT_MEMORY` messages so that it follows a drift. Residuals count up to `CLIPPED` times their mean.
 
 n_k is more than 1 where messages were lost. A late stamp may be a lost message or a delay. The
 readings decide where they move fast enough. Otherwise a stamp that fits the grid of a quiet clock
@@ -27,48 +27,48 @@ from itertools import accumulate, pairwise
 from statistics import median
 
 from estimator_pkg.circle import LARGEST, wrap
-from estimator_pkg.sensor.stamp_grid import NEAR, Message, numbers_of
+from estimator_pkg.sensor.stamp_grid import COUNTED_PERIODS, Arrival, numbers_of
 
-FIRST = 64  # messages before the first fit,
-FEW, SLOW_NS = 16, 2_000_000_000  # or these, if they took so long [ns]
-MEMORY = 10000.0  # messages that the fit remembers,
+FIRST_FIT = 64  # messages before the first fit,
+SLOW_FIRST_FIT, SLOW_NS = 16, 2_000_000_000  # or these, if they took so long [ns]
+FIT_MEMORY = 10000.0  # messages that the fit remembers,
 SECONDS = 10.0  # or messages of this time [s],
-FEWEST = 200.0  # but not fewer than these
+SHORTEST_FIT = 200.0  # but not fewer than these
 CLIPPED = 3.0  # mean absolute residuals
-QUIET = 0.1  # periods: with less jitter than this a stamp shows the number of lost messages,
-FITS = 5.0  # within this many mean residuals,
-LATE = 0.5  # periods: a stamp later than this may follow lost messages,
+QUIET_JITTER = 0.1  # periods: with less jitter than this a stamp shows the number of lost messages,
+GRID_TOLERANCE = 5.0  # within this many mean residuals,
+LATE_PERIODS = 0.5  # periods: a stamp later than this may follow lost messages,
 ASKED = 0.3  # and one later than this if the readings show it
-SURE = 6.0  # residuals: readings that move by more in a period show their time
-SPREAD, DELAYED = 1.25, 12.0  # standard deviation over mean residual; a delay's squared deviation
+SURE_MOTION = 6.0  # residuals: readings that move by more in a period show their time
+SPREAD, DELAY_SQUARE = 1.25, 12.0  # standard deviation over mean residual; a delay's squared one
 AT_ONCE = 2.0  # periods: messages that are later, but followed at once, waited in a queue
-EVEN = 64.0  # messages over which corrections of the phase are spread
+PHASE_MEMORY = 64.0  # messages over which corrections of the phase are spread
 YOUNG = 2000  # messages after which the period is known
 PLENTY = 100  # messages after which stamps that stay early show that the period is too long
-STAYS = 250.0  # stamps are late for good after this many messages, times (jitter / period)^2,
-SHIFTED = 0.75  # periods: the median residual is beyond this
-LEAST, MOST = 3, 250  # but between these
-LEARNT = 8.0  # late stamps over which is learnt what they mean
-LOOK, OTHER = 128, 0.015  # messages that may show another period, by so much, while stamps jitter;
-PAUSE = 1024  # where they do not, the next look follows later and later, at most after these
+LATE_FOR_GOOD = 250.0  # messages that stay late, times (jitter / period)^2, show a shift
+LEAST_SHIFT = 0.75  # periods: the median residual is beyond this
+FEWEST_LATE, MOST_LATE = 3, 250  # but between these
+LOSS_MEMORY = 8.0  # late stamps over which is learnt what they mean
+REFIT_MESSAGES, OTHER = 128, 0.015  # messages that show a period so different, while stamps jitter;
+LONGEST_PAUSE = 1024  # where they do not, the next look follows later, at most after these
 BREAK = 0.5  # [s] a longer step of the stamps begins another stretch;
 BREAK_PERIODS = 8.0  # or, if that is longer, one of this many periods; or one back by as many,
 BACK_NS = 1e8  # but back by no more than this time [ns]
 SPEED_GAIN, BEND_GAIN = 0.5, 0.1  # of the readings' steps
-EVIDENCE = 100.0  # messages over which residuals are compared,
+RESIDUAL_MEMORY = 100.0  # messages over which residuals are compared,
 ESTABLISHED = 12.0  # of these in motion
 WILD = 100.0  # each with at most this many times the mean square
-BETTER, WORSE = 0.8, 1.0  # ratio of their squares to use the fit, and to leave it
+FIT_BETTER, FIT_WORSE = 0.8, 1.0  # ratio of their squares to use the fit, and to leave it
 SLIPPED = 30.0  # a revision counts as this many mean squares
 SLOWLY = 50.0  # messages: over these the residuals of a regular device average to nothing;
 WANDERS = 0.5  # this part of their mean square must not remain
 FITTED = 0.5  # [s] of the fit before that, unless the stamps hardly jitter
-AGAIN = 500.0  # messages in motion before it is used again, twice as many each time
-ENOUGH = 30.0  # messages in motion that allow to use it
-FASTER, SLOWER = 0.7, 1.6  # mean number of periods per message that shows another period
+USED_AGAIN_AFTER = 500.0  # messages in motion before it is used again, twice as many each time
+MOVING_MESSAGES = 30.0  # messages in motion that allow to use it
+FEWEST_PERIODS, MOST_PERIODS = 0.7, 1.6  # mean periods per message of a correct period
 NOMINAL = 1e-3  # a rate so close to a whole number of Hz is meant to be that
-BATCHES = 1000  # messages for which equal stamps are remembered not to be one message
-REMEMBERED = 8  # stamps that are known again when their message comes twice
+BATCH_MEMORY = 1000  # messages for which equal stamps are remembered not to be one message
+RECENT_MESSAGES = 8  # stamps that are known again when their message comes twice
 
 COLLECTING, LEFT_ALONE, REPAIRED = 'fitting', 'left alone', 'repaired'
 
@@ -118,12 +118,12 @@ class StampRepair:
         self._out_ns = 0  # newest time returned
         self._batches = 0  # messages for which messages are thought to come in batches
         self._ahead = False  # it is later than it should be
-        self._recent: deque[tuple[int, tuple[float, ...], int]] = deque(maxlen=REMEMBERED)
+        self._recent: deque[tuple[int, tuple[float, ...], int]] = deque(maxlen=RECENT_MESSAGES)
         self._restart()
 
     def _restart(self) -> None:
         self.state, self.period, self.jitter, self.offset = COLLECTING, 0.0, 0.0, 0.0
-        self._first: list[Message] = []  # to be fitted
+        self._first: list[Arrival] = []  # to be fitted
         self._at_ns = self._even_ns = 0.0  # the fit, and evenly; relative to the base [ns]
         self._base_ns = 0
         self._wander = 0.0, 0.0, 0.0  # slow mean of the residuals, its mean square, and theirs
@@ -131,9 +131,9 @@ class StampRepair:
         self._unbroken = 0  # messages since one was missed
         self._lost = 0.0  # fraction of late stamps, as far as readings show it, after lost messages
         self._count = self._phases = 0.0  # messages of the fit, and of the stretch
-        self._late: deque[float] = deque(maxlen=MOST)
+        self._late: deque[float] = deque(maxlen=MOST_LATE)
         self._per_message = 1.0
-        self._weight, self._ban = 0.0, AGAIN
+        self._weight, self._ban = 0.0, USED_AGAIN_AFTER
         self._steps_ns = (0.0, 0.0)  # of the newest message: in the stamps, in the fit
         for joint in self._joints.values():
             joint.squares, joint.counts, joint.speed, joint.bend = [0.0, 0.0], [0.0, 0.0], 0.0, 0.0
@@ -160,7 +160,7 @@ class StampRepair:
         readings = tuple(each if abs(each) < LARGEST else math.nan for each in positions)
         newest_ns = self._recent[-1][0] if self._recent else 0
         if stamp_ns == newest_ns and readings != self._recent[-1][1]:
-            self._batches = BATCHES  # equal stamps are not one message
+            self._batches = BATCH_MEMORY  # equal stamps are not one message
         elif self._batches:
             self._batches -= 1
         if stamp_ns != newest_ns or not self._batches:
@@ -185,7 +185,7 @@ class StampRepair:
         if first and is_break(stamp_ns - first[-1][0], self._mean()):
             first.clear()
         first.append((stamp_ns, names, positions))
-        if len(first) >= (FIRST if stamp_ns - first[0][0] < SLOW_NS else FEW):
+        if len(first) >= (FIRST_FIT if stamp_ns - first[0][0] < SLOW_NS else SLOW_FIRST_FIT):
             self._fit()
         return stamp_ns
 
@@ -202,7 +202,7 @@ class StampRepair:
         steps = [b - a for a, b in pairwise(stamps)]
         middle = median(steps)
         scatter = median(abs(step - middle) for step in steps)
-        quiet = middle > 0.0 and scatter < QUIET * middle
+        quiet = middle > 0.0 and scatter < QUIET_JITTER * middle
         if quiet:
             numbers = [max(1, round(step / middle)) for step in steps]
         else:
@@ -227,7 +227,7 @@ class StampRepair:
         self.state = LEFT_ALONE
         self._last_ns = stamps[-1]
         self._wander, self._slips = (0.0, 0.0, 0.0), 0.0
-        self._wait, self._pause = 0, LOOK // 2
+        self._wait, self._pause = 0, REFIT_MESSAGES // 2
         self._lost = max(self._lost, float(sum(numbers) > len(steps)))
         self._joints.clear()
         self._see(*first[0][1:], (0.0, 0.0), 1)
@@ -252,18 +252,18 @@ class StampRepair:
         number = self._number(late, period, names, positions)
         off = late - (number - 1) * period
         shift = 0
-        if since > LATE * period or off < AT_ONCE * period:
+        if since > LATE_PERIODS * period or off < AT_ONCE * period:
             shift = self._shift(off, period)
-        self._slips += ((shift != 0) - self._slips) / EVIDENCE
+        self._slips += ((shift != 0) - self._slips) / RESIDUAL_MEMORY
         self._unbroken = self._unbroken + 1 if number + shift == 1 else 0
-        self._per_message += (number + shift - self._per_message) / EVIDENCE
-        if not FASTER < self._per_message < SLOWER:
+        self._per_message += (number + shift - self._per_message) / RESIDUAL_MEMORY
+        if not FEWEST_PERIODS < self._per_message < MOST_PERIODS:
             self._restart()
             return self._collect(stamp_ns, names, positions)
         off -= shift * period
         at = before + (number + shift) * period
         k = self._count = min(
-            self._count + 1.0, MEMORY, max(FEWEST, SECONDS / self.period, self._count)
+            self._count + 1.0, FIT_MEMORY, max(SHORTEST_FIT, SECONDS / self.period, self._count)
         )
         self._phases += 1.0
         most = CLIPPED * 1e9 * self.jitter + 1.0
@@ -278,7 +278,7 @@ class StampRepair:
         power += (off * off - power) / (10.0 * SLOWLY)
         self._wander = mean, wander, power
         even = self._even_ns + (number + shift) * period
-        self._even_ns = even + (at - even) / min(self._phases, EVEN)
+        self._even_ns = even + (at - even) / min(self._phases, PHASE_MEMORY)
         self._see(
             names,
             positions,
@@ -289,19 +289,19 @@ class StampRepair:
         if self.state == REPAIRED:
             self._first = []
             return self._base_ns + round(self._even_ns)
-        if 1e9 * self.jitter > QUIET * period:
+        if 1e9 * self.jitter > QUIET_JITTER * period:
             self._look_again((stamp_ns, names, positions), period)
         return stamp_ns
 
-    def _look_again(self, message: Message, period: float) -> None:
+    def _look_again(self, message: Arrival, period: float) -> None:
         """Fit anew if the messages show another period, as after lost ones while nothing moved."""
         self._wait -= 1
         if self._wait >= 0:
             return
         first = self._first
         first.append(message)
-        if len(first) == LOOK:
-            self._wait = self._pause = min(2 * self._pause, PAUSE)
+        if len(first) == REFIT_MESSAGES:
+            self._wait = self._pause = min(2 * self._pause, LONGEST_PAUSE)
             numbers = numbers_of(first, self._periods)
             passed = first[-1][0] - first[0][0]
             if numbers and abs(passed / sum(numbers) - period) > OTHER * period:
@@ -317,14 +317,15 @@ class StampRepair:
         """
         window = self._late
         window.append(off)
-        stays = min(MOST, max(LEAST, round(STAYS * (1e9 * self.jitter / period) ** 2)))
-        if abs(off) <= LATE * period or len(window) < stays:
+        stays = round(LATE_FOR_GOOD * (1e9 * self.jitter / period) ** 2)
+        stays = min(MOST_LATE, max(FEWEST_LATE, stays))
+        if abs(off) <= LATE_PERIODS * period or len(window) < stays:
             return 0
         typical = median(list(window)[-stays:]) / period
-        shift = round(typical) if abs(typical) > SHIFTED else 0
+        shift = round(typical) if abs(typical) > LEAST_SHIFT else 0
         if shift:
             window.clear()
-            self._lost += (float(shift > 0) - self._lost) / LEARNT
+            self._lost += (float(shift > 0) - self._lost) / LOSS_MEMORY
         if shift < 0 and PLENTY < self._unbroken < YOUNG and self._count < YOUNG:
             self.period *= 1.0 + shift / self._unbroken
             self._count = min(self._count, float(self._unbroken))
@@ -339,22 +340,28 @@ class StampRepair:
         ----------
         late : residual of the stamp, if it was one period [ns].
         """
-        quiet = 1e9 * self.jitter < QUIET * period
+        quiet = 1e9 * self.jitter < QUIET_JITTER * period
         if late <= ASKED * period:
             return 1
         most = 1 + round(late / period)
         sigma = SPREAD * 1e9 * self.jitter + 1.0
-        stamps = [min(((late - n * period) / sigma) ** 2, DELAYED) for n in range(NEAR)]
+        stamps = [
+            min(((late - n * period) / sigma) ** 2, DELAY_SQUARE) for n in range(COUNTED_PERIODS)
+        ]
         shown = self._shown(names, positions, max(most, 2), stamps)
         if shown:
-            self._lost += (float(shown > 1) - self._lost) / LEARNT
+            self._lost += (float(shown > 1) - self._lost) / LOSS_MEMORY
             return shown
-        if late <= LATE * period:
+        if late <= LATE_PERIODS * period:
             return 1
-        if self._lost > 0.5 and most <= NEAR and CLIPPED * 1e9 * self.jitter < LATE * period:
+        if (
+            self._lost > 0.5
+            and most <= COUNTED_PERIODS
+            and CLIPPED * 1e9 * self.jitter < LATE_PERIODS * period
+        ):
             return most
         off = abs(late - (most - 1) * period)
-        if quiet and most <= NEAR and off < FITS * 1e9 * self.jitter + 1e3:
+        if quiet and most <= COUNTED_PERIODS and off < GRID_TOLERANCE * 1e9 * self.jitter + 1e3:
             return most
         return 1
 
@@ -369,7 +376,7 @@ class StampRepair:
         ----------
         stamps : by one less than their number, the squared deviation of the stamp.
         """
-        shown, certainty = 0, SURE
+        shown, certainty = 0, SURE_MOTION
         for name, position in zip(names, positions):
             joint = self._joints.get(name)
             if joint is None or joint.counts[1] < ESTABLISHED or math.isnan(position):
@@ -380,14 +387,14 @@ class StampRepair:
                 continue
             certainty = sure
             step, turn = position - joint.last, self._periods(name)
-            if most <= NEAR:
+            if most <= COUNTED_PERIODS:
                 shown = min(
                     ((wrap(step - joint.after(n), turn) / residual) ** 2 + stamps[n - 1], n)
                     for n in range(1, most + 1)
                 )[1]
             else:
                 off = abs(wrap(step - joint.after(1), turn))
-                shown = 1 if off < 0.5 * SURE * residual else most
+                shown = 1 if off < 0.5 * SURE_MOTION * residual else most
         return shown
 
     def _see(
@@ -411,7 +418,7 @@ class StampRepair:
             step = usual + wrap(position - joint.last - usual, self._periods(name))
             if step or joint.step:
                 for i in (0, 1):
-                    if before[i] <= 0.0 or steps[i] <= 0.0 or abs(number) > NEAR:
+                    if before[i] <= 0.0 or steps[i] <= 0.0 or abs(number) > COUNTED_PERIODS:
                         continue
                     part = before[i] / (before[i] + steps[i])
                     residual = part * step - (1.0 - part) * joint.step
@@ -420,14 +427,14 @@ class StampRepair:
                     square, mean = change * change, joint.squares[i]
                     if square > WILD * mean > 0.0:
                         square = WILD * mean
-                    joint.counts[i] = count = min(joint.counts[i] + 1.0, EVIDENCE)
+                    joint.counts[i] = count = min(joint.counts[i] + 1.0, RESIDUAL_MEMORY)
                     joint.squares[i] += (square - mean) / count
             joint.step = step
             error = step / max(number, 1) - joint.speed - joint.bend
             joint.speed += joint.bend + SPEED_GAIN * error
             joint.bend += BEND_GAIN * error
             joint.last = position
-        self._steps_ns = steps if abs(number) <= NEAR else (0.0, 0.0)
+        self._steps_ns = steps if abs(number) <= COUNTED_PERIODS else (0.0, 0.0)
 
     def _judge(self) -> None:
         """Decide between the stamps and the fit."""
@@ -445,11 +452,11 @@ class StampRepair:
         if wander > WANDERS * power:
             stamps = 0.0
         self._weight += moves
-        if self._weight < ENOUGH:
+        if self._weight < MOVING_MESSAGES:
             return
-        sure = self.jitter < QUIET * self.period or self._count * self.period >= FITTED
-        if self.state == LEFT_ALONE and sure and fit < BETTER * stamps:
+        sure = self.jitter < QUIET_JITTER * self.period or self._count * self.period >= FITTED
+        if self.state == LEFT_ALONE and sure and fit < FIT_BETTER * stamps:
             self.state = REPAIRED
-        elif self.state == REPAIRED and fit > WORSE * stamps:
+        elif self.state == REPAIRED and fit > FIT_WORSE * stamps:
             self.state, self._weight = LEFT_ALONE, -self._ban
             self._ban *= 2.0

@@ -19,8 +19,8 @@ from estimator_pkg.circle import is_angle, wrap
 from estimator_pkg.record import record
 
 SPAN = 1.25  # turns that readings which wrap never span, noise included
-CONFIRMED = 8  # readings in a row beyond it: no outliers
-NEAR = 0.125  # of a turn, from whole turns: a jump by so much is none of the shaft
+CONFIRMED_TURNS = 8  # readings in a row beyond it: no outliers
+NEAR_WHOLE = 0.125  # of a turn, from whole turns: a jump by so much is none of the shaft
 
 
 @record
@@ -59,7 +59,7 @@ def follow_turns(turns: Turns, stamp_ns: int, reading: float) -> bool:
     if not is_angle(reading):  # the guard drops it
         return False
     if turns.counts:
-        return begins_anew(turns, stamp_ns, reading)
+        return counter_restarted(turns, stamp_ns, reading)
     low, high = min(turns.low, reading), max(turns.high, reading)
     if high - low <= SPAN * turns.period:
         turns.low, turns.high, turns.beyond, turns.usual = low, high, 0, True
@@ -67,11 +67,11 @@ def follow_turns(turns: Turns, stamp_ns: int, reading: float) -> bool:
     turns.usual = False
     turns.beyond += 1
     turns.stamp_ns, turns.reading = stamp_ns, reading
-    turns.counts = turns.beyond == CONFIRMED
+    turns.counts = turns.beyond == CONFIRMED_TURNS
     return turns.counts
 
 
-def begins_anew(turns: Turns, stamp_ns: int, reading: float) -> bool:
+def counter_restarted(turns: Turns, stamp_ns: int, reading: float) -> bool:
     """Return True if a counter of turns jumped by whole turns: from now on the sensor wraps."""
     passed, moved = stamp_ns - turns.stamp_ns, reading - turns.reading
     rate = turns.rate
@@ -81,7 +81,10 @@ def begins_anew(turns: Turns, stamp_ns: int, reading: float) -> bool:
         return False
     turns.rate = moved / passed
     off, half = moved - rate * passed, 0.5 * turns.period  # from where it was going
-    if min(abs(off), abs(moved)) > half and abs(wrap(off, turns.period)) < NEAR * turns.period:
+    if (
+        min(abs(off), abs(moved)) > half
+        and abs(wrap(off, turns.period)) < NEAR_WHOLE * turns.period
+    ):
         begin_turns(turns, 0.0)
         return True
     return False

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from estimator_pkg.driver import identified as adaptive_file
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
-from estimator_pkg.driver.efforts import COMMAND, NO_EFFORT, DrivenSettings
+from estimator_pkg.driver.efforts import EFFORT_COMMAND, NO_EFFORT, DrivenSettings
 from estimator_pkg.driver.identified import values_of
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
@@ -48,7 +48,7 @@ class AdaptiveSettings(JointsSettings, EffortSettings):
 
     def find_observer(self) -> Observer:
         """Return the observer; raise UsageError for inconsistent settings."""
-        if self.input == COMMAND and self.effort_command_type == ARRAY and not self.only:
+        if self.input == EFFORT_COMMAND and self.effort_command_type == ARRAY and not self.only:
             raise UsageError(
                 "effort_command_type 'Float64MultiArray' contains no names: set 'joints' "
                 'to the joints in its order'
@@ -112,10 +112,11 @@ class AdaptiveStream(DrivenStream):
     def _identified(self) -> list[diagnostics.Status]:
         return [
             diagnostics.Status(
-                report.trusted,
+                diagnostics.OK if report.trusted else diagnostics.WARN,
+                name,
                 name,
                 f'{report.phase}: {report.reason}',
-                values_of(report, self.bank.unit(name)),
+                diagnostics.packed(values_of(report, self.bank.unit(name))),
             )
             for name, report in self.bank.reports().items()
         ]

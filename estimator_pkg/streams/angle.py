@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimator_pkg import observers, params_file
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
-from estimator_pkg.driver.configuration import Configuration, SensorSettings, SourceSettings
+from estimator_pkg.driver.configuration import Configuration, SourceSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
 from estimator_pkg.errors import UsageError, UserError, plainly, suggestion
@@ -193,7 +193,6 @@ class AngleStream(Stream):
     KIND = 'angle'
     NODE = 'joint_observer'
     SETTINGS = AngleSettings
-    PER_JOINT = SensorSettings
     PER_SOURCE = SourceSettings
     SEPARATE = True
     IN_ARRAYS = True

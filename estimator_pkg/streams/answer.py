@@ -63,7 +63,7 @@ class Answering:
                 return answer
             numbers = list(estimates)
             for k in set(range(len(names))).difference(shown):
-                numbers[k] = taken.written(k), math.nan, math.nan
+                numbers[k] = taken.measured_position(k), math.nan, math.nan
         stream.answered += bool(shown)
         if stream.wanted[0]:
             answer[0] = self._estimate.encode(

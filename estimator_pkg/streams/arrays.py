@@ -20,7 +20,7 @@ from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import VALID
-from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED
+from estimator_pkg.sensor.guard import DUPLICATE, UNSTABLE_GAINS
 from estimator_pkg.streams.history import History
 
 
@@ -201,11 +201,11 @@ def _room(group: Samples) -> Estimated:
 def _written(
     positions: NDArray[np.float64], out: Estimates, before: float, settings: JointSettings
 ) -> NDArray[np.float64]:
-    """As `Joint.written`, for each sample; `before` is the position before the first."""
+    """As `Joint.in_estimate_convention`, for each sample; `before`: the position before them."""
     period = settings.wrap_period
     if not settings.unwrap or period <= 0.0 or not len(positions):
         return positions
-    known = (out.verdict < DUPLICATE) | (out.verdict == MISCONFIGURED)
+    known = (out.verdict < DUPLICATE) | (out.verdict == UNSTABLE_GAINS)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     near = np.where(last < 0, before, out.position[last])
     angles = (np.abs(near) < LARGEST) & (np.abs(positions) < LARGEST)  # False for nan, too

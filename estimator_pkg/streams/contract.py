@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg import params_file
 from estimator_pkg.circle import Circle
-from estimator_pkg.driver.configuration import NAME_IT, Configuration, JointSettings
+from estimator_pkg.driver.configuration import SELECT_OBSERVER, Configuration, JointSettings
 from estimator_pkg.driver.joint import Joint, Tried
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import joint_state
@@ -242,7 +242,6 @@ class Stream(ABC):
         self.wanted = [not output.extra for output in self.outputs]
         self.received, self.malformed = [0] * len(self.inputs), [0] * len(self.inputs)
         self.answered = 0
-        self.skip = settings.no_estimate == SKIP
         self.complaint = ('', '')
         self.topics = [port.in_bag for port in self.inputs]
         self.history: dict[str, History] | None = None
@@ -300,8 +299,10 @@ class Stream(ABC):
                 raise UsageError(
                     f"unknown parameter '{name}': "
                     + (
-                        instead(name, every, observer, NAME_IT)
-                        or params_file.meant(name, every, known if cls.OVERRIDES else ())
+                        instead(name, every, observer, SELECT_OBSERVER)
+                        or params_file.parameter_suggestion(
+                            name, every, known if cls.OVERRIDES else ()
+                        )
                     )
                 )
         if overrides and not cls.OVERRIDES:
@@ -401,6 +402,17 @@ class Stream(ABC):
         """Return the text for a joint; '' is common to all joints."""
         return f"{self.KEPT} '{name}'" if name else self.observer.name
 
+    @property
+    def skip(self) -> bool:
+        """True if a message without an estimate of every joint is not answered."""
+        return bool(self.settings.no_estimate == SKIP)
+
+    def set_live(self, values: Values) -> None:
+        """Use other live `SETTINGS` from the next message on: they are read where they act."""
+        live = {name for name, each in declared(self.SETTINGS).items() if not each.structural}
+        changed = {name: value for name, value in values.items() if name in live}
+        self.settings = replace(self.settings, **changed)
+
     def apply(self, configuration: Any) -> None:
         """Use these gains and settings from the next sample on; every joint keeps its state."""
         self.bank.configuration = configuration
@@ -423,7 +435,7 @@ class Stream(ABC):
         if most is not None:
             self.bank.most = most
         with suppress(Exception):  # of a user's model: reported at the first message
-            self.bank.rehearse()
+            self.bank.warm_up()
 
     def expire(self, names: Sequence[str]) -> bool:
         """Remove these joints, which had no sample for `expiry`; return False if that failed."""

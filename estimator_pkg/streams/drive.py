@@ -17,7 +17,7 @@ from estimator_pkg.driver.bank import Taken
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveEstimates, DriveJoint
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases, Vector
+from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, AlphaBeta, Pairs, Phases
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.observers.contract import Observer
@@ -113,13 +113,13 @@ class Motor:
         self.configuration = configuration
         self.empty = 0  # batches without a row
 
-    def touched(self) -> tuple[str, ...]:
+    def changed_joints(self) -> tuple[str, ...]:
         """Return the joint."""
         return tuple(self.joints)
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Prepare everything that the first sample needs."""
-        self._joint.rehearse()
+        self._joint.warm_up()
 
     def why_silent(self, name: str) -> str:
         """Return '': the stream knows the reason."""
@@ -196,7 +196,7 @@ class DriveStream(Stream):
     def _vector(self, kind: int, raw: bytes) -> list[Answer]:
         """Return the answers that a current [A] or a voltage [V] completes."""
         message = vector3.decode(raw)
-        vector: Vector | None = message.x, message.y
+        vector: AlphaBeta | None = message.x, message.y
         if self.phases is not None:
             turn = self.phases.current if kind == CURRENT else self.phases.voltage
             vector = turn(message.x, message.y, message.z)

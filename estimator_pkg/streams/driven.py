@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from estimator_pkg.driver.efforts import COMMAND, FIELD
+from estimator_pkg.driver.efforts import EFFORT_COMMAND, EFFORT_FIELD
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import multi_array
 from estimator_pkg.messages.cdr import MalformedMessageError
@@ -80,8 +80,8 @@ class EffortSettings(StreamSettings):
     """The source of a node's efforts, and the time of its messages."""
 
     input: str = structural(
-        FIELD,
-        choices=(FIELD, COMMAND),
+        EFFORT_FIELD,
+        choices=(EFFORT_FIELD, EFFORT_COMMAND),
         description='source of the efforts: the effort field of joint_states, or the topic '
         'effort_command (see effort_is for when they act)',
     )
@@ -131,7 +131,7 @@ class DrivenStream(Stream):
         by_publisher = settings.stamp_source == PUBLISHER
         inputs = [Port('joint_states', JOINT_STATE), *events]
         self._efforts = -1  # number of the port; -1: none
-        if settings.input == COMMAND:
+        if settings.input == EFFORT_COMMAND:
             array = settings.effort_command_type == ARRAY
             self._efforts = len(inputs)
             inputs.append(

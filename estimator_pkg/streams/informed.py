@@ -11,7 +11,7 @@ from typing import Any
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import AS_ACCELERATION, Configuration, SourceSettings
-from estimator_pkg.driver.informed import Informed
+from estimator_pkg.driver.fused import FusedJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.field import Field
@@ -33,7 +33,7 @@ class InformedBank(Bank):
         ]
 
     def _make(self, name: str) -> Any:
-        return Informed(
+        return FusedJoint(
             self.configuration.observer, *self.configuration.for_joint(name), self.of_joint(name)
         )
 

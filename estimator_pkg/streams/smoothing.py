@@ -17,7 +17,7 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.observers.angle.smoother import UNKNOWN, Smoother
-from estimator_pkg.sensor.guard import DUPLICATE, USED
+from estimator_pkg.sensor.guard import DUPLICATE, USED_SAMPLE
 from estimator_pkg.streams.contract import Answer, Output, Stream
 
 SMOOTHED = Output('smoothed', joint_state.TYPE, on_demand=True, extra=True)
@@ -82,7 +82,7 @@ class Smoothing:
                 shown.append(position)
                 smoothers.append(None)
                 continue
-            written = joint.written(position) if joint.settings.unwrap else position
+            written = joint.in_estimate_convention(position) if joint.settings.unwrap else position
             shown.append(written)
             if estimate is None:
                 smoothers.append(None)
@@ -90,8 +90,8 @@ class Smoothing:
             used = True
             found = self._of.get(name)
             smoother = found[1] if found and found[0] is joint else self._smoother(name, joint)
-            fresh = USED < joint.verdict < DUPLICATE
-            smoother.add(at_ns, position, written, fresh, joint.correction())
+            fresh = USED_SAMPLE < joint.verdict < DUPLICATE
+            smoother.add(at_ns, position, written, fresh)
             smoothers.append(smoother)
         if not used:
             return []

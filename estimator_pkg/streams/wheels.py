@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Bank, TakenOfJoints
-from estimator_pkg.driver.configuration import Configuration, SensorSettings
-from estimator_pkg.driver.wheels import OBSERVER, Base, Geometry
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.driver.wheels import OBSERVER, Geometry, WheelOdometry
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import odometry
@@ -78,7 +78,6 @@ class WheelStream(Stream):
     KIND = 'wheels'
     NODE = 'wheel_odometry'
     SETTINGS = WheelSettings
-    PER_JOINT = SensorSettings
     bank: Bank
     settings: WheelSettings
 
@@ -96,7 +95,7 @@ class WheelStream(Stream):
         super().__init__(settings, OBSERVER, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
         of_wheel = configuration.for_joint(settings.wheels_left[0])[1]
         ratio = settings.gyro_ratio if settings.gyro_topic else 0.0
-        self.base = Base(settings, ratio, of_wheel.wrap_period, of_wheel.timeout)
+        self.base = WheelOdometry(settings, ratio, of_wheel.wrap_period, of_wheel.timeout)
         self._sample = JointStates(settings.stamp_source == PUBLISHER).sample
         self._answering = Answering(self)
         self._field: Field
@@ -113,7 +112,7 @@ class WheelStream(Stream):
             stamp_ns, _, value = self._field.decode(raw)
             if value is not None and self.base.gyro is not None:
                 by_publisher = stamp_ns is None or self.settings.stamp_source == PUBLISHER
-                self.base.gyro.hear(publish_ns if by_publisher else stamp_ns or 0, value)
+                self.base.gyro.receive(publish_ns if by_publisher else stamp_ns or 0, value)
             return ()
         stamp_ns, frame_id, names, positions, efforts = self._sample(raw, publish_ns)
         taken = self.bank.update(stamp_ns, names, positions, efforts)

@@ -3,7 +3,7 @@
 
 """An angle sensor and its transport, with every fault that users report.
 
-Faults of the value (`AngleSensor`, one per joint): eccentricity, misplaced edges, noise, outliers,
+Faults of the value (`AngleSensor`, one per joint): eccentricity, noise, outliers,
 quantisation, repeated readings, a stuck sensor, the wrap convention. Faults of time and transport
 (`Line`, one per stream): jitter of sampling and of stamps, dropped and duplicated samples, gaps,
 bursts.
@@ -32,7 +32,6 @@ Mask = NDArray[np.bool_]
 
 SECOND = 1_000_000_000  # [ns]
 TURN = 2.0 * math.pi
-MISPLACED = 0.4  # [counts] no edge is further off, nor passes its neighbour
 SIGNED, UNSIGNED, MULTI_TURN, RAW_COUNTS = 'signed', 'unsigned', 'multi_turn', 'raw_counts'
 
 chance = partial(structural, 0.0, range=(0.0, 1.0))
@@ -68,13 +67,6 @@ class SensorParameters:
         unit='rad',
         range=(0.0, 1.0),
         description='amplitude of an error that is a sine of the angle, as of an eccentric disc',
-    )
-    misplaced_edges: float = structural(
-        0.0,
-        unit='counts',
-        range=(0.0, 0.4),
-        description='standard deviation of how far each edge of a turn is misplaced, as of Hall '
-        'sensors or bad lines; clipped at 0.4',
     )
     outliers: float = chance(description='fraction of readings with an error of outlier_size')
     outlier_size: float = structural(
@@ -195,11 +187,6 @@ class AngleSensor:
             parameters.stuck_length,
             parameters.period,
         )
-        counts = parameters.counts_per_revolution
-        if parameters.misplaced_edges > 0.0 and counts:
-            edges = random_stream(seed, 'edges', joint).standard_normal(counts)
-            edges = np.clip(parameters.misplaced_edges * edges, -MISPLACED, MISPLACED)
-            self._edges = edges - np.mean(edges)  # of each edge of a turn [counts]
         self._index = 0
         self._held = 0.0  # last reading, in counts if the sensor has a resolution, else in rad
 
@@ -222,15 +209,10 @@ class AngleSensor:
         return disturbed
 
     def _quantised(self, angle: Floats) -> Floats:
-        p, counts = self._p, self._p.counts_per_revolution
+        counts = self._p.counts_per_revolution
         if not counts:
             return angle
-        exact = angle * (counts / TURN)
-        if p.misplaced_edges == 0.0:
-            return np.floor(exact)
-        nearest = np.rint(exact)
-        off = self._edges[nearest.astype(np.int64) % counts]
-        return np.where(exact >= nearest + off, nearest, nearest - 1.0)
+        return np.floor(angle * (counts / TURN))
 
     def _hold(self, reading: Floats) -> Floats:
         """Replace readings that are not fresh by the last fresh one."""

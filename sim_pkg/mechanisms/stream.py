@@ -22,7 +22,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanism.motion import Motion, acceleration
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation, acceleration
 from estimator_pkg.parameters import structural
 from sim_pkg.chunks import sample_count
 from sim_pkg.contract import Message, Topic, check_rate, diverged
@@ -186,7 +186,7 @@ def _samples(
     released: Callable[[], bool],
 ) -> Iterator[list[Message]]:
     n, dt = mechanics.degrees, 1.0 / rate
-    plant = Motion(mechanics, q, v)
+    plant = MechanismSimulation(mechanics, q, v)
     measure, true = Encoder(), Encoder()
     left = sample_count(duration, rate)
     k = 0

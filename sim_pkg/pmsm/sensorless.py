@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from estimator_pkg.estimate import NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.pmsm.drive import Electrical, Sample
+from estimator_pkg.observers.pmsm.drive import DriveSample, Electrical
 from estimator_pkg.observers.pmsm.observer import OBSERVER
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
 from sim_pkg.pmsm.parameters import PmsmParameters
@@ -49,7 +49,7 @@ class Sensorless:
         handover_rpm: float = 600.0,
     ) -> None:
         self._design, self._state, self._coefficients = design, State(), Coefficients()
-        self._sample, self.seen = Sample(), Electrical()
+        self._sample, self.seen = DriveSample(), Electrical()
         observer.start(observer, self._state, design, self._sample)
         observer.prepare(self._coefficients, design, parameters.period)
         electrical = parameters.pole_pairs * math.pi / 30.0

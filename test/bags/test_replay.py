@@ -621,41 +621,24 @@ def test_overrides_of_joints_that_never_come_are_reported(recording, capsys):
 
 
 @pytest.mark.long
-def test_names_of_the_last_release_are_read_with_one_warning(recording, tmp_path, capsys):
-    """In a file and on the command line; the estimates are those of the new names."""
-    number = itertools.count()
-
-    def estimates(*words, lines=()):
-        params = tmp_path / 'params.yaml'
-        content = '\n'.join(f'    {line}' for line in ('observer: finite_difference', *lines))
-        params.write_text(f'/**:\n  ros__parameters:\n{content}\n')
-        out = tmp_path / str(next(number))
-        replay(recording, '--params', params, *words, '--out', out)
-        raws = [bytes(message.raw) for message in messages_of(out, ESTIMATE)]
-        warnings = [line for line in capsys.readouterr().err.splitlines() if 'warning' in line]
-        return raws, warnings
-
-    plain, none = estimates()
-    new, silent = estimates(lines=['per_joint: {a: {bandwidth_hz: 5.0}, b: {bandwidth_hz: 9.0}}'])
-    assert new != plain and none == silent == []
-    in_file = ['joints.a.bandwidth_hz: 5.0', 'joints.b: {bandwidth_hz: 9.0}']
-    for words, lines in (
-        ((), in_file),
-        (('--set', 'joints.b.bandwidth_hz=9'), in_file[:1]),
+def test_values_of_one_joint_are_read_and_the_command_line_wins(recording, tmp_path):
+    found = []
+    for number, (words, text) in enumerate(
         (
-            ('--set', 'joints.b.bandwidth_hz=9'),
-            ['per_joint: {a: {bandwidth_hz: 5}, b: {noise: 1}}'],
-        ),
-        (('--set', 'per_joint.a.bandwidth_hz=5'), in_file),  # the command line wins, as ever
+            ((), '{}'),
+            ((), '{a: {bandwidth_hz: 5.0}, b: {bandwidth_hz: 9.0}}'),
+            (
+                ('--set', 'per_joint.b.bandwidth_hz=9'),
+                '{a: {bandwidth_hz: 5}, b: {bandwidth_hz: 7}}',
+            ),
+        )
     ):
-        old, (warning,) = estimates(*words, lines=lines)
-        assert old == new
-        assert "'per_joint.b.bandwidth_hz: 9" in warning and 'the next release' in warning
-    mixed = ['joints.a.bandwidth_hz: 50.0', 'per_joint: {a: {bandwidth_hz: 5.0}, b: {noise: 1.0}}']
-    words = ('--set', 'per_joint.b.bandwidth_hz=9.0', '--set', 'joints.a.bandwidth_hz=3')
-    old, (warning,) = estimates(*words, lines=mixed)  # the new name wins, as for the node
-    assert old == new
-    assert "'joints.a.bandwidth_hz' is ignored because 'per_joint.a.bandwidth_hz' is set" in warning
+        params, out = tmp_path / 'params.yaml', tmp_path / str(number)
+        values = f'{{observer: finite_difference, per_joint: {text}}}'
+        params.write_text(f'/**: {{ros__parameters: {values}}}')
+        replay(recording, '--params', params, *words, '--out', out)
+        found.append([bytes(message.raw) for message in messages_of(out, ESTIMATE)])
+    assert found[0] != found[1] == found[2]
 
 
 def test_which_topic_is_the_measurement(tmp_path, capsys):

@@ -15,7 +15,7 @@ import pytest
 
 import estimator_pkg
 from benchmarks import __main__ as command
-from benchmarks import accuracy, live, replay, timing, update
+from benchmarks import accuracy, csv_files, live, replay, timing, update
 from benchmarks.__main__ import main
 from benchmarks.signals import COUNTS, SIGNALS, Signal, constant
 from estimator_pkg.errors import UserError
@@ -66,6 +66,9 @@ def test_accuracy_has_every_observer_on_every_signal():
     assert 'sine: 5 rad/s sine at 2 Hz' in text
     line = next(line for line in text.splitlines() if line.startswith('sine  '))
     assert line.split()[1:4] == ['0.193,', '3.21', 'ms,'] and line.count('%') == 2
+    header, first, _ = csv_files.accuracy(found).splitlines()
+    assert header == (ROOT / 'benchmarks/results/accuracy.csv').read_text().partition('\n')[0]
+    assert re.fullmatch(r'sine,finite_difference,0\.193,3\.21,\d+,', first)
 
 
 def test_without_recordings_the_signals_are_printed_and_the_reason(tmp_path, capsys, monkeypatch):

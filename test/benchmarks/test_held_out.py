@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import held_out
+from benchmarks import csv_files, held_out
 from benchmarks.__main__ import main
 from benchmarks.held_out import Listed
 from benchmarks.laws import ours
@@ -149,7 +149,11 @@ def test_the_single_baseline_is_the_one_with_the_least_mean_and_the_best_is_neve
     assert single['at_most'] == sum(ratio <= 1.0 for ratio in ratios) / 2
     text = held_out.describe({'two joints': found})
     assert '  fine ' in text and f'two joints: single: {found.single}' in text
-    assert held_out.as_dict(found)['rows'][1]['results']['edge_adaptive']['rms'] > 0.0
+    listed = held_out.as_dict(found)
+    assert listed['rows'][1]['results']['edge_adaptive']['rms'] > 0.0
+    kept = Path(held_out.__file__).with_name('results') / 'held_out.csv'
+    header = csv_files.held_out({'two joints': listed}).partition('\n')[0]
+    assert set(kept.read_text().partition('\n')[0].split(',')) <= set(header.split(','))
 
 
 def test_first_contact_takes_every_joint_of_every_file_and_nothing_that_was_used_before() -> None:

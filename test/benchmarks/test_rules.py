@@ -19,7 +19,7 @@ def test_a_rule_that_is_switched_off_changes_one_place_of_python(name):
 
 
 def test_a_rule_that_is_not_there_is_named():
-    _, source, _, _ = RULES['sway']
+    _, source, _, _ = RULES['velocity random walk']
     with pytest.raises(ValueError, match=r"covariance.py has 'no such rule' 0 times"):
         rules.switched_off(source, 'no such rule', '')
 

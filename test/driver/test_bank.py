@@ -11,7 +11,7 @@ from estimator_pkg import observers
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import COMMAND
+from estimator_pkg.driver.efforts import EFFORT_COMMAND
 
 START_NS, MS = 1_700_000_000_000_000_000, 1_000_000
 
@@ -77,9 +77,9 @@ def test_without_efforts_the_adaptive_observer_counts_and_says_why():
 
 @pytest.mark.parametrize('only, kept', [((), 2), (('a',), 1)])
 def test_commands_of_too_many_names_are_not_kept(only, kept):
-    one = adaptive(only=only, source=COMMAND, most=2)
+    one = adaptive(only=only, source=EFFORT_COMMAND, most=2)
     one.command(START_NS, ('a', 'b', 'c', 'd'), (1.0,) * 4)
     assert len(one._acting) == kept
     found = one.take(START_NS + MS, ('a',), (0.0,), ())
     assert found.estimates[0] is not None and one.without_input == 0
-    assert adaptive(source=COMMAND).take(START_NS, ('a',), (0.0,), ()).estimates == [None]
+    assert adaptive(source=EFFORT_COMMAND).take(START_NS, ('a',), (0.0,), ()).estimates == [None]

@@ -14,7 +14,14 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import COMMAND, COMMANDED, FIELD, MEASURED, Acting, DrivenSettings
+from estimator_pkg.driver.efforts import (
+    COMMANDED,
+    EFFORT_COMMAND,
+    EFFORT_FIELD,
+    MEASURED,
+    Acting,
+    DrivenSettings,
+)
 from estimator_pkg.driver.switched import SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import joint_state, multi_array
@@ -58,7 +65,7 @@ SAMPLES = [(0, 1.0), (2, 2.0), (4, 4.0), (6, 8.0)]
 )
 def test_when_the_effort_of_a_sample_acts(effort_is, delay, expected):
     settings = DrivenSettings(effort_is=effort_is, input_delay=(delay,))
-    assert acted(FIELD, settings, SAMPLES) == pytest.approx(expected, nan_ok=True)
+    assert acted(EFFORT_FIELD, settings, SAMPLES) == pytest.approx(expected, nan_ok=True)
 
 
 @pytest.mark.parametrize(
@@ -71,24 +78,24 @@ def test_when_the_effort_of_a_sample_acts(effort_is, delay, expected):
 )  # 2.0 acted since the command before
 def test_when_an_effort_command_acts(effort_is, delay, expected):
     settings = DrivenSettings(effort_is=effort_is, input_delay=(delay,))
-    found = acted(COMMAND, settings, [(at, NAN) for at, _ in SAMPLES], [(0, 1.0), (1, 2.0)])
+    found = acted(EFFORT_COMMAND, settings, [(at, NAN) for at, _ in SAMPLES], [(0, 1.0), (1, 2.0)])
     assert found[1:] == pytest.approx(expected[1:], nan_ok=True)
 
 
-@pytest.mark.parametrize('source', [FIELD, COMMAND])
+@pytest.mark.parametrize('source', [EFFORT_FIELD, EFFORT_COMMAND])
 @pytest.mark.parametrize('garbage', [1e9, -1e300, math.inf, NAN])
 def test_garbage_is_no_input(source, garbage):
     efforts = [(0, 1.0), (1, garbage), (2, 3.0), (3, 3.0)]
     found = acted(source, DrivenSettings(), efforts, efforts)
     assert not any(abs(effort) >= 1e9 for effort in found) and found[-1] == 3.0
-    if source == FIELD:
+    if source == EFFORT_FIELD:
         assert math.isnan(found[1])
 
 
 def test_scale_sign_and_timeout():
     settings = DrivenSettings(input_scale=(-2.0,), input_timeout=0.004)
-    assert acted(FIELD, settings, SAMPLES) == [-2.0, -4.0, -8.0, -16.0]
-    found = acted(COMMAND, settings, [(at, NAN) for at in (0, 2, 4, 6, 8)], [(0, 1.0)])
+    assert acted(EFFORT_FIELD, settings, SAMPLES) == [-2.0, -4.0, -8.0, -16.0]
+    found = acted(EFFORT_COMMAND, settings, [(at, NAN) for at in (0, 2, 4, 6, 8)], [(0, 1.0)])
     assert found == pytest.approx([-2.0, -2.0, -2.0, -2.0, NAN], nan_ok=True)
 
 
@@ -100,13 +107,13 @@ def test_a_hole_longer_than_the_timeout_leaves_the_effort_known(effort_is, delay
     """
     settings = DrivenSettings(effort_is=effort_is, input_delay=(delay,), input_timeout=0.004)
     samples = [(at, 1.0) for at in (*range(10), *range(15, 30))]
-    found = acted(FIELD, settings, samples)
+    found = acted(EFFORT_FIELD, settings, samples)
     assert found[4:] == [1.0] * (len(samples) - 4)
 
 
 def test_a_late_sample_takes_no_effort_away():
     settings = DrivenSettings(effort_is=COMMANDED)
-    acting = Acting(1, FIELD, settings)
+    acting = Acting(1, EFFORT_FIELD, settings)
     acting.known_input(0, START, (1.0,), settings)
     acting.known_input(START, START + 2 * MS, (2.0,), settings)
     acting.known_input(START + 2 * MS, START + MS, (9.0,), settings)  # late: it will be dropped
@@ -130,7 +137,7 @@ def test_a_clock_that_jumps_back_is_found_and_the_efforts_go_on(effort_is, delay
 
 
 @pytest.mark.parametrize('delay', [0.0, 0.002])
-@pytest.mark.parametrize('source', [FIELD, COMMAND])
+@pytest.mark.parametrize('source', [EFFORT_FIELD, EFFORT_COMMAND])
 def test_simulated_time_begins_near_zero(source, delay):
     """Before 10 s, too, there is no sample before the first one."""
     settings = DrivenSettings(effort_is=COMMANDED, input_delay=(delay,))
@@ -144,7 +151,10 @@ def test_simulated_time_begins_near_zero(source, delay):
 
 def test_one_number_for_all_inputs_or_each():
     settings = DrivenSettings(input_scale=(1.0, -1.0), input_delay=(0.0, 0.0))
-    assert Acting(2, FIELD, settings).known_input(0, START, (3.0, 4.0), settings) == (3.0, -4.0)
+    assert Acting(2, EFFORT_FIELD, settings).known_input(0, START, (3.0, 4.0), settings) == (
+        3.0,
+        -4.0,
+    )
     with pytest.raises(UsageError, match="two: 'input_scale' has 2 numbers for 3 inputs"):
         settings.check_inputs(3, 'two')
 
@@ -191,7 +201,7 @@ def test_joint_states_have_names_and_a_stamp():
 
 def test_an_array_needs_the_joints_by_name():
     with pytest.raises(UsageError, match="set 'joints'"):
-        AdaptiveSettings(input=COMMAND, effort_command_type=ARRAY).find_observer()
+        AdaptiveSettings(input=EFFORT_COMMAND, effort_command_type=ARRAY).find_observer()
 
 
 # Who takes them
@@ -208,7 +218,7 @@ def test_the_adaptive_joint_takes_commands_as_it_takes_fields():
     def bank(source, **values):
         return AdaptiveBank(AdaptiveConfiguration(adaptive, values), (), source)
 
-    field, command = bank(FIELD), bank(COMMAND)
+    field, command = bank(EFFORT_FIELD), bank(EFFORT_COMMAND)
     for k in range(400):
         position, effort = turning(k)
         field.take(START + k * MS, ('j',), (position,), (effort,))
@@ -217,7 +227,7 @@ def test_the_adaptive_joint_takes_commands_as_it_takes_fields():
             command.command(START + k * MS, ('x', 'j'), (9.0, turning(k + 1)[1]))
     assert command.joints['j'].used == 399  # nothing had acted before the first
     assert command.joints['j'].dropped() == {'non_finite': 1}
-    late = bank(COMMAND)
+    late = bank(EFFORT_COMMAND)
     late.take(START, ('j',), (0.1,), ())
     assert late.why_silent('j') == (
         'no effort_command is valid for it: none had its name, check the names there'
@@ -226,7 +236,7 @@ def test_the_adaptive_joint_takes_commands_as_it_takes_fields():
     late.take(START + MS, ('j',), (0.1,), ())
     assert '3.001 s older than the position' in late.why_silent('j')
     assert field.why_silent('j') == command.why_silent('j') == ''
-    same = bank(FIELD)
+    same = bank(EFFORT_FIELD)
     for k in range(1, 400):
         position, effort = turning(k)
         same.take(START + k * MS, ('j',), (position,), (effort,))
@@ -250,7 +260,7 @@ def test_the_switched_system_takes_commands_as_it_takes_fields():
         gains, settings = Configuration(switched, values, settings=DrivenSettings).for_joint('')
         return SwitchedBank(SwitchedJoint(switched, gains, settings), ('joint',), source)
 
-    field, command = bank(FIELD), bank(COMMAND)
+    field, command = bank(EFFORT_FIELD), bank(EFFORT_COMMAND)
     for k in range(1000):
         position = 0.3 + 1e-4 * k
         if k:
@@ -259,11 +269,11 @@ def test_the_switched_system_takes_commands_as_it_takes_fields():
         command.command(START + k * MS, ('joint',), (0.01 * (k + 1),))
     assert valid(one) == valid(two) and valid(one)
     assert command.system.discrete() == field.system.discrete()
-    silent = bank(COMMAND)
+    silent = bank(EFFORT_COMMAND)
     assert silent.take(START, ('joint',), (0.1,), ()).estimates == [None]
     assert 'none had its name' in silent.why_silent('joint')
     with pytest.raises(UsageError, match=r"'input_delay' has 2 numbers for 1 input: set 1$"):
-        bank(FIELD, input_delay=[0.1, 0.2])
+        bank(EFFORT_FIELD, input_delay=[0.1, 0.2])
 
 
 # Replay

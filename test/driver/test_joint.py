@@ -17,10 +17,9 @@ from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
-from estimator_pkg.estimate import INITIALISING, STATUS_NAMES, TRACKING
-from estimator_pkg.estimate import MISCONFIGURED as STATUS_MISCONFIGURED
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, STATUS_NAMES, TRACKING
 from estimator_pkg.parameters import build
-from estimator_pkg.sensor.guard import DUPLICATE, MISCONFIGURED, USED, longest_dt
+from estimator_pkg.sensor.guard import DUPLICATE, UNSTABLE_GAINS, USED_SAMPLE, longest_dt
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
@@ -135,7 +134,7 @@ def test_new_settings_act_from_the_next_sample_on():
         joint.update(START + i * MS, 0.0)
     joint.set_settings(dataclasses.replace(joint.settings, gap_max=10.0))
     joint.update(START + 5000 * MS, 0.0)
-    assert joint.verdict == USED
+    assert joint.verdict == USED_SAMPLE
 
 
 # Gains that do not work at the measured rate
@@ -158,12 +157,12 @@ def test_misconfigured_from_the_start_where_the_rate_is_too_low():
     joint = make('hybrid_angle', PAPER)
     for i in range(50):
         joint.update(START + i * 40 * MS, wrapped(0.01 * i).item())
-    assert joint.estimate()[3] == STATUS_MISCONFIGURED and math.isnan(joint.estimate()[1])
+    assert joint.estimate()[3] == MISCONFIGURED and math.isnan(joint.estimate()[1])
     assert STATUS_NAMES[joint.estimate()[3]] == 'misconfigured'
     assert joint.dropped() == {'misconfigured': 49} and joint.received == 50
     assert '25 Hz' in joint.why() and 'epsilon' in joint.why()
     out = make('hybrid_angle', PAPER).run(START + np.arange(50) * 40 * MS, np.zeros(50))
-    assert np.all(out.verdict[1:] == MISCONFIGURED) and np.all(np.isnan(out.velocity[1:]))
+    assert np.all(out.verdict[1:] == UNSTABLE_GAINS) and np.all(np.isnan(out.velocity[1:]))
 
 
 def test_misconfigured_when_the_rate_falls_and_back_when_it_recovers():
@@ -174,7 +173,7 @@ def test_misconfigured_when_the_rate_falls_and_back_when_it_recovers():
             stamp += dt * MS
             joint.update(stamp, wrapped(2.0 * (stamp - START) * 1e-9).item())
             said.append(joint.estimate()[3])
-        expected = TRACKING if dt == 10 else STATUS_MISCONFIGURED
+        expected = TRACKING if dt == 10 else MISCONFIGURED
         assert said[-1] == expected
     assert joint.estimate()[1] == pytest.approx(2.0, abs=1e-6)
     assert joint.used + joint.dropped()['misconfigured'] == joint.received == 1000
@@ -185,7 +184,7 @@ def test_gains_that_fit_the_rate_end_the_misconfiguration():
     joint = make('hybrid_angle', PAPER)
     for i in range(100):
         joint.update(START + i * 40 * MS, wrapped(0.04 * i).item())
-    assert joint.estimate()[3] == STATUS_MISCONFIGURED
+    assert joint.estimate()[3] == MISCONFIGURED
     joint.set_gains(dataclasses.replace(joint.gains, epsilon=0.3))
     for i in range(100, 300):
         joint.update(START + i * 40 * MS, wrapped(0.04 * i).item())

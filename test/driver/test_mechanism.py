@@ -15,7 +15,7 @@ from estimator_pkg import cli, observers
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series, with_velocity
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.efforts import COMMAND
+from estimator_pkg.driver.efforts import EFFORT_COMMAND
 from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings
 from estimator_pkg.errors import UserError
 from estimator_pkg.estimate import COASTING, NOT_OBSERVABLE, TRACKING
@@ -37,7 +37,7 @@ def bank(source='joint_states', names=('m',), overrides=None, observer='geso', *
 def test_the_effort_command_acts_from_its_stamp_plus_its_delay(delay):
     """The observer's momentum moves exactly when and as much as the command says."""
     mechanisms = bank(
-        COMMAND,
+        EFFORT_COMMAND,
         model='single_joint',
         model_parameters=['inertia=0.1'],
         joints=['j'],
@@ -168,7 +168,7 @@ def test_efforts_of_another_number_than_the_names_are_a_mismatch():
     for efforts in ((0.1, 0.2), (0.1, 0.2, 0.3)):
         assert mechanisms.update(START, ('j',), (0.1,), efforts) is None
     assert mechanisms.mismatched == 2 and mechanisms.joints['m'].received == 0
-    commanded = bank(COMMAND, model='single_joint', joints=['j'])
+    commanded = bank(EFFORT_COMMAND, model='single_joint', joints=['j'])
     commanded.update(START, ('j',), (0.1,), (0.1, 0.2))  # nobody reads them
     assert commanded.mismatched == 0 and commanded.joints['m'].used == 1
 
@@ -207,7 +207,7 @@ def test_several_mechanisms_in_one_stream():
         )
     assert found.names == ['p', 'elbow', 'c'] and found.efforts == [0.0, 0.0, 0.0]
     assert found.estimates[1][1] == pytest.approx(1.0, abs=1e-3)
-    assert [found.written(k) for k in range(3)] == [0.1, 0.499, 0.0]
+    assert [found.measured_position(k) for k in range(3)] == [0.1, 0.499, 0.0]
     arm, cart = mechanisms.joints['arm'].stddev(), mechanisms.joints['cart'].stddev()
     assert found.stddevs([2, 1]) == [(cart[0][1], cart[1][1]), (arm[0][0], arm[1][0])]
     at, readings = START + 500 * MS, (0.0, 0.5, 0.1)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from estimator_pkg.driver.efforts import COMMAND, REMEMBERED, DrivenSettings
+from estimator_pkg.driver.efforts import EFFORT_COMMAND, STORED_EFFORTS, DrivenSettings
 from estimator_pkg.driver.switched import (
     APPLIED,
     EARLY,
@@ -193,7 +193,7 @@ def test_events_without_samples_are_not_kept_for_ever():
     sampled(made, 0, 2)
     made.happened.clear()
     said = [made.event(START_NS + (10_000 + k) * MS, 'open') for k in range(5000)]
-    assert said == [WAITING] * REMEMBERED + [TOO_MANY] * (5000 - REMEMBERED)
+    assert said == [WAITING] * STORED_EFFORTS + [TOO_MANY] * (5000 - STORED_EFFORTS)
     assert 'too many wait' in made.refused
 
 
@@ -244,11 +244,15 @@ def test_messages_without_the_joint_or_its_effort_are_counted():
     assert bank.system.dropped() == {'non_finite': 1}
     found = bank.take(START_NS + MS, ('other', 'finger'), (9.0, 0.5), (7.0, 1.0))
     assert found.names == ['finger'] and found.estimates[0][0] == pytest.approx(0.5, abs=1e-3)
-    assert found.efforts == [1.0] and found.written(0) == 0.5 and bank.why_silent('finger') == ''
+    assert (
+        found.efforts == [1.0]
+        and found.measured_position(0) == 0.5
+        and bank.why_silent('finger') == ''
+    )
 
 
 def test_commands_of_the_joint_alone_are_its_input():
-    bank = SwitchedBank(system(), ('finger',), COMMAND)
+    bank = SwitchedBank(system(), ('finger',), EFFORT_COMMAND)
     assert bank.take(START_NS, ('finger',), (0.0,), ()).estimates == [None]
     assert bank.why_silent('finger').startswith('no effort_command is valid')
     bank.command(START_NS, ('other',), (1.0,))

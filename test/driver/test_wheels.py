@@ -156,13 +156,13 @@ def test_a_wrong_gyro_is_not_used_and_learnt_again(case, monkeypatch):
     value_of, said = WRONG[case]
     stream, notices, errors = runs.made(**EXACT, **GYRO), [], []
     monkeypatch.setattr(base, 'Plant', Wrong)
-    hear = stream.base.gyro.hear
+    receive = stream.base.gyro.receive
 
     def changed(stamp_ns, value):
         t = (stamp_ns - runs.START) * 1e-9
-        hear(stamp_ns, value if t < 8.0 else value_of(t, value))
+        receive(stamp_ns, value if t < 8.0 else value_of(t, value))
 
-    stream.base.gyro.hear = changed
+    stream.base.gyro.receive = changed
     result = runs.run({}, 25.0, 1, stream)
     notices = [text for text in result.notices if not text.startswith('slip: ')]
     assert notices[0].startswith('the gyro is not used: ') and len(notices) < 3

@@ -61,9 +61,7 @@ EACH = pytest.mark.parametrize('name', OF_AN_ANGLE)
 def made(name, values=None, float32=False):
     """Return an observer of one angle with its gains and settings, and its header."""
     observer = registry.find(registry.OBSERVERS, name)
-    gains, settings = Configuration(observer, {**(values or {}), 'sensor_map': 'none'}).for_joint(
-        ''
-    )
+    gains, settings = Configuration(observer, values).for_joint('')
     return (observer, gains, settings), exported(observer, gains, settings, name, float32)
 
 

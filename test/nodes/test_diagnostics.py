@@ -11,9 +11,6 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import deserialize_message
-
-from estimator_pkg.messages import diagnostics
 
 ROOT = Path(__file__).resolve().parents[2]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -55,12 +52,6 @@ def test_every_entry_has_a_hardware_id(entries):
         ('wheel', 'wheel'),
         ('/left/joint_observer', '/left/joint_observer'),
     }
-
-
-def test_entries_of_streams_have_a_hardware_id():
-    raw = diagnostics.encode(0, [diagnostics.Status(True, 'elbow', 'tracking', {'J': 0.5})])
-    (status,) = deserialize_message(raw, DiagnosticArray).status
-    assert (status.name, status.hardware_id) == ('elbow', 'elbow')
 
 
 def analyzers():

@@ -33,6 +33,7 @@ FAMILY = '''
     @dataclass(frozen=True)
     class Settings(StreamSettings):
         observer: str = parameter('twin', unit='', structural=True, description='twin')
+        factor: float = parameter(1.0, unit='', range=(-9.0, 9.0), description='of the mean')
 
         def find_observer(self):
             return observers.find(self.observer)
@@ -59,6 +60,7 @@ FAMILY = '''
         def take(self, port, raw, publish_ns):
             message = self._decode(raw)
             mean = sum(message.positions) / len(message.positions)
+            mean *= self.settings.factor
             mean += self.bank.configuration.for_joint('shaft')[1].offset
             taken = self.bank.update(message.stamp_ns, ('shaft',), (mean,))
             return (self._answer(message.stamp_ns, message.frame_id, taken),)
@@ -131,3 +133,16 @@ def test_live_is_replay(module, node, words, foreign, probe, tmp_path):
     speeds = [answer.velocities[0] for answer in live.answers[100:]]
     truth = 3.0 * 4.0 * np.cos(0.004 * np.arange(500))
     assert np.nanmax(np.abs(speeds - truth[100:500])) < 0.5
+
+
+def test_a_live_parameter_of_a_stream_acts(foreign, probe):
+    raws = [Encoder().encode(10**15 + k * 10**6, 'base', ('a', 'b'), (1.0, 1.0)) for k in range(20)]
+    with (
+        dds.NodeProcess('twin_node', *dds.ros_args(remap=['joint_states:=/twin_live'])),
+        dds.Observer(probe, '/twin_observer', '/twin_live') as live,
+    ):
+        live.connect().feed(raws[:10])
+        assert live.set(factor=-2.0).successful
+        live.feed(raws[10:])
+        assert live.answers[9].positions[0] == pytest.approx(1.0)
+        assert live.answers[19].positions[0] < 0.5  # -2 after a jump

@@ -16,6 +16,7 @@ import pytest
 from stream_starts import Role
 
 from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.nodes import health
 from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
 from estimator_pkg.ros.loss import Loss
@@ -44,7 +45,7 @@ FLOODS = {  # node: what floods it, its rate [Hz] and joints, and the node's par
         *('joints', LOUD, 60, 'radius:=[0.1]', 'track:=0.5'),
         *('wheels_left:=[joint_0]', 'wheels_right:=[joint_1]'),
     ),
-    'pmsm_observer': ('batches', 2000.0, 0, 'compile:=false'),
+    'pmsm_observer': ('batches', 2000.0, 0),
     'pmsm_observer of vectors': ('vectors', LOUD, 0, 'input:=current_voltage'),
     'cart_pendulum_sim': ('estimates', LOUD, 60),
 }
@@ -250,9 +251,9 @@ class Still:
         self.judged: list[str] = []
         judge = self.node.health.watch.judge
 
-        def noting(name, joint, now):
+        def noting(name, *rest):
             self.judged.append(name)
-            return judge(name, joint, now)
+            return judge(name, *rest)
 
         self.node.health.watch.judge = noting
 
@@ -299,6 +300,23 @@ def test_ten_times_a_second_only_joints_that_are_alive_are_judged(still):
     time.sleep(0.03)
     assert live.look() == {'joint_7', 'joint_9'}  # they get lost
     assert live.look() == set()
+
+
+def test_a_look_reads_fields_and_makes_the_entries_of_a_tenth_of_the_joints(still, monkeypatch):
+    live = still(AngleStream)
+    names = [f'joint_{k}' for k in range(20)]
+    for k in range(200):
+        live.feed(names, k)
+    live.look()
+    live.node.health._last_report += 1e6  # no report is due
+    reads, made, joint = [], [], live.node.stream.bank.joints['joint_0']
+    monkeypatch.setattr(type(type(joint._channel)), 'read', lambda *each: reads.append(each))
+    monkeypatch.setattr(health, 'joint_status', lambda name, *rest: made.append(name))
+    for k in range(200, 210):
+        live.feed(names, k)
+        before = len(made)
+        assert live.look() == {*names} and len(made) == before + 2
+    assert not reads and sorted(made) == sorted(names)
 
 
 @pytest.mark.parametrize('kind', [AngleStream, AdaptiveStream])

@@ -17,7 +17,9 @@ import motors
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
+from rclpy.serialization import deserialize_message
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import LOST, MISCONFIGURED, TRACKING
@@ -35,13 +37,7 @@ from estimator_pkg.streams.switched import SwitchedStream
 
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
-MOTOR = {
-    'resistance': 0.06,
-    'inductance': 33.75e-6,
-    'flux': 1.9e-3,
-    'pole_pairs': 7,
-    'compile': False,
-}
+MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 
 
 def raising(mode):
@@ -95,7 +91,7 @@ class Own:
         entries = []
         self.node.health._diagnostics = type('', (), {'publish': entries.append})
         self.node.health._report(time.monotonic())
-        return entries[-1].status[0]
+        return deserialize_message(entries[-1], DiagnosticArray).status[0]
 
     def close(self):
         self.node.destroy_node()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from observer_cases import make, stamps
 
 from estimator_pkg.circle import wrap
-from estimator_pkg.sensor.convention import Convention, begin, follow, present
+from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 
 TURN = 2.0 * math.pi
 OBSERVERS = ('finite_difference', 'pll', 'kalman', 'hybrid_angle')
@@ -136,7 +136,7 @@ def test_prismatic_joints_never_wrap(name, motion, step):
 
 def begun(measurement):
     convention = Convention()
-    begin(convention, measurement)
+    begin_convention(convention, measurement)
     return convention
 
 
@@ -145,15 +145,15 @@ def test_end_points_that_atan2_gives_do_not_look_multi_turn():
     for edge in (math.pi, float(np.float32(math.pi))):
         convention = begun(-3.0)
         for measured in (-edge, edge, 3.0, edge, -edge, -3.0):
-            follow(convention, measured, TURN)
+            follow_convention(convention, measured, TURN)
         assert -math.pi <= present(convention, -math.pi - 0.01, TURN, False) < math.pi
     convention = begun(0.0)
     for measured in (0.1, 0.0, float(np.float32(TURN)), 6.2, 0.0):
-        follow(convention, measured, TURN)
+        follow_convention(convention, measured, TURN)
     assert present(convention, -0.01, TURN, False) == pytest.approx(TURN - 0.01)
     convention = begun(6.0)  # and sums of counts and offsets a little less than 0
     for measured in (6.2, -1e-16, 0.1, 3.0, 4.0):
-        follow(convention, measured, TURN)
+        follow_convention(convention, measured, TURN)
     assert present(convention, -0.01, TURN, False) == pytest.approx(TURN - 0.01)
 
 
@@ -161,16 +161,16 @@ def test_end_points_that_atan2_gives_do_not_look_multi_turn():
 def test_readings_a_little_beyond_every_interval_of_one_turn_are_multi_turn(least, most):
     convention = begun(0.5)
     for measured in np.concatenate([np.linspace(0.5, most, 20), np.linspace(most, least, 20)]):
-        follow(convention, float(measured), TURN)
+        follow_convention(convention, float(measured), TURN)
     assert present(convention, least - 0.2, TURN, False) == pytest.approx(least - 0.2, abs=1e-12)
-    follow(convention, most, TURN)
+    follow_convention(convention, most, TURN)
     assert present(convention, most + 0.2, TURN, False) == pytest.approx(most + 0.2, abs=1e-12)
 
 
 def test_edge_that_was_not_passed_yet_is_not_shown_passed():
     """Nothing tells yet whether 0 or -pi is where the reading wraps: both must stay right."""
     convention = begun(0.05)
-    follow(convention, 0.01, TURN)
+    follow_convention(convention, 0.01, TURN)
     shown = present(convention, -0.02, TURN, False)
     assert 0.0 <= shown < 0.01
     convention = begun(3.1)

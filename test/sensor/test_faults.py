@@ -3,7 +3,7 @@
 
 """Faults of an encoder that an angle alone can show: named soon, covered until then, no false one.
 
-`python test/sensor/test_faults.py` prints the table of docs/silence.md.
+`python test/sensor/test_faults.py` prints the table of docs/troubleshooting.md.
 """
 
 import sys
@@ -30,7 +30,7 @@ from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.checks import angles
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH
-from estimator_pkg.sensor.faults import KINDS, NONE, STOPPED
+from estimator_pkg.sensor.faults import KINDS, NO_FAULT, STOPPED
 from estimator_pkg.streams.angle import AngleStream
 from estimator_pkg.streams.contract import Request
 
@@ -64,7 +64,7 @@ def alarms(stamps, readings, period=TURN):
     """(stamp, fault) of each that is named; a stop that may be one is none."""
     good = np.isfinite(readings) & (np.diff(stamps, prepend=0) > 0)
     found = kinds_of(stamps[good], readings[good], period)
-    at = np.flatnonzero((found != NONE) & (found != STOPPED))
+    at = np.flatnonzero((found != NO_FAULT) & (found != STOPPED))
     return [(stamp, NAMES[kind]) for stamp, kind in zip(stamps[good][at], found[at])]
 
 
@@ -80,7 +80,7 @@ def look(name, count):
         one = case(name, number)
         kinds = kinds_of(one.stamps, one.reading, period_of(one))
         until = one.stamps[min(one.known, len(kinds) - 1)] + round(SOON * 1e9)
-        when = np.flatnonzero((kinds != NONE) & (one.stamps <= until))
+        when = np.flatnonzero((kinds != NO_FAULT) & (one.stamps <= until))
         before += bool(np.any(when < one.onset))
         named += bool(np.any(when >= one.onset))
         right = [k for k in when if k >= one.onset and NAMES[kinds[k]] in FAULTS[name][1]]
@@ -200,7 +200,7 @@ def test_plain_equals_the_engine(monkeypatch):
     monkeypatch.setattr(angles, 'run', plain)
     for one, kinds in zip(cases, compiled):
         np.testing.assert_array_equal(kinds_of(one.stamps, one.reading, period_of(one)), kinds)
-    assert sum(bool(np.any(kinds != NONE)) for kinds in compiled) > len(FAULTS) // 2
+    assert sum(bool(np.any(kinds != NO_FAULT)) for kinds in compiled) > len(FAULTS) // 2
 
 
 def test_a_stop_is_covered_until_the_joint_moves_again_or_long_enough():

@@ -18,13 +18,13 @@ from estimator_pkg.sensor.guard import (
     AFTER_GAP,
     AFTER_OUTAGE,
     AFTER_STRAY_STAMP,
-    DROPPED,
+    DROP_REASONS,
     DUPLICATE,
-    FIRST,
-    LATE,
+    FIRST_SAMPLE,
     LATE_IN_A_ROW,
+    LATE_STAMP,
     NON_FINITE,
-    USED,
+    USED_SAMPLE,
     VERDICTS,
     ZERO_STAMP,
     why_dropped,
@@ -118,17 +118,17 @@ def running(name='kalman', speed=5.0, count=1000, dt_ns=MS, gains=None, **settin
 
 def test_verdict_of_each_kind():
     joint, feed, now = running(count=200)
-    assert joint.counts[FIRST] == 1 and joint.counts[USED] == 199
+    assert joint.counts[FIRST_SAMPLE] == 1 and joint.counts[USED_SAMPLE] == 199
     assert feed(now) == DUPLICATE
-    assert feed(now - 1) == LATE
-    assert feed(now + MS) == USED
+    assert feed(now - 1) == LATE_STAMP
+    assert feed(now + MS) == USED_SAMPLE
     assert feed(0) == ZERO_STAMP and feed(-5) == ZERO_STAMP
     joint.update(now + 2 * MS, math.nan)
     assert joint.verdict == NON_FINITE
-    assert feed(now + 3 * MS) == USED
+    assert feed(now + 3 * MS) == USED_SAMPLE
     assert feed(now + 300 * MS) == AFTER_GAP
-    assert feed(now + 301 * MS) == USED
-    assert feed(now + 201 * MS) == LATE  # by just the reorder window
+    assert feed(now + 301 * MS) == USED_SAMPLE
+    assert feed(now + 201 * MS) == LATE_STAMP  # by just the reorder window
     assert feed(now + 201 * MS - 1) == AFTER_CLOCK_JUMP
     assert joint.dropped() == {'duplicate': 1, 'late': 2, 'zero_stamp': 2, 'non_finite': 1}
     assert joint.events() == {'gap': 1, 'clock_jump': 1}
@@ -144,7 +144,7 @@ def test_one_stamp_from_the_far_future_costs_two_samples_at_most(ahead, after):
     stamp = now + MS
     for _ in range(after):
         stamp += MS
-        assert feed(stamp) in (AFTER_STRAY_STAMP, USED)
+        assert feed(stamp) in (AFTER_STRAY_STAMP, USED_SAMPLE)
         assert joint.estimate()[1] == pytest.approx(5.0, abs=1e-6)
         assert joint.estimate()[3] in (TRACKING, COASTING)
     assert joint.events() == {'gap' if ahead <= 500 * MS else 'outage': 1, 'stray_stamp': 1}
@@ -162,7 +162,7 @@ def test_a_far_future_stamp_anywhere_in_a_stream_does_no_lasting_harm(position, 
         joint.update(stamp, wrapped(0.1 * i).item())
         verdicts.append(joint.verdict)
     assert joint.dropped() == {}
-    assert verdicts[position + 4 :] == [USED] * (96 - position)
+    assert verdicts[position + 4 :] == [USED_SAMPLE] * (96 - position)
     # a first stamp from there cannot be reported from a clock that jumped
     assert ('clock_jump' in joint.events()) == (position == 0)
     assert joint.estimate()[3] == TRACKING
@@ -173,15 +173,15 @@ def test_a_far_future_stamp_anywhere_in_a_stream_does_no_lasting_harm(position, 
 def test_three_late_ones_in_a_row_mean_that_the_clock_jumped():
     joint, feed, now = running()
     back = now - 50 * MS  # within the reorder window
-    assert [feed(back + i * MS) for i in range(4)] == [LATE] * (LATE_IN_A_ROW - 1) + [
+    assert [feed(back + i * MS) for i in range(4)] == [LATE_STAMP] * (LATE_IN_A_ROW - 1) + [
         AFTER_CLOCK_JUMP,
-        USED,
+        USED_SAMPLE,
     ]
     joint, feed, now = running()
     for i in range(20):  # never in a row
-        assert feed(now + 2 * i * MS - 3 * MS) in (LATE, DUPLICATE)
-        assert feed(now + 2 * i * MS - 5 * MS) in (LATE, DUPLICATE)
-        assert feed(now + 2 * (i + 1) * MS) == USED
+        assert feed(now + 2 * i * MS - 3 * MS) in (LATE_STAMP, DUPLICATE)
+        assert feed(now + 2 * i * MS - 5 * MS) in (LATE_STAMP, DUPLICATE)
+        assert feed(now + 2 * (i + 1) * MS) == USED_SAMPLE
     assert joint.events() == {}
 
 
@@ -250,7 +250,7 @@ def test_nothing_of_the_speed_before_an_outage_is_published(name, outage):
     begin = now + round(outage * 1e9)
     for i in range(500):
         joint.update(begin + i * MS, 1.234)
-        assert joint.verdict == (AFTER_OUTAGE if i == 0 else USED)
+        assert joint.verdict == (AFTER_OUTAGE if i == 0 else USED_SAMPLE)
         _, velocity, _, status = joint.estimate()
         assert abs(velocity) < 1e-6 or status == INITIALISING
         assert i > 0 or status == INITIALISING
@@ -270,7 +270,7 @@ def test_an_outage_is_longer_than_timeout_gap_max_and_four_sample_times():
         for more, verdict in ((0, None), (1 if dt_ms == 1 else MS, AFTER_OUTAGE)):
             joint, feed, now = running(speed=0.5, count=100, dt_ns=dt_ms * MS, **values)
             found = feed(now + longest * MS + more)
-            assert found == verdict if verdict else found in (AFTER_GAP, USED)
+            assert found == verdict if verdict else found in (AFTER_GAP, USED_SAMPLE)
 
 
 def test_a_changed_timeout_holds_from_the_next_sample_on():
@@ -286,7 +286,7 @@ def test_slow_streams_track_after_five_samples(name, rate):
     for i in range(40):
         stamp = START + round(i * 1e9 / rate)
         joint.update(stamp, wrapped(0.1 * i).item())
-        assert joint.verdict == (USED if i else FIRST)
+        assert joint.verdict == (USED_SAMPLE if i else FIRST_SAMPLE)
         if i >= 5:
             assert joint.estimate()[3] == TRACKING
             assert joint.silence == pytest.approx(max(0.5, 4.0 / rate))
@@ -309,7 +309,7 @@ def test_an_odd_first_sample_time_is_no_rate(first):
         assert joint.events() == {'outage': 1} and joint.dropped() == {}
 
 
-@pytest.mark.parametrize('first, seen', [(7.9, USED), (8.5, AFTER_OUTAGE)])
+@pytest.mark.parametrize('first, seen', [(7.9, USED_SAMPLE), (8.5, AFTER_OUTAGE)])
 def test_the_slowest_stream_has_half_a_hertz_with_three_samples_lost(first, seen):
     joint = make('finite_difference')
     joint.update(START, 1.0)
@@ -390,10 +390,10 @@ def test_a_few_holes_one_behind_the_other_do_not_make_the_rate_look_slow():
 
 def test_gap_max_and_reorder_window_are_what_is_set():
     joint, feed, now = running(gap_max=0.5, reorder_window=0.02, timeout=0.501)
-    assert feed(now + 400 * MS) == USED
+    assert feed(now + 400 * MS) == USED_SAMPLE
     assert feed(now + 901 * MS) == AFTER_GAP
-    assert feed(now + 902 * MS) == USED
-    assert feed(now + 882 * MS) == LATE
+    assert feed(now + 902 * MS) == USED_SAMPLE
+    assert feed(now + 882 * MS) == LATE_STAMP
     assert feed(now + 881 * MS) == AFTER_CLOCK_JUMP
 
 
@@ -427,7 +427,7 @@ def test_a_hole_too_long_for_the_gains_is_passed_over_as_a_gap():
     assert feed(now + 150 * MS) == AFTER_GAP
     assert joint.estimate()[1] == pytest.approx(5.0, abs=1e-2)
     assert joint.estimate()[3] == COASTING
-    assert feed(now + 151 * MS) == USED
+    assert feed(now + 151 * MS) == USED_SAMPLE
     assert joint.dropped() == {}
 
 
@@ -446,7 +446,7 @@ def test_of_two_holes_in_a_row_the_shorter_one_shows_the_rate():
 
 
 def test_only_missing_stamps_have_the_remedy_for_stamps():
-    for kind in DROPPED:
+    for kind in DROP_REASONS:
         said = why_dropped(10, {kind: 10}, 'stamp them')
         assert said.startswith('every sample dropped: ')
         assert said.endswith(': stamp them') is (kind == 'zero_stamp')

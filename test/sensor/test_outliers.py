@@ -75,7 +75,7 @@ def test_without_the_rule_it_would_be_worse(name, monkeypatch):
     wrong = angle.copy()
     glitches(wrong, np.random.default_rng(4))
     clean = error((name, {}), angle, velocity)
-    monkeypatch.setattr(outliers, 'LEAP', math.inf)
+    monkeypatch.setattr(outliers, 'LARGEST_SPEED_CHANGE', math.inf)
     at = stamps(len(wrong), 1.0 / RATE)
     out = plain(name).run(at, read(wrong))
     assert math.sqrt(np.nanmean((out.velocity - velocity)[1000:] ** 2)) > 1.3 * clean

@@ -11,7 +11,7 @@ from observer_cases import angle_observers, make, plain, wrapped
 
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
-from estimator_pkg.sensor.guard import DUPLICATE, REPEATED
+from estimator_pkg.sensor.guard import DUPLICATE, REPEATED_READING
 
 START = 1_700_000_000_000_000_000
 TURN = 2.0 * math.pi
@@ -75,8 +75,8 @@ def test_each_second_reading_repeated(name, known, frequency):
     gains = {'quantum': TURN / 8000} if known else {}
     worse, joint, out = beside_its_twin(name, 224.0, 2, sine(frequency), 8000, gains)
     assert worse < 1.1
-    assert np.all(out.verdict[224:][1::2] == REPEATED) and not np.any(
-        out.verdict[224:][::2] == REPEATED
+    assert np.all(out.verdict[224:][1::2] == REPEATED_READING) and not np.any(
+        out.verdict[224:][::2] == REPEATED_READING
     )
     assert joint.dropped()['repeated'] > 540 and 'repeats its readings' in joint.why()
     assert joint.mean_dt == pytest.approx(2.0 / 224.0, rel=1e-4)
@@ -98,7 +98,7 @@ def test_each_second_reading_repeated(name, known, frequency):
 def test_slower_sensors(name, rate, ratio, counts):
     worse, joint, out = beside_its_twin(name, rate, ratio, sine(0.8, 3.0), counts)
     assert worse < 1.3
-    assert np.flatnonzero(out.verdict == REPEATED)[0] < rate
+    assert np.flatnonzero(out.verdict == REPEATED_READING)[0] < rate
 
 
 @pytest.mark.parametrize('name', angle_observers())
@@ -130,7 +130,7 @@ def test_at_constant_speed_from_the_start(speed):
     motion = (lambda t: speed * t, lambda t: speed + 0.0 * t)
     worse, joint, out = beside_its_twin('hybrid_angle', 224.0, 2, motion, 8000)
     assert worse < 1.1
-    assert np.flatnonzero(out.verdict == REPEATED)[0] < 224
+    assert np.flatnonzero(out.verdict == REPEATED_READING)[0] < 224
 
 
 def test_rest_and_motion_again():
@@ -166,7 +166,7 @@ def test_lost_and_late_messages_and_clocks_that_drift(ratio):
     assert rms(out, speed(times), times > 1.0) < 1.2 * rms(
         alone, speed(times[changed]), times[changed] > 1.0
     )
-    share = np.mean(out.verdict[1000:] == REPEATED)
+    share = np.mean(out.verdict[1000:] == REPEATED_READING)
     assert share == pytest.approx(1.0 - 1.0 / ratio, abs=0.04)
 
 
@@ -175,8 +175,8 @@ def test_undone_as_soon_as_the_pattern_breaks():
     times = np.arange(4000) / 1000.0
     source = np.where(times < 2.0, held(len(times), 2), np.arange(len(times)))
     joint, out = run('hybrid_angle', times, read(times, angle, 2**18)[source])
-    assert np.any(out.verdict[1000:2000] == REPEATED)
-    assert not np.any(out.verdict[2000:] == REPEATED)
+    assert np.any(out.verdict[1000:2000] == REPEATED_READING)
+    assert not np.any(out.verdict[2000:] == REPEATED_READING)
     assert 'repeats' not in joint.why()
     assert joint.mean_dt == pytest.approx(1e-3, rel=1e-3)
 
@@ -187,7 +187,7 @@ def test_recognition_survives_a_gap_and_ends_with_a_reset():
     angles = read(times, angle, 8000)[held(len(times), 2)]
     times[2000:] += 5.0
     joint, out = run('kalman', times, angles)
-    assert np.all(out.verdict[2003:][::2] == REPEATED) and joint.events() == {'outage': 1}
+    assert np.all(out.verdict[2003:][::2] == REPEATED_READING) and joint.events() == {'outage': 1}
     joint.reset()
     joint.update(START + 10**11, 0.0)
     assert 'repeats' not in joint.why()
@@ -199,7 +199,7 @@ def test_lost_repetitions_do_not_end_the_recognition():
     kept = ~((np.arange(1200) % 2 == 1) & (np.arange(1200) >= 600) & (np.arange(1200) < 640))
     _, out = run('finite_difference', times[kept], read(times, angle, 8000)[held(1200, 2)][kept])
     repeats = np.arange(1200)[kept] % 2 == 1
-    assert np.array_equal(out.verdict[224:] == REPEATED, repeats[224:])
+    assert np.array_equal(out.verdict[224:] == REPEATED_READING, repeats[224:])
 
 
 @pytest.mark.parametrize('sense', [1.0, -1.0])
@@ -210,7 +210,7 @@ def test_a_sensor_that_becomes_slower_in_motion_is_not_taken_for_one_at_rest(sen
     angles = read(times, lambda t: sense * (2.0 * t + 0.8 * t**2), 8000)[source]
     _, out = run('finite_difference', times, angles)
     fresh = np.diff(source, prepend=-1) > 0
-    assert np.array_equal(out.verdict[1600:] == REPEATED, ~fresh[1600:])
+    assert np.array_equal(out.verdict[1600:] == REPEATED_READING, ~fresh[1600:])
 
 
 def test_holds_of_every_length_at_random_are_no_pattern():
@@ -304,7 +304,7 @@ def test_live_plain_and_the_engine_agree(name):
         assert out.verdict.tolist() == rows
         assert repr(joint.channel.track) == repr(live.channel.track)
         assert joint.counts == live.counts
-    assert rows.count(REPEATED) > 500
+    assert rows.count(REPEATED_READING) > 500
     used = outs[0].verdict < DUPLICATE
     for ours, twins in zip(outs[0][:5], outs[1][:5]):
         assert np.array_equal(twins[used], ours[used], equal_nan=True)

@@ -14,10 +14,10 @@ from benchmarks.signals import Signal, constant, encoder, sine, trapezoid
 from estimator_pkg.sensor.guard import DUPLICATE
 from estimator_pkg.sensor.stamp_repair import (
     COLLECTING,
-    FEW,
-    FIRST,
+    FIRST_FIT,
     LEFT_ALONE,
     REPAIRED,
+    SLOW_FIRST_FIT,
     StampRepair,
 )
 from estimator_pkg.streams.clocks import Clocks
@@ -274,7 +274,7 @@ def test_the_period_is_that_of_least_squares_over_all_messages():
     """Until the memory ends, and while no residual is clipped: the recursion is exact."""
     times = np.arange(900) * 10 * MS
     stamps = START + times + np.random.default_rng(3).integers(-200_000, 200_000, 900)
-    for count in (FIRST, 300, 900):
+    for count in (FIRST_FIT, 300, 900):
         _, states, repair = repaired(stamps[:count], np.zeros(count))
         slope, _ = np.polyfit(np.arange(count), stamps[:count] - START, 1)
         assert repair.period == pytest.approx(1e-9 * slope, rel=1e-9)
@@ -292,7 +292,7 @@ def test_it_is_repaired_within_a_second_of_motion_and_not_at_once():
 def test_a_pause_of_seven_periods_is_part_of_the_first_fit():
     stamps = START + np.cumsum([0, 200, 200, 200, 1400, *[200] * 12]) * MS
     _, states, repair = repaired(stamps, np.zeros(len(stamps)))
-    assert states.index(LEFT_ALONE) == FEW - 1
+    assert states.index(LEFT_ALONE) == SLOW_FIRST_FIT - 1
     assert repair.period == pytest.approx(0.2, rel=1e-9)
 
 

@@ -10,7 +10,7 @@ import pytest
 from observer_cases import label, make, variants, wrapped
 
 from estimator_pkg.estimate import TRACKING
-from estimator_pkg.sensor.turns import CONFIRMED
+from estimator_pkg.sensor.turns import CONFIRMED_TURNS
 
 TURN = 2.0 * math.pi
 QUANTUM = TURN / 4096
@@ -87,7 +87,7 @@ def test_readings_that_wrap_are_never_taken_for_turns(variant):
 def test_a_burst_of_outliers_is_mended_at_the_next_wrap():
     stamps, angle, velocity = motor(4)
     readings = wrapped(angle)
-    readings[100 : 100 + 2 * CONFIRMED] = 20.0
+    readings[100 : 100 + 2 * CONFIRMED_TURNS] = 20.0
     joint = make('edge_adaptive', {})
     joint.run(stamps[:140], readings[:140])
     assert joint.channel.limits.period == 0.0

@@ -26,14 +26,14 @@ from estimator_pkg.evaluation.checks.readings import (
 from estimator_pkg.sensor.clock import Clock
 from estimator_pkg.sensor.faults import (
     KINDS,
-    NONE,
+    NO_FAULT,
     STOPPED,
-    Faults,
+    EncoderFaults,
     begin_faults,
     find_faults,
     text_of,
 )
-from estimator_pkg.sensor.guard import DUPLICATE, REPEATED
+from estimator_pkg.sensor.guard import DUPLICATE, REPEATED_READING
 
 TURN = 2.0 * math.pi
 COARSE_COUNTS = 1000.0  # fewer counts per turn are coarse
@@ -212,7 +212,7 @@ def _two_sources(distance: float, part: float) -> Finding:
 
 def repeated_readings(seen: Readings) -> Finding:
     """Return how many readings in motion repeat the one before."""
-    known, total = seen.count(REPEATED), len(seen.position)
+    known, total = seen.count(REPEATED_READING), len(seen.position)
     count = max(known, len(seen.repeats))
     level, remedy = WARN, 'publish each reading once, with the stamp of when it was taken'
     if seen.stale:
@@ -256,7 +256,7 @@ def motion(seen: Readings) -> Finding:
 
 def faults_of(
     stamps: NDArray[np.int64], readings: NDArray[np.float64], period: float, dt: float
-) -> tuple[Faults, NDArray[np.int64]]:
+) -> tuple[EncoderFaults, NDArray[np.int64]]:
     """Return the faults of an encoder, and the kind that each reading decides, shape (n,).
 
     Parameters
@@ -264,7 +264,7 @@ def faults_of(
     stamps [ns], readings [rad or m] : shape (n,). period : wrap period [rad]; 0: none. dt : mean
     sample time [s].
     """
-    record, clock, kinds = Faults(), Clock(), np.full(len(stamps), NONE)
+    record, clock, kinds = EncoderFaults(), Clock(), np.full(len(stamps), NO_FAULT)
     begin_faults(record)
     clock.mean_dt = dt
     run(find_faults, record, clock, len(stamps), period, stamps, readings, kinds)
@@ -277,9 +277,9 @@ def encoder(seen: Readings) -> Finding:
     record, kinds = faults_of(seen.stamps_ns[used], seen.position[used], seen.period, seen.step)
     texts = [
         f'{text_of(record, kind)}, {times(seen.when(used[kinds == kind]))}'
-        for kind in np.unique(kinds[kinds != NONE]).tolist()
+        for kind in np.unique(kinds[kinds != NO_FAULT]).tolist()
     ]
-    faulty = bool(np.any((kinds != NONE) & (kinds != STOPPED)))
+    faulty = bool(np.any((kinds != NO_FAULT) & (kinds != STOPPED)))
     remedy = 'check sensor, cable and bus' if faulty else ''
     numbers = {'counts': {name: n for (name, _), n in zip(KINDS, record.counts)}}
     return Finding('encoder', WARN if faulty else PASS, '; '.join(texts) or 'none', remedy, numbers)

@@ -26,7 +26,7 @@ from estimator_pkg.sensor.guard import (
     AFTER_OUTAGE,
     AFTER_STRAY_STAMP,
     DUPLICATE,
-    LATE,
+    LATE_STAMP,
     ZERO_STAMP,
 )
 from estimator_pkg.streams.contract import HEADER, PUBLISHER, stamp_remedy
@@ -131,7 +131,7 @@ def repeated_stamps(seen: Readings) -> Finding:
 
 def order(seen: Readings) -> Finding:
     """Return how many stamps are late, jump, or stand alone in the future."""
-    late, jumps = seen.of(LATE), seen.of(AFTER_CLOCK_JUMP)
+    late, jumps = seen.of(LATE_STAMP), seen.of(AFTER_CLOCK_JUMP)
     alone = np.flatnonzero(strays(seen.stamps_ns))
     if not len(alone):
         alone = seen.of(AFTER_STRAY_STAMP)

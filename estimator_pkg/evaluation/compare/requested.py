@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import observers, params_file, streams
-from estimator_pkg.driver.configuration import NAME_IT
+from estimator_pkg.driver.configuration import SELECT_OBSERVER
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.parameters import parse_assignments
@@ -46,7 +46,7 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
     from_file = [_from_file(params, name) for name in wanted]
     if params is not None and all(values is None for values in from_file):
         params_file.warn_unused(params, wanted)
-    values_of = params_file.modern(*({**(values or {}), **given} for values in from_file))
+    values_of = [{**(values or {}), **given} for values in from_file]
     by_observer = {
         name: streams.parameters(name, values) for name, values in zip(wanted, values_of)
     }
@@ -102,7 +102,9 @@ def _check(values: Mapping[str, Any], by_observer: Mapping[str, Mapping[str, Any
             raise UsageError(
                 f"unknown parameter '{name}' of {', '.join(by_observer)}: "
                 + (
-                    observers.instead(gain, every, observers.find(next(iter(by_observer))), NAME_IT)
+                    observers.instead(
+                        gain, every, observers.find(next(iter(by_observer))), SELECT_OBSERVER
+                    )
                     or suggestion(gain, every)
                 )
             )

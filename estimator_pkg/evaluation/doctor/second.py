@@ -24,7 +24,7 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.configuration import AS_ANGLE, AS_RATE, Configuration, SourceSettings
-from estimator_pkg.driver.informed import Informed
+from estimator_pkg.driver.fused import FusedJoint
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.checks.readings import PASS, Finding, Readings, Rows
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
@@ -167,7 +167,7 @@ def _judged(
     observer = observers.find(DEFAULT)
     configuration = Configuration(observer, {'wrap_period': seen.period, **more})
     settings = SourceSettings(kind=each.kind)
-    joint = Informed(observer, *configuration.for_joint(''), [(0, each.field, settings)])
+    joint = FusedJoint(observer, *configuration.for_joint(''), [(0, each.field, settings)])
     sensor, at, used = joint.sensors[0], 0, 0
     made: list[tuple[int, float, float]] = []
     first = int(np.searchsorted(each.arrival_ns, seen.arrival_ns[rows[0]] - 10**9))

@@ -27,7 +27,7 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.identify.model import Unknowns
 from estimator_pkg.evaluation.identify.pieces import COARSE, Recording, accumulated, cut, thinned
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanism.motion import Motion
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation
 
 Array = NDArray[np.float64]
 Predict = Callable[[Array, slice, Array], Array]  # (parameters, piece, start) -> positions
@@ -136,9 +136,9 @@ def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predic
     total = accumulated(time, recording.inputs)
 
     @lru_cache(64)
-    def moving(numbers: tuple[float, ...]) -> tuple[Mechanics, Motion]:
+    def moving(numbers: tuple[float, ...]) -> tuple[Mechanics, MechanismSimulation]:
         mechanics = unknowns.make(np.array(numbers))
-        return mechanics, Motion(mechanics, np.zeros(n), np.zeros(n))
+        return mechanics, MechanismSimulation(mechanics, np.zeros(n), np.zeros(n))
 
     def predict(numbers: Array, piece: slice, start: Array) -> Array:
         mechanics, motion = moving(tuple((numbers[:-1] if driven else numbers).tolist()))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg import observers
-from estimator_pkg.driver.configuration import NAME_IT
+from estimator_pkg.driver.configuration import SELECT_OBSERVER
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.entries import Entry
@@ -131,7 +131,7 @@ def _ranges(
     for text in wanted:
         name, _, ends = text.partition('=')
         if name not in known:
-            hint = observers.instead(name, known, observers.find(observer), NAME_IT)
+            hint = observers.instead(name, known, observers.find(observer), SELECT_OBSERVER)
             raise UsageError(
                 f"unknown parameter '{name}' of {observer}: {hint or suggestion(name, known)}"
             )

@@ -20,7 +20,6 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.errors import UsageError
 from estimator_pkg.export.header import exported
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.printable import show
 from estimator_pkg.streams.contract import Stream
 
 TEMPLATES = Path(__file__).with_name('templates')
@@ -47,14 +46,12 @@ def run(
     bank = stream.of(values).bank
     joints = sorted(bank.only or bank.configuration.overrides) or ['joint1']
     joints = [parsed.joint] if parsed.joint else joints
-    files, notes = package(parsed.name, bank.configuration, joints, parsed.float32)
+    files = package(parsed.name, bank.configuration, joints, parsed.float32)
     for path, text in files.items():
         place = out / path
         place.parent.mkdir(parents=True, exist_ok=True)
         whole_file.write_text(place, text)
     print(f'{out}: package {parsed.name}, {parsed.observer} for {", ".join(joints)}')
-    for note in notes:
-        show(note)
     return {'observer': parsed.observer, 'out': str(out), 'package': parsed.name, 'joints': joints}
 
 
@@ -74,8 +71,8 @@ def check(name: str, observer: Observer) -> None:
 
 def package(
     name: str, configuration: Configuration, joints: Sequence[str], float32: bool = False
-) -> tuple[dict[str, str], list[str]]:
-    """Return the texts of the package's files by their paths, and notes for the user.
+) -> dict[str, str]:
+    """Return the texts of the package's files by their paths.
 
     Parameters
     ----------
@@ -98,7 +95,6 @@ def package(
     own = [joint for joint in joints if joint in configuration.overrides]
     laws: dict[str, str] = {}  # joint -> prefix of its header; '': the other joints
     files: dict[str, str] = {}
-    notes: list[str] = []
     values = {
         'NAME': name,
         'NAME_UPPER': name.upper(),
@@ -118,7 +114,6 @@ def package(
         laws[joint] = prefix
         made = exported(observer, *configuration.for_joint(joint), prefix, float32)
         files[f'src/{prefix}.h'] = made.header
-        notes += made.notes
     prefixes = list(laws.values())
     values['LAWS'] = '\n'.join(f'  src/law_{prefix}.cpp' for prefix in prefixes)
     values['DECLARATIONS'] = '\n'.join(f'std::unique_ptr<Law> {each}_law();' for each in prefixes)
@@ -131,7 +126,7 @@ def package(
         for prefix in prefixes if '@PREFIX@' in place else ['']:
             filled = _fill(place, {**values, 'PREFIX': prefix})
             files[filled] = _fill(text, {**values, 'PREFIX': prefix})
-    return files, list(dict.fromkeys(notes))
+    return files
 
 
 def _fill(text: str, values: dict[str, str]) -> str:

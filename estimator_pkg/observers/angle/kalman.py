@@ -59,12 +59,17 @@ from estimator_pkg.observers.maths.covariance import (
     update_2,
     update_3,
 )
-from estimator_pkg.observers.maths.informing import ANGLE, RATE, Told, told
+from estimator_pkg.observers.maths.informing import ANGLE, RATE, Fusion, scalar_update
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
-from estimator_pkg.sensor.scatter import FIRST as FIRST_VARIANCE
-from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter, resume_scatter
+from estimator_pkg.sensor.scatter import (
+    INITIAL_VARIANCE,
+    Scatter,
+    begin_scatter,
+    follow_scatter,
+    resume_scatter,
+)
 
 VELOCITY, ACCELERATION = 'constant_velocity', 'constant_acceleration'
 # -3 dB frequency of the velocity over w0; of the third order: the root of u^3 - 8 u - 1, u = w^2
@@ -139,7 +144,7 @@ class Core:
     p: Covariance  # P/R
     started: bool  # after the second sample
     scatter: Scatter  # of the measurement, where R is estimated
-    told: Told  # by another sensor
+    fusion: Fusion
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
@@ -173,8 +178,8 @@ def forget(core: Core, design: Design, measurement: float) -> None:
     core.acceleration = 0.0 if design.order == 3 else math.nan
     core.started = False
     set_first(core.p)
-    core.told.last = core.told.mean = 0.0
-    core.told.now = False
+    core.fusion.last = core.fusion.mean = 0.0
+    core.fusion.now = False
 
 
 def correct(core: Core, coefficients: Coefficients, design: Design, measurement: float) -> float:
@@ -217,7 +222,7 @@ def inform(
         return
     y = core.velocity if kind == RATE else core.position if kind == ANGLE else core.acceleration
     r = core.scatter.variance if design.estimated else design.variance
-    x, v, a = told(core.p, core.told, kind, (value - y) / math.sqrt(r), variance / r)
+    x, v, a = scalar_update(core.p, core.fusion, kind, (value - y) / math.sqrt(r), variance / r)
     core.position += x * math.sqrt(r)
     core.velocity += v * math.sqrt(r)
     if design.order == 3:
@@ -261,7 +266,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     made.order = 2 if gains.model == VELOCITY else 3
     made.density = gains.acceleration_psd if made.order == 2 else gains.jerk_psd
     variance = variance_of(gains)
-    made.variance = variance if variance > 0.0 else FIRST_VARIANCE
+    made.variance = variance if variance > 0.0 else INITIAL_VARIANCE
     if gains.bandwidth_hz is not None:
         radius = 2.0 * math.pi * gains.bandwidth_hz / BANDWIDTH_RATIO[gains.model]
         made.density = radius ** (2 * made.order)
@@ -270,7 +275,7 @@ def design(gains: Gains, circle: Circle) -> Design:
         made.estimated = variance == 0.0
         if not made.estimated:
             made.density /= variance
-        usual = made.density / FIRST_VARIANCE if made.estimated else made.density
+        usual = made.density / INITIAL_VARIANCE if made.estimated else made.density
         radius = (usual / USUAL_DT) ** (0.5 / made.order)
     set_shared(made.shared, gains, circle, SETTLING / radius, LAG_2 if made.order == 2 else LAG_3)
     return made

@@ -35,9 +35,9 @@ from estimator_pkg.observers.angle.starts import (
 from estimator_pkg.observers.angle.starts import linear_pace as pace  # noqa: F401
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
-from estimator_pkg.sensor.convention import Convention, begin, follow, present
-from estimator_pkg.sensor.late_stamps import Timing, follow_pace, is_uneven, retake
-from estimator_pkg.sensor.outliers import FAR, Doubt, believed
+from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
+from estimator_pkg.sensor.late_stamps import Timing, follow_sample_time, is_uneven, retake
+from estimator_pkg.sensor.outliers import OUTLIER_GATE, Outliers, believed
 
 SINGLE_ANGLE = True
 EDGES = False
@@ -140,7 +140,7 @@ class State:
     lock: Lock
     start: Start
     stamps: Timing
-    doubt: Doubt
+    doubt: Outliers
 
 
 def variance_floor(quantum: float) -> float:
@@ -180,18 +180,18 @@ def is_reading(measurement: float) -> bool:
 
 def lateness(state: Any) -> float:
     """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
-    return state.stamps.late
+    return state.stamps.lateness
 
 
 def start(observer: Any, state: Any, design: Any, measurement: float) -> None:
     """Set the state after the first sample [rad]."""
-    begin(state.convention, measurement)
+    begin_convention(state.convention, measurement)
     _begin_but_convention(observer, state, design, measurement)
 
 
 def restart(observer: Any, state: Any, coefficients: Any, design: Any, measurement: float) -> None:
     """Start again after an outage or a jump of the clock: the turns counted stay."""
-    follow(state.convention, measurement, design.shared.period)
+    follow_convention(state.convention, measurement, design.shared.period)
     _begin_but_convention(observer, state, design, measurement)
 
 
@@ -205,7 +205,7 @@ def _begin_but_convention(observer: Any, state: Any, design: Any, measurement: f
     unlock(state.lock)
     set_start(state.start, -RESTED, measurement, 0.0, 0.0, 0.0, 0.0)
     stamps = state.stamps
-    stamps.mean_dt = stamps.taken_dt = stamps.late = 0.0
+    stamps.mean_dt = stamps.taken_dt = stamps.lateness = 0.0
     stamps.before.take(state.core)
     stamps.other.take(state.core)
     state.doubt.far, state.doubt.off = 0, 0.0
@@ -224,9 +224,9 @@ def resume(observer: Any, state: Any, coefficients: Any, design: Any, measuremen
         kept = abs(speed) + abs(moved) / GAP
         set_start(state.start, dt, measurement, 0.0, 0.0, 0.0, kept)
     observer.resume_core(state.core, design, measurement)
-    follow(state.convention, measurement, period)
+    follow_convention(state.convention, measurement, period)
     state.reading.change = state.reading.since = 0.0
-    state.stamps.taken_dt = state.stamps.late = 0.0
+    state.stamps.taken_dt = state.stamps.lateness = 0.0
     state.doubt.far = 0
 
 
@@ -243,7 +243,7 @@ def step(
     speed, dt, mean_dt = core.velocity, coefficients.dt, stamps.mean_dt
     uneven = is_uneven(stamps, dt)
     off = measurement - core.position - speed * dt
-    if off * off > FAR * state.reading.recent and not uneven and design.shared.restarts:
+    if off * off > OUTLIER_GATE * state.reading.recent and not uneven and design.shared.restarts:
         taken = believe(state, design.shared, measurement, dt)
         if taken != measurement:
             observer.correct(core, coefficients, design, taken)
@@ -262,7 +262,7 @@ def step(
             observer, core, stamps, power, coefficients, design, measurement, innovation
         )
     else:
-        follow_pace(stamps, dt)
+        follow_sample_time(stamps, dt)
     if dt == coefficients.dt:
         learn(observer, state, coefficients, design, measurement, innovation, speed, mean_dt)
     else:  # its stamp was wrong
@@ -362,7 +362,7 @@ def change_reading(
     reading.change, reading.since = abs(moved), 0.0
     if 0.0 < reading.change < reading.smallest or reading.smallest == 0.0:
         reading.smallest = reading.change
-    follow(state.convention, measurement, period)
+    follow_convention(state.convention, measurement, period)
 
 
 def is_inside(innovation: float, reading: Reading, design: SharedDesign) -> bool:
@@ -452,17 +452,10 @@ def low_speed_bound(change: float, since: float, quantum: float, variance: float
     return ((change if change > quantum else quantum) + SURELY * math.sqrt(variance)) / since
 
 
-def clamped(
-    observer: Any, speed: float, state: Any, coefficients: Any, design: Any, change: float
-) -> float:
-    """Return `speed` [rad/s] clamped to the low-speed bound.
-
-    Parameters
-    ----------
-    change : size of the last change of the reading [rad], or how far its cell reaches.
-    """
+def clamped(observer: Any, speed: float, state: Any, coefficients: Any, design: Any) -> float:
+    """Return `speed` [rad/s] clamped to the low-speed bound."""
     reading, shared = state.reading, design.shared
-    if abs(speed) * reading.since <= change:
+    if abs(speed) * reading.since <= reading.change:
         return speed
     quantum = shared.quantum if shared.quantum > 0.0 else reading.smallest
     if shared.variance > 0.0:
@@ -475,7 +468,7 @@ def clamped(
         )
         variance = reading.recent / of_innovation - variance_floor(quantum)
         variance = variance if variance > 0.0 else 0.0
-    bound = low_speed_bound(change, reading.since, quantum, variance)
+    bound = low_speed_bound(reading.change, reading.since, quantum, variance)
     return bound if speed > bound else -bound if speed < -bound else speed
 
 
@@ -488,12 +481,11 @@ def estimate(
     measurement: float,
     known_input: float,
 ) -> None:
-    """Set the estimate; the known input is by how much a cell reaches further than a quantum."""
+    """Set the estimate."""
     core, reading, shared = state.core, state.reading, design.shared
     velocity = core.velocity
     if reading.since > 0.0 and shared.low_speed_bound:
-        change = reading.change + abs(known_input)
-        velocity = clamped(observer, velocity, state, coefficients, design, change)
+        velocity = clamped(observer, velocity, state, coefficients, design)
     out.position = present(state.convention, core.position, shared.period, shared.unwrap)
     out.velocity = velocity
     out.acceleration = core.acceleration
@@ -559,7 +551,7 @@ def _deviation(
         of_velocity += of_start * of_start
     sigma = math.sqrt(of_velocity)
     if reading.since > 0.0 and shared.low_speed_bound:
-        sigma = clamped(observer, sigma, state, coefficients, design, reading.change)
+        sigma = clamped(observer, sigma, state, coefficients, design)
     if state.doubt.far == 1:  # what was read lies within two deviations
         of_doubt = 0.25 * state.doubt.off * state.doubt.off
         of_position += of_doubt

@@ -30,13 +30,13 @@ from itertools import pairwise
 
 from estimator_pkg.circle import wrap
 from estimator_pkg.observers.angle.adjoint import NOTHING, News, Result, State, backward, widened
-from estimator_pkg.sensor.convention import Convention, begin, follow, present
+from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
+from estimator_pkg.sensor.noise import BLUR
 
 ENOUGH = 4  # moves from which the density is guessed
 FEWEST = 3  # readings since a start that show a velocity
-BLUR = 0.03  # quanta: no edge is known better
 COARSE = 0.3  # quanta of noise from which edges are no times any more
-SIGMAS = 2.0  # of the speed, in the part of the quantum that an edge leaves open
+SPEED_SIGMAS = 2.0  # of the speed, in the part of the quantum that an edge leaves open
 STRAY = 6.0  # standard deviations, and
 QUANTA = 3.0  # quanta: an innovation beyond both is a stray reading, if the next one shows it
 CLOSE = 0.9  # of the quantum: a smaller step is a finer one
@@ -48,8 +48,8 @@ HELD = 1.0  # square quanta: variance of a reading whose prediction lies outside
 VAGUE = 4.0  # square quanta: a prediction vaguer than this takes an unchanged reading, too
 BAND = 60.0  # bandwidth at a start [1/s], 1 per sample, and at most
 REST = 2.0  # this over the time of the rest before it
-MEMORY = 20.0  # degrees of freedom of the jerk over which its density is learnt
-READINGS = 2000.0  # the same for the noise [readings]
+JERK_MEMORY = 20.0  # degrees of freedom of the jerk over which its density is learnt
+NOISE_READINGS = 2000.0  # the same for the noise [readings]
 LESS = 0.1  # of the noise remains at least in a window
 LEAN = 1.5  # their squares must exceed their variance by this factor: motions are smooth
 GAIN = 2.0  # of the density's logarithm in the relative score
@@ -97,21 +97,17 @@ class Smoother:
         self._age = 0  # readings of this stretch that became results
         self._stamps: list[int] = []  # of the readings that wait
         self._waiting: list[float] = []
-        self._corrections: list[float] = []  # of theirs
         self._shown: deque[float] = deque()  # readings in the published convention
         self._results: deque[tuple[float, Result]] = deque()  # with their readings
         self._convention, self._any = Convention(), False
 
-    def add(
-        self, stamp_ns: int, reading: float, shown: float, fresh: bool, correction: float = 0.0
-    ) -> None:
+    def add(self, stamp_ns: int, reading: float, shown: float, fresh: bool) -> None:
         """Take a reading.
 
         Parameters
         ----------
         reading : [rad or m]. shown : the same in the published convention.
         fresh : the motion before it is too old, or its clock another.
-        correction : what its error is made good by [rad or m]. The quantum is that of the readings.
         """
         if fresh:
             if self._stamps:
@@ -119,7 +115,6 @@ class Smoother:
             self._state, self._age = None, 0
         self._stamps.append(stamp_ns)
         self._waiting.append(reading)
-        self._corrections.append(correction)
         self._shown.append(shown)
 
     def result(self) -> Result:
@@ -132,10 +127,10 @@ class Smoother:
         shown = self._shown.popleft()
         period = self._period
         if not self._any:
-            begin(self._convention, shown)
+            begin_convention(self._convention, shown)
             self._any = True
         if period > 0.0 and not self._unwrap:
-            follow(self._convention, shown, period)
+            follow_convention(self._convention, shown, period)
         if math.isnan(v):
             return UNKNOWN
         if period > 0.0 and not self._unwrap:
@@ -159,12 +154,11 @@ class Smoother:
             self._seen += (pair for pair in zip(steps[:count], moves[:count]) if pair[0] > 0.0)
             self._begin([*self._seen, *zip(steps[count:], moves[count:])])
         density = self.jerk
-        angles = [a + b for a, b in zip(readings, self._corrections)]
         for _ in range(AGAIN):
-            state = self._state or self._start(angles[0], steps, moves)
+            state = self._state or self._start(readings[0], steps, moves)
             if density > self.jerk > 0.0 and self._state:
                 state = widened(state, (density / self.jerk) ** (1.0 / 6.0))
-            states, news, size, used = self._forward(state, density, steps, angles, moves)
+            states, news, size, used = self._forward(state, density, steps, readings, moves)
             if size <= SURPRISE * used or size - used < SURELY:
                 break
             density *= RISE
@@ -184,7 +178,7 @@ class Smoother:
         self._state = None if astray else states[count - 1]
         self._before = readings[count - 1], stamps[count - 1]
         self._age += count
-        del readings[:count], stamps[:count], self._corrections[:count]
+        del readings[:count], stamps[:count]
 
     def _moves(self, last: float, readings: list[float]) -> list[float]:
         """Return by how much each reading changed."""
@@ -216,7 +210,7 @@ class Smoother:
         state: State,
         density: float,
         steps: list[float],
-        angles: list[float],
+        readings: list[float],
         moves: list[float],
     ) -> tuple[list[State], list[News], float, int]:
         """Filter; return the state after each reading, what it brought, and the sum and number
@@ -232,7 +226,7 @@ class Smoother:
         k20, k8, k6, k3 = density / 20.0, density / 8.0, density / 6.0, density / 3.0
         states, news = [], []
         size, used = 0.0, 0
-        last = len(angles) - 1
+        last = len(readings) - 1
         for i, h in enumerate(steps):
             k = 0.5 * h * h
             q2 = h * h
@@ -250,7 +244,7 @@ class Smoother:
             p11 = b1 + h * b2 + k3 * q3
             p12 = b2 + density * k
             p22 += density * h
-            e = angles[i] - x
+            e = readings[i] - x
             if e >= turn or e < -turn:
                 e = wrap(e, period)
             r, shows = plain, True
@@ -266,7 +260,7 @@ class Smoother:
                         news.append(NOTHING)
                         continue
                 elif -1.5 * quantum < move < 1.5 * quantum:
-                    part = (abs(v) + SIGMAS * math.sqrt(p11)) * h
+                    part = (abs(v) + SPEED_SIGMAS * math.sqrt(p11)) * h
                     if part < quantum:
                         e += 0.5 * (part - quantum) if move > 0.0 else 0.5 * (quantum - part)
                         r = part * part / 12.0 + blurred
@@ -276,7 +270,7 @@ class Smoother:
                 and abs(e) > QUANTA * quantum
                 and (  # the newest one waits for the next
                     i == last
-                    or 4.0 * abs(wrap(angles[i + 1] - x - v * steps[i + 1], period)) < abs(e)
+                    or 4.0 * abs(wrap(readings[i + 1] - x - v * steps[i + 1], period)) < abs(e)
                 )
             ):
                 states.append((x, v, a, p00, p01, p02, p11, p12, p22))
@@ -358,12 +352,12 @@ class Smoother:
         if self.jerk == 0.0:
             return
         square, freedom = score
-        self._freedom = min(self._freedom + freedom, MEMORY)
+        self._freedom = min(self._freedom + freedom, JERK_MEMORY)
         change = GAIN * (square - LEAN * freedom) / (self._freedom + 1.0)
         least = (self.quantum * self.quantum / 12.0 + self.noise) * steps[-1] / SLOWEST**6
         self.jerk = max(density * math.exp(min(1.0, max(-1.0, change))), least)
         above, weights, count = residuals
         if count:
-            self._readings = min(self._readings + count, READINGS)
+            self._readings = min(self._readings + count, NOISE_READINGS)
             noise = self.noise + above / weights * count / self._readings
             self.noise = max(noise, LESS * self.noise, FINEST * FINEST)

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A filter of (x, v, a) is told one of them by another sensor.
+"""A filter of (x, v, a) fuses one of them that another sensor measures.
 
     nu = z - y,   y of x, v, a   K = P_.y/(P_yy + R)   P -= K P_y.   before: P_yy += max(0, m)
     m += b (nu nu_before - m)
@@ -16,25 +16,27 @@ from __future__ import annotations
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
 
-ANGLE, RATE, ACCELERATION = 0, 1, 2  # what is told: x [rad], v [rad/s], a [rad/s^2]
+ANGLE, RATE, ACCELERATION = 0, 1, 2  # x [rad], v [rad/s], a [rad/s^2]
 WEIGHT = 0.2  # b: m is a mean over the last ten innovations
 
 
 @record
-class Told:
-    """What the innovations of the other sensor have been."""
+class Fusion:
+    """Innovations of the other sensor."""
 
     last: float  # the newest [of the kind]
     mean: float  # m, of products of two in a row
     now: bool  # since the newest reading
 
 
-def told(p: Covariance, state: Told, kind: int, nu: float, r: float) -> tuple[float, float, float]:
+def scalar_update(
+    p: Covariance, state: Fusion, kind: int, nu: float, r: float
+) -> tuple[float, float, float]:
     """Update the covariance; return what angle, speed and acceleration gain.
 
     Parameters
     ----------
-    kind : ANGLE, RATE or ACCELERATION. nu : innovation. r : variance of what is told.
+    kind : ANGLE, RATE or ACCELERATION. nu : innovation. r : variance of the value.
     """
     state.mean += WEIGHT * (nu * state.last - state.mean)
     state.last, state.now = nu, True

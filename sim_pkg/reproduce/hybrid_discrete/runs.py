@@ -15,7 +15,7 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.models.switched import SwitchedModel, load, trajectory
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.observers.switched.stages import chains
-from estimator_pkg.observers.switched.state import Coefficients, Estimate, State
+from estimator_pkg.observers.switched.state import Coefficients, OutputEstimates, State
 
 Array = NDArray[np.floating[Any]]
 
@@ -61,9 +61,9 @@ class Observed:
         found = self.module.model.state(chains(self.state)[0], self.discrete()[0])
         return found
 
-    def estimate(self) -> Estimate:
+    def estimate(self) -> OutputEstimates:
         """Return the estimate of all outputs."""
-        out = Estimate()
+        out = OutputEstimates()
         self.module.estimate(self.module, out, self.state, self.coefficients, self.design, (), ())
         return out
 

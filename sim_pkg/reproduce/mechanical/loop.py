@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.observers.mechanism.motion import Motion
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation
 from sim_pkg.mechanisms.balance import balancing_force, triangle
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.lab import (
@@ -62,7 +62,7 @@ def balance(name: str, scenario: str) -> Balanced:
     offsets = np.random.default_rng(0).uniform(-0.5, 0.5, 2) * quanta
     out = np.full((COUNT, 2), np.nan)
     q = np.array([0.05, 0.0])
-    moving, state = Motion(plant('nominal'), q, (0.0, 0.0)), plan.state()
+    moving, state = MechanismSimulation(plant('nominal'), q, (0.0, 0.0)), plan.state()
     before = y = np.zeros(2)
     force, velocity = 0.0, (0.0, 0.0)
     for k in range(COUNT):

@@ -20,7 +20,7 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.models import cart_pendulum, robotic_leg
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.mechanism.core import Plan
-from estimator_pkg.observers.mechanism.motion import Motion
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation
 from estimator_pkg.parameters import build
 
 Array = NDArray[np.float64]
@@ -80,7 +80,9 @@ def move(
 ) -> tuple[Array, Array]:
     """Return (positions, velocities), shape (N, n): row k at sample k; input k acts from it on."""
     count = len(inputs) - 1
-    return Motion(mechanics, q, v).run(inputs[:count], np.full(count, dt), np.full(count, parts))
+    return MechanismSimulation(mechanics, q, v).run(
+        inputs[:count], np.full(count, dt), np.full(count, parts)
+    )
 
 
 def metrics(errors: Array) -> list[float]:

@@ -14,7 +14,7 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.driver.drive_channel import trace
 from estimator_pkg.engine.calls import functions_of
 from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.drive import DriveSample
 from estimator_pkg.observers.pmsm.observer import OBSERVER, Gains
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
 from estimator_pkg.observers.pmsm.watch import BLIND
@@ -76,9 +76,9 @@ class Log(NamedTuple):
         return np.angle(self.z * np.where(self.x < 0.0, -1.0, 1.0))
 
 
-def sample_of(row: NDArray[np.float64]) -> Sample:
+def sample_of(row: NDArray[np.float64]) -> DriveSample:
     """Return a row of samples, shape (4,), as the observer takes it."""
-    sample = Sample()
+    sample = DriveSample()
     sample.i_alpha, sample.i_beta, sample.u_alpha, sample.u_beta = map(float, row)
     return sample
 

@@ -30,8 +30,8 @@ CRANE = 'guide_crane:Crane'
 
 @pytest.fixture
 def crane(tmp_path, monkeypatch):
-    """The example of docs/own_model.md in a module of its own."""
-    guide = (ROOT / 'docs/own_model.md').read_text()
+    """The example of docs/known_inputs.md in a module of its own."""
+    guide = (ROOT / 'docs/known_inputs.md').read_text()
     (tmp_path / 'guide_crane.py').write_text(guide.split('```python\n')[1].split('```')[0])
     monkeypatch.syspath_prepend(tmp_path)
     return CRANE

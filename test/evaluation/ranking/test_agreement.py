@@ -124,7 +124,7 @@ def test_no_other_motion_sticks_or_is_constant():
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_every_series_with_truth():
-    """What docs/without_truth.md promises; its table is compared by test_figures."""
+    """What docs/doctor.md promises; its table is compared by test_figures."""
     outcomes = ranking.run(list(ranking.cases(BAGS)))
     groups = {group: ranking.summary(each) for group, each in ranking.groups(outcomes).items()}
     usual = groups['all three']

@@ -1,7 +1,10 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The off-line reference says truly what it may be wrong by: at creep, at speed, on recordings."""
+"""The off-line reference says truly what it may be wrong by: at creep, at speed, on recordings.
+
+Run as a program it prints the numbers of docs/stamps_and_quantisation.md.
+"""
 
 import math
 from pathlib import Path
@@ -23,6 +26,7 @@ BAGS = Path(__file__).resolve().parents[3] / 'bags'
 TURN = 2.0 * math.pi
 QUANTUM, STEP, COUNT = TURN / 4096.0, 1e-3, 10_000
 MEMORY = 0.5  # of the speed [s]
+SPEEDS = (0.02, 0.1, 0.5, 2.0, 10.0, 60.0)  # rms [quanta per sample]
 ENDS = 200
 
 
@@ -197,3 +201,28 @@ def test_the_probability_of_cells_is_that_of_drawing_them(monkeypatch):
     other = np.mean((seen[1] == 0) & (seen[2] == 0) & (seen[3] == 1))
     assert len(sites) == 4
     assert log_z - one == pytest.approx(math.log(ours / other), abs=0.1)
+
+
+def table():
+    """The table of the documentation."""
+    lines = [
+        '| speed [counts per sample] | noise [counts] | rms error / speed | reported / error | '
+        'within 95 % |',
+        '|---|---|---|---|---|',
+    ]
+    for speed in SPEEDS:
+        for noise in (0.0, 0.3):
+            rms, reported, within = held(speed, noise, range(5))
+            lines.append(
+                f'| {speed:g} | {noise:g} | {rms / speed / QUANTUM * STEP:.2%} | '
+                f'{reported / rms:.2f} | {within:.1%} |'
+            )
+    lines += ['', '| recording | joint | error [rad/s] | reported [rad/s] |', '|---|---|---|---|']
+    for name, joint in RECORDED:
+        error, reported = against_the_drive(name, joint)
+        lines.append(f'| {name.split("/")[1]} | {joint} | {error:.3f} | {reported:.3f} |')
+    return '\n'.join(lines)
+
+
+if __name__ == '__main__':
+    print(table())

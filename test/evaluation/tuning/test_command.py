@@ -289,11 +289,9 @@ def test_the_yaml_is_what_the_node_takes(tmp_path, capsys):
         bag,
         *shlex.split(
             '--observer hybrid_angle --per-joint --trials 16 --set order=2 --set noise=0 '
-            '--set joints.b.timeout=2'
+            '--set per_joint.b.timeout=2'
         ),
     )
-    (line,) = (line for line in capsys.readouterr().err.splitlines() if 'warning' in line)
-    assert "write 'per_joint.b.timeout: 2' instead of 'joints.b.timeout'" in line
     text = out.read_text()
     assert '# Joint a, from' in text and bag in text and 'rad/s rms' in text
     common, overrides = params_file.split(params_file.load(out))

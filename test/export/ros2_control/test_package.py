@@ -33,7 +33,7 @@ needs_compiler = pytest.mark.skipif(shutil.which('g++') is None, reason='no g++'
 
 
 def configured(observer='edge_adaptive', overrides=None):
-    return Configuration(observers.find(observer), {'sensor_map': 'none'}, overrides)
+    return Configuration(observers.find(observer), overrides=overrides)
 
 
 @pytest.fixture(scope='module')
@@ -45,7 +45,7 @@ def compiled(tmp_path_factory):
         folder = tmp_path_factory.mktemp('package')
         overrides = {'wrist': {'wrap_period': wrist}} if wrist is not None else {}
         setup = configured(observer, overrides)
-        files, _ = package(NAME, setup, ['elbow', 'wrist'], float32)
+        files = package(NAME, setup, ['elbow', 'wrist'], float32)
         for path, text in files.items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_text(text)
@@ -243,7 +243,7 @@ def test_a_period_of_zero_is_dropped_and_counted(compiled):
 
 def test_the_files_of_a_package_fit_together():
     setup = configured(overrides={'wrist': {'wrap_period': 0.0}})
-    files, _ = package(NAME, setup, ['elbow', 'wrist'])
+    files = package(NAME, setup, ['elbow', 'wrist'])
     assert not [path for path, text in files.items() if '@' in path or 'XYZ@' in text]
     plugin = ElementTree.fromstring(files[f'{NAME}.xml'])
     assert ElementTree.fromstring(files['package.xml']).find('name').text == NAME
@@ -313,8 +313,7 @@ def test_the_command_writes_a_package_once(tmp_path, capsys):
     assert said[0].endswith('package joint_velocity, edge_adaptive for elbow, wrist')
     values = {'wrist': {'wrap_period': 0.0}}
     setup = Configuration(observers.find('edge_adaptive'), {}, values)
-    files, notes = package(NAME, setup, ['elbow', 'wrist'])
-    assert said[1:] == notes  # once, not once a header
+    files = package(NAME, setup, ['elbow', 'wrist'])
     written = [path for path in (tmp_path / 'package').rglob('*') if path.is_file()]
     assert {str(path.relative_to(tmp_path / 'package')): path.read_text() for path in written} == (
         files
@@ -325,7 +324,7 @@ def test_the_command_writes_a_package_once(tmp_path, capsys):
 
 def test_joints_whose_names_differ_in_signs_alone_get_a_header_each():
     own = {'a-b': {'wrap_period': 1.0}, 'a_b': {'wrap_period': 2.0}, 'A.b': {'wrap_period': 3.0}}
-    files, _ = package(NAME, configured('kalman', own), list(own))
+    files = package(NAME, configured('kalman', own), list(own))
     headers = {path: text for path, text in files.items() if path.endswith('.h')}
     assert len(headers) == 4
     for joint, values in own.items():

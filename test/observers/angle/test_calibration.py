@@ -16,14 +16,14 @@ from estimator_pkg.estimate import TRACKING, Deviation
 from estimator_pkg.observers.angle.hybrid import observer
 from estimator_pkg.sensor.calibration import (
     BROKEN,
-    FEWEST,
-    LONGEST,
-    MOST,
-    SHORTEST,
+    LARGEST_MEAN_SQUARE,
+    LEAST_MEAN_SQUARE,
+    LONGEST_SPACING_NS,
+    SHORTEST_SPACING_NS,
     Calibration,
-    averaged,
+    averaged_square,
     begin_calibration,
-    follow_noise,
+    follow_reading_noise,
 )
 
 DT = 1e-3
@@ -56,7 +56,6 @@ def begun():
 def uncalibrated(joint, samples):
     """The estimates with the standard deviation as the observer makes it."""
     alone = Joint(joint.observer, joint.gains, joint.settings)
-    alone.learner = None
     with alone._changing() as channel:
         channel.track.calibration.quantum = -1e6  # no step is smaller, and it hides every error
     return alone.run(samples.stamps, samples.angle)
@@ -152,15 +151,15 @@ def test_instants_before_a_gap_or_a_jump_of_the_clock_are_void(ahead):
 def test_errors_that_are_no_numbers_do_no_harm(error):
     mean = 1.0
     for noise in (0.0, 1.0, math.inf, 1e300):
-        mean = averaged(mean, error, noise)
-        assert FEWEST <= mean <= MOST
+        mean = averaged_square(mean, error, noise)
+        assert LEAST_MEAN_SQUARE <= mean <= LARGEST_MEAN_SQUARE
 
 
 def test_the_rounding_of_float32_is_no_quantum():
     """Half of it is 2^-25 of a reading; steps of a few of these are noise, larger ones count."""
     for move, quantum in ((1.5e-7, math.inf), (3e-7, 3e-7)):
         calibration = begun()
-        follow_noise(calibration, 1.0 + move, move, 0.0, 10**6, 10**6)
+        follow_reading_noise(calibration, 1.0 + move, move, 0.0, 10**6, 10**6)
         assert calibration.quantum == quantum
 
 
@@ -174,9 +173,9 @@ def test_the_spacing_grows_at_rest_and_shrinks_where_the_motion_shows():
     for stamp, angle in zip(stamps(count, DT).tolist(), read.tolist()):
         joint.update(stamp, angle)
         spacings.append(joint.channel.track.calibration.spacing_ns)
-    assert spacings[3990] > 16 * SHORTEST
-    assert spacings[-1] < 4 * SHORTEST
-    assert max(spacings) <= LONGEST
+    assert spacings[3990] > 16 * SHORTEST_SPACING_NS
+    assert spacings[-1] < 4 * SHORTEST_SPACING_NS
+    assert max(spacings) <= LONGEST_SPACING_NS
 
 
 @pytest.mark.parametrize('name', ['kalman', 'super_twisting'])

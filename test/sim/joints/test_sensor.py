@@ -105,16 +105,6 @@ def test_eccentricity_is_a_once_per_turn_error():
     np.testing.assert_allclose(error, 0.05 * np.sin(ramp()), atol=1e-9)
 
 
-def test_edges_are_misplaced_by_the_same_each_turn():
-    angle = np.linspace(0.0, 3.0 * TURN, 3 * 3600 * 10, endpoint=False)
-    counts = read(angle, **clean(counts_per_revolution=36, misplaced_edges=0.1)) * 36 / TURN
-    assert set(np.diff(np.rint(counts)).tolist()) <= {0.0, 1.0}
-    edges = angle[1:][np.diff(np.rint(counts)) != 0.0] * 36 / TURN
-    off = edges - np.rint(edges)
-    np.testing.assert_allclose(off[36:72], off[:36], atol=1e-3)
-    assert off[:36].std() == pytest.approx(0.1, rel=0.4)
-
-
 def test_outliers_come_at_their_rate_with_either_sign():
     error = read(ramp(), **clean(outliers=0.02, outlier_size=2.5)) - ramp()
     out = np.abs(error) > 1e-9

@@ -3,17 +3,17 @@
 
 """Angle, speed and acceleration and their covariance: what time, a reading and each law do to it.
 
-a' = -a/fade + w,  v' = a,  x' = v,       w white jerk
+a' = -a/T + w,  v' = a,  x' = v,       w white jerk
 """
 
 from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.angle.edge.constants import FADE
+from estimator_pkg.observers.angle.edge.constants import ACCELERATION_TIME_CONSTANT
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
-from estimator_pkg.sensor.noise import OUTLIER
+from estimator_pkg.sensor.noise import OUTLIER_RATIO
 
 
 @record
@@ -49,10 +49,10 @@ def predict(motion: Motion, p: Covariance, density: float, coefficients: Coeffic
     """Predict speed, acceleration and covariance one sample on; the angle is left to the caller.
 
     An acceleration of five standard deviations is kept: a ramp lasts, and fading would be a lag.
-    Elsewhere it fades within `FADE`, which is what makes constant speeds exact.
+    Elsewhere it decays with `ACCELERATION_TIME_CONSTANT`, which makes constant speeds exact.
     """
-    a, dt = motion.acceleration, coefficients.dt
-    coefficients.kept = 1.0 if a * a > OUTLIER * p.p22 else FADE / (FADE + dt)
+    a, dt, constant = motion.acceleration, coefficients.dt, ACCELERATION_TIME_CONSTANT
+    coefficients.kept = 1.0 if a * a > OUTLIER_RATIO * p.p22 else constant / (constant + dt)
     motion.velocity += a * dt
     motion.acceleration = coefficients.kept * a
     motion.idle += dt
@@ -136,11 +136,11 @@ def add_manoeuvre(p: Covariance, d: float, date: float) -> None:
     p.p22 += 10.0 * third * rate
 
 
-def add_sway(p: Covariance, sway: float, dt: float) -> None:
-    """Add a speed that goes at random, by 2 `sway` [rad^2] / dt^2 in a sample; none below 0."""
-    if sway <= 0.0:
+def add_velocity_noise(p: Covariance, half_variance: float, dt: float) -> None:
+    """Add a random walk of the speed: 2 `half_variance` [rad^2] / dt^2 a sample, none below 0."""
+    if half_variance <= 0.0:
         return
-    speed = sway / dt
-    p.p00 += sway / 1.5
+    speed = half_variance / dt
+    p.p00 += half_variance / 1.5
     p.p01 += speed
     p.p11 += 2.0 * speed / dt

@@ -49,14 +49,19 @@ def within(e: float, half: float, sigma: float) -> tuple[float, float]:
 
 
 def interval(
-    off: float, ahead: float, quantum: float, variance: float, noise: float, flickers: bool
+    innovation: float,
+    unpredicted: float,
+    quantum: float,
+    variance: float,
+    noise: float,
+    flickers: bool,
 ) -> tuple[int, float, float]:
     """Return what this reading shows: (kind, centre less prediction, half width) [rad].
 
     Parameters
     ----------
-    off : cell's centre minus predicted angle [rad].
-    ahead : change of the reading minus predicted motion [rad].
+    innovation : cell's centre minus predicted angle [rad].
+    unpredicted : change of the reading minus predicted motion [rad].
     quantum : size of the cell [rad].
     variance : of the predicted angle [rad^2]. Above quantum^2/12 the cell alone is news.
     noise : variance of the edges [rad^2].
@@ -65,20 +70,21 @@ def interval(
     """
     half = 0.5 * quantum
     if 12.0 * variance > quantum * quantum:
-        return INTERVAL, off, half
+        return INTERVAL, innovation, half
     edges = math.sqrt(noise)
     hold = SIGMAS * edges
     if flickers:
         near = half - hold
-        return INTERVAL if off > near or off < -near else NOTHING, off, half
-    if ahead > half or ahead < -half:
-        side = half if ahead > 0.0 else -half
-        width = quantum - abs(ahead)
+        return INTERVAL if innovation > near or innovation < -near else NOTHING, innovation, half
+    if unpredicted > half or unpredicted < -half:
+        side = half if unpredicted > 0.0 else -half
+        width = quantum - abs(unpredicted)
         if width > -quantum:  # else the speed is not what was thought: the cell alone
             width = (width if width > 0.0 else 0.0) + edges
             if width < quantum:
-                return INTERVAL, off - side + math.copysign(0.5 * width, ahead), 0.5 * width
-        return INTERVAL, off, half
-    if off > half + hold or off < -half - hold:
-        return HELD, off, half
-    return NOTHING, off, half
+                centre = innovation - side + math.copysign(0.5 * width, unpredicted)
+                return INTERVAL, centre, 0.5 * width
+        return INTERVAL, innovation, half
+    if innovation > half + hold or innovation < -half - hold:
+        return HELD, innovation, half
+    return NOTHING, innovation, half

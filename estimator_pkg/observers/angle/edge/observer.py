@@ -3,10 +3,10 @@
 
 """The edge-aware adaptive observer: a Kalman filter of an angle for which nothing need be tuned.
 
-    a' = -a/FADE + w,  v' = a,  x' = v,       w white jerk of a density that is found on line
+    a' = -a/T + w,  v' = a,  x' = v,       w white jerk of a density that is found on line
 
 What differs from a Kalman filter (`covariance`) is what it makes of a reading (`interval`: a count
-is an interval, an edge is a time; `update`), how fast it listens (`bandwidth`), that it learns its
+is an interval, an edge is a time; `update`), its process noise (`bandwidth`), that it learns its
 sensor (`quantum`, `sensor`) and its stamps (`clock`), and how it starts (`start`). The one thing a
 user says is the quantum, and even that is checked. The derivation is in
 docs/observers/edge_adaptive_theory.md, whose headings are those of `step`.
@@ -22,11 +22,11 @@ from estimator_pkg.circle import Circle, is_next_count, wrap
 from estimator_pkg.circle import is_angle as is_reading  # noqa: F401
 from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference, sigma
 from estimator_pkg.observers.angle.edge import start as starts
-from estimator_pkg.observers.angle.edge.bandwidth import Band, Sway
+from estimator_pkg.observers.angle.edge.bandwidth import ProcessNoise, VelocityRandomWalk
 from estimator_pkg.observers.angle.edge.constants import (
     CONFIRMED,
-    MEMORY,
-    PLAIN,
+    NOISE_SAMPLES,
+    NOISY_ABOVE,
     RATIO,
     REPEATS,
     RESTED,
@@ -34,18 +34,19 @@ from estimator_pkg.observers.angle.edge.constants import (
 )
 from estimator_pkg.observers.angle.edge.covariance import Coefficients, Motion
 from estimator_pkg.observers.angle.edge.sigma import deviation  # noqa: F401
-from estimator_pkg.observers.angle.edge.start import Doubt
+from estimator_pkg.observers.angle.edge.start import StartUncertainty
 from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Estimate, Observer
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
 from estimator_pkg.observers.maths.covariance import Covariance
-from estimator_pkg.observers.maths.informing import ANGLE, RATE, Told, told
+from estimator_pkg.observers.maths.informing import ANGLE, RATE, Fusion, scalar_update
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor import noise as sensing
 from estimator_pkg.sensor import quantum as counts
 from estimator_pkg.sensor import sampling
-from estimator_pkg.sensor.convention import Convention, begin, follow, present
+from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
+from estimator_pkg.sensor.outliers import LARGEST_SPEED_CHANGE
 
 LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
@@ -102,29 +103,29 @@ class Reading:
     angle: float  # [rad]
     change: float  # since the reading before [rad]
     counted: float  # the same, without a correction of the reading [rad]
-    further: float  # by how much its cell reaches further than a quantum [rad]
+    cell_excess: float  # size of its cell beyond a quantum [rad]
     passed: float  # time since the last reading that was used [s]
-    held: float  # time for which the readings before it repeated [s]
+    repeat_duration: float  # for which the readings before it repeated [s]
     first: bool  # nothing has moved before
     starting: bool  # the speed is in doubt
-    unsure: float  # variance of the speed in doubt, before this reading [(rad/s)^2]
-    warm: bool  # the noise is known: the first motion is long ago
+    start_velocity_variance: float  # before this reading [(rad/s)^2]
+    noise_known: bool  # the first motion is long ago
     evidence: float  # that the sensor has another clock, before this reading
-    extent: float  # range of all readings before [rad]
+    observed_range: float  # of all readings before [rad]
     rested: float  # time for which the reading had not changed [s]
-    stepped: float  # change of the reading before [rad]
-    moved: float  # what the prediction moves in this sample [rad]
-    ahead: float  # change beyond that [rad]
-    off: float  # innovation: distance from the predicted angle [rad]
+    previous_change: float  # of the reading before [rad]
+    predicted_motion: float  # in this sample [rad]
+    unpredicted_motion: float  # change of the reading beyond that [rad]
+    innovation: float  # distance from the predicted angle [rad]
 
 
 @record
-class Lock:
+class Tracking:
     """Whether the readings are those of the shaft."""
 
     status: int
     count: float  # samples since a start, a gap or a doubt
-    astray: float  # time for which the readings were far off [s]
+    time_outside_gate: float  # in which no reading was believed [s]
 
 
 @record
@@ -133,17 +134,17 @@ class State:
 
     motion: Motion
     p: Covariance
-    band: Band
-    sway: Sway
+    process_noise: ProcessNoise
+    velocity_walk: VelocityRandomWalk
     sensor: sensing.Sensor
     steps: counts.Steps
-    clock: sampling.Clock
+    clock: sampling.Sampling
     convention: Convention
-    lock: Lock
-    doubt: Doubt
-    other: preference.Other
+    tracking: Tracking
+    uncertainty: StartUncertainty
+    second: preference.SecondFilter
     reading: Reading
-    told: Told  # by another sensor
+    fusion: Fusion  # by another sensor
 
 
 def design(gains: Gains, circle: Circle) -> Design:
@@ -170,7 +171,7 @@ def why(state: State, design: Design) -> str:
 
 def lateness(state: State) -> float:
     """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
-    return state.clock.late
+    return state.clock.lateness
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
@@ -188,37 +189,38 @@ def start(observer: Any, state: State, design: Design, measurement: float) -> No
     """Set the state after the first sample [rad]."""
     blank = State()
     state.take(blank)
-    begin(state.convention, measurement)
+    begin_convention(state.convention, measurement)
     counts.begin_steps(state.steps)
-    begin_anew(state, design.quantum, measurement)
+    reset(state, design.quantum, measurement)
 
 
-def begin_anew(state: State, quantum: float, measurement: float) -> None:
-    """Begin at this measurement [rad], with nothing known but the quantum [rad]; 0: nor that."""
+def reset(state: State, quantum: float, measurement: float) -> None:
+    """Reset all but the steps at this measurement [rad]; quantum [rad], 0: not known."""
     sensing.begin_sensor(state.sensor, quantum if quantum > 0.0 else counts.UNIT)
-    starts.set_doubt(state.doubt, 0.0, starts.LAST, 0.0, 0.0)
-    sampling.begin_clock(state.clock)
-    begin_motion_at(state, measurement)
+    starts.set_start_uncertainty(state.uncertainty, 0.0, starts.LAST, 0.0, 0.0)
+    sampling.begin_sampling(state.clock)
+    reset_motion(state, measurement)
 
 
-def begin_motion_at(state: State, measurement: float) -> None:
-    """Begin at this measurement [rad], with what is known of sensor, stamps and doubts."""
+def reset_motion(state: State, measurement: float) -> None:
+    """Reset the motion at this measurement [rad]; sensor and stamps stay known."""
     motion, quantum = state.motion, state.sensor.quantum
     motion.angle = measurement
     motion.velocity = motion.acceleration = motion.idle = 0.0
     covariance.set_covariance(state.p, quantum * quantum / 12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    bandwidth.begin_band(state.band, 0.0)
-    state.lock.status, state.lock.count, state.lock.astray = INITIALISING, 1.0, 0.0
-    bandwidth.forget_sway(state.sway)
-    preference.set_alike(state.other)
+    bandwidth.reset_process_noise(state.process_noise, 0.0)
+    state.tracking.status, state.tracking.count = INITIALISING, 1.0
+    state.tracking.time_outside_gate = 0.0
+    bandwidth.reset_velocity_walk(state.velocity_walk)
+    preference.reset_second_filter(state.second)
 
 
 def restart(
     observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: float
 ) -> None:
     """Start again after an outage or a jump of the clock: what is known of the quantum stays."""
-    follow(state.convention, measurement, design.period)
-    begin_anew(state, counts.quantum_of(state.steps, design.quantum), measurement)
+    follow_convention(state.convention, measurement, design.period)
+    reset(state, counts.quantum_of(state.steps, design.quantum), measurement)
 
 
 def resume(
@@ -231,32 +233,34 @@ def resume(
     """
     motion, p, sensor, clock = state.motion, state.p, state.sensor, state.clock
     quantum, v, dt = sensor.quantum, motion.velocity, coefficients.dt
-    off = measurement - motion.angle
-    if not -design.half_turn <= off < design.half_turn:
-        off = wrap(off, design.period)
-    off -= v * dt
+    innovation = measurement - motion.angle
+    if not -design.half_turn <= innovation < design.half_turn:
+        innovation = wrap(innovation, design.period)
+    innovation -= v * dt
     covariance.set_covariance(p, quantum * quantum / 12.0, 0.0, 0.0, p.p11, 0.0, p.p22)
     variance = v * v
     motion.angle, motion.acceleration, motion.idle = measurement, 0.0, 0.0
     if abs(v) * dt < design.half_turn:  # the reading shows how far it moved
-        covariance.add_manoeuvre(p, off, dt)
-        ratio = off / (p.p00 + sensor.noise)
+        covariance.add_manoeuvre(p, innovation, dt)
+        ratio = innovation / (p.p00 + sensor.noise)
         motion.velocity += p.p01 * ratio
         motion.acceleration = p.p02 * ratio
         covariance.correct_covariance(p, quantum * quantum / 12.0 + sensor.noise, 0.0)
-        variance = off * off / (dt * dt)
-    bandwidth.begin_sums(state.band)
+        variance = innovation * innovation / (dt * dt)
+    bandwidth.reset_cusum(state.process_noise)
     sensing.begin_differences(sensor)
     state.steps.jump = 0.0
-    follow(state.convention, measurement, design.period)
-    if state.lock.status == TRACKING:
-        state.lock.status = COASTING
-    state.lock.count = 0.0
-    bandwidth.forget_sway(state.sway)
-    starts.set_doubt(state.doubt, variance, starts.SETTLES, state.doubt.since, 0.0)
-    clock.late = clock.held = 0.0
-    clock.grew = False
-    preference.set_alike(state.other)
+    follow_convention(state.convention, measurement, design.period)
+    if state.tracking.status == TRACKING:
+        state.tracking.status = COASTING
+    state.tracking.count = 0.0
+    bandwidth.reset_velocity_walk(state.velocity_walk)
+    starts.set_start_uncertainty(
+        state.uncertainty, variance, starts.SETTLES, state.uncertainty.time_since_first_motion, 0.0
+    )
+    clock.lateness = clock.repeat_duration = 0.0
+    clock.lateness_grew = False
+    preference.reset_second_filter(state.second)
 
 
 def step(
@@ -267,33 +271,35 @@ def step(
     measurement: float,
     known_input: float,
 ) -> None:
-    """Take one reading [rad]: what it is, when it came, what it shows."""
+    """Process one reading [rad]: what it is, when it came, what it shows."""
     reading, dt = state.reading, coefficients.dt
-    state.told.now = False
-    if not receive(state, design, measurement, known_input, dt):
-        predict_alone(state, coefficients, design)
+    state.fusion.now = False
+    if not classify_reading(state, design, measurement, known_input, dt):
+        predict_through_repeat(state, coefficients, design)
         return
-    clock, pace, taken = state.clock, state.sensor.pace, dt
+    clock, pace, taken = state.clock, state.sensor.mean_sample_time, dt
     if (
         clock.uneven > 0.0
-        or dt > (1.0 + sampling.UNEVEN) * pace
-        or dt < (1.0 - sampling.UNEVEN) * pace
+        or dt > (1.0 + sampling.LEAST_ODD) * pace
+        or dt < (1.0 - sampling.LEAST_ODD) * pace
     ):
         moved = reading.change + state.convention.last - state.motion.angle
-        taken = sampling.elapsed(clock, dt, moved, state.motion, state.p, state.sensor)
+        taken = sampling.corrected_sample_time(
+            clock, dt, moved, state.motion, state.p, state.sensor
+        )
     if taken == dt:
-        listen(state, coefficients, design)
+        process_reading(state, coefficients, design)
     else:  # the stamp was wrong
         reading.passed = reading.passed + taken - dt
         evenly = Coefficients()
         prepare(evenly, design, taken)
-        listen(state, evenly, design)
+        process_reading(state, evenly, design)
 
 
-def receive(
+def classify_reading(
     state: State, design: Design, measurement: float, known_input: float, dt: float
 ) -> bool:
-    """Note what a reading is; return False if it is an old one, published again.
+    """Classify a reading; return False if it is an old one, published again.
 
     Residue: a jump far beyond the range of all readings before was a glitch if the next reading
     undoes it, else the first real step.
@@ -303,34 +309,37 @@ def receive(
     change = measurement - last
     if not -design.half_turn <= change < design.half_turn:
         change = wrap(change, design.period)
-    starting = state.doubt.to_settle > 0.0
+    starting = state.uncertainty.edges_to_settle > 0.0
     lasts = starting and steps.jump * (change + 0.5 * steps.jump) > 0.0
     if starting and not lasts and steps.jump != 0.0:
         change += steps.jump
     if change == 0.0 and not lasts and abs(motion.velocity) * dt > REPEATS * sensor.quantum:
-        tracking = state.lock.status == TRACKING
-        if sampling.is_repeat(clock, motion, state.p, sensor.pace, tracking, dt):
+        is_tracking = state.tracking.status == TRACKING
+        if sampling.is_repeat(clock, motion, state.p, sensor.mean_sample_time, is_tracking, dt):
             return False
     if starting:
-        starts.pass_time(state.doubt, dt)
+        starts.pass_time(state.uncertainty, dt)
         if lasts:
-            believe_jump(state, design, last, dt)
+            accept_jump(state, design, last, dt)
         else:
             steps.jump = 0.0
-    reading.angle, reading.change, reading.further = measurement, change, known_input
-    reading.unsure, reading.starting = state.doubt.variance, starting
-    reading.warm, reading.evidence = state.doubt.since >= starts.RECENT, clock.evidence
-    reading.extent = state.convention.high - state.convention.low
-    reading.rested, reading.stepped = sensor.since, sensor.step
-    reading.held = clock.held
-    reading.passed = clock.held + dt
-    if clock.held > 0.0 or clock.evidence > 0.0:
-        sampling.resume_clock(clock, change, reading.passed, sensor.pace, motion.velocity)
+    reading.angle, reading.change, reading.cell_excess = measurement, change, known_input
+    reading.start_velocity_variance, reading.starting = state.uncertainty.variance, starting
+    reading.noise_known = state.uncertainty.time_since_first_motion >= starts.RECENT
+    reading.evidence = clock.evidence
+    reading.observed_range = state.convention.high - state.convention.low
+    reading.rested, reading.previous_change = sensor.since, sensor.step
+    reading.repeat_duration = clock.repeat_duration
+    reading.passed = clock.repeat_duration + dt
+    if clock.repeat_duration > 0.0 or clock.evidence > 0.0:
+        sampling.resume_sampling(
+            clock, change, reading.passed, sensor.mean_sample_time, motion.velocity
+        )
     return True
 
 
-def believe_jump(state: State, design: Design, last: float, dt: float) -> None:
-    """Begin with the jump before this reading as the first step: all before it was residue.
+def accept_jump(state: State, design: Design, last: float, dt: float) -> None:
+    """Accept the jump before this reading as the first step: all before it was residue.
 
     Parameters
     ----------
@@ -342,26 +351,26 @@ def believe_jump(state: State, design: Design, last: float, dt: float) -> None:
     quantum = counts.quantum_of(steps, design.quantum)
     motion.angle = last - 0.5 * jump  # at the edge
     motion.velocity = motion.acceleration = motion.idle = 0.0
-    starts.stand(state, quantum)
+    starts.set_covariance_at_rest(state, quantum)
     sensing.first_step(state.sensor, quantum, jump, dt)
     starts.doubt_speed(state, jump, dt, 0.0, 0.0)
-    preference.set_alike(state.other)
+    preference.reset_second_filter(state.second)
 
 
-def predict_alone(state: State, coefficients: Coefficients, design: Design) -> None:
-    """Predict one sample on, without a reading."""
+def predict_through_repeat(state: State, coefficients: Coefficients, design: Design) -> None:
+    """Predict one sample on: the reading is an old one."""
     motion, dt = state.motion, coefficients.dt
     v, a = motion.velocity, motion.acceleration
     motion.angle = motion.angle + v * dt + a * coefficients.half
-    covariance.predict(motion, state.p, state.band.density, coefficients)
-    preference.predict_other(state, design, coefficients, 0.0, dt)
-    state.clock.held += dt
+    covariance.predict(motion, state.p, state.process_noise.density, coefficients)
+    preference.predict_second_filter(state, design, coefficients, 0.0, dt)
+    state.clock.repeat_duration += dt
 
 
-def listen(state: State, coefficients: Coefficients, design: Design) -> None:
-    """Take a reading whose time is known: learn the sensor, predict, and meet the reading."""
+def process_reading(state: State, coefficients: Coefficients, design: Design) -> None:
+    """Process a reading whose time is known: learn the sensor, predict, correct."""
     reading, dt = state.reading, coefficients.dt
-    pace, previous = state.sensor.pace, state.sensor.dt
+    pace, previous = state.sensor.mean_sample_time, state.sensor.dt
     learn_sensor(state, design)
     unknown = reading.starting or reading.first or state.p.p02 == 0.0
     if unknown and shows_line(state, design, dt, pace, previous):
@@ -369,15 +378,16 @@ def listen(state: State, coefficients: Coefficients, design: Design) -> None:
         return
     predict(state, coefficients, design, pace)
     if reading.change != 0.0:  # a rest ends, in which samples may have been lost?
-        if reading.rested > MEMORY * (pace if 0.0 < pace < dt else dt):
-            stir(state, dt)
-    off, quantum = reading.off, state.sensor.quantum
-    if (off > design.outside or off < -design.outside) and not is_next_count(
-        off, quantum, design.period
+        if reading.rested > NOISE_SAMPLES * (pace if 0.0 < pace < dt else dt):
+            doubt_velocity_after_rest(state, dt)
+    innovation, quantum = reading.innovation, state.sensor.quantum
+    outside = max(design.outside, LARGEST_SPEED_CHANGE * dt)  # in a long sample a joint may get far
+    if (innovation > outside or innovation < -outside) and not is_next_count(
+        innovation, quantum, design.period
     ):
-        stray(state, design, dt)
+        reject_outlier(state, design, dt)
     else:
-        meet(state, design, dt)
+        correct(state, design, dt)
 
 
 def learn_sensor(state: State, design: Design) -> None:
@@ -385,7 +395,7 @@ def learn_sensor(state: State, design: Design) -> None:
     reading, sensor, steps, convention = state.reading, state.sensor, state.steps, state.convention
     quantum, change, last = sensor.quantum, reading.change, convention.last
     reading.first = change != 0.0 and convention.low == convention.high
-    reading.counted = change + reading.further
+    reading.counted = change + reading.cell_excess
     if change != 0.0 and counts.shows_quantum(
         steps, reading.counted, sensor.size, sensor.since, quantum
     ):
@@ -393,25 +403,25 @@ def learn_sensor(state: State, design: Design) -> None:
         if counts.is_residue(reading.counted, extent, design.quantum, quantum, reading.first):
             reading.angle, reading.change, reading.first = last, 0.0, False  # it is used again
         else:
-            found = counts.search(steps, reading.counted, extent, design.quantum, sensor)
+            found = counts.search_quantum(steps, reading.counted, extent, design.quantum, sensor)
             if found != quantum:
                 rescale(state, found, reading.first)
                 quantum = found
-                preference.set_alike(state.other)
-    believed = state.lock.count if state.lock.status == COASTING else math.inf
+                preference.reset_second_filter(state.second)
+    believed = state.tracking.count if state.tracking.status == COASTING else math.inf
     sensing.follow_sensor(
         sensor, reading.change, reading.counted, reading.passed, quantum, believed
     )
     if reading.evidence > sampling.BELIEVED:
         sensing.age_noise(sensor, state.motion.velocity)
-    follow(convention, reading.angle, design.period)
+    follow_convention(convention, reading.angle, design.period)
 
 
 def rescale(state: State, quantum: float, first: bool) -> None:
     """Use another quantum [rad] from now on.
 
-    Covariance, band and sensor stay as they were in quanta, but a finer quantum makes no estimate
-    surer.
+    Covariance, process noise and sensor stay as they were in quanta, but a finer quantum makes no
+    estimate surer.
 
     Parameters
     ----------
@@ -420,12 +430,12 @@ def rescale(state: State, quantum: float, first: bool) -> None:
     p, sensor = state.p, state.sensor
     used, noise = sensor.quantum, sensor.noise
     scale = quantum * quantum / (used * used)
-    if noise > PLAIN * used * used:  # what is known stays as it was in noise
+    if noise > NOISY_ABOVE * used * used:  # what is known stays as it was in noise
         scale = (quantum * quantum + 12.0 * noise) / (used * used + 12.0 * noise)
-    state.band.density *= scale
+    state.process_noise.density *= scale
     if first:
         sensor.noise *= scale
-        sensor.lasting *= scale
+        sensor.vibration_power *= scale
     if scale > 1.0 or first:
         p.p00, p.p01, p.p02 = p.p00 * scale, p.p01 * scale, p.p02 * scale
         p.p11, p.p12, p.p22 = p.p11 * scale, p.p12 * scale, p.p22 * scale
@@ -447,15 +457,15 @@ def shows_line(state: State, design: Design, dt: float, pace: float, previous: f
         or (p.p02 == 0.0 and pace == 0.0 and dt > HASTY * previous and previous > 0.0)
         or (
             reading.starting
-            and reading.stepped * reading.change > 0.0
-            and state.doubt.to_settle == starts.UNSURE
+            and reading.previous_change * reading.change > 0.0
+            and state.uncertainty.edges_to_settle == starts.FIRST_EDGE
         )
         or (reading.first and design.quantum == 0.0 and reading.rested <= CONFIRMED * dt)
     )
 
 
 def predict(state: State, coefficients: Coefficients, design: Design, pace: float) -> None:
-    """Predict motion and covariance: a' = -a/FADE + w, v' = a, x' = v.
+    """Predict motion and covariance: a' = -a/T + w, v' = a, x' = v.
 
     Parameters
     ----------
@@ -463,107 +473,118 @@ def predict(state: State, coefficients: Coefficients, design: Design, pace: floa
     """
     motion, p, sensor, reading = state.motion, state.p, state.sensor, state.reading
     dt, v, a = coefficients.dt, motion.velocity, motion.acceleration
-    moved = v * dt + a * coefficients.half
-    ahead = reading.change - moved
-    if reading.held > 0.0:  # and moved while the reading repeated
-        ahead -= (v - 0.5 * a * reading.held) * reading.held
-    off = reading.angle - motion.angle - moved
-    if off + off >= design.period or off + off < -design.period:
-        off = wrap(off, design.period)
-    reading.moved, reading.ahead, reading.off = moved, ahead, off
-    covariance.predict(motion, p, state.band.density, coefficients)
+    predicted = v * dt + a * coefficients.half
+    unpredicted = reading.change - predicted
+    if reading.repeat_duration > 0.0:  # and moved while the reading repeated
+        unpredicted -= (v - 0.5 * a * reading.repeat_duration) * reading.repeat_duration
+    innovation = reading.angle - motion.angle - predicted
+    if innovation + innovation >= design.period or innovation + innovation < -design.period:
+        innovation = wrap(innovation, design.period)
+    reading.predicted_motion, reading.unpredicted_motion = predicted, unpredicted
+    reading.innovation = innovation
+    covariance.predict(motion, p, state.process_noise.density, coefficients)
     swing = lasted = 0.0
-    if state.sway.mean > 0.0:
-        lasted = dt if dt > sampling.EVEN * pace else pace  # readings in bursts are not that near
-        swing = state.sway.mean - sensor.quantum * sensor.quantum / 6.0 - 2.0 * sensor.noise
-        covariance.add_sway(p, swing, lasted)
-    if design.ratio != 1.0 or state.other.apart:
-        preference.predict_other(state, design, coefficients, swing, lasted)
+    walk = state.velocity_walk
+    if walk.mean > 0.0:
+        lasted = (
+            dt if dt > sampling.EVEN_SAMPLING * pace else pace
+        )  # readings in bursts are not that near
+        swing = walk.mean - sensor.quantum * sensor.quantum / 6.0 - 2.0 * sensor.noise
+        covariance.add_velocity_noise(p, swing, lasted)
+    if design.ratio != 1.0 or state.second.apart:
+        preference.predict_second_filter(state, design, coefficients, swing, lasted)
 
 
-def stir(state: State, dt: float) -> None:
+def doubt_velocity_after_rest(state: State, dt: float) -> None:
     """Doubt the speed at the first changed reading after a rest.
 
     Not where noise hides single edges (see `doubt_in_noise`), and where the angle is known too
     well: an edge came meanwhile, that noise took back.
     """
-    reading, doubt = state.reading, state.doubt
+    reading, uncertainty = state.reading, state.uncertainty
     square = state.sensor.quantum * state.sensor.quantum
-    if state.sensor.noise <= PLAIN * square and (
+    if state.sensor.noise <= NOISY_ABOVE * square and (
         reading.first or 12.0 * state.p.p00 > RESTED * square
     ):
-        since = 0.0 if reading.first else doubt.since
-        age = doubt.age if reading.rested < starts.RESTS else 0.0
+        since = 0.0 if reading.first else uncertainty.time_since_first_motion
+        age = uncertainty.age if reading.rested < starts.RESTS else 0.0
         starts.doubt_speed(state, reading.change, dt, since, age)
         reading.starting = False
 
 
 def coast(state: State) -> None:
     """Go on with the prediction: the reading is not believed."""
-    state.motion.angle = state.reading.angle - state.reading.off
-    if state.lock.status != INITIALISING:
-        state.lock.status = COASTING
-    state.lock.count = 0.0
+    state.motion.angle = state.reading.angle - state.reading.innovation
+    if state.tracking.status != INITIALISING:
+        state.tracking.status = COASTING
+    state.tracking.count = 0.0
 
 
-def stray(state: State, design: Design, dt: float) -> None:
-    """Take a reading an eighth of a turn off: none of this shaft, or not of this speed."""
-    outside = design.outside
-    state.lock.astray += dt
-    if state.lock.astray > LOST_AFTER or SIGMAS * SIGMAS * state.p.p00 > outside * outside:
-        begin_motion_at(state, state.reading.angle)
+def reject_outlier(state: State, design: Design, dt: float) -> None:
+    """Reject a reading an eighth of a turn away: none of this shaft, or not of this speed."""
+    outside, tracking = design.outside, state.tracking
+    tracking.time_outside_gate += dt
+    if tracking.time_outside_gate > LOST_AFTER or SIGMAS * SIGMAS * state.p.p00 > outside * outside:
+        reset_motion(state, state.reading.angle)
     else:
         coast(state)
 
 
-def meet(state: State, design: Design, dt: float) -> None:
-    """Take a reading of this shaft: sway, noise that hides single edges, and what an edge shows."""
+def correct(state: State, design: Design, dt: float) -> None:
+    """Correct by a reading: random walk, noise that hides single edges, what an edge shows."""
     reading, motion, p, sensor = state.reading, state.motion, state.p, state.sensor
-    sway, lock, quantum, off = state.sway, state.lock, sensor.quantum, reading.off
-    mean, last, before, square = sway.mean, sway.last, sway.before, quantum * quantum
+    walk, tracking, quantum = state.velocity_walk, state.tracking, sensor.quantum
+    mean, last, before = walk.mean, walk.last, walk.before
+    innovation, square = reading.innovation, quantum * quantum
     # unless it moved away from a reading that was not believed
-    bandwidth.follow_sway(
-        sway, reading.ahead, sensing.OUTLIER * (sensor.scatter + square), lock.count > 0.0
+    bandwidth.update_velocity_walk(
+        walk,
+        reading.unpredicted_motion,
+        sensing.OUTLIER_RATIO * (sensor.noise_bound + square),
+        tracking.count > 0.0,
     )
-    half, noisy = 0.5 * quantum, sensor.noise > PLAIN * square
+    half, noisy = 0.5 * quantum, sensor.noise > NOISY_ABOVE * square
     if noisy:
         starts.doubt_in_noise(state, dt)
-    elif reading.change * reading.stepped < 0.0 and -half < reading.moved < half:
-        if sway.mean <= 0.0:
+    elif reading.change * reading.previous_change < 0.0 and -half < reading.predicted_motion < half:
+        if walk.mean <= 0.0:
             # a reading that the next undoes: its noise is as unknown as an angle in its cell
             sensor.noise, noisy = square / 12.0, True
     noise = sensor.noise
-    flickers = noisy and reading.moved * reading.moved < noise < half * half
+    flickers = noisy and reading.predicted_motion * reading.predicted_motion < noise < half * half
     # most readings are plainly no news: no edge, and none was expected
-    inside = -half <= reading.ahead <= half and -half <= off <= half
+    inside = -half <= reading.unpredicted_motion <= half and -half <= innovation <= half
     if not inside or flickers or 12.0 * p.p00 > square:
-        if not hear(state, design, dt, flickers):
-            sway.mean, sway.last, sway.before = mean, last, before
+        if not measurement_update(state, design, dt, flickers):
+            walk.mean, walk.last, walk.before = mean, last, before
             return
         if motion.idle == 0.0 and abs(2.0 * motion.velocity) * dt > design.period > 0.0:
-            begin_motion_at(state, reading.angle)  # faster than half a turn per sample: lost
+            reset_motion(state, reading.angle)  # faster than half a turn per sample: lost
             return
-    if reading.change != 0.0 and reading.unsure > 0.0:
-        starts.doubt_overdue(state.doubt, 0.0)
+    if reading.change != 0.0 and reading.start_velocity_variance > 0.0:
+        starts.inflate_for_missing_edge(state.uncertainty, 0.0)
     if reading.starting and reading.change != 0.0:
         starts.settle(state, noise, dt)
-    if lock.status != TRACKING:
-        settle_lock(lock, p.p11, dt, square + 12.0 * noise)
-    motion.angle = reading.angle - reading.off
+    if tracking.status != TRACKING:
+        confirm_tracking(tracking, p.p11, dt, square + 12.0 * noise)
+    motion.angle = reading.angle - reading.innovation
 
 
-def hear(state: State, design: Design, dt: float, flickers: bool) -> bool:
-    """Take what a reading may show of the angle; return False if it is not believed.
+def measurement_update(state: State, design: Design, dt: float, flickers: bool) -> bool:
+    """Update by what a reading shows of the angle; return False if it is not believed.
 
     The cell of an unchanged reading may reach further than a quantum; by a quarter of what is known
     of that either end may be wrong.
     """
     reading, motion, quantum = state.reading, state.motion, state.sensor.quantum
-    further = reading.further if reading.change == 0.0 else 0.0
-    off, size = reading.off + 0.5 * further, quantum + 1.5 * abs(further)
-    if update(state, design, off, size, flickers, dt):
+    cell_excess = reading.cell_excess if reading.change == 0.0 else 0.0
+    innovation, size = reading.innovation + 0.5 * cell_excess, quantum + 1.5 * abs(cell_excess)
+    if update(state, design, innovation, size, flickers, dt):
         return True
-    if quantum != design.quantum and abs(reading.change) > counts.JUMP * reading.extent:
+    if (
+        quantum != design.quantum
+        and abs(reading.change) > counts.RESIDUE_RATIO * reading.observed_range
+    ):
         # what moved before was residue, or this is a glitch: the next reading decides
         state.steps.jump = reading.change
         starts.doubt_speed(state, reading.change, dt, 0.0, 0.0)
@@ -580,28 +601,28 @@ def inform(
     value: float,
     variance: float,
 ) -> None:
-    """Take what another sensor tells of the present motion; see `maths.informing`."""
+    """Fuse a value that another sensor measured; see `maths.informing`."""
     motion = state.motion
-    if state.lock.status != TRACKING:
+    if state.tracking.status != TRACKING:
         return
     y = motion.velocity if kind == RATE else motion.angle if kind == ANGLE else motion.acceleration
-    x, v, a = told(state.p, state.told, kind, value - y, variance)
+    x, v, a = scalar_update(state.p, state.fusion, kind, value - y, variance)
     motion.angle += x
     motion.velocity += v
     motion.acceleration += a
-    preference.set_alike(state.other)
+    preference.reset_second_filter(state.second)
 
 
-def settle_lock(lock: Lock, p11: float, dt: float, floor: float) -> None:
-    """Take one more believed reading of a start, a gap or a doubt.
+def confirm_tracking(tracking: Tracking, p11: float, dt: float, floor: float) -> None:
+    """Count one more believed reading of a start, a gap or a doubt.
 
     Parameters
     ----------
     p11 : variance of the speed. floor : twelve times the variance of a reading [rad^2].
     """
-    lock.count += 1.0
-    if lock.count >= CONFIRMED and p11 * dt * dt < floor:
-        lock.status, lock.astray = TRACKING, 0.0
+    tracking.count += 1.0
+    if tracking.count >= CONFIRMED and p11 * dt * dt < floor:
+        tracking.status, tracking.time_outside_gate = TRACKING, 0.0
 
 
 def estimate(
@@ -613,16 +634,16 @@ def estimate(
     measurement: float,
     known_input: float,
 ) -> None:
-    """Set the estimate; the known input is by how much a cell reaches further than a quantum."""
-    motion, other, sensor = state.motion, state.other, state.sensor
-    v = motion.velocity + other.v
-    if sensor.since > 0.0 and not state.told.now:
+    """Set the estimate; the known input is the size of the cell beyond a quantum."""
+    motion, second, sensor = state.motion, state.second, state.sensor
+    v = motion.velocity + second.v
+    if sensor.since > 0.0 and not state.fusion.now:
         most = sigma.fastest(sensor, known_input)
         v = most if v > most else -most if v < -most else v
-    angle = motion.angle + other.x
+    angle = motion.angle + second.x
     out.position = present(state.convention, angle, design.period, design.unwrap)
-    out.velocity, out.acceleration = v, motion.acceleration + other.a
-    out.status = state.lock.status
+    out.velocity, out.acceleration = v, motion.acceleration + second.a
+    out.status = state.tracking.status
 
 
 OBSERVER = Observer(

@@ -4,8 +4,8 @@
 """The user's preference: a second filter beside the first, of a larger or a smaller density.
 
 The laws find the density at which innovations are white: there lag and noise are balanced. In a
-filter that listens faster they no longer are, and the laws would undo the preference. So the first
-filter always listens as the laws say, and judges the readings; a second one of `RATIO` times the
+filter with more process noise they no longer are, and the laws would undo the preference. So the
+first filter always follows the laws, and judges the readings; a second one of `RATIO` times the
 density gets the same news, and is published. Noise makes RATIO^(1/2) times the variance in its
 velocity, and its delay is RATIO^(-1/2) times that of the first.
 """
@@ -16,7 +16,7 @@ from typing import Any
 
 from estimator_pkg.observers.angle.edge.covariance import (
     Coefficients,
-    add_sway,
+    add_velocity_noise,
     correct_covariance,
     predict_covariance,
     widen,
@@ -26,7 +26,7 @@ from estimator_pkg.record import record
 
 
 @record
-class Other:
+class SecondFilter:
     """The second filter."""
 
     apart: bool  # False: it is as the first one
@@ -36,36 +36,36 @@ class Other:
     p: Covariance
 
 
-def set_alike(other: Other) -> None:
-    """Let the second filter begin as the first one is."""
-    other.apart = False
-    other.x = other.v = other.a = 0.0
+def reset_second_filter(second: SecondFilter) -> None:
+    """Reset the second filter to the first."""
+    second.apart = False
+    second.x = second.v = second.a = 0.0
 
 
-def predict_other(
-    state: Any, design: Any, coefficients: Coefficients, sway: float, lasted: float
+def predict_second_filter(
+    state: Any, design: Any, coefficients: Coefficients, half_variance: float, lasted: float
 ) -> None:
     """Predict the second filter one sample on, after the first one's covariance.
 
     Parameters
     ----------
-    sway, lasted : see `covariance.add_sway`; the time in which the speed sways [s].
+    half_variance, lasted : see `covariance.add_velocity_noise`; the time of the random walk [s].
     """
-    other, dt = state.other, coefficients.dt
+    second, dt = state.second, coefficients.dt
     if design.ratio == 1.0:
-        set_alike(other)
-    elif not other.apart:
-        other.apart = True
-        other.p.take(state.p)
+        reset_second_filter(second)
+    elif not second.apart:
+        second.apart = True
+        second.p.take(state.p)
     else:
-        predict_covariance(other.p, design.ratio * state.band.density, coefficients)
-        add_sway(other.p, sway, lasted)
-        other.x = other.x + other.v * dt + other.a * coefficients.half
-        other.v += other.a * dt
-        other.a *= coefficients.kept
+        predict_covariance(second.p, design.ratio * state.process_noise.density, coefficients)
+        add_velocity_noise(second.p, half_variance, lasted)
+        second.x = second.x + second.v * dt + second.a * coefficients.half
+        second.v += second.a * dt
+        second.a *= coefficients.kept
 
 
-def inform_other(
+def correct_second_filter(
     state: Any,
     design: Any,
     s: float,
@@ -85,9 +85,9 @@ def inform_other(
     measured : it is a measurement; else it only moves the estimate.
     growth, manoeuvre : of the log density, and whether a manoeuvre was found.
     """
-    other, p = state.other, state.p
+    second, p = state.second, state.p
     f = 1.0 - left
-    own = other.p
+    own = second.p
     if manoeuvre:
         own.take(p)
         widen(own, design.log_ratio)
@@ -95,13 +95,13 @@ def inform_other(
         widen(own, growth)
     own_00, own_01, own_02 = own.p00, own.p01, own.p02
     whole = s + f * (own_00 - p.p00)
-    rate = (d - f * other.x) / whole
+    rate = (d - f * second.x) / whole
     if measured:
         correct_covariance(own, whole - own_00, left)
     ratio = d / s
-    other.x = other.x + own_00 * rate - p.p00 * ratio
-    other.v = other.v + own_01 * rate - p.p01 * ratio
-    other.a = other.a + own_02 * rate - p.p02 * ratio
+    second.x = second.x + own_00 * rate - p.p00 * ratio
+    second.v = second.v + own_01 * rate - p.p01 * ratio
+    second.a = second.a + own_02 * rate - p.p02 * ratio
 
 
 def ratios(ratio: float) -> tuple[float, float, float]:

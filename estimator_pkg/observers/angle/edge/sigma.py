@@ -4,7 +4,7 @@
 """The published standard deviation, and the speed that an unchanged reading allows.
 
 The covariance times the mean square of the innovations; and more where a motion may have begun that
-no reading has shown yet (docs/observers/edge_adaptive_theory.md, "The standard deviation").
+no reading has shown yet (docs/observers/edge_adaptive_theory.md, "Standard deviation").
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import Deviation
 from estimator_pkg.observers.angle.edge.constants import SIGMAS
-from estimator_pkg.observers.angle.edge.start import RECENT, unknown_speed, unseen
+from estimator_pkg.observers.angle.edge.start import RECENT, start_variance, unknown_speed
 from estimator_pkg.sensor.noise import Sensor
 
 
@@ -37,27 +37,29 @@ def deviation(
     observer: Any, out: Deviation, state: Any, coefficients: Any, design: Any, scale: float
 ) -> None:
     """Set one standard deviation of position and velocity, the latter times `scale`."""
-    motion, p, band, sensor, doubt = state.motion, state.p, state.band, state.sensor, state.doubt
+    motion, p, sensor = state.motion, state.p, state.sensor
+    process, uncertainty = state.process_noise, state.uncertainty
     convention, quantum = state.convention, sensor.quantum
     dt, speed = coefficients.dt, motion.velocity
     if design.quantum == 0.0 and convention.low == convention.high:  # nothing moved: no quantum
         out.position = out.velocity = math.inf
         return
-    starting = 0.0 < doubt.age < RECENT
-    variance = p.p11 * (band.squares if band.squares > 0.5 else 0.5)  # at least half of P_11
+    starting = 0.0 < uncertainty.age < RECENT
+    # at least half of P_11
+    variance = p.p11 * (process.mean_nis if process.mean_nis > 0.5 else 0.5)
     if p.p11 <= 0.0:
         variance = unknown_speed(quantum, dt)
     else:
-        variance = variance * design.of_speed + doubt.variance
-    if band.up > 0.0 or band.down > 0.0:  # the cumulative sums doubt it: a motion may begin
-        off = convention.last - motion.angle
-        if off + off >= design.period or off + off < -design.period:
-            off = wrap(off, design.period)
-        rate = off / dt
+        variance = variance * design.of_speed + uncertainty.variance
+    if process.cusum_positive > 0.0 or process.cusum_negative > 0.0:  # a motion may begin
+        innovation = convention.last - motion.angle
+        if innovation + innovation >= design.period or innovation + innovation < -design.period:
+            innovation = wrap(innovation, design.period)
+        rate = innovation / dt
         if starting or abs(rate) > abs(speed):  # it may have begun half a sample ago
             variance += (2.0 * rate) * (2.0 * rate)
     if starting:
-        variance += unseen(state, dt)
+        variance += start_variance(state, dt)
     sigma = math.sqrt(variance)
     if sensor.since > 0.0:
         most = fastest(sensor, 0.0)

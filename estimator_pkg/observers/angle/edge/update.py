@@ -1,10 +1,10 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The measurement update: an interval meets the Gaussian of the prediction, and both laws listen.
+"""The measurement update: an interval meets the Gaussian of the prediction; both laws adapt.
 
-The equations are those of docs/observers/edge_adaptive_theory.md, "What an edge shows" and "How the
-bandwidth moves".
+The equations are those of docs/observers/edge_adaptive_theory.md, "Measurement update" and "Process
+noise".
 """
 
 from __future__ import annotations
@@ -14,29 +14,36 @@ from typing import Any
 
 from estimator_pkg.observers.angle.edge import bandwidth, covariance, preference
 from estimator_pkg.observers.angle.edge import interval as cells
-from estimator_pkg.observers.angle.edge.constants import ALARM, CALM, PLAIN, STRAY
-from estimator_pkg.observers.angle.edge.start import doubt_overdue
+from estimator_pkg.observers.angle.edge.constants import (
+    ALARM,
+    LEAST_JERK_DENSITY,
+    NOISY_ABOVE,
+    OUTLIER_QUANTA,
+)
+from estimator_pkg.observers.angle.edge.start import inflate_for_missing_edge
 from estimator_pkg.sensor.noise import follow_noise, vibration
 
 SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
 
 
-def update(state: Any, design: Any, off: float, size: float, flickers: bool, dt: float) -> bool:
-    """Take what a reading may show of the angle; return False if it is not believed.
+def update(
+    state: Any, design: Any, innovation: float, size: float, flickers: bool, dt: float
+) -> bool:
+    """Update by what a reading shows of the angle; return False if it is not believed.
 
     Parameters
     ----------
-    off, size : distance of the cell's centre from the predicted angle, and its size [rad].
+    innovation, size : distance of the cell's centre from the predicted angle, and its size [rad].
     flickers : noise crosses an edge more often than the angle does.
     """
-    motion, p, band, sensor = state.motion, state.p, state.band, state.sensor
-    quantum, noise, ahead = sensor.quantum, sensor.noise, state.reading.ahead
-    kind, centre, half = cells.interval(off, ahead, size, p.p00, noise, flickers)
+    motion, p, process, sensor = state.motion, state.p, state.process_noise, state.sensor
+    quantum, noise, unpredicted = sensor.quantum, sensor.noise, state.reading.unpredicted_motion
+    kind, centre, half = cells.interval(innovation, unpredicted, size, p.p00, noise, flickers)
     if kind == cells.NOTHING:
         return True
     held = kind == cells.HELD
     # the interval, either end of which may be wrong, meets the Gaussian: S = P_00 + R, mean d
-    r = noise + PLAIN * (2.0 * half) * (2.0 * half)
+    r = noise + NOISY_ABOVE * (2.0 * half) * (2.0 * half)
     s = p.p00 + r
     d, left = cells.within(centre, half, math.sqrt(s))
     f = 1.0 - left
@@ -45,39 +52,41 @@ def update(state: Any, design: Any, off: float, size: float, flickers: bool, dt:
     beyond = z > ALARM or z < -ALARM
     if beyond:
         z = ALARM if z > 0.0 else -ALARM
-    date = bandwidth.follow_sums(band, z, motion.idle)
+    date = bandwidth.update_cusum(process, z, motion.idle)
     motion.idle = 0.0
-    if beyond and date == 0.0 and (d > STRAY * quantum or d < -STRAY * quantum):
+    if beyond and date == 0.0 and (d > OUTLIER_QUANTA * quantum or d < -OUTLIER_QUANTA * quantum):
         return False  # one sample alone: the sums alone keep it, for the next to confirm
-    white = band.low * band.low < band.variance
+    white = process.filtered_innovation * process.filtered_innovation < process.variance
     # the density is that of the longest memory, or of a vibration, at least
-    least = CALM * (quantum * quantum + 12.0 * noise)
-    if sensor.lasting > 0.0 and state.reading.warm and not flickers:
+    least = LEAST_JERK_DENSITY * (quantum * quantum + 12.0 * noise)
+    if sensor.vibration_power > 0.0 and state.reading.noise_known and not flickers:
         least = max(least, vibration(sensor))
-    growth, product = bandwidth.follow_band(band, z, f * p.p00 / s, least)
+    growth, product = bandwidth.adapt_process_noise(process, z, f * p.p00 / s, least)
     if growth > 0.0:
         covariance.widen(p, growth)
     if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
         if date > 0.0:
-            bandwidth.explain(state, d, date, dt, flickers)
-            kind, centre, half = cells.INTERVAL, off, 0.5 * size  # the whole cell is news now
+            bandwidth.inflate_for_manoeuvre(state, d, date, dt, flickers)
+            kind, centre, half = cells.INTERVAL, innovation, 0.5 * size  # the whole cell is news
         else:
-            kind, centre, half = cells.interval(off, ahead, size, p.p00, noise, flickers)
-        r = noise + PLAIN * (2.0 * half) * (2.0 * half)
+            kind, centre, half = cells.interval(
+                innovation, unpredicted, size, p.p00, noise, flickers
+            )
+        r = noise + NOISY_ABOVE * (2.0 * half) * (2.0 * half)
         d, left = cells.within(centre, half, math.sqrt(p.p00 + r))
     s = p.p00 + r
     # the noise follows the score: flicker shows it from either side alike; elsewhere what is
     # correlated is motion
     if white if flickers else kind != cells.HELD and (score < 0.0 or product < 1.0):
-        most = noise if flickers and sensor.scatter < noise else sensor.scatter
+        most = noise if flickers and sensor.noise_bound < noise else sensor.noise_bound
         sensor.noise = follow_noise(noise, score * noise / s, most, quantum)
     measured = kind != cells.HELD  # that no edge came moves the estimate only
     ratio = d / s  # K d = P_.0 d/S
     if held:
-        doubt_overdue(state.doubt, p.p01 * ratio)
+        inflate_for_missing_edge(state.uncertainty, p.p01 * ratio)
     if design.ratio != 1.0:
-        preference.inform_other(state, design, s, d, left, measured, growth, date > 0.0)
-    state.reading.off -= p.p00 * ratio
+        preference.correct_second_filter(state, design, s, d, left, measured, growth, date > 0.0)
+    state.reading.innovation -= p.p00 * ratio
     motion.velocity += p.p01 * ratio
     motion.acceleration += p.p02 * ratio
     if measured:

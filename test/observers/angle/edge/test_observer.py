@@ -11,7 +11,7 @@ from edge_encoder import DT, QUANTUM, joint, read, rms, run
 from observer_cases import make, stamps, wrapped
 
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING
-from estimator_pkg.sensor.guard import REPEATED
+from estimator_pkg.sensor.guard import REPEATED_READING
 
 
 @pytest.mark.parametrize('counts', [1.01, 0.99, 0.51, 0.335, 1.49, 100.02, 130.67, 20.26])
@@ -258,7 +258,7 @@ def test_a_stream_that_repeats_every_second_reading_is_followed(speed):
     measured = read(speed * np.arange(4000) * DT)
     measured[1::2] = measured[::2]
     out = joint().run(stamps(4000), measured)
-    assert np.all(out.verdict[1501::2] == REPEATED)
+    assert np.all(out.verdict[1501::2] == REPEATED_READING)
     assert np.all(np.abs(out.velocity[1500::2] - speed) < 0.01 * speed)
 
 
@@ -369,3 +369,13 @@ def test_noise_at_a_start_is_no_vibration():
     reading = np.rint(3.0 * random.standard_normal(1500)) * QUANTUM
     out = make('edge_adaptive', {'quantum': QUANTUM}).run(stamps(1500, 2e-3), reading)
     assert np.sqrt(np.mean(out.velocity[500:] ** 2)) < 0.02
+
+
+@pytest.mark.parametrize(
+    'amplitude, hertz', [(0.5, 0.4), (1.0, 0.25), (1.0, 0.3), (1.0, 0.4), (2.0, 0.25), (2.0, 0.3)]
+)
+def test_a_joint_at_2_hz_is_tracked(amplitude, hertz):
+    """The speed changes by more than an eighth of a turn in a sample: two of six never tracked."""
+    angle = amplitude * np.sin(math.tau * hertz * 0.5 * np.arange(80))
+    out = run(angle, stamps(80, 0.5))
+    assert np.all(out.status[30:] == TRACKING)

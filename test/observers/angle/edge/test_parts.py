@@ -13,7 +13,7 @@ from estimator_pkg.observers.angle.edge import constants as edge_constants
 from estimator_pkg.observers.angle.edge import covariance as edge_covariance
 from estimator_pkg.observers.angle.edge import observer as edge_observer
 from estimator_pkg.observers.angle.edge import start as edge_start
-from estimator_pkg.observers.angle.edge.bandwidth import Sway
+from estimator_pkg.observers.angle.edge.bandwidth import VelocityRandomWalk
 from estimator_pkg.observers.angle.edge.interval import within
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.sensor import noise as edge_sensor
@@ -70,7 +70,7 @@ def sensed(angles, dts=None, quantum=0.01):
     for i in range(1, len(angles)):
         step = angles[i] - angles[i - 1]
         if step != 0.0:
-            edge_quantum.search(steps, step, abs(angles[i]), quantum, sensor)
+            edge_quantum.search_quantum(steps, step, abs(angles[i]), quantum, sensor)
         dt, found = 1e-3 if dts is None else dts[i], edge_quantum.quantum_of(steps, quantum)
         edge_sensor.follow_sensor(sensor, step, step, dt, found, math.inf)
     return sensor, steps
@@ -84,7 +84,7 @@ def test_scatter_is_the_noise_whatever_the_motion_and_the_sample_times():
     scatters = [
         sensed(
             (5.0 * t * t + noise * random.normal(size=4000))[k : k + 200], dts[k : k + 200], 1e-3
-        )[0].scatter
+        )[0].noise_bound
         for k in range(0, 3800, 200)
     ]
     assert math.sqrt(np.mean(scatters)) == pytest.approx(noise, rel=0.1)
@@ -108,10 +108,10 @@ def test_no_constant_speed_looks_like_a_vibration():
 
 
 def sways(deviations):
-    """The mean of `follow_sway` after each of the deviations."""
-    sway, means = Sway(), []
+    """The mean of `update_velocity_walk` after each of the deviations."""
+    sway, means = VelocityRandomWalk(), []
     for ahead in deviations:
-        edge_bandwidth.follow_sway(sway, ahead, math.inf, True)
+        edge_bandwidth.update_velocity_walk(sway, ahead, math.inf, True)
         means.append(sway.mean)
     return np.array(means)
 
@@ -139,8 +139,8 @@ def test_noise_does_not_sway_and_a_speed_that_goes_at_random_does():
     assert np.mean(sways(speed)) == pytest.approx(0.09 * kept / (1.0 + kept), rel=0.1)
     assert sways([1.0, 1.0, 1.0, 1e6])[-1] < sways([1.0, 1.0, 1.0])[-1]  # lasting is no sway
     for last, mean in ((-1e9, -4.0 / 32.0), (1e9, 4.0 / 32.0)):
-        sway = made(Sway, last=last, before=1.0)
-        edge_bandwidth.follow_sway(sway, 1.0, 4.0, True)
+        sway = made(VelocityRandomWalk, last=last, before=1.0)
+        edge_bandwidth.update_velocity_walk(sway, 1.0, 4.0, True)
         assert sway.mean == mean
 
 
@@ -157,7 +157,7 @@ def test_a_measurement_far_finer_than_the_prediction_leaves_a_covariance():
 def stood(quantum):
     """The covariance of a shaft that has stood for long."""
     state = edge_observer.State()
-    edge_start.stand(state, quantum)
+    edge_start.set_covariance_at_rest(state, quantum)
     return values(state.p)
 
 
@@ -179,7 +179,7 @@ def test_a_jump_that_lasts_is_the_quantum_whatever_was_read_before(jump):
     design = edge_observer.Design()
     state = begun_state(design)
     state.steps.jump = jump
-    edge_observer.believe_jump(state, design, 7.0, 1e-3)
+    edge_observer.accept_jump(state, design, 7.0, 1e-3)
     assert edge_quantum.quantum_of(state.steps, 0.0) == state.sensor.quantum == abs(jump)
     assert state.motion.angle == 7.0 - 0.5 * jump  # at the edge
     assert values(state.p) == stood(abs(jump))
@@ -193,9 +193,9 @@ def test_a_shaft_of_which_less_than_a_cell_is_known_may_start(part, starts):
         state.reading.rested, state.reading.first = 1.0, first
         for name, value in sensor.items():
             setattr(state.sensor, name, value)
-        edge_observer.stir(state, 1e-3)
-        return state.doubt.to_settle == edge_start.UNSURE
+        edge_observer.doubt_velocity_after_rest(state, 1e-3)
+        return state.uncertainty.edges_to_settle == edge_start.FIRST_EDGE
 
     assert stirs() is starts
     assert stirs(first=True)  # the first of all
-    assert not stirs(first=True, noise=1.01 * edge_constants.PLAIN * Q * Q)
+    assert not stirs(first=True, noise=1.01 * edge_constants.NOISY_ABOVE * Q * Q)

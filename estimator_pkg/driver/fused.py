@@ -3,8 +3,8 @@
 
 """A joint that is measured by further sensors in addition to its angle.
 
-Two joints run on the same samples: one on the angle alone, the other is also informed by the
-sources. A source informs only while it agrees with the angle alone; else the informed joint
+Two joints run on the same samples: one on the angle alone, the other also fuses the sources. A
+source is fused only while it agrees with the angle alone; else the fused joint
 continues as a copy of the other one, so that no error of a source stays in it.
 """
 
@@ -21,30 +21,30 @@ from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.maths.informing import ACCELERATION, RATE
 from estimator_pkg.sensor.source import (
     BIAS,
-    RATIO,
+    SCALE,
     SHIFT,
-    Source,
+    SourceFilter,
     X,
     agree,
     begin_source,
+    correct_by_angle,
     follow_source,
     forget_source,
-    meet_angle,
+    noise_variance,
     resume_source,
     speed_of,
     variance_of_speed,
-    white,
 )
 
 DOUBTED = 0.25  # time without agreement after which a source is withheld [s]
 PLAY = 0.8  # the same of a second encoder, which backlash moves [s]
 FADING = 0.2  # time of doubt that each second of agreement takes back [s]
-PROOF, LONGEST_PROOF = 1.0, 64.0  # time of agreement before it informs [s]; doubled each time
-SILENT = 0.5  # time without a value after which it is silent [s]
-FORGET = 0.5  # part of the backlash that is remembered from one reversal to the next
-OLD = 2.0  # sample times after which a value is not used
-BETTER = 4.0  # times the variance of the speed from the angle alone, to be worth it
-QUEUE = 4096  # values that wait for a reading at most
+PROBATION, LONGEST_PROBATION = 1.0, 64.0  # agreement before it informs [s]; doubled each time
+SOURCE_SILENT = 0.5  # time without a value after which it is silent [s]
+BACKLASH_MEMORY = 0.5  # part of the backlash that is remembered from one reversal to the next
+LONGEST_AGE = 2.0  # sample times after which a value is not used
+VARIANCE_GAIN = 4.0  # times the variance of the speed from the angle alone, to be worth it
+SOURCE_QUEUE = 4096  # values that wait for a reading at most
 
 
 class SecondSensor:
@@ -60,10 +60,10 @@ class SecondSensor:
 
     def __init__(self, name: str, settings: SourceSettings, own: Joint | None) -> None:
         self.name, self.settings, self._own = name, settings, own
-        self.source = Source()
+        self.source = SourceFilter()
         begin_source(self.source, settings.ratio, settings.delay)
         self._queue: list[tuple[int, float]] = []
-        self._doubt, self._proof, self._agrees_ns = 0.0, PROOF, 0
+        self._doubt, self._proof, self._agrees_ns = 0.0, PROBATION, 0
         self._knows = self.used = False
         self._sense = self._shift = self._turned = self._way = self._backlash = 0.0
         self.reason, self.notices = 'no value yet', list[str]()
@@ -73,7 +73,7 @@ class SecondSensor:
         """Queue a value for the joint's next reading."""
         if math.isfinite(value) and stamp_ns > self.source.stamp_ns:
             self._queue.append((stamp_ns, value))
-            del self._queue[:-QUEUE]
+            del self._queue[:-SOURCE_QUEUE]
 
     def _follow(self, until_ns: int) -> None:
         """Filter the queued values up to this time [ns]."""
@@ -116,10 +116,10 @@ class SecondSensor:
             shift = known[X] - self._turned
             width = abs(wrap(shift - self._shift, period))
             width -= math.sqrt(source.readings)  # what readings alone shift
-            self._backlash = max(width, FORGET * self._backlash) if self._sense else 0.0
+            self._backlash = max(width, BACKLASH_MEMORY * self._backlash) if self._sense else 0.0
             self._sense, self._shift, self._way = math.copysign(1.0, speed), shift, 0.0
-        self._turned += known[RATIO] * moved
-        self._way += abs(known[RATIO] * moved)
+        self._turned += known[SCALE] * moved
+        self._way += abs(known[SCALE] * moved)
 
     def measure(
         self, alone: Joint, fused: float, acceleration: float, stamp_ns: int, reading: float
@@ -128,7 +128,7 @@ class SecondSensor:
 
         Parameters
         ----------
-        alone : the joint on its angle alone. fused : informed speed [rad/s].
+        alone : the joint on its angle alone. fused : fused speed [rad/s].
         acceleration : of the joint [rad/s^2]. reading : of its angle [rad].
         """
         self._follow(stamp_ns)
@@ -139,12 +139,12 @@ class SecondSensor:
             self._knows = False
             return None
         since = (stamp_ns - source.stamp_ns) * 1e-9
-        if since > SILENT and self.used:
+        if since > SOURCE_SILENT and self.used:
             self.used, self.reason = False, 'silent'
             self.notices.append(
                 f'{self.name} is silent for {since:.2g} s and is not used: check its publisher'
             )
-        if not source.news or since > OLD * source.dt:
+        if not source.news or since > LONGEST_AGE * source.dt:
             return None
         sigma_x, sigma_v = alone.stddev()
         if math.isinf(sigma_x + sigma_v):  # the angle alone does not know yet
@@ -163,7 +163,7 @@ class SecondSensor:
             resume_source(source, angle)
             source.news = False
             return None
-        fits = meet_angle(
+        fits = correct_by_angle(
             source,
             stamp_ns,
             reading,
@@ -193,7 +193,7 @@ class SecondSensor:
             return None
         agreed = (stamp_ns - self._agrees_ns) * 1e-9
         proven = self.used or agreed >= self._proof
-        if not proven or variance * BETTER > sigma_v * sigma_v:
+        if not proven or variance * VARIANCE_GAIN > sigma_v * sigma_v:
             if proven and not self.used and not self.reason.startswith('withheld'):
                 self.reason = (
                     f'not used: standard deviation {math.sqrt(variance):.2g} rad/s, that of the '
@@ -202,27 +202,27 @@ class SecondSensor:
             return None
         if self.reason.startswith(('withheld', 'silent')):
             self.notices.append(f'{self.name} agrees again and is used')
-        elif agreed > LONGEST_PROOF:
-            self._proof = PROOF
+        elif agreed > LONGEST_PROBATION:
+            self._proof = PROBATION
         self.used, self.reason, self.variance = True, '', variance
         return measured
 
     def _accelerate(
         self, alone: float, fused: float, variance: float, stamp_ns: int
     ) -> float | None:
-        """Return the acceleration by the source while the informed speed agrees with the angle.
+        """Return the acceleration by the source while the fused speed agrees with the angle.
 
         Parameters
         ----------
-        alone, fused : speed from the angle alone, and informed [rad/s]. variance : of the former.
+        alone, fused : speed from the angle alone, and fused [rad/s]. variance : of the former.
         """
         source = self.source
         source.news = False
         if not self._knows:
-            source.known[RATIO], self._knows, self._agrees_ns = self.settings.ratio, True, stamp_ns
+            source.known[SCALE], self._knows, self._agrees_ns = self.settings.ratio, True, stamp_ns
         self._doubt = max(0.0, self._doubt - FADING * source.dt)
         apart = self.used and not agree(alone, fused, variance)
-        if apart:  # shows late, as the informed joint continues from the angle alone
+        if apart:  # shows late, as the fused joint continues from the angle alone
             self._doubt += DOUBTED / 3.0
         if self._doubt >= DOUBTED:
             self._withhold(
@@ -231,8 +231,8 @@ class SecondSensor:
             )
         if apart or (stamp_ns - self._agrees_ns) * 1e-9 < self._proof or not self._knows:
             return None
-        self.used, self.reason, self.variance = True, '', white(source)
-        return source.known[RATIO] * source.value
+        self.used, self.reason, self.variance = True, '', noise_variance(source)
+        return source.known[SCALE] * source.value
 
     def _withhold(self, seen: str, stamp_ns: int) -> None:
         """Stop using the source until it has agreed for `_proof` seconds."""
@@ -240,7 +240,10 @@ class SecondSensor:
             self.notices.append(
                 f'{self.name} is withheld: {seen}; check its joint, sign, ratio and stamps'
             )
-            self.reason, self._proof = f'withheld: {seen}', min(2.0 * self._proof, LONGEST_PROOF)
+            self.reason, self._proof = (
+                f'withheld: {seen}',
+                min(2.0 * self._proof, LONGEST_PROBATION),
+            )
         elif not self.reason.startswith('withheld'):
             self.reason = f'not used: {seen}'
         self._knows = self.used = False
@@ -249,10 +252,10 @@ class SecondSensor:
     def learnt(self) -> dict[str, tuple[float, float, str]]:
         """Return the learnt quantities by name: value, standard deviation, unit."""
         known, p = self.source.known, self.source.p
-        ratio, shift = known[RATIO], known[SHIFT]
+        ratio, shift = known[SCALE], known[SHIFT]
         found = {
             'bias': (known[BIAS], p[BIAS][BIAS], ' rad/s'),
-            'ratio': (ratio, p[RATIO][RATIO], ''),
+            'ratio': (ratio, p[SCALE][SCALE], ''),
             'delay': (shift / ratio, p[SHIFT][SHIFT] / (ratio * ratio), ' s'),
         }
         return {k: (value, math.sqrt(p), unit) for k, (value, p, unit) in found.items() if p > 0.0}
@@ -265,7 +268,7 @@ class SecondSensor:
         return ', '.join([self.reason or 'used', *learnt])
 
 
-class Informed:
+class FusedJoint:
     """A `Joint` that other sensors inform; all other attributes are those of the angle alone."""
 
     compiled = memory = None  # its messages are taken one by one
@@ -303,8 +306,9 @@ class Informed:
         self.fused.update(stamp_ns, measurement)
         if not used:
             return False
-        weight, came, informed = 0.0, False, False  # weight: sum of 1/variance
-        reading, acceleration = self.alone.written(measurement), self.alone.estimate()[2]
+        weight, came, fused_any = 0.0, False, False  # weight: sum of 1/variance
+        reading = self.alone.in_estimate_convention(measurement)
+        acceleration = self.alone.estimate()[2]
         fused = self.fused.estimate()[1]
         acceleration = acceleration if math.isfinite(acceleration) else 0.0
         for sensor in self.sensors.values():
@@ -316,9 +320,9 @@ class Informed:
                 rate = sensor.settings.kind != AS_ACCELERATION
                 self._inform(RATE if rate else ACCELERATION, value, sensor.variance)
                 weight += rate / sensor.variance
-                informed = True
+                fused_any = True
         self._variance = 1.0 / weight if weight > 0.0 else math.nan
-        if came and not informed:
+        if came and not fused_any:
             self._go_on_alone()
         return True
 
@@ -330,7 +334,7 @@ class Informed:
             fused.plain.inform(fused.module, fused._channel, kind, value, variance)
 
     def _go_on_alone(self) -> None:
-        """Continue the informed joint as a copy of the other one."""
+        """Continue the fused joint as a copy of the other one."""
         if self.fused.memory is not None:
             self.fused.memory.array[:] = self.alone.memory.array
         else:
@@ -341,7 +345,7 @@ class Informed:
         return self.fused.estimate()
 
     def stddev(self) -> tuple[float, float]:
-        """See `Joint`; informed, the variance is that of sources and angle combined."""
+        """See `Joint`; fused, the variance is that of sources and angle combined."""
         position, velocity = self.fused.stddev()
         if self._variance >= 0.0:
             alone = self.alone.stddev()[1]
@@ -368,6 +372,6 @@ class Informed:
         self.alone.reset()
         self.fused.reset()
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """See `Joint`."""
-        self.alone.rehearse()
+        self.alone.warm_up()

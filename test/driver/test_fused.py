@@ -8,8 +8,8 @@ import pytest
 
 from estimator_pkg import observers
 from estimator_pkg.driver import joint as driver
-from estimator_pkg.driver.configuration import SensorSettings, SourceSettings
-from estimator_pkg.driver.informed import Informed
+from estimator_pkg.driver.configuration import JointSettings, SourceSettings
+from estimator_pkg.driver.fused import FusedJoint
 from estimator_pkg.parameters import build
 
 QUANTUM = 2.0 * np.pi / 4096
@@ -33,8 +33,8 @@ class Run:
     def __call__(self, time, values, observer='edge_adaptive', arrival=None, **source):
         """Return (informed joint, estimates by row: speed, deviation, alone, used), and notices."""
         found = observers.find(observer)
-        gains, settings = build(found.gains, {'quantum': QUANTUM}), build(SensorSettings, {})
-        joint = Informed(found, gains, settings, [(0, 'gyro', SourceSettings(**source))])
+        gains, settings = build(found.gains, {'quantum': QUANTUM}), build(JointSettings, {})
+        joint = FusedJoint(found, gains, settings, [(0, 'gyro', SourceSettings(**source))])
         sensor, rows, notices, at = joint.sensors[0], [], [], 0
         arrival = time if arrival is None else arrival
         for now, reading in zip(self.time, self.readings):
@@ -177,7 +177,7 @@ def test_an_encoder_behind_backlash_is_not_worse_than_the_better_one(backlash, b
     turned = (turned + np.pi) % (2.0 * np.pi) - np.pi
     run(run.time, turned, kind='angle', ratio=0.01, delay=0.0)
     found = observers.find('edge_adaptive')
-    joint = driver.Joint(found, build(found.gains, {'quantum': QUANTUM}), build(SensorSettings, {}))
+    joint = driver.Joint(found, build(found.gains, {'quantum': QUANTUM}), build(JointSettings, {}))
     of_motor = 0.01 * joint.run(BEGIN + np.round(run.time * 1e9).astype(np.int64), turned).velocity
     fused, alone, of_motor = (
         rms((speeds - run.speed)[2000:]) for speeds in (run.rows[0], run.rows[2], of_motor)
