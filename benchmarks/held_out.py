@@ -37,7 +37,7 @@ from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import text
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.truth import SMOOTHED, measured_truth
+from estimator_pkg.evaluation.compare.truth import OFFLINE_SMOOTHER, measured_truth
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.text import fixed, number
@@ -134,7 +134,7 @@ def column(folder: Path, series: Listed) -> Column:
     if 'quantum' in keys:
         angle = keys['quantum'] * np.floor(angle / keys['quantum'])
     against = known.stamps_ns, known.velocity, known.position
-    origin = SMOOTHED if velocity is None else str(keys['truth'])
+    origin = OFFLINE_SMOOTHER if velocity is None else str(keys['truth'])
     return referenced(series.name, (stamps, angle), against, noise, origin, period)
 
 

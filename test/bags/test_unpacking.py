@@ -176,6 +176,7 @@ def test_a_chunk_unpacks_to_no_more_than_the_limit(kind, tmp_path, capsys):
     for command in (
         ['replay', path],
         ['evaluate', path],
+        ['doctor', path],
         ['identify', path],
         ['play', path],
         ['tune', path, '--observer', 'pll', '--out', tmp_path / 'out.yaml'],

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 COUNTER = Entry('', 'finite_difference')  # its guard counts the samples of recorded estimates
 PUBLISHED, WITHHELD = 'published', 'withheld'
 STAMP_SOURCE = 'stamp_source'
-HELD = 5.0  # an estimate counts for the time since the previous one, at most this many steps
+HELD_STEPS = 5.0  # an estimate counts for the time since the previous one, at most this many steps
 
 
 def measured(bag: Bag, options: Options) -> dict[str, Series]:
@@ -50,7 +50,7 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
         use different clocks.
     """
     _check_clocks(options.observers)
-    chosen = options.observers or ((Entry('', AngleSettings.observer),) if options.angle else ())
+    chosen = options.observers or ((Entry('', DEFAULT),) if options.angle else ())
     for entry in chosen:
         setup = _setup(entry, bag, options)
         found = recordings.measured(bag, setup)
@@ -153,7 +153,7 @@ def sources(
                 pass
         found = joint_series(bag, topic)
         if per_sample.available(bag, options):
-            found = per_sample.finer(bag, f'{topic}{per_sample.BATCHES}', found)
+            found = per_sample.finer(bag, f'{topic}{per_sample.BATCH_SUFFIX}', found)
         yield (
             topic,
             {
@@ -209,7 +209,7 @@ def _published(estimates: Series, measurement: Series | None) -> dict[str, float
     steps = np.where(steps > 0.0, steps, 0.0)
     if not len(steps):
         return {}
-    steps = np.minimum(steps, HELD * float(np.median(steps)))
+    steps = np.minimum(steps, HELD_STEPS * float(np.median(steps)))
     shown = np.isin(good[1:], estimates.stamps_ns[np.isfinite(estimates.velocity)])
     return {PUBLISHED: float(steps[shown].sum()), WITHHELD: float(steps[~shown].sum())}
 

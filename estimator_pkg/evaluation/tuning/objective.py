@@ -51,7 +51,7 @@ class JointTruth:
     """The truth of one joint at the stamps where an estimate is due.
 
     stamps : shape (n,), ascending. velocity : shape (n,). acceleration : rms [rad/s^2].
-    plain : shape (n,), the off-line reference without the vibration that was put back; None: there
+    plain : shape (n,), the off-line reference without the recovered vibration; None: there
         is no such question.
     """
 

@@ -178,11 +178,6 @@ def founded(each: Mapping[str, Any]) -> list[str]:
         found.append(f'Few events decide: half of the difference is in {parts} of the record.')
     if each['cautions'] and pair is not None and pair['resolution'] > 0.0:
         found.append('Judged without ground truth.')
-        if math.isfinite(pair['motion_hz']):
-            hz = number(pair['motion_hz'], 2)
-            found.append(
-                f'This rests on motion up to {hz} Hz. If the joint is slower, set --motion-hz.'
-            )
     if each.get('against'):
         found.append(f'{each["against"]}.')
     return found + [text[:1].upper() + text[1:] + '.' for text in each['cautions']]

@@ -21,7 +21,7 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.ranking.cautions import cautions
-from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.tuning.objective import Dataset, JointTruth, averaged
@@ -167,7 +167,7 @@ def _part(
 def _known(
     estimate: EstimateSeries,
     true: Series,
-    moved: Motion | None,
+    moved: ReferenceMotion | None,
     period: float,
     seen: NDArray[np.int64] | None,
 ) -> JointTruth | None:
@@ -180,7 +180,7 @@ def _known(
     good = np.isfinite(at.velocity)
     stamps, velocity = due[at.rows[good]], at.velocity[good]
     plain = None
-    if moved is not None and moved.put_back:
+    if moved is not None and moved.vibrates:
         plain = match(due, true.stamps_ns, moved.plain[moved.firm], true.position, period).velocity
         plain = plain[good]
     if len(stamps) < FEWEST_TRUTH_SAMPLES:

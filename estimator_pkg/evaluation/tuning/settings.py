@@ -87,7 +87,7 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
     if not 0 <= parsed.seed <= LARGEST_SEED:
         raise UsageError(f'--seed is {parsed.seed}: it must be from 0 to {LARGEST_SEED}')
     check_joints(parsed)
-    if parsed.observer == requested.ALL:
+    if parsed.observer == requested.ALL_OBSERVERS:
         raise UsageError("--observer is 'all', but tuning needs one: name it")
     (entry,) = requested.entries([parsed.observer], parsed.params, parsed.set)
     known = declared(observers.find(entry.observer).gains)
