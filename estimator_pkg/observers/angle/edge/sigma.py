@@ -19,18 +19,13 @@ from estimator_pkg.observers.angle.edge.start import RECENT, start_variance, unk
 from estimator_pkg.sensor.noise import Sensor
 
 
-def fastest(sensor: Sensor, excess: float) -> float:
-    """Return the largest speed [rad/s] that an unchanged reading allows.
-
-    Parameters
-    ----------
-    excess : by how much the present cell reaches further than a quantum, and to which side [rad].
-    """
+def fastest(sensor: Sensor) -> float:
+    """Return the largest speed [rad/s] that an unchanged reading allows."""
     quantum = sensor.quantum
     way = (sensor.size if sensor.size > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(
         sensor.noise
     )
-    return (way + abs(excess)) / sensor.since
+    return way / sensor.since
 
 
 def deviation(
@@ -62,7 +57,7 @@ def deviation(
         variance += start_variance(state, dt)
     sigma = math.sqrt(variance)
     if sensor.since > 0.0:
-        most = fastest(sensor, 0.0)
+        most = fastest(sensor)
         if abs(speed) > most:  # what the output cuts off, the joint may have lost again
             sigma += abs(speed) - most
         sigma = most if sigma > most else sigma
