@@ -29,7 +29,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     NOISY_ABOVE,
     RATIO,
     REPEATS,
-    RESTED,
+    RESTED_PART,
     SIGMAS,
 )
 from estimator_pkg.observers.angle.edge.covariance import Coefficients, Motion
@@ -39,7 +39,7 @@ from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Estimate, Observer
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
 from estimator_pkg.observers.maths.covariance import Covariance
-from estimator_pkg.observers.maths.informing import ANGLE, RATE, Fusion, scalar_update
+from estimator_pkg.observers.maths.informing import FUSE_ANGLE, FUSE_RATE, Fusion, scalar_update
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor import noise as sensing
@@ -195,7 +195,7 @@ def start(observer: Any, state: State, design: Design, measurement: float) -> No
 def reset(state: State, quantum: float, measurement: float) -> None:
     """Reset all but the steps at this measurement [rad]; quantum [rad], 0: not known."""
     sensing.begin_sensor(state.sensor, quantum if quantum > 0.0 else counts.UNIT)
-    starts.set_start_uncertainty(state.uncertainty, 0.0, starts.LAST, 0.0, 0.0)
+    starts.set_start_uncertainty(state.uncertainty, 0.0, starts.DURATION_ALONE, 0.0, 0.0)
     sampling.begin_sampling(state.clock)
     reset_motion(state, measurement)
 
@@ -321,7 +321,7 @@ def classify_reading(state: State, design: Design, measurement: float, dt: float
             steps.jump = 0.0
     reading.angle, reading.change = measurement, change
     reading.start_velocity_variance, reading.starting = state.uncertainty.variance, starting
-    reading.noise_known = state.uncertainty.time_since_first_motion >= starts.RECENT
+    reading.noise_known = state.uncertainty.time_since_first_motion >= starts.START_DURATION
     reading.evidence = clock.evidence
     reading.observed_range = state.convention.high - state.convention.low
     reading.rested, reading.previous_change = sensor.since, sensor.step
@@ -495,7 +495,7 @@ def doubt_velocity_after_rest(state: State, dt: float) -> None:
     reading, uncertainty = state.reading, state.uncertainty
     square = state.sensor.quantum * state.sensor.quantum
     if state.sensor.noise <= NOISY_ABOVE * square and (
-        reading.first or 12.0 * state.p.p00 > RESTED * square
+        reading.first or 12.0 * state.p.p00 > RESTED_PART * square
     ):
         since = 0.0 if reading.first else uncertainty.time_since_first_motion
         age = uncertainty.age if reading.rested < starts.RESTS else 0.0
@@ -590,7 +590,13 @@ def inform(
     motion = state.motion
     if state.tracking.status != TRACKING:
         return
-    y = motion.velocity if kind == RATE else motion.angle if kind == ANGLE else motion.acceleration
+    y = (
+        motion.velocity
+        if kind == FUSE_RATE
+        else motion.angle
+        if kind == FUSE_ANGLE
+        else motion.acceleration
+    )
     x, v, a = scalar_update(state.p, state.fusion, kind, value - y, variance)
     motion.angle += x
     motion.velocity += v

@@ -15,7 +15,7 @@ from typing import Any
 from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import Deviation
 from estimator_pkg.observers.angle.edge.constants import SIGMAS
-from estimator_pkg.observers.angle.edge.start import RECENT, start_variance, unknown_speed
+from estimator_pkg.observers.angle.edge.start import START_DURATION, start_variance, unknown_speed
 from estimator_pkg.sensor.noise import Sensor
 
 
@@ -39,7 +39,7 @@ def deviation(
     if design.quantum == 0.0 and convention.low == convention.high:  # nothing moved: no quantum
         out.position = out.velocity = math.inf
         return
-    starting = 0.0 < uncertainty.age < RECENT
+    starting = 0.0 < uncertainty.age < START_DURATION
     # at least half of P_11
     variance = p.p11 * (process.mean_nis if process.mean_nis > 0.5 else 0.5)
     if p.p11 <= 0.0:

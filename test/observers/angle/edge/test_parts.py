@@ -162,7 +162,7 @@ def stood(quantum):
 
 
 def test_a_shaft_that_stood_is_a_straight_line_from_its_cell_to_the_edge():
-    blur, floor, long = edge_constants.BLUR, Q * Q / 12.0, edge_constants.LONGEST
+    blur, floor, long = edge_constants.BLUR, Q * Q / 12.0, edge_constants.LONGEST_MEMORY
     expected = (blur * blur, 0.0, 0.0, floor / long**2, 0.0, floor / long**4)
     assert stood(Q) == pytest.approx(expected)
     assert stood(0.1 * Q) == pytest.approx([0.01 * each for each in stood(Q)])
