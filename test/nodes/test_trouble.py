@@ -33,7 +33,9 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
 from estimator_pkg.streams.drive import DriveStream
+from estimator_pkg.streams.mechanical import MechanicalStream
 from estimator_pkg.streams.switched import SwitchedStream
+from estimator_pkg.streams.wheels import WheelStream
 
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
@@ -207,8 +209,8 @@ def test_samples_that_are_all_dropped_are_reported_with_the_reason(own, capfd):
     live.take(states, live.encode(BEGIN + 2 * MS, '', 'abcdefg', [math.nan] * 7))
     said = capfd.readouterr().err
     assert (
-        '7 joints have no usable sample for 0.02 s; received samples are dropped: their numbers '
-        "are not finite, or too large for any joint ('a', 'b', 'c', 'd', 'e' and 2 more)"
+        '7 joints have no usable sample for 0.02 s; all 7 received samples are dropped: their '
+        "numbers are not finite, or too large for any joint ('a', 'b', 'c', 'd', 'e' and 2 more)"
     ) in said
     assert live.node.health.watch.statuses['g'][1].endswith('too large for any joint')
 
@@ -376,10 +378,37 @@ def test_a_drive_without_stamps_gets_no_advice_on_a_parameter_it_lacks(own, capf
     motor.take(samples, good, good.replace(b'channel', b'columns'))
     entry = motor.reported()
     said = capfd.readouterr().err
-    assert '5 samples on /drive_samples have no time stamp and are dropped: stamp' in said
+    assert '5 of 5 samples on /drive_samples have no time stamp and are dropped: stamp' in said
     assert 'stamp_source' not in said
-    assert "malformed and dropped: a dimension has the label 'columns', not 'channel'" in said
+    assert '1 of 2 messages on /drive_samples are malformed and dropped: a dimension has' in said
     assert "1 malformed messages (a dimension has the label 'columns'" in entry.message
+
+
+@pytest.mark.parametrize(
+    'kind, values',
+    [
+        (AngleStream, {}),
+        (AdaptiveStream, {}),
+        (SwitchedStream, {'model': 'gripper'}),
+        (MechanicalStream, {}),
+        (WheelStream, {'radius': [0.1], 'track': 0.5}),
+    ],
+)
+def test_equal_names_in_a_message_have_their_own_remedy(kind, values, own):
+    """The second position repeats the stamp, which is no fault of the stamps."""
+    live = own(kind, **values)
+    stream = live.node.stream
+    names = sorted(stream.needed()) or ['a', 'b']
+    names = [*names, 'unknown', 'unknown', names[0]] if stream.needed() else [*names, names[0]]
+    for k in range(20):
+        numbers = [0.01 * k] * len(names)
+        stream.feed(0, live.encode(BEGIN + 10 * k * MS, '', names, numbers, (), numbers), 0)
+        said = live.reported().message if k % 10 == 9 else ''
+    assert (
+        f"joint '{names[0]}' has several positions in 10 of 10 messages on /joint_states, and one "
+        'is used: give each joint of the publisher its own name'
+    ) in said
+    assert 'repeat the previous stamp' not in said
 
 
 def test_batches_without_a_row_are_reported(own, capfd):
