@@ -384,6 +384,44 @@ def test_a_drive_without_stamps_gets_no_advice_on_a_parameter_it_lacks(own, capf
     assert "1 malformed messages (a dimension has the label 'columns'" in entry.message
 
 
+WRONG = {  # (reading, sample) -> a wrong reading [counts], and for how long it is wrong [s]
+    'alternates by a count': (lambda count, k: count + k % 2, 15.0),
+    'direction reversed': (lambda count, k: -count, 0.0),  # the reading after it is as good as any
+    'of the counter is stuck': (lambda count, k: count & ~8, 3.0),
+}
+
+
+@pytest.mark.parametrize('resets', [False, True])
+@pytest.mark.parametrize('said', WRONG)
+def test_an_encoder_that_counts_wrong_is_a_warning_until_it_was_right_for_a_minute(
+    said, resets, own, monkeypatch
+):
+    """It turns for 8 s and is wrong from 5 s on."""
+    arm, (wrong, lasts), reports = own(AngleStream, stamp_source='publisher'), WRONG[said], []
+    arm.node.health._diagnostics = type('', (), {'publish': reports.append})
+    begun, until = time.monotonic(), 5.0 + lasts + (10.0 if resets else 60.0)
+    for k in range(90 * 200):
+        second, count = k / 200, int(13.3 * min(k, 1600))
+        if second >= 5.0 and (second < 5.0 + lasts or not lasts):
+            count = wrong(count, k)
+        raw = arm.encode(1, '', ('a',), (count % 4096 * math.pi / 2048,))
+        arm.node.stream.feed(0, raw, BEGIN + 5 * k * MS)
+        if k % 20 == 0:
+            monkeypatch.setattr(
+                'estimator_pkg.nodes.health.monotonic', lambda now=begun + second: now
+            )
+            arm.node.health.look()
+        if resets and second == until:
+            arm.node.stream.reset()
+    for second, raw in enumerate(reports, 1):
+        of_node, of_joint = deserialize_message(raw, DiagnosticArray).status
+        if second < 5 or second > until + 3:
+            assert of_node.level == of_joint.level == b'\x00', second
+        elif 7 < second < until - 3:
+            assert of_node.level == of_joint.level == b'\x01', second
+            assert said in of_node.message and said in of_joint.message
+
+
 @pytest.mark.parametrize(
     'kind, values',
     [
