@@ -56,6 +56,7 @@ CHOSEN = {  # values other than the defaults, one of the old name, for a start o
         'per_joint.a.noise': 0.0,
         'per_joint.a.order': 3,
         'joints.b.c.gap_max': 0.3,
+        'qos_overrides./joint_observer/estimate.publisher.durability': 'transient_local',
     },
     'mechanical_observer': {
         'mechanisms': ['arm', 'lab'],
@@ -453,6 +454,10 @@ def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path, capf
         assert first[new] == value or alike(first[new], value), new
     old = [key for key in given if key.startswith('joints.')]
     said = capfd.readouterr().err
+    starts = re.findall(r' estimates .*/estimate \(not the defaults: (.*)\)', said)
+    of_file, of_dump = (set(each.split(', ')) for each in starts)
+    chosen = {re.sub('^joints[.]', 'per_joint.', key) for key in given}
+    assert {key for key in chosen if 'qos' in key} <= of_file == of_dump <= chosen
     assert said.count('does not read the old name') == (1 if old else 0)  # and none of the dump
     for key in old:
         assert f"write 'per_joint{key.removeprefix('joints')}: " in said
