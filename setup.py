@@ -24,7 +24,6 @@ EXTRAS = {
         'ros-jazzy-common-interfaces>=5.3,<6',
         'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9',
     ],
-    'fast': [],  # accepted for one release
     'report': ['matplotlib>=3.8,<4', 'bokeh>=3.7,<4'],
     'reproduce': ['scipy>=1.11,<2'],
     'tune': ['optuna>=4,<5'],

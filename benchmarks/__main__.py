@@ -13,10 +13,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, field, held_out, second
+from benchmarks import accuracy, csv_files, field, held_out, second
 from benchmarks.drive import drives
 from benchmarks.live import live
-from benchmarks.mechanism import mechanisms
 from benchmarks.replay import MESSAGES, replays
 from benchmarks.update import batches, updates
 from estimator_pkg import cli
@@ -36,7 +35,6 @@ def _speed(parsed: argparse.Namespace) -> Result:
         [
             *updates(5 if quick else 15),
             *batches(300_000 if quick else 2_000_000, 3 if quick else 7),
-            *mechanisms(3 if quick else 7),
             *replays(QUICK_MESSAGES if quick else MESSAGES, 1 if quick else 2),
             *drives(3 if quick else 7),
         ],
@@ -44,11 +42,6 @@ def _speed(parsed: argparse.Namespace) -> Result:
 
 
 def _accuracy(parsed: argparse.Namespace) -> Result:
-    if parsed.draws < 0:
-        raise UsageError(f'--draws {parsed.draws}: give the number of random phases, 1 or more')
-    if parsed.draws:
-        rows = accuracy.drawn(draws=parsed.draws)
-        return rows, accuracy.describe_drawn(rows, parsed.markdown)
     rows, lacking = accuracy.part(Path(parsed.bags))
     return rows, '\n'.join(filter(None, [accuracy.describe(rows, parsed.markdown), lacking]))
 
@@ -81,6 +74,10 @@ def _second(parsed: argparse.Namespace) -> Result:
     return rows, second.describe(rows, parsed.markdown)
 
 
+CSV: dict[str, Callable[[Any], str]] = {
+    'accuracy': csv_files.accuracy,
+    'held-out': csv_files.held_out,
+}
 PARTS: dict[str, Callable[[argparse.Namespace], Result]] = {
     'speed': _speed,
     'accuracy': _accuracy,
@@ -106,13 +103,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'and drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out series; '
         'second sensors',
     )
-    add(
-        '--draws',
-        type=int,
-        default=0,
-        metavar='N',
-        help='accuracy: N random phases and speeds instead',
-    )
     add('--bags', metavar='FOLDER', default='bags', help='folder of the recordings (default: bags)')
     add('--held-out', metavar='FOLDER', help='folder of the repositories of the held-out series')
     add('--second', metavar='FOLDER', help='folder of recordings with a second sensor')
@@ -124,6 +114,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='held-out: only this list (may be repeated; default: all)',
     )
     add('--markdown', action='store_true', help='print the tables as Markdown')
+    add('--csv', metavar='FOLDER', help='write accuracy.csv and held_out.csv into this folder')
     add('--quick', action='store_true', help='a quick check, not a measurement: fewer rounds')
 
 
@@ -149,6 +140,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 raise
             printed = f'not run: {error}'
         print(f'{part}: {printed}\n', flush=True)
+        if parsed.csv and part in CSV and part in result:
+            path = Path(parsed.csv) / f'{part.replace("-", "_")}.csv'
+            path.write_text(CSV[part](result[part]), encoding='utf-8')
     return result
 
 

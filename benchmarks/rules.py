@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``python -m benchmarks.rules``: what each rule of `edge_adaptive` is worth, as a Markdown table.
+"""``python -m benchmarks.rules``: what each rule of `edge_adaptive` is worth, as CSV.
 
 rules.yaml says how each is switched off. The engine is built from sources without it and runs over
 all streams of the checkout (signals, recordings, captures, and those of tests), with no quantum.
@@ -9,6 +9,7 @@ all streams of the checkout (signals, recordings, captures, and those of tests),
 
 from __future__ import annotations
 
+import csv
 import json
 import pickle
 import re
@@ -138,12 +139,15 @@ def main() -> None:
         path.write_bytes(pickle.dumps([*columns()]))
         old = without(path)
         kinds = list(old)[:-1]
-        head = ['rule', 'for', 'needed most by', *kinds, 'covered', 'starts']
-        print(f'| {" | ".join(head)} |\n|{"---|" * len(head)}')
-        print('| all | | | ' + '1 | ' * len(kinds) + f'0 | {old["starts"]} |', flush=True)
+        ratios = [f'ratio_{each.lower().replace(" ", "_")}' for each in kinds]
+        head = ['rule', 'purpose', 'needed_most_by', *ratios]
+        table = csv.writer(sys.stdout, lineterminator='\n')
+        table.writerow([*head, 'coverage_change_percent', 'starts_beyond_5_sigma'])
+        table.writerow(['all', '', '', *[1] * len(kinds), 0, old['starts']])
         for name, (purpose, source, *_) in every.items():
             new = without(path, source, texts[name])
-            print(f'| {" | ".join(row(name, purpose, new, old))} |', flush=True)
+            table.writerow(row(name, purpose, new, old))
+            sys.stdout.flush()
 
 
 if __name__ == '__main__':

@@ -13,7 +13,6 @@ import argparse
 import contextlib
 import json
 import math
-import os
 import signal
 import sys
 import textwrap
@@ -202,7 +201,7 @@ def _check_filled(parser: argparse.ArgumentParser, parsed: argparse.Namespace) -
 def _give_up_output() -> None:
     """Discard the rest of the output, so that the process ends without another error."""
     with contextlib.suppress(OSError, ValueError):  # stdout may have no file
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        interrupts.discard(sys.stdout.fileno())
 
 
 def _interrupted(error: BaseException | None) -> bool:

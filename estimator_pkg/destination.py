@@ -16,7 +16,7 @@ from estimator_pkg.printable import show
 
 STDOUT = '-'  # instead of a file name
 OUTPUTS = ('out', 'html', 'data', 'plot', 'json')  # options with output files
-INPUTS = ('bag', 'bags', 'judge', 'recover')  # options with input bags
+INPUTS = ('bag', 'bags', 'judge')  # options with input bags
 METADATA = 'metadata.yaml'
 OF_BAGS = ('.mcap', '.db3', '.zstd', '.db3-wal', '.db3-journal', '.db3-shm')  # data files of bags
 

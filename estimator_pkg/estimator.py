@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 import operator
-import warnings
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -25,11 +24,12 @@ from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, STATUS_NAMES
+from estimator_pkg.estimate import VALID as PUBLISHED
 from estimator_pkg.sensor.guard import DUPLICATE, UNSTABLE_GAINS, VERDICTS
 
 __all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
 
-VALID = ('tracking', 'coasting')  # statuses with which a node publishes a velocity
+VALID = tuple(STATUS_NAMES[status] for status in PUBLISHED)
 NAN = math.nan
 NAME_IT = "use observer='{0}'"  # what to do to have another observer's gain
 
@@ -162,24 +162,18 @@ class VelocityEstimator:
             self._last = self._last._replace(used=False, dropped=why)
         return self._last
 
-    def run(
-        self, stamps_ns: ArrayLike, angles: ArrayLike, *, fast: bool | None = None
-    ) -> EstimateArrays:
+    def run(self, stamps_ns: ArrayLike, angles: ArrayLike) -> EstimateArrays:
         """Take many samples and return all estimates, the same as those of `update`.
 
         Parameters
         ----------
         stamps_ns : shape (n,), integer times [ns], in the order in which the samples came.
         angles : shape (n,), measured positions [rad or m].
-        fast : without effect; the next release does not take it.
 
         Raises
         ------
         UsageError : arrays of other shapes or types.
         """
-        if fast is not None:
-            message = "'fast' has no effect any more: remove it"
-            warnings.warn(message, FutureWarning, stacklevel=2)
         stamps = _array(stamps_ns, np.int64, 'iu', 'stamps_ns must be integers [ns]')
         positions = _array(angles, np.float64, 'iuf', 'angles must be numbers [rad or m]')
         if stamps.ndim != 1 or stamps.shape != positions.shape:

@@ -32,7 +32,6 @@ NUMBERS = tuple(
 )
 HANGUP = getattr(signal, 'SIGHUP', None)
 LONGEST_END = 5.0  # time from `limit_end` to the end of the process [s]
-LLVM = f'{os.sep}llvmlite{os.sep}'
 AGAIN = 0.05  # time until an interrupt is retried that was impossible or lost [s]
 ONE_PRESS = 1.0  # signals within this time count as one, because launchers forward Ctrl-C [s]
 
@@ -177,13 +176,10 @@ def _lost(unraisable: Any) -> None:
 
 
 def is_importing(frame: FrameType | None, *also: str) -> bool:
-    """Return True within an import, LLVM, or a file whose name contains one of `also`.
-
-    LLVM calls back from C, where an exception is lost, and with it the code to be stored.
-    """
+    """Return True within an import, or a file whose name contains one of `also`."""
     while frame is not None:
         file = frame.f_code.co_filename
-        if file == '<frozen importlib._bootstrap>' or any(part in file for part in (LLVM, *also)):
+        if file == '<frozen importlib._bootstrap>' or any(part in file for part in also):
             return True
         frame = frame.f_back
     return False
@@ -193,10 +189,15 @@ def _leave_terminal() -> None:
     """Discard output whose terminal has closed: each write would fail."""
     for number in _State.terminals:
         if not os.isatty(number):
-            with suppress(OSError):
-                nowhere = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(nowhere, number)
-                os.close(nowhere)
+            discard(number)
+
+
+def discard(number: int) -> None:
+    """Discard what is written to the file descriptor `number` from now on."""
+    with suppress(OSError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, number)
+        os.close(nowhere)
 
 
 def say(text: str) -> None:

@@ -4,7 +4,7 @@
 """``velocity_estimator list``: observers, models, simulators, commands, and all parameters.
 
 With a name it describes each parameter, and for an observer of mechanisms the effect of the gains:
-poles, limits, noise. The tables of docs/parameters.md are its ``--markdown`` output.
+poles, limits, noise.
 """
 
 from __future__ import annotations
@@ -16,39 +16,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg import observers, registry, streams
+from estimator_pkg import observers, registry
 from estimator_pkg.circle import Circle
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError, suggestion
-from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.observers.mechanism.gains import MEANINGS, in_words
 from estimator_pkg.observers.mechanism.parameters import MechanicalGains
 from estimator_pkg.parameters import Parameter, build, declared, parse_assignments
 from estimator_pkg.printable import printable
 
 WIDTH = 80  # columns
-FIRST = {  # what users set, and what for
-    'an encoder of 4096 counts per turn': '`quantum: 0.001534` (2 pi / counts)',
-    'a prismatic joint, or one that counts turns': '`wrap_period: 0.0`',
-    'less noise; less delay': '`prefer: smooth`; `prefer: fast`',
-    'some of the joints alone': "`joints: ['elbow', 'wrist']`",
-    'another value for one joint': '`per_joint.elbow.prefer: fast`',
-    'a driver that leaves its stamps zero': '`stamp_source: publisher`',
-    'stamps that jitter, of a device that samples regularly': '`stamp_repair: regular`',
-    'ros2_control or MoveIt, which need finite velocities': '`no_estimate: skip`',
-    'raw counts': '`input: angle`, `angle_type: Int32`, `counts_per_revolution: 4096`',
-    'a number of another message': '`input: field`, `field_type`, `field`',
-    'a gyro or a second encoder as well': '`sources`, `source.<name>.topic` '
-    '([page](second_sensor.md))',
-    'a linear observer with a known delay': '`observer: hybrid_angle`, `bandwidth_hz: 20.0`',
-    'a mechanism and its torque (`mechanical_observer`)': '`model`, `model_parameters`',
-    'a motor without an encoder (`pmsm_observer`)': '`resistance`, `inductance`, `flux`, '
-    '`pole_pairs`, `speed_max`',
-    'a servo of unknown parameters (`adaptive_observer`)': '`order`, `bandwidth_hz`',
-    'a system that switches (`switched_observer`)': '`model`, `bandwidth_hz`',
-    'a base on wheels (`wheel_odometry`)': '`wheels_left`, `wheels_right`, `radius`, `track`, '
-    '`gyro_topic`',
-}
 
 
 def meanings(name: str, values: Mapping[str, Any], rate: float) -> dict[str, dict[str, str]]:
@@ -98,13 +75,13 @@ def as_text(found: Mapping[str, Mapping[str, str]], rate: float) -> str:
     for model, words in found.items():
         lines.append(f'    {model}')
         for name, text in words.items():
-            lines += textwrap.wrap(
-                f'{MEANINGS.get(name, name)}: {text}',
-                WIDTH,
-                initial_indent='      ',
-                subsequent_indent='        ',
-            )
+            lines += _wrapped(f'{MEANINGS.get(name, name)}: {text}', WIDTH, 6, 8)
     return '\n'.join(lines)
+
+
+def _wrapped(text: str, width: int, first: int, others: int) -> list[str]:
+    """Return the text in lines, indented by `first` and by `others` columns."""
+    return textwrap.wrap(text, width, initial_indent=' ' * first, subsequent_indent=' ' * others)
 
 
 TYPE_NAMES = {
@@ -210,10 +187,10 @@ def _settings(records: Mapping[str, Any], attribute: str, live: bool = True) -> 
         for record in records.values()
         if hasattr(record, attribute)  # an error has none
     )
-    return [_declared(_name(cls), cls, live) for cls in classes]
+    return [_declared(settings_name(cls), cls, live) for cls in classes]
 
 
-def _name(cls: type) -> str:
+def settings_name(cls: type) -> str:
     """Return the name of a class of settings in the catalogue."""
     return cls.__name__.removesuffix('Settings').lower()
 
@@ -259,21 +236,12 @@ def meaning(parameter: Parameter, live: bool) -> str:
 
 def describe(item: Item, width: int) -> str:
     """Return the item as text of `width` columns."""
-    lines = textwrap.wrap(f'{item.name}: {item.summary}', width, subsequent_indent='  ')
+    lines = _wrapped(f'{item.name}: {item.summary}', width, 0, 2)
     if item.reference:
-        lines += textwrap.wrap(
-            f'from: {item.reference}', width, initial_indent='  ', subsequent_indent='    '
-        )
+        lines += _wrapped(f'from: {item.reference}', width, 2, 4)
     for p in item.parameters:
-        lines += textwrap.wrap(
-            f'{p.name} = {_with_unit(p)}, {p.range_text()}',
-            width,
-            initial_indent='  ',
-            subsequent_indent='    ',
-        )
-        lines += textwrap.wrap(
-            meaning(p, item.live), width, initial_indent='      ', subsequent_indent='      '
-        )
+        lines += _wrapped(f'{p.name} = {_with_unit(p)}, {p.range_text()}', width, 2, 4)
+        lines += _wrapped(meaning(p, item.live), width, 6, 6)
     return '\n'.join(lines)
 
 
@@ -299,97 +267,12 @@ def brief(item: Item, width: int) -> str:
     )
 
 
-def markdown_tables(kinds: dict[str, list[Item]]) -> str:
-    """Return the text of docs/parameters.md."""
-    ordered = _usual_first(kinds)
-    first = [
-        'The default node needs no parameter. What most users set:',
-        '',
-        markdown(('for', 'set'), list(FIRST.items())),
-        '',
-    ]
-    parts = [
-        '# Parameters',
-        '',
-        *(first if ordered is not kinds else ()),
-        'Set a parameter of a node in its parameter file (`/**` or the name of the node, then '
-        '`ros__parameters`), or with `-p name:=value`. `per_joint.<joint>.<parameter>` is for one '
-        'joint. Commands on bags take the same file with `--params`, and `--set name=value`.',
-        '',
-        '- *Automatic*: the value follows from others or from the data. The value in parentheses '
-        'selects this in a file.',
-        '- *Required*: there is no default, so set it.',
-        '- *At start only*: a running node refuses the change.',
-        '',
-        '**A parameter file is code.** A value of the form `package.module:name` (of `injection` '
-        'and `model`) imports that module, in nodes and in commands. Load only files that you '
-        'trust.',
-        '',
-        '`ros2 param dump NODE > FILE` writes every parameter of a running node, those of single '
-        'joints included. `--params-file FILE` starts the same node again, and `replay --params '
-        'FILE` reads the same file.',
-        '',
-        '`velocity_estimator list --markdown` makes this page from the declarations in the code.',
-    ]
-    for kind, items in ordered.items():
-        with_parameters = [item for item in items if item.parameters]
-        if not with_parameters:
-            continue
-        parts += ['', f'## {kind[0].upper()}{kind[1:]}']
-        for item in with_parameters:
-            parts += ['', f'### {item.name}', '', f'{item.summary[0].upper()}{item.summary[1:]}.']
-            if item.reference:
-                parts += ['', f'From: {item.reference}.']
-            parts += [
-                '',
-                markdown(
-                    ('name', 'default', 'unit', 'range', 'meaning'),
-                    [
-                        (
-                            f'`{p.name}`',
-                            default_text(p),
-                            p.unit,
-                            p.range_text(),
-                            meaning(p, item.live),
-                        )
-                        for p in sorted(item.parameters, key=lambda each: each.advanced)
-                    ],
-                ),
-            ]
-    return '\n'.join(parts)
-
-
-def _usual_first(kinds: dict[str, list[Item]]) -> dict[str, list[Item]]:
-    """Return the items, with those of the default node and its default observer as first kind."""
-    stream: Any = registry.find(registry.STREAMS, streams.USUAL)
-    observer = stream.SETTINGS().observer
-    joint = _name(stream.PER_JOINT)
-    places = (('nodes', stream.NODE), ('observers', observer), ('settings of each joint', joint))
-    found = {
-        name: item  # in this order
-        for kind, name in places
-        for item in kinds.get(kind, ())
-        if item.name == name and item.parameters
-    }
-    if len(found) < len(places):
-        return kinds  # of one requested name
-    first = {f'default node: {stream.NODE} with {observer}': list(found.values())}
-    rest = {
-        kind: [item for item in items if item not in found.values()]
-        for kind, items in kinds.items()
-    }
-    return {**first, **rest}
-
-
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument(
         'name',
         nargs='?',
         help='a kind, such as observers or simulators, or one item, described with its parameters',
-    )
-    parser.add_argument(
-        '--markdown', action='store_true', help='the parameter tables as in docs/parameters.md'
     )
     add_set(parser, 'for an observer of mechanisms: show the effect of these gains')
     parser.add_argument(
@@ -410,19 +293,15 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         kind: {item.name: item.as_dict() for item in items} for kind, items in kinds.items()
     }
     values = parse_assignments(parsed.set)
-    if values and (parsed.name is None or parsed.name in kinds):
-        raise UsageError('--set needs an observer: name it')
     named = parsed.name is not None and parsed.name not in kinds
+    if values and not named:
+        raise UsageError('--set needs an observer: name it')
     gains = meanings(parsed.name, values, parsed.rate) if named else {}
-    if parsed.markdown:
-        print(markdown_tables(kinds))
-    else:
-        whole = parsed.name is None or parsed.name in kinds
-        _print(kinds, line if parsed.name is None else brief if whole else describe)
-        if whole:
-            print("'list NAME' describes one with each parameter, 'list observers' a kind")
-        if gains:
-            print(as_text(gains, parsed.rate))
+    _print(kinds, line if parsed.name is None else describe if named else brief)
+    if not named:
+        print("'list NAME' describes one with each parameter, 'list observers' a kind")
+    if gains:
+        print(as_text(gains, parsed.rate))
     return {**result, 'gains': gains} if gains else result
 
 

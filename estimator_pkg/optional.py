@@ -76,7 +76,7 @@ def needs(module: str) -> str:
     line = f"the library '{module}' is not installed"
     ranges = _ranges()
     if OF_ROS.fullmatch(module):
-        names = [ranges[name] for name in ROS if name in ranges] or list(ROS)
+        names = [ranges.get(name, name) for name in ROS]
         return (
             f'{line}: source the setup file of ROS (/opt/ros/jazzy/setup.bash), or without ROS '
             f'on this machine: {install(*names)}'
@@ -119,24 +119,6 @@ def _ranges() -> dict[str, str]:
     try:
         every = requires(PACKAGE) or []
     except PackageNotFoundError:  # run from a checkout
-        every = []
+        return {}
     texts = [text.partition(';')[0].strip() for text in every]
-    named = {found[0]: text for text in texts if (found := re.match(r'[\w.-]+', text))}
-    return {**{name: name for name in KNOWN}, **named}
-
-
-KNOWN = (
-    'numpy',
-    'PyYAML',
-    *BAGS,
-    'matplotlib',
-    'bokeh',
-    'optuna',
-    'distributed',
-    'scipy',
-    'pynumdiff',
-    'control',
-    'filterpy',
-    'motulator',
-    'psutil',
-)
+    return {found[0]: text for text in texts if (found := re.match(r'[\w.-]+', text))}

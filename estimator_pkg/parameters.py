@@ -20,7 +20,7 @@ import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from typing import Any, TypeVar
 
 from estimator_pkg import params_file, yaml_text
@@ -39,8 +39,8 @@ class Parameter:
     have no None and write ``automatic`` for it, a value of the same kind outside the range. A user
     must set a parameter whose default is None and which has no ``automatic``.
     ``structural`` ones cannot change while a node runs. ``search`` marks what the tuner
-    varies, and between which numbers; ``among`` does so for a choice. ``formerly`` maps words that
-    choices had in the last release to those of today. The default is valid next to the choices.
+    varies, and between which numbers; ``among`` does so for a choice. The default is valid next to
+    the choices.
     """
 
     name: str
@@ -57,7 +57,6 @@ class Parameter:
     advanced: bool = False
     search: tuple[float, float] | None = None
     among: tuple[str, ...] = ()
-    formerly: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     def check(self, value: Any) -> Any:
         """`value` as this parameter's type; the default for the automatic value.
@@ -88,9 +87,6 @@ class Parameter:
                 raise UsageError(
                     f"parameter '{self.name}' must be {kind}, not {value!r}" + self._quotes(value)
                 )
-            if value in self.formerly:
-                _renamed(self.name, str(value), self.formerly[value])
-                return self.formerly[value]
             if (
                 self.choices
                 and value not in self.choices
@@ -174,17 +170,14 @@ class Parameter:
     def _quotes(self, value: Any) -> str:
         """How to write the text that YAML made `value` of; '' where nothing is known of it."""
         many = isinstance(value, (list, tuple))
-        found = [each for each in (value if many else (value,)) if not isinstance(each, str)]
+        items = value if many else (value,)
+        found = [each for each in items if not isinstance(each, str)]
         if not found or not all(isinstance(each, (bool, int, float)) for each in found):
             return ''
-        if self.choices:  # what an unquoted word became: an old one of that meaning, or any
-            new = [word for old, word in self.formerly.items() if Word(old).truth is found[0]]
-            texts = [(new or [self.default or self.choices[0]])[0]]
+        if self.choices:  # which of them was meant is not known
+            texts = [self.default or self.choices[0]]
         else:
-            texts = [
-                each if isinstance(each, str) else _text_of(each)
-                for each in (value if many else found)
-            ]
+            texts = [each if isinstance(each, str) else _text_of(each) for each in items]
         said = ', '.join(f"'{text}'" for text in texts)
         why = (
             'y, n, yes, no, on and off are booleans in YAML'
@@ -228,7 +221,6 @@ def parameter(
     search: tuple[float, float] | None = None,
     among: tuple[str, ...] = (),
     kind: type | None = None,
-    formerly: Mapping[str, str] | None = None,
     required: bool = False,
 ) -> Any:
     """A dataclass field that carries its declaration (see `Parameter`).
@@ -257,7 +249,6 @@ def parameter(
         'advanced': advanced,
         'search': search,
         'among': among,
-        'formerly': formerly or {},
     }
     return dataclasses.field(default=default, metadata={'parameter': declared})
 
@@ -324,16 +315,6 @@ def _same(value: Any, other: Any) -> bool:
 def _text_of(value: bool | float) -> str:
     """A text that YAML, unquoted, reads as `value`."""
     return {True: 'y', False: 'n'}[value] if isinstance(value, bool) else f'{value:g}'
-
-
-@lru_cache
-def _renamed(name: str, old: str, new: str) -> None:
-    """Report once that a choice has another word now."""
-    print(
-        f"parameter '{name}': '{old}' is called '{new}' now; the next release no longer knows "
-        f"'{old}'",
-        file=sys.stderr,
-    )
 
 
 _OF_JOINT = re.compile(rf'{params_file.OVERRIDES}\..+\.\w+\s*(?==)', re.DOTALL)

@@ -20,8 +20,6 @@ from estimator_pkg.printable import show
 
 KEY = 'ros__parameters'
 OVERRIDES = 'per_joint'
-FORMERLY = 'joints'  # read for one release: it is the name of a parameter, too
-WITHOUT_EFFECT = ('compile',)  # accepted for one release
 OF_EVERY_NODE = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
@@ -111,67 +109,14 @@ def _content(path: str | Path, node_name: str) -> Mapping:
     return content
 
 
-def override(name: str, prefix: str = OVERRIDES) -> tuple[str, str] | None:
-    """(joint, parameter) of ``per_joint.<joint>.<parameter>``; None for any other name.
+def override(name: str) -> tuple[str, str]:
+    """(joint, parameter) of ``per_joint.<joint>.<parameter>``; ('', name) for any other name.
 
     A joint's name may contain dots; parameter names have none.
     """
     first, _, rest = name.partition('.')
     joint, _, parameter = rest.rpartition('.')
-    return (joint, parameter) if first == prefix and joint and parameter else None
-
-
-def today(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """(`values` under the names of this release, what to do about each old name).
-
-    ``joints.<joint>.<parameter>`` of the last release is ``per_joint.<joint>.<parameter>``; where
-    both are set, the latter wins.
-    """
-    new: dict[str, Any] = {}
-    notes = []
-    for name, value in values.items():
-        old = override(name, FORMERLY)
-        if old is None:
-            new[name] = value
-            continue
-        now = '.'.join((OVERRIDES, *old))
-        if now in values:
-            notes.append(f"'{name}' is ignored because '{now}' is set")
-        else:
-            new[now] = value
-            line = now if value is None else f'{now}: {yaml_text.scalar(value)}'
-            notes.append(f"write '{line}' instead of '{name}'")
-    return new, notes
-
-
-def warning(notes: Iterable[str]) -> str:
-    """The warning about old names, from the notes of `today`; '' where there is no note."""
-    said = '; '.join(dict.fromkeys(notes))
-    return said and (
-        f"'{FORMERLY}.<joint>.<parameter>' is called '{OVERRIDES}.<joint>.<parameter>' now, and "
-        f'the next release does not read the old name: {said}'
-    )
-
-
-def without_former(values: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
-    """(`values` without parameters that have no effect any more, the warning about them or '')."""
-    found = [name for name in WITHOUT_EFFECT if values.get(name) is not None]
-    kept = {name: value for name, value in values.items() if name not in WITHOUT_EFFECT}
-    said = ', '.join(f"parameter '{name}' has no effect any more: remove it" for name in found)
-    return kept, said
-
-
-def modern(*sources: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The values of each source under the names of this release; one warning for all on stderr."""
-    found = [today(values) for values in sources]
-    kept = [without_former(values) for values, _ in found]
-    for said in (
-        warning(note for _, notes in found for note in notes),
-        *{said for _, said in kept},
-    ):
-        if said:
-            show(f'warning: {said}', file=sys.stderr)
-    return [values for values, _ in kept]
+    return (joint, parameter) if first == OVERRIDES and joint and parameter else ('', name)
 
 
 def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
@@ -183,20 +128,16 @@ def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str
     """
     common: dict[str, Any] = {}
     overrides: dict[str, dict[str, Any]] = {}
-    (values,) = modern(values)
     for name, value in values.items():
-        joint, parameter = override(name) or ('', '')
-        if joint:
-            overrides.setdefault(joint, {})[parameter] = value
-        else:
-            common[name] = value
-    check_names(values)
+        joint, parameter = override(name)
+        (overrides.setdefault(joint, {}) if joint else common)[parameter] = value
+    check_leaves(values)
     return common, overrides
 
 
-def check_names(names: Iterable[str]) -> None:
+def check_leaves(names: Iterable[str]) -> None:
     """Raise UsageError where a name is a leaf and a branch: ROS could not write such a file."""
-    names = {name for name in names if override(name)}
+    names = {name for name in names if override(name)[0]}
     for name in names:
         for group in list(accumulate(name.split('.'), '{}.{}'.format))[:-1]:
             if group in names:
@@ -205,7 +146,7 @@ def check_names(names: Iterable[str]) -> None:
                 )
 
 
-def meant(name: str, known: Iterable[str], of_joints: Container[str]) -> str:
+def parameter_suggestion(name: str, known: Iterable[str], of_joints: Container[str]) -> str:
     """A half-sentence that names the nearest right name.
 
     Parameters
@@ -215,7 +156,7 @@ def meant(name: str, known: Iterable[str], of_joints: Container[str]) -> str:
     group, _, rest = name.partition('.')
     joint, _, parameter = rest.rpartition('.')
     if parameter in of_joints:
-        like = get_close_matches(group, [OVERRIDES, FORMERLY]) and '.' in rest
+        like = get_close_matches(group, [OVERRIDES]) and '.' in rest
         if like and not joint:
             return f"name the joint, as in '{OVERRIDES}.JOINT.{parameter}'"
         return f"did you mean '{OVERRIDES}.{rest if like else name}'?"
@@ -224,8 +165,7 @@ def meant(name: str, known: Iterable[str], of_joints: Container[str]) -> str:
 
 def parameter_of(name: str) -> str:
     """The parameter of ``per_joint.<joint>.<parameter>``; any other name is that of a parameter."""
-    found = override(name) or override(name, FORMERLY)
-    return found[1] if found else name
+    return override(name)[1]
 
 
 def of_this_node(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -49,16 +49,7 @@ def find(group: str, name: str) -> Any:
         return point.load()
     except Exception as error:  # another package's code may fail in any way
         why = missing(error) or f'{type(error).__name__}: {error}'
-        if is_former(error):
-            why += '. It was written for an earlier version: docs/migration.md has what changed'
         raise UserError(f"{what} '{name}' ({point.value}) cannot be imported: {why}") from error
-
-
-def is_former(error: Exception) -> bool:
-    """Return True if code needs a name of ours that is gone, or declares more of an observer."""
-    if isinstance(error, ImportError):
-        return (error.name or '').partition('.')[0] in ('estimator_pkg', 'sim_pkg')
-    return isinstance(error, TypeError) and str(error).startswith('Observer.__init__()')
 
 
 def load(path: str) -> Any:

@@ -12,6 +12,7 @@ import shlex
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -23,7 +24,6 @@ from estimator_pkg import registry
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.parameters import declared
-from estimator_pkg.streams.angle import AngleStream
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'docs'
@@ -45,7 +45,6 @@ def test_every_observer_has_a_page(name):
     text = (DOCS / 'observers' / f'{name}.md').read_text()
     for part in ('## Equation', '## When not to use it', f'{{{{ parameters {name} }}}}'):
         assert part in text, part
-    assert f'observers/{name}.md' in (ROOT / 'mkdocs.yml').read_text()
     assert f'(observers/{name}.md)' in (DOCS / 'choosing.md').read_text()
     pictures = re.findall(r'!\[[^\]]*\]\(([^)]+)\)', text)
     assert pictures
@@ -67,11 +66,6 @@ def test_the_matrix_has_a_cell_for_everything():
         cells = [cell.strip() for cell in line.strip('|').split('|')]
         assert len(cells) == 10 and all(cells)
         assert float(cells[8]) > 0.0 and math.isfinite(float(cells[9]))  # cost and delay
-
-
-def test_every_observer_is_measured_on_some_recording():
-    measured = {name for case in capabilities.CASES for name in case.observers.split()}
-    assert measured == set(registry.names(registry.OBSERVERS))
 
 
 @pytest.mark.slow
@@ -103,27 +97,21 @@ def anchors(path):
     return {re.sub(r'[ -]+', '-', re.sub(r'[^\w\- ]', '', head.lower()).strip()) for head in heads}
 
 
-@pytest.mark.parametrize('page', pages(), ids=lambda path: str(path.relative_to(ROOT)))
-def test_links_and_pictures_lead_somewhere(page):
+@pytest.mark.parametrize(
+    'name', ['README', 'CONTRIBUTING', 'QUALITY_DECLARATION', 'bags/README', 'test/README']
+)
+def test_links_and_pictures_lead_somewhere(name):
+    """Of the pages outside the site, whose own links its strict build checks."""
+    page = ROOT / f'{name}.md'
     for target in re.findall(r'\]\(([^)\s]+)\)', prose(page)):
         if re.match(r'https?://|mailto:', target):
             continue
-        name, _, anchor = target.partition('#')
-        there = (page.parent / name).resolve() if name else page
+        path, _, anchor = target.partition('#')
+        there = (page.parent / path).resolve() if path else page
         assert there.exists(), f'{target} in {page.name}'
         assert there.is_relative_to(ROOT), target
         if anchor:
             assert anchor in anchors(there), f'{target} in {page.name}'
-
-
-def test_the_readme_has_the_coverage_of_the_default_observer():
-    observer = AngleStream.SETTINGS().observer
-    rows = [line.split('|') for line in (DOCS / 'coverage.md').read_text().splitlines()]
-    [row] = [row for row in rows if len(row) > 5 and row[1].strip() == f'`{observer}`']
-    constant, *motions = (cell.strip() for cell in row[2:6])
-    text = ' '.join((ROOT / 'README.md').read_text().split())
-    assert f'covered {constant} of the errors of the default observer at constant speed' in text
-    assert f'{motions[0]}, {motions[1]} and {motions[2]} in three motions' in text
 
 
 def test_the_code_for_drive_samples_makes_what_the_node_reads():
@@ -151,12 +139,6 @@ def test_the_page_of_topics_is_what_the_nodes_have():
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == (DOCS / 'topics.md').read_text(), 'python -m docs.tools.topics'
-
-
-def test_every_page_is_in_the_site():
-    nav = (ROOT / 'mkdocs.yml').read_text()
-    for page in DOCS.glob('**/*.md'):
-        assert str(page.relative_to(DOCS)) in nav, page
 
 
 def commands():
@@ -189,6 +171,17 @@ def test_a_status_is_echoed_as_a_whole():
     text = ''.join(page.read_text() for page in [*pages(), *ROOT.glob('.github/**/*.md')])
     shown = [line for line in re.findall('ros2 topic echo.*', text) if '/status' in line]
     assert shown and all(' -f ' in line for line in shown), shown
+
+
+def test_functions_in_the_pages_of_contributors_exist():
+    text = ''.join((DOCS / f'{name}.md').read_text() for name in ('architecture', 'engine'))
+    named = re.findall(r'`([\w/]+\.py)(?:: ([\w.]+))?`', text)
+    assert len(named) > 20
+    for file, name in named:
+        found = [path for path in (ROOT, ROOT / 'estimator_pkg') if (path / file).is_file()]
+        assert found or file.startswith('my_package/'), file
+        for part in name.split('.') if name else ():
+            assert re.search(rf'(def|class) {part}\b', (found[0] / file).read_text()), (file, name)
 
 
 def test_the_repository_has_one_address():
@@ -257,8 +250,8 @@ SEARCHED = {
     'filtfilt': 'library',
     'differentiate': 'library',
     'butterworth': 'observers/finite_difference',
-    'savitzky': 'field',
-    'average': 'field',
+    'savitzky': 'evidence',
+    'average': 'evidence',
     'alpha': 'observers/kalman',
     'degrees': 'troubleshooting',
     'rpm': 'troubleshooting',
@@ -266,15 +259,18 @@ SEARCHED = {
     'spikes': 'troubleshooting',
     'gyro': 'choosing',
     'imu': 'choosing',
-    'fusion': 'choosing',
+    'fusion': 'second_sensor',
     'lifecycle': 'ros_tools',
     'plotjuggler': 'ros_tools',
-    'odometry': 'drop_in',
+    'odometry': 'wheel_odometry',
+    'ranking': 'doctor',
+    'nobody': 'troubleshooting',
+    'recover': 'bags',
     'moveit': 'drop_in',
     'jitter': 'stamps_and_quantisation',
     'resolution': 'stamps_and_quantisation',
     'smoothing': 'stamps_and_quantisation',
-    'confidence': 'coverage',
+    'confidence': 'evidence',
     'uncertainty': 'glossary',
     'quantum': 'glossary',
     'csv': 'first_drive',
@@ -283,17 +279,23 @@ SEARCHED = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('word', SEARCHED)
-def test_words_that_people_search_for_lead_to_the_answer(site, word):
+def test_words_that_people_search_for_lead_to_the_answer(site):
     index = json.loads((site / 'search' / 'search_index.json').read_text())
     separator = index['config']['separator']
-    found = {
-        entry['location'].partition('.html')[0]
-        for entry in index['docs']
-        for token in re.split(separator, f'{entry["title"]} {TAG.sub(" ", entry["text"])}'.lower())
-        if token.startswith(word)  # the search adds an asterisk
+    words, first = defaultdict(set), set()
+    for entry in index['docs']:
+        page = entry['location'].partition('.html')[0]
+        text = f'{entry["title"]} {TAG.sub(" ", entry["text"])}'.lower()
+        words[page].update(re.split(separator, text))
+        if 'boost' in entry:
+            first.add(page)
+    missing = {
+        word: page
+        for word, page in SEARCHED.items()
+        if not any(each.startswith(word) for each in words[page])  # the search adds an asterisk
     }
-    assert SEARCHED[word] in found, sorted(found)
+    assert not missing
+    assert first == {'first_robot', 'first_drive', 'choosing', 'troubleshooting'}
 
 
 @pytest.mark.page

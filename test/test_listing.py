@@ -1,24 +1,21 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The command list, and the tables of docs/parameters.md that it makes."""
+"""The command list, and the pages of parameters in the documentation."""
 
 import dataclasses
 import json
 import re
-import shlex
-from pathlib import Path
 
 import pytest
 from declaring import declaring
 
-from estimator_pkg import listing, observers, parameters, registry, streams
+from docs.tools import parameters as pages
+from estimator_pkg import listing, observers, parameters, registry
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleStream
-
-DOCS = Path(__file__).resolve().parent.parent / 'docs' / 'parameters.md'
 
 
 def listed(capsys, *words):
@@ -33,10 +30,7 @@ def test_every_kind_is_listed(capsys):
     for name in ('hybrid_angle', 'finite_difference', 'pll', 'kalman', 'encoder', 'evaluate'):
         assert re.search(rf'^  {name} +\w', out, re.MULTILINE)
     assert 'cannot be imported' not in out
-
-
-def test_the_list_is_a_page(capsys):
-    lines = listed(capsys).splitlines()
+    lines = out.splitlines()
     assert len(lines) <= 60 and max(map(len, lines)) <= 80
 
 
@@ -48,9 +42,9 @@ def test_a_kind_is_listed_alone(capsys, tmp_path):
     assert list(json.loads(out.read_text())) == ['observers']
 
 
-@pytest.mark.parametrize('name', registry.names(registry.OBSERVERS))
-def test_a_description_fits_80_columns(name, capsys):
-    assert max(map(len, listed(capsys, name).splitlines())) <= 80
+def test_a_description_fits_80_columns(capsys):
+    for name in registry.names(registry.OBSERVERS):
+        assert max(map(len, listed(capsys, name).splitlines())) <= 80, name
 
 
 def test_a_parameter_shows_default_unit_range_and_meaning(capsys):
@@ -90,20 +84,6 @@ def test_automatic_and_required_parameters_are_distinguished(capsys, tmp_path):
     assert (found['k_eta']['default'], found['k_eta']['automatic']) == (None, '-1.0')
     assert found['resistance']['default'] is found['resistance']['automatic'] is None
     assert "known = none (['']), a list of texts; ['']: none" in listed(capsys, 'adaptive')
-
-
-def test_what_cannot_be_imported_is_said_and_nothing_else_suffers(capsys, monkeypatch):
-    find = registry.find
-
-    def broken(group, name):
-        if name == 'pll':
-            raise UserError("observer 'pll' cannot be imported: no such thing")
-        return find(group, name)
-
-    monkeypatch.setattr(registry, 'find', broken)
-    out = listed(capsys)
-    assert re.search(r"  pll +\(observer 'pll' cannot be imported: no such thing\)", out)
-    assert 'Kalman filter' in out
 
 
 def test_a_stream_of_another_package_brings_its_node_and_its_settings(capsys, monkeypatch):
@@ -149,16 +129,9 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
     for words in ('single_joint', 'cart_pendulum', 'robotic_leg', 'at 1000 Hz', 'slowest pole'):
         assert words in out
     reported = tmp_path / 'reported.json'
-    out = listed(
-        capsys,
-        *shlex.split(
-            'geso --rate 112 --set model=single_joint --set L=[50] --set K=[600] --set form=paper'
-        ),
-        '--set',
-        "model_parameters=['inertia=0.1']",
-        '--json',
-        str(reported),
-    )
+    words = '--rate 112 --set model=single_joint --set L=[50] --set K=[600] --set form=paper'
+    model = ['--set', 'model_parameters=[inertia=0.1]', '--json', str(reported)]
+    out = listed(capsys, 'geso', *words.split(), *model)
     assert 'cart_pendulum' not in out.partition('effect of the gains')[2]
     assert 'noise figure K^2/(2 L) [1/s^3]: 3600' in out
     assert 'poles of the error at the operating point [1/s]: -30, -20' in out
@@ -166,9 +139,8 @@ def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
     assert 'guaranteed rate of decay, Proposition 4.1 as corrected [1/s]: 0.2564' in out
     found = json.loads(reported.read_text())['gains']['single_joint']
     assert found['slowest_pole_over_range'] == '20' and 'refused' not in found
-    out = listed(
-        capsys, 'hgo', '--rate', '10', '--set', 'form=paper', '--set', 'L=50', '--set', 'K=600'
-    )
+    words = 'hgo --rate 10 --set form=paper --set L=50 --set K=600'
+    out = listed(capsys, *words.split())
     assert 'required by forward Euler: no' in out and 'refused: forward Euler' in out
     assert 'chattering' in listed(capsys, 'smo')
 
@@ -188,67 +160,47 @@ def test_gains_that_cannot_be_explained_are_refused_in_one_line(words, message, 
     assert message in error and error.count('\n') == 1
 
 
-def test_docs_are_as_the_code_declares(capsys):
-    assert DOCS.read_text(encoding='utf-8') == listed(capsys, '--markdown'), (
-        'docs/parameters.md is stale: velocity_estimator list --markdown > docs/parameters.md'
-    )
+def rows(text):
+    """The names in the first column of the tables of a page."""
+    return re.findall(r'(?m)^[|] `(\w+)` [|]', text)
+
+
+def test_the_pages_of_parameters_are_as_the_code_declares():
+    found = {path.name: path.read_text('utf-8') for path in pages.FOLDER.iterdir()}
+    assert found == pages.pages(), 'python -m docs.tools.parameters'
 
 
 @pytest.mark.long
-def test_every_declared_parameter_has_a_row():
-    rows = DOCS.read_text(encoding='utf-8').splitlines()
-    classes = declaring()
-    assert len(classes) > 6
-    missing = [
-        f'{name}.{parameter}'
-        for name, cls in classes.items()
-        for parameter, about in declared(cls).items()
-        if not any(
-            row.startswith(f'| `{parameter}` | {listing.default_text(about)} |') for row in rows
-        )
-    ]
-    assert not missing
-
-
-@pytest.mark.long
-def test_every_declared_parameter_is_described():
+def test_every_declared_parameter_is_described_on_a_page():
+    lines = ''.join(pages.pages().values()).splitlines()
+    cells = {tuple(line.split(' | ')[:2]) for line in lines if line.startswith('| `')}
+    assert len(declaring()) > 6
     for name, cls in declaring().items():
         for parameter in declared(cls).values():
             where = f'{name}: {parameter.name}'
+            assert (f'| `{parameter.name}`', listing.default_text(parameter)) in cells, where
             assert parameter.description.strip(), where
             assert parameter.kind in listing.TYPE_NAMES, where
             if parameter.default is not None:
                 assert parameter.check(parameter.default) == parameter.default, where
 
 
-def test_the_page_of_parameters_opens_with_the_default_node(capsys):
-    observer = AngleStream.SETTINGS().observer
-    heads = re.findall('(?m)^##+ (.*)$', listed(capsys, '--markdown'))
-    usual = ['joint_observer', observer, 'joint']
-    assert heads[:4] == [f'Default node: joint_observer with {observer}', *usual]
-    assert all(heads.count(name) == 1 for name in usual)
-    assert 'Default node' not in listed(capsys, 'pll', '--markdown')
+def test_a_page_begins_with_what_users_set_first():
+    made = pages.pages()
+    usual = f'Observer {AngleStream.SETTINGS().observer}'
+    heads = re.findall('(?m)^## (.*)$', made['joint_observer.md'])
+    assert heads[:3] == ['Node', usual, 'Each joint'] and heads.count(usual) == 1
+    assert {f'{node}.md' for node in pages.SET_FIRST} < set(made)
+    for node, about in pages.SET_FIRST.items():
+        set_first = re.findall(r'`([\w.]+)[:`]', ' '.join(about.values()))
+        names = {name.rpartition('.')[2] for name in set_first}
+        assert names <= set(rows(made[f'{node}.md'])), node
+        assert made[f'{node}.md'].index(next(iter(about))) < made[f'{node}.md'].index('\n## ')
 
 
-def test_the_page_of_parameters_begins_with_what_users_set(capsys):
-    page = listed(capsys, '--markdown')
-    table = page[: page.index('\n## ')]
-    set_first = {
-        name.rpartition('.')[2]
-        for row in table.splitlines()
-        if row.startswith('| ')
-        for name in re.findall(r'`([\w.]+)(?::[^`]*)?`', row)
-    }
-    declared_names = {name for cls in declaring().values() for name in declared(cls)}
-    nodes = {stream.NODE for stream in streams.every()}
-    assert {'quantum', 'wrap_period', 'prefer', 'no_estimate', 'pole_pairs'} <= set_first
-    assert set_first <= declared_names | nodes
-    assert 'users set' not in listed(capsys, 'pll', '--markdown')
-
-
-def test_parameters_that_few_need_come_last_in_a_table(capsys):
-    rows = re.findall(r'(?m)^[|] `(\w+)`', listed(capsys, 'hybrid_angle', '--markdown'))
+def test_parameters_that_few_need_come_last_in_a_table():
     gains = declared(observers.find('hybrid_angle').gains)
-    assert [gains[name].advanced for name in rows] == sorted(
-        each.advanced for each in gains.values()
-    )
+    _, _, section = pages.pages()['joint_observer.md'].partition('## Observer hybrid_angle\n')
+    names = rows(section.partition('\n## ')[0])
+    assert sorted(names) == sorted(gains)
+    assert names == sorted(names, key=lambda name: gains[name].advanced)

@@ -102,13 +102,7 @@ ANGLE = {
     ),
     'pll': ({}, {'bandwidth_hz': 5.0, 'low_speed_bound': False}, {'damping': 1.5}),
     'finite_difference': ({}, {'bandwidth_hz': 200.0}),
-    'super_twisting': (
-        {},
-        {'order': 1, 'quantum': TURN / 4096},
-        {'order': 3},
-        {'form': 'implicit', 'order': 1},
-        {'form': 'taylor', 'order': 3},
-    ),
+    'super_twisting': ({}, {'order': 1, 'quantum': TURN / 4096}, {'order': 3}),
 }
 CASES = [(name, gains) for name, variants in ANGLE.items() for gains in variants]
 

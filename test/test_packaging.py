@@ -65,7 +65,12 @@ def engine_of(folder):
     return loaded.partition(' ')[2].strip()
 
 
-def assert_share_is_found(prefix):
+def assert_installed(prefix, executables):
+    """The folders of ament, what is not Python, and the executables are where they belong."""
+    assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= {
+        path.name for path in (prefix / executables).iterdir()
+    }
+    assert len(list((prefix / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
     share = prefix / 'share' / 'velocity_estimator'
     assert (share / 'package.xml').is_file()
     assert (share / 'LICENSE').is_file()
@@ -112,67 +117,53 @@ def pip_install(source, prefix, **options):
 
 
 @pytest.mark.long
-def test_pip_install_finds_share(source, tmp_path):
+def test_pip_installs_all_of_it(source, tmp_path):
     packages = pip_install(source, tmp_path)
-    assert_share_is_found(tmp_path)
+    assert_installed(tmp_path, 'bin')
     assert engine_of(packages).startswith('<PyDLL')
-    assert len(list((tmp_path / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
-    executables = {path.name for path in (tmp_path / 'bin').iterdir()}
-    assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
 
 
 @pytest.mark.slow
 def test_pip_installs_without_a_compiler(source, tmp_path):
     without = {**os.environ, 'CC': '/bin/false'}
     packages = pip_install(copied(source, tmp_path / 'source'), tmp_path / 'prefix', env=without)
-    assert_share_is_found(tmp_path / 'prefix')
+    assert_installed(tmp_path / 'prefix', 'bin')
     assert engine_of(packages).startswith('None no engine was built: install a C compiler')
+
+
+def colcon(source, folder, *words, **variables):
+    """Return what colcon prints for the sources; its folders are in `folder`."""
+    path = f'{Path(sys.executable).parent}:{os.environ["PATH"]}'
+    return run(
+        *('colcon', '--log-base', str(folder / 'log'), *words),
+        *(f'--{name}-base={folder / name}' for name in ('build', 'install') if 'build' in words),
+        cwd=source,
+        env={**os.environ, 'PATH': path, 'PYTHONDONTWRITEBYTECODE': '1', **variables},
+    )
 
 
 @pytest.mark.slow
 def test_colcon_links_the_sources_and_an_edit_is_seen(source, tmp_path):
     copy = copied(source, tmp_path / 'source')
-    bases = [f'--{name}-base={tmp_path / name}' for name in ('build', 'install')]
-    environment = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
-    command = ['colcon', '--log-base', str(tmp_path / 'log'), 'build', '--symlink-install', *bases]
-    run(*command, cwd=copy, env=environment)
+    colcon(copy, tmp_path, 'build', '--symlink-install')
     assert engine_of(copy).startswith('<PyDLL')
-    with (copy / 'estimator_pkg' / 'observers' / 'circle.py').open('a') as file:
+    with (copy / 'estimator_pkg' / 'circle.py').open('a') as file:
         file.write('# edited\n')
     assert engine_of(copy).startswith('None _engine.so was made from other sources')
-    run(*command, cwd=copy, env=environment)
+    colcon(copy, tmp_path, 'build', '--symlink-install')
     assert engine_of(copy).startswith('<PyDLL')
 
 
 @pytest.mark.long
 def test_colcon_builds_an_ament_python_package(source, tmp_path):
-    environment = {
-        **os.environ,
-        'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}',
-        'PYTHONDONTWRITEBYTECODE': '1',
-        'CC': '/bin/false',  # pip compiles the engine above, colcon in a slow test
-    }
-    listed = run('colcon', '--log-base', str(tmp_path / 'log'), 'list', cwd=source, env=environment)
+    listed = colcon(source, tmp_path, 'list')
     assert listed.split() == ['velocity_estimator', '.', '(ros.ament_python)']
-    run(
-        'colcon',
-        '--log-base',
-        str(tmp_path / 'log'),
-        'build',
-        '--build-base',
-        str(tmp_path / 'build'),
-        '--install-base',
-        str(tmp_path / 'install'),
-        cwd=source,
-        env=environment,
-    )
+    # pip compiles the engine above, colcon in a slow test
+    colcon(source, tmp_path, 'build', CC='/bin/false')
     prefix = tmp_path / 'install' / 'velocity_estimator'
-    assert_share_is_found(prefix)
-    assert len(list((prefix / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
+    assert_installed(prefix, 'lib/velocity_estimator')
     packages = next((prefix / 'lib').rglob('estimator_pkg')).parent
     assert engine_of(packages).startswith('None no engine was built')
-    executables = {path.name for path in (prefix / 'lib' / 'velocity_estimator').iterdir()}
-    assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
 
 
 def test_every_package_folder_is_installed():

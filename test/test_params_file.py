@@ -48,25 +48,11 @@ other: {ros__parameters: {order: 7}}
     assert load(path, 'other')['order'] == 7
 
 
-@pytest.mark.parametrize(
-    'section',
-    [
-        '/joint_observer',
-        '/robot/joint_observer',
-        '*',
-        '/*',
-        '/**',
-        '/**/joint_observer',
-        'joint_observer',
-    ],
-)
+@pytest.mark.parametrize('section', ['/robot/joint_observer', '*', '/*', '/**/joint_observer'])
 def test_every_way_to_name_the_node(section, tmp_path):
     assert load(write(tmp_path, f"'{section}':\n  ros__parameters: {{a: 1}}")) == {'a': 1}
-
-
-def test_namespaces_may_be_nested(tmp_path):
-    path = write(tmp_path, 'robot:\n  joint_observer:\n    ros__parameters: {a: 1}')
-    assert load(path) == {'a': 1}
+    nested = 'robot:\n  joint_observer:\n    ros__parameters: {a: 1}'
+    assert load(write(tmp_path, nested)) == {'a': 1}
 
 
 def test_a_list_of_joints_is_no_override():
@@ -76,27 +62,9 @@ def test_a_list_of_joints_is_no_override():
     )
 
 
-def test_names_of_the_last_release_are_split_as_the_new_ones(capsys):
-    old = {'joints': ['a'], 'joints.a.b.noise': 0.1, 'joints.y.known': ('k',), 'joints_max': 3}
-    common, overrides = split(old)
-    assert common == {'joints': ['a'], 'joints_max': 3}
-    assert overrides == {'a.b': {'noise': 0.1}, 'y': {'known': ('k',)}}
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "write 'per_joint.a.b.noise: 0.1' instead of 'joints.a.b.noise'" in line
-    assert "'per_joint.y.known: ['k']'" in line
-    both = {'joints.a.noise': 0.1, 'per_joint.a.noise': 0.2}
-    assert split(both) == ({}, {'a': {'noise': 0.2}})
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "'joints.a.noise' is ignored because 'per_joint.a.noise' is set" in line
-    assert "write '" not in line
-    split({'per_joint.a.noise': 0.2, 'joints.a': 3})  # the latter is unknown, not an old name
-    assert capsys.readouterr().err == ''
-
-
-def test_the_parameter_of_old_and_new_names():
-    for name in ('noise', 'per_joint.a.b.noise', 'joints.a.b.noise'):
-        assert params_file.parameter_of(name) == 'noise'
-    for name in ('joints', 'joints.noise', 'per_joint.noise', 'qos_overrides./a.depth'):
+def test_the_parameter_of_a_name():
+    assert params_file.parameter_of('per_joint.a.b.noise') == 'noise'
+    for name in ('noise', 'per_joint.noise', 'qos_overrides./a.depth'):
         assert params_file.parameter_of(name) == name
 
 
@@ -135,7 +103,4 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / 'binary').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(UserError, match='is not text'):
         load(tmp_path / 'binary')
-
-
-def test_an_empty_section_sets_nothing(tmp_path):
-    assert load(write(tmp_path, '/**:\n  ros__parameters:\n')) == {}
+    assert load(write(tmp_path, '/**:\n  ros__parameters:\n')) == {}  # sets nothing

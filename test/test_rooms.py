@@ -32,7 +32,7 @@ PACKAGES = {  # room: packages that its files may import, wherever in a file
     'observers': {'numpy'},
     'models': {'numpy'},
     'messages': {'numpy'},
-    'driver': {'numpy', 'yaml', 'numba'},
+    'driver': {'numpy', 'yaml'},
     'streams': {'numpy'},
     'ros': ROS,
     'nodes': ROS,

@@ -12,12 +12,15 @@ An entry of docs/tools/figures.yaml names a page, the commands to run and one of
 - ``text``: a text of the page, in which ``{{expression:format}}`` replaces a number;
 - ``lines: true``: each line of the output that is also on the page, except for its numbers, in the
   same order. An indented block
-  that has a line of the output must have no other line, except for ``...`` and commands.
+  that has a line of the output must have no other line, except for ``...`` and commands;
+- ``lines: EXPRESSION``: the same, with the text of an expression in place of the output.
 
 Numbers agree within ``tolerance`` (relative, 0.02 if unset) or the rounding of the last printed
 digit; at tolerance 0 they must be equal. In expressions ``r`` is the JSON of the last command and
 ``runs`` a list of all. ``rms(observer, run)`` [rad/s], ``delay(observer, run)`` [ms] and
 ``covered(joint, run)`` [%] come from ``evaluate``; ``run`` is the last one if unset.
+``csv_of(rows)`` and ``rms_table(rows)`` are the CSV file of the rows of ``--part accuracy``, and
+their rms errors as lines of a table.
 """
 
 from __future__ import annotations
@@ -39,8 +42,9 @@ from pathlib import Path
 import yaml
 
 from benchmarks import __main__ as benchmarks
+from benchmarks import csv_files
 from estimator_pkg import cli
-from sim_pkg.reproduce.command import PAPERS
+from estimator_pkg.evaluation.text import number
 
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r'(?<![\w.#/])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w/])')
@@ -109,8 +113,18 @@ def names(results: list) -> dict:
         'rms': lambda observer, run=-1: velocity(observer, run)['rms'],
         'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
         'covered': covered,
-        'rows': lambda paper: len(PAPERS[paper].REPRODUCTION.references()),
+        'csv_of': csv_files.accuracy,
+        'rms_table': rms_table,
     }
+
+
+def rms_table(rows: list[dict]) -> str:
+    """Return the rms errors of observers, one line per stream; * is below the reference's own."""
+    cells = defaultdict(list)
+    for row in rows:
+        mark = ' *' if row.get('reference_cannot_tell') else ''
+        cells[row['stream']].append(number(row['rms'], 3) + mark)
+    return '\n'.join(f'| {stream} | {" | ".join(errors)} |' for stream, errors in cells.items())
 
 
 def close(old: str, new: float, tolerance: float, units: float) -> bool:

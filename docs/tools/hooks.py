@@ -50,21 +50,7 @@ def changelog():
     """Return CHANGELOG.rst, without its title, as Markdown."""
     text = CHANGELOG.read_text().partition('=\n\n')[2]
     text = re.sub(r'(?m)^(.+)\n-{3,}$', r'## \1', text)
-    text = re.sub(r'(?m)^(.+)\n~{3,}$', r'### \1', text)
-    # a table: a border, the header, a border, the rows, a border
-    text = re.sub(r'(?m)^( *)(=+ [= ]+)\n((?:.*\n)+?)\1\2\n((?:.*\n)+?)\1\2$', _table, text)
     return re.sub(r'`([^`<]+) <([^>]+)>`_', r'[\1](\2)', text).replace('``', '`')
-
-
-def _table(found):
-    """Return a simple table of reStructuredText as Markdown; its border shows the columns."""
-    spans = [column.span() for column in re.finditer('=+', found[1] + found[2])]
-    spans[-1] = (spans[-1][0], None)
-
-    def rows(lines):
-        return [[line[first:last].strip() for first, last in spans] for line in lines.splitlines()]
-
-    return markdown([' '.join(words) for words in zip(*rows(found[3]))], rows(found[4]))
 
 
 def typeset(latex, display='block'):

@@ -43,7 +43,7 @@ NODES: dict[str, list[dict[str, Any]]] = {  # by kind: the settings that decide 
     'wheels': [{'radius': [0.1], 'track': 0.5, 'gyro_topic': 'imu'}],
 }
 MEANING = {
-    'joint_states': 'the measurement: names, positions, and efforts where a known input is needed',
+    'joint_states': 'names, positions, and efforts where a known input is needed',
     'angle': 'one number: `angle_type`, or `field` of `field_type`',
     'effort_command': 'the commanded input; `effort_command_type: Float64MultiArray` has no names',
     'switch_event': 'names of the events that happened, at their stamps; may have no publisher',
@@ -72,15 +72,14 @@ MEANING = {
 INTRODUCTION = """\
 # Topics, services and QoS
 
-This page lists every topic and service of every node. `python -m docs.tools.topics` starts the
-nodes and reads these tables from them; a test compares both.
+`python -m docs.tools.topics` starts the nodes and reads these tables from them.
 
 - Names are those before remapping. `~` is the node's name: `~/estimate` of `joint_observer` is
   `/joint_observer/estimate`. Remap with `-r joint_states:=/arm/joint_states`.
 - *On demand* outputs are computed only while somebody subscribes to them.
-- The answers of the first 5 s (`wait_for_subscriber`) wait for the first subscriber, the last 500
-  of each output: DDS may discover a subscriber that is already there only seconds later. They then
-  come at once, with their stamps.
+- The answers of the first 5 s (`wait_for_subscriber`; 0.0: none) wait for the first subscriber,
+  the last 500 of each output: DDS may discover a subscriber that is already there only seconds
+  later. They then come at once, with their stamps.
 - Inputs are best effort, so they match every publisher. A subscriber of an output may be reliable
   or best effort.
 - Parameters change reliability, durability, history and depth. An output that is made transient
@@ -96,9 +95,11 @@ LAST = """\
 ## Simulators
 
 Topics of simulators are relative: start one in the same namespace as its observer. The QoS of all
-of them is {qos}. Each simulator also publishes `/diagnostics` once per second, which counts how
-late it is. `cart_pendulum_sim` subscribes to `estimate` (sensor_msgs/JointState), with which it
-can close its control loop."""
+of them is {qos}. Each simulator publishes `joint_states` and `ground_truth/joint_states`
+(sensor_msgs/JointState), but `pmsm_sim` the second alone; and `/diagnostics` once per second, which
+counts how late it is. `cart_pendulum_sim` can close its control loop with `estimate`
+(sensor_msgs/JointState). Others also publish:"""
+COMMON = ('joint_states', 'ground_truth/joint_states')  # named in LAST
 
 
 class Row(NamedTuple):
@@ -173,13 +174,17 @@ def lines(kind: str) -> list[tuple[str, ...]]:
 
 
 def simulated() -> str:
-    """Return the table of the topics that simulators publish with their default parameters."""
+    """Return the table of further topics that simulators publish with their default parameters."""
     lines = []
     for name in registry.names(registry.SIMULATORS):
         simulator = registry.find(registry.SIMULATORS, name)
-        topics = simulator.topics(simulator.parameters())
-        texts = [f'`{topic.name}` ({topic.type.replace("/msg/", "/")})' for topic in topics]
-        lines.append((f'`{name}_sim`', ', '.join(texts)))
+        topics = [
+            f'`{topic.name}` ({topic.type.replace("/msg/", "/")})'
+            for topic in simulator.topics(simulator.parameters())
+            if topic.name not in COMMON
+        ]
+        if topics:
+            lines.append((f'`{name}_sim`', ', '.join(topics)))
     return markdown(('node', 'publishes'), lines)
 
 

@@ -42,7 +42,6 @@ class DrivenSettings(JointSettings):
     input_unit: str = structural(
         '',
         choices=('N m', 'newton', 'V', 'A'),
-        formerly={'N': 'newton'},
         description="unit of the model's input, which is effort times input_scale; it is part of "
         'the status and of the units of identified parameters; empty: unknown',
     )

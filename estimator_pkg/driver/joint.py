@@ -243,8 +243,6 @@ class Joint(Counted):
         stamps: NDArray[np.int64],
         measurements: NDArray[np.float64],
         known_input: NDArray[np.float64] | None = None,
-        *,
-        fast: bool | None = None,
     ) -> Estimates:
         """Take many samples; return all estimates, equal to those sample by sample.
 

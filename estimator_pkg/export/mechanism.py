@@ -13,7 +13,7 @@ from estimator_pkg.driver.mechanism_channel import Track
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED
 from estimator_pkg.models.mechanics import Vector
 from estimator_pkg.observers.mechanism.algebra import is_finite
-from estimator_pkg.observers.mechanism.core import Estimate as Motion
+from estimator_pkg.observers.mechanism.core import MechanismEstimate as Motion
 from estimator_pkg.observers.mechanism.state import Design
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import DUPLICATE, NON_FINITE, Limits

@@ -17,7 +17,7 @@ from estimator_pkg.models.switched import SwitchedModel, Vector
 OPEN = (2.0, 0.8, 9.81)  # Z without load
 CLOSED = (1.25, 0.5, 12.2625)  # Z with load: J rises from 0.5 to 0.8 kg m^2
 SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-UNKNOWN = ('close', 'open')
+UNKNOWN_LOAD = ('close', 'open')
 
 
 def dynamics(x: Vector, z: Vector, u: Vector) -> Sequence[float]:
@@ -45,7 +45,7 @@ MODEL = SwitchedModel(
     size=3,
     gamma=lambda zeta, u: (0.0,),
     lam=lam,
-    transition=lambda mode: None if mode in UNKNOWN else SAME,
+    transition=lambda mode: None if mode in UNKNOWN_LOAD else SAME,
     offset=lambda mode, v, y: (0.0, 0.0, 0.0),
     dynamics=dynamics,
     start=((0.3, 0.0), OPEN),

@@ -63,7 +63,6 @@ class Mechanics:
         centre +- reach; the centre is the default operating point.
     speed_matters : `force` depends on v.
     complaint : () -> the last error of a user's code, or ''.
-    note : a notice for the user, or ''.
     """
 
     name: str
@@ -78,7 +77,6 @@ class Mechanics:
     damped: bool = False
     speed_matters: bool = False
     complaint: Callable[[], str] = str
-    note: str = ''
 
     @property
     def degrees(self) -> int:

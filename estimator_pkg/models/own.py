@@ -3,7 +3,7 @@
 
 """A user's own model, named as ``package.module:Name``: ordinary Python with numpy.
 
-docs/own_model.md lists what the class (or object) must define. It is called with numpy arrays.
+docs/known_inputs.md lists what the class (or object) must define. It is called with numpy arrays.
 """
 
 from __future__ import annotations
@@ -117,11 +117,7 @@ def mechanics_of(model: Any, path: str) -> Mechanics:
         linearisable=hasattr(model, 'psi') or hasattr(model, 'factors'),
         damped=hasattr(model, 'damping'),
         speed_matters=hasattr(model, 'friction'),
-        note=COMPILES.format(path) if getattr(model, 'compiles', False) else '',
     )
-
-
-COMPILES = "model '{}': 'compiles' has no effect any more: remove it"
 
 
 class OwnModel:
@@ -135,7 +131,6 @@ class OwnModel:
     def __init__(self, model: Any, path: str, joints: int, inputs: int) -> None:
         self.JOINTS, self.INPUTS, self.failure = joints, inputs, ''
         self._model, self._path = model, path
-        self._plain = bool(getattr(model, 'compiles', False))  # takes tuples
         self._friction = getattr(model, 'friction', None)
         self._calm = getattr(model, 'calm', None)
         self._coriolis = getattr(model, 'coriolis', None) or self._christoffel
@@ -189,8 +184,7 @@ class OwnModel:
 
     def _array(self, values: Any, count: int | None = None) -> Any:
         """Return the first `count` numbers (one per joint) as the user's code takes them."""
-        part = values[: self.JOINTS if count is None else count]
-        return tuple(part) if self._plain else np.array(part)
+        return np.array(values[: self.JOINTS if count is None else count])
 
     def _set(self, out: Any, name: str, value: Any, flat: bool = False) -> None:
         """Set a vector (`flat`) or a matrix; raise UserError if it has other dimensions."""

@@ -33,15 +33,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.parameters import Parameter, build, declared
-from estimator_pkg.params_file import (
-    OVERRIDES,
-    check_names,
-    meant,
-    override,
-    today,
-    warning,
-    without_former,
-)
+from estimator_pkg.params_file import OVERRIDES, check_leaves, override, parameter_suggestion
 from estimator_pkg.printable import printable
 
 T = TypeVar('T')
@@ -77,12 +69,9 @@ class RosParameters:
     def __init__(self, node: Node, usual: Mapping[str, Any] | None = None) -> None:
         self._node, self._usual = node, {} if usual is None else usual
         # Initial values from the command line, parameter files and the constructor.
-        self._initial: Values
-        self._initial, former = without_former(
-            {name: initial.value for name, initial in node._parameter_overrides.items()}
-        )
-        if former:
-            node.get_logger().warning(former)
+        self._initial: Values = {
+            name: initial.value for name, initial in node._parameter_overrides.items()
+        }
         self._known: dict[str, Parameter] = {}
         self._overridable: dict[str, Parameter] = {}
         self.values: Values = {}
@@ -129,12 +118,10 @@ class RosParameters:
             others.
         """
         self._overridable = {name: self._known[name] for name in names}
-        self._initial, notes = today(self._initial)
-        self._warn_of_old(notes)
-        check_names(self._initial)
+        check_leaves(self._initial)
         for name, value in self._initial.items():
-            joint, parameter = override(name) or ('', '')
-            if parameter in self._overridable and value is not None:
+            joint, parameter = override(name)
+            if joint and parameter in self._overridable and value is not None:
                 checked = self._checked(name, self._overridable[parameter], value)
                 self.overrides.setdefault(joint, {})[parameter] = checked
                 self._declare(name, self._overridable[parameter], checked)
@@ -176,11 +163,6 @@ class RosParameters:
                 wrong[name] = self._hint(name)
         return wrong
 
-    def _warn_of_old(self, notes: Iterable[str]) -> None:
-        text = warning(notes)
-        if text:
-            self._node.get_logger().warning(text)
-
     def of_others(self) -> dict[str, str]:
         """Return, once, the initial parameters that are gains of other observers, with a hint."""
         found = {name: hint for name, hint in self.unknown().items() if self._instead(name)}
@@ -189,20 +171,19 @@ class RosParameters:
         return found
 
     def _instead(self, name: str) -> str:
-        found = override(name) if self._overridable else None
-        return self.instead(found[1] if found else name)
+        return self.instead(override(name)[1] if self._overridable else name)
 
     def _hint(self, name: str) -> str:
         hint = self._instead(name)
         if hint:
             return hint
-        found = override(name)
-        if found and self._overridable:
-            return suggestion(found[1], self._overridable)
+        joint, parameter = override(name)
+        if joint and self._overridable:
+            return suggestion(parameter, self._overridable)
         if name.startswith(QOS):
             declared_here = self._node.list_parameters([QOS.rstrip('.')], 0).names
             return suggestion(name, declared_here)
-        return meant(name, self._known, self._overridable)
+        return parameter_suggestion(name, self._known, self._overridable)
 
     def _declare(self, name: str, parameter: Parameter, value: Any) -> None:
         self._declaring = True
@@ -224,8 +205,8 @@ class RosParameters:
     def _find(self, name: str) -> Parameter | None:
         if name in self._known:
             return self._known[name]
-        found = override(name)
-        return self._overridable.get(found[1]) if found else None
+        joint, parameter = override(name)
+        return self._overridable.get(parameter) if joint else None
 
     def _after(self, changes: list[RosParameter]) -> tuple[Values, dict[str, Values]]:
         """Return (values, overrides) after `changes`; raises UsageError if one is wrong."""
@@ -241,7 +222,7 @@ class RosParameters:
                     value = parameter.default  # deleted: back to the default
                 values[change.name] = parameter.check(value)
                 continue
-            joint, name = override(change.name) or ('', '')
+            joint, name = override(change.name)
             own = overrides.setdefault(joint, {})
             if value is None:
                 own.pop(name, None)  # deleted: follows the common value again
@@ -249,18 +230,13 @@ class RosParameters:
                 own[name] = self._checked(change.name, parameter, value)
             if not own:
                 del overrides[joint]
-        check_names(
+        check_leaves(
             f'{OVERRIDES}.{joint}.{name}' for joint, own in overrides.items() for name in own
         )
         return values, overrides
 
     def _before_set(self, changes: list[RosParameter]) -> list[RosParameter]:
         """Return the changes with the declared types, so that 20 is stored as 20.0."""
-        if self._overridable:
-            values, notes = today({change.name: change.value for change in changes})
-            if notes:
-                self._warn_of_old(notes)
-                changes = ros_values(values)
         self._being_set = frozenset(change.name for change in changes)
         self._wrong = None
         for change in changes:  # rclpy refuses these without calling `_on_set`

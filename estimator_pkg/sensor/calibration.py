@@ -13,7 +13,7 @@ The spacing is a compromise. Doubled, it quarters the noise's variance; too long
 resolve the motion. It is doubled while the noise hides the error, and halved where the fourth
 difference of the readings exceeds their noise. A vibration looks like noise at a long spacing, so
 the shortest one gets a look now and then, and is kept while it shows larger errors than the
-noise explains. docs/coverage.md derives it.
+noise explains. docs/evidence.md derives it.
 
 Most samples pass without any work: a sample is an instant when it is `due`.
 """

@@ -300,7 +300,9 @@ class Stream(ABC):
                     f"unknown parameter '{name}': "
                     + (
                         instead(name, every, observer, SELECT_OBSERVER)
-                        or params_file.meant(name, every, known if cls.OVERRIDES else ())
+                        or params_file.parameter_suggestion(
+                            name, every, known if cls.OVERRIDES else ()
+                        )
                     )
                 )
         if overrides and not cls.OVERRIDES:

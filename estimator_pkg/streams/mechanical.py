@@ -115,9 +115,8 @@ class MechanicalStream(DrivenStream):
         self._unexplained.add(name)
 
     def _of_models(self) -> list[str]:
-        """Return the models' own notices, and one where all parameters are those by default."""
-        notes = (joint.plan.mechanics.note for joint in self.bank.joints.values())
-        found = list(dict.fromkeys(filter(None, notes)))
+        """Return a notice for each mechanism whose model has the default parameters."""
+        found = []
         for name in self.bank.joints:
             gains = self.bank.configuration.for_joint(name)[0]
             numbers = default_numbers(gains)

@@ -26,7 +26,6 @@ from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
-from estimator_pkg.engine.calls import available
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
@@ -163,27 +162,6 @@ def test_blocks_of_any_size_give_what_single_messages_give(raws, cuts, name, onl
     assert (stream.bank.empty, stream.bank.mismatched) == (bank.empty, bank.mismatched)
     for joint, other in zip(stream.bank.joints.values(), bank.joints.values()):
         assert joint.counts == other.counts
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not available(), reason='no engine was built')
-def test_compiled_and_plain_agree(monkeypatch):
-    rng = np.random.default_rng(3)
-    raws = [
-        Encoder().encode(
-            START + i * 1_000_000 + int(rng.integers(0, 1000)),
-            '',
-            ['a', 'b'],
-            [math.remainder(0.02 * i, 2 * math.pi), 0.1 * math.sin(0.01 * i)],
-        )
-        for i in range(2000)
-    ]
-    decode = Decoder().decode
-    compiled = in_blocks(raws, [1, 2, 1500], configuration())[1]
-    monkeypatch.setattr('estimator_pkg.driver.joint.functions_of', lambda module: None)
-    assert in_blocks(raws, [700], configuration())[1] == compiled
-    shown = sum(len(estimated(decode(raw))) for pair in compiled for raw in pair.values())
-    assert shown > 7000
 
 
 def replay(*words, code=0):
@@ -411,15 +389,6 @@ def test_copies_and_names(recording, tmp_path, capsys):
     ]
 
 
-def test_the_same_replay_makes_the_same_bytes(recording, tmp_path):
-    for name in ('a', 'b'):
-        (tmp_path / name).mkdir()
-        replay(recording, '--observer', 'finite_difference', '--out', tmp_path / name / 'out')
-    assert (tmp_path / 'a/out/out_0.mcap').read_bytes() == (
-        tmp_path / 'b/out/out_0.mcap'
-    ).read_bytes()
-
-
 def angle_bag(path, kind, values, *, publish_step=1_000_000):
     with BagWriter(path) as bag:
         bag.add_topic('/angle', f'std_msgs/msg/{kind}')
@@ -621,41 +590,24 @@ def test_overrides_of_joints_that_never_come_are_reported(recording, capsys):
 
 
 @pytest.mark.long
-def test_names_of_the_last_release_are_read_with_one_warning(recording, tmp_path, capsys):
-    """In a file and on the command line; the estimates are those of the new names."""
-    number = itertools.count()
-
-    def estimates(*words, lines=()):
-        params = tmp_path / 'params.yaml'
-        content = '\n'.join(f'    {line}' for line in ('observer: finite_difference', *lines))
-        params.write_text(f'/**:\n  ros__parameters:\n{content}\n')
-        out = tmp_path / str(next(number))
-        replay(recording, '--params', params, *words, '--out', out)
-        raws = [bytes(message.raw) for message in messages_of(out, ESTIMATE)]
-        warnings = [line for line in capsys.readouterr().err.splitlines() if 'warning' in line]
-        return raws, warnings
-
-    plain, none = estimates()
-    new, silent = estimates(lines=['per_joint: {a: {bandwidth_hz: 5.0}, b: {bandwidth_hz: 9.0}}'])
-    assert new != plain and none == silent == []
-    in_file = ['joints.a.bandwidth_hz: 5.0', 'joints.b: {bandwidth_hz: 9.0}']
-    for words, lines in (
-        ((), in_file),
-        (('--set', 'joints.b.bandwidth_hz=9'), in_file[:1]),
+def test_values_of_one_joint_are_read_and_the_command_line_wins(recording, tmp_path):
+    found = []
+    for number, (words, text) in enumerate(
         (
-            ('--set', 'joints.b.bandwidth_hz=9'),
-            ['per_joint: {a: {bandwidth_hz: 5}, b: {noise: 1}}'],
-        ),
-        (('--set', 'per_joint.a.bandwidth_hz=5'), in_file),  # the command line wins, as ever
+            ((), '{}'),
+            ((), '{a: {bandwidth_hz: 5.0}, b: {bandwidth_hz: 9.0}}'),
+            (
+                ('--set', 'per_joint.b.bandwidth_hz=9'),
+                '{a: {bandwidth_hz: 5}, b: {bandwidth_hz: 7}}',
+            ),
+        )
     ):
-        old, (warning,) = estimates(*words, lines=lines)
-        assert old == new
-        assert "'per_joint.b.bandwidth_hz: 9" in warning and 'the next release' in warning
-    mixed = ['joints.a.bandwidth_hz: 50.0', 'per_joint: {a: {bandwidth_hz: 5.0}, b: {noise: 1.0}}']
-    words = ('--set', 'per_joint.b.bandwidth_hz=9.0', '--set', 'joints.a.bandwidth_hz=3')
-    old, (warning,) = estimates(*words, lines=mixed)  # the new name wins, as for the node
-    assert old == new
-    assert "'joints.a.bandwidth_hz' is ignored because 'per_joint.a.bandwidth_hz' is set" in warning
+        params, out = tmp_path / 'params.yaml', tmp_path / str(number)
+        values = f'{{observer: finite_difference, per_joint: {text}}}'
+        params.write_text(f'/**: {{ros__parameters: {values}}}')
+        replay(recording, '--params', params, *words, '--out', out)
+        found.append([bytes(message.raw) for message in messages_of(out, ESTIMATE)])
+    assert found[0] != found[1] == found[2]
 
 
 def test_which_topic_is_the_measurement(tmp_path, capsys):
@@ -702,24 +654,3 @@ def test_gains_that_are_unstable_at_this_rate_are_reported(recording, capsys, tm
     joint = json.loads((tmp_path / 'json').read_text())['joints']['a']
     assert joint['received'] == joint['used'] + sum(joint['dropped'].values())
     assert joint['dropped'].get('misconfigured') or not joint['why']
-
-
-def test_an_interrupt_leaves_nothing(recording, tmp_path, monkeypatch, capsys):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr('estimator_pkg.bags.writer.BagWriter.write_block', interrupted)
-    replay(recording, '--observer', 'finite_difference', '--out', tmp_path / 'out', code=130)
-    assert list(tmp_path.iterdir()) == []
-    assert 'Traceback' not in capsys.readouterr().err
-
-
-def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(recording, tmp_path, capsys):
-    raw = (recording / 'bag_0.mcap').read_bytes()
-    file = tmp_path / 'cut.mcap'
-    file.write_bytes(raw[: len(raw) // 2])
-    replay(file, '--observer', 'finite_difference', '--json', tmp_path / 'json')
-    result = json.loads((tmp_path / 'json').read_text())
-    assert 0 < result['messages']['received'] <= 400
-    assert 'ends early' in result['warnings'][0]
-    assert capsys.readouterr().err.count('warning') == 1

@@ -100,7 +100,7 @@ def test_a_reading_that_no_joint_can_have_is_dropped_and_counted(case):
 
 
 def drive(**values):
-    return STREAMS['drive'].of({**MOTOR, 'compile': False, **values})
+    return STREAMS['drive'].of({**MOTOR, **values})
 
 
 @pytest.mark.parametrize('channel', range(4))

@@ -109,13 +109,6 @@ def test_a_curved_mechanism_has_no_factors():
     assert not load('own_models:TwoLinks').linearisable
 
 
-def test_a_model_for_the_former_compiler_is_taken_and_one_line_says_so():
-    mechanics = load('own_models:Compiled')
-    assert "'compiles' has no effect any more" in mechanics.note
-    assert mechanics.force((0.0,), (0.0,), (0.3,)) == (0.3,)
-    assert mechanics.factors((0.0,))[0] == 20.0
-
-
 def test_an_own_model_may_have_more_positions_than_ours():
     plan = made('geso', model='own_models:SixJoints')
     readings = [tuple(0.1 * math.sin(0.01 * k + j) for j in range(6)) for k in range(400)]
@@ -172,8 +165,8 @@ def test_numbers_survive_being_written_as_assignments():
 
 
 def test_the_example_of_the_guide_works(tmp_path, monkeypatch):
-    """The code of docs/own_model.md, in a module outside the package."""
-    guide = (Path(__file__).parents[2] / 'docs/own_model.md').read_text()
+    """The code of docs/known_inputs.md, in a module outside the package."""
+    guide = (Path(__file__).parents[2] / 'docs/known_inputs.md').read_text()
     (tmp_path / 'guide_crane.py').write_text(guide.split('```python\n')[1].split('```')[0])
     monkeypatch.syspath_prepend(tmp_path)
     crane = load('guide_crane:Crane')

@@ -136,9 +136,7 @@ def test_live_is_replay(module, node, words, foreign, probe, tmp_path):
 
 
 def test_a_live_parameter_of_a_stream_acts(foreign, probe):
-    raws = [
-        Encoder().encode(10**15 + k * 10**6, 'base', ('a', 'b'), (1.0, 1.0)) for k in range(20)
-    ]
+    raws = [Encoder().encode(10**15 + k * 10**6, 'base', ('a', 'b'), (1.0, 1.0)) for k in range(20)]
     with (
         dds.NodeProcess('twin_node', *dds.ros_args(remap=['joint_states:=/twin_live'])),
         dds.Observer(probe, '/twin_observer', '/twin_live') as live,

@@ -45,7 +45,7 @@ FLOODS = {  # node: what floods it, its rate [Hz] and joints, and the node's par
         *('joints', LOUD, 60, 'radius:=[0.1]', 'track:=0.5'),
         *('wheels_left:=[joint_0]', 'wheels_right:=[joint_1]'),
     ),
-    'pmsm_observer': ('batches', 2000.0, 0, 'compile:=false'),
+    'pmsm_observer': ('batches', 2000.0, 0),
     'pmsm_observer of vectors': ('vectors', LOUD, 0, 'input:=current_voltage'),
     'cart_pendulum_sim': ('estimates', LOUD, 60),
 }

@@ -3,7 +3,7 @@
 
 """Each fault that keeps a node silent is injected over DDS, and reported in three ways within 5 s.
 
-``python test/nodes/test_silence.py`` injects them all and prints the table of docs/silence.md.
+``python test/nodes/test_silence.py`` injects all and prints the table of docs/troubleshooting.md.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy as np
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.joint_state import Encoder
 
-DOCS = Path(__file__).parents[2] / 'docs/silence.md'
+DOCS = Path(__file__).parents[2] / 'docs/troubleshooting.md'
 NODES = 'estimator_pkg.nodes.executables'
 WAYS = {'terminal', '~/status', '/diagnostics'}
 LONGEST = 5.0  # [s] from a cause to its report
@@ -39,13 +39,7 @@ TOGETHER = 10  # nodes at once
 HEALTHY = 2.0  # [s] after the good news until a cause that comes later: the rate is known by then
 RATE = 50.0  # [Hz]
 ARM = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint')
-MOTOR = [
-    'resistance:=0.06',
-    'inductance:=33.75e-6',
-    'flux:=1.9e-3',
-    'pole_pairs:=7',
-    'compile:=false',
-]
+MOTOR = ['resistance:=0.06', 'inductance:=33.75e-6', 'flux:=1.9e-3', 'pole_pairs:=7']
 CASES = {}
 
 
@@ -458,7 +452,7 @@ class TwoThatAgree(Case):
 
 
 class TwoThatDiffer(TwoThatAgree):
-    """two that do not agree"""
+    """two publishers of the same joint"""
 
     report = (
         r"joint 'elbow_joint' comes on SPACE/joint_states from two publishers, .*driver and .*relay"
@@ -885,8 +879,8 @@ def rows(cases):
     """Rows of the table in the docs."""
     for name in (name for name in FAULTS if name in cases):
         case = cases[name]
-        if case.__doc__.startswith('the same ('):
-            continue  # in another node
+        if name in ALIKE or case.__doc__.startswith('the same'):
+            continue
         took = max((seen - case.cause for seen in case.seen.values()), default=float('nan'))
         text = case.text.replace(f'{case.space}/', '/').replace('|', '\\|')
         yield f'| {case.__doc__} | {text} | {took:.1f} |'

@@ -3,7 +3,7 @@
 
 """Faults of a second sensor, live: each is withheld within 1 s, reported, and used again.
 
-``python test/nodes/test_sources.py`` prints the table of docs/silence.md.
+``python test/nodes/test_sources.py`` prints the table of docs/second_sensor.md.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.parameters import build
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
-DOCS = Path(__file__).parents[2] / 'docs/silence.md'
+DOCS = Path(__file__).parents[2] / 'docs/second_sensor.md'
 RATE, SECONDS, FAULT = 500, 14.0, (5.0, 8.0)
 LONGEST = 1.0  # [s] from the first wrong value until the source is withheld
 QUANTUM = 2.0 * np.pi / 4096

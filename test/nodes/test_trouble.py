@@ -39,13 +39,7 @@ from estimator_pkg.streams.wheels import WheelStream
 
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
-MOTOR = {
-    'resistance': 0.06,
-    'inductance': 33.75e-6,
-    'flux': 1.9e-3,
-    'pole_pairs': 7,
-    'compile': False,
-}
+MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 
 
 def raising(mode):

@@ -3,8 +3,6 @@
 
 """Models of mechanisms as a user writes them, outside the package: right ones and wrong ones."""
 
-import math
-
 import numpy as np
 
 
@@ -105,33 +103,6 @@ class Incomplete:
     """Gives no mass matrix."""
 
     joints = ('a',)
-
-
-class Compiled:
-    """A single joint in the compilable subset."""
-
-    joints = ('joint',)
-    compiles = True
-
-    @staticmethod
-    def inertia(q):
-        """M(q)."""
-        return ((0.05,),)
-
-    @staticmethod
-    def factors(q):
-        """(calM, Psi)."""
-        return ((20.0,),), ((1.0,),)
-
-    @staticmethod
-    def force(q, v, u):
-        """G u - dV/dq."""
-        return (u[0] - 1.5 * math.sin(q[0]),)
-
-    @staticmethod
-    def coriolis(q, v):
-        """C v."""
-        return (0.0,)
 
 
 class FailsLater(CartPendulum):

@@ -4,7 +4,7 @@
 """A start: the time after a shaft at rest began to move, or after a gap.
 
 The core still carries the old speed, so it errs by more than noise explains until its errors have
-decayed. `deviation` is what this adds to the standard deviation of the speed; docs/coverage.md
+decayed. `deviation` is what this adds to the standard deviation of the speed; docs/evidence.md
 derives it.
 """
 
@@ -187,9 +187,9 @@ def start_deviation(start: Start, speed: float, dt: float, quantum: float, lag: 
     scale = 2.0 * abs(mean)
     if start.kept > scale:
         scale = start.kept
-    # docs/coverage.md (1): what is left of a step of the speed
+    # docs/evidence.md (1): what is left of a step of the speed
     left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL * decay)
-    # docs/coverage.md (2): what a ramp of the speed leaves
+    # docs/evidence.md (2): what a ramp of the speed leaves
     change = abs(speed - mean)
     if decay > LEARNT:  # the first term no longer covers a motion that began earlier
         change += abs(mean) * BEGUN * dt / clock
@@ -197,7 +197,7 @@ def start_deviation(start: Start, speed: float, dt: float, quantum: float, lag: 
     if decay > 1.0:
         bend /= decay
     square = left * left + bend * bend
-    # docs/coverage.md (5): a ramp through a whole number of quanta per sample
+    # docs/evidence.md (5): a ramp through a whole number of quanta per sample
     if decay > LEARNT and quantum > 0.0:
         repeats, pace = 4.0 * quantum * change / clock, quantum * decay / clock
         if repeats < pace * pace:

@@ -51,7 +51,7 @@ def test_a_start_that_skips_counts_is_covered_at_any_phase(variant):
     """The first step may be any part of a sample, and is no quantum: up to 28 sigma before."""
     name, gains = variant
     if gains.get('form') == 'paper':
-        pytest.skip('its sigma lags behind ramps, docs/coverage.md')
+        pytest.skip('its sigma lags behind ramps, docs/evidence.md')
     for motion, rate, bits, seed in itertools.product(
         ('constant', 'steps at once', 'random'), (500.0, 100.0), (12, 14), (2, 3)
     ):

@@ -5,7 +5,7 @@
 
     PYTHONPATH=test/support python test/observers/angle/test_stddev.py
 
-prints the table of docs/coverage.md: what the 95 % interval covers in motion. A test compares both.
+prints the table of docs/evidence.md: what the 95 % interval covers in motion. A test compares both.
 """
 
 import math
@@ -19,7 +19,7 @@ from test_frequency_response import CASES, DT, bandwidths, joint_of
 
 from estimator_pkg.estimate import TRACKING
 
-TABLE = Path(__file__).parents[3] / 'docs' / 'coverage.md'
+TABLE = Path(__file__).parents[3] / 'docs' / 'evidence.md'
 NOISE = 1e-3
 
 

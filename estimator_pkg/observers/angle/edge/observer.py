@@ -46,6 +46,7 @@ from estimator_pkg.sensor import noise as sensing
 from estimator_pkg.sensor import quantum as counts
 from estimator_pkg.sensor import sampling
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
+from estimator_pkg.sensor.outliers import LARGEST_SPEED_CHANGE
 
 LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
@@ -380,7 +381,8 @@ def process_reading(state: State, coefficients: Coefficients, design: Design) ->
         if reading.rested > NOISE_SAMPLES * (pace if 0.0 < pace < dt else dt):
             doubt_velocity_after_rest(state, dt)
     innovation, quantum = reading.innovation, state.sensor.quantum
-    if (innovation > design.outside or innovation < -design.outside) and not is_next_count(
+    outside = max(design.outside, LARGEST_SPEED_CHANGE * dt)  # in a long sample a joint may get far
+    if (innovation > outside or innovation < -outside) and not is_next_count(
         innovation, quantum, design.period
     ):
         reject_outlier(state, design, dt)

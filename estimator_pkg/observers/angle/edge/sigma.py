@@ -4,7 +4,7 @@
 """The published standard deviation, and the speed that an unchanged reading allows.
 
 The covariance times the mean square of the innovations; and more where a motion may have begun that
-no reading has shown yet (docs/observers/edge_adaptive_theory.md, "The standard deviation").
+no reading has shown yet (docs/observers/edge_adaptive_theory.md, "Standard deviation").
 """
 
 from __future__ import annotations

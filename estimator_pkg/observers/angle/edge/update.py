@@ -3,8 +3,8 @@
 
 """The measurement update: an interval meets the Gaussian of the prediction; both laws adapt.
 
-The equations are those of docs/observers/edge_adaptive_theory.md, "What an edge shows" and "How the
-bandwidth moves".
+The equations are those of docs/observers/edge_adaptive_theory.md, "Measurement update" and "Process
+noise".
 """
 
 from __future__ import annotations

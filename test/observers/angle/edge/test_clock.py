@@ -67,7 +67,9 @@ def test_an_even_stream_is_looked_at_no_more_unless_a_stamp_is_late():
     assert clock.uneven == LEAST_ODD / ODD
 
 
-@pytest.mark.parametrize('paces, known', [(NOISE_SAMPLES - 1.0, True), (NOISE_SAMPLES + 1.0, False)])
+@pytest.mark.parametrize(
+    'paces, known', [(NOISE_SAMPLES - 1.0, True), (NOISE_SAMPLES + 1.0, False)]
+)
 def test_a_stamp_that_is_late_by_more_than_the_memory_makes_the_clock_unknown(paces, known):
     way, dt = 100.0 * QUANTUM, (1.0 + paces) * PACE
     taken, clock = at(0.02, dt, way, way / PACE)

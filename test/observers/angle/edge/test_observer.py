@@ -369,3 +369,13 @@ def test_noise_at_a_start_is_no_vibration():
     reading = np.rint(3.0 * random.standard_normal(1500)) * QUANTUM
     out = make('edge_adaptive', {'quantum': QUANTUM}).run(stamps(1500, 2e-3), reading)
     assert np.sqrt(np.mean(out.velocity[500:] ** 2)) < 0.02
+
+
+@pytest.mark.parametrize(
+    'amplitude, hertz', [(0.5, 0.4), (1.0, 0.25), (1.0, 0.3), (1.0, 0.4), (2.0, 0.25), (2.0, 0.3)]
+)
+def test_a_joint_at_2_hz_is_tracked(amplitude, hertz):
+    """The speed changes by more than an eighth of a turn in a sample: two of six never tracked."""
+    angle = amplitude * np.sin(math.tau * hertz * 0.5 * np.arange(80))
+    out = run(angle, stamps(80, 0.5))
+    assert np.all(out.status[30:] == TRACKING)
