@@ -10,6 +10,9 @@ import contextlib
 import json
 import math
 import os
+import shlex
+import shutil
+import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,6 +33,7 @@ from estimator_pkg.watch import wrapped
 
 COUNTS = 4096
 RATE = 500  # samples per second
+EXAMPLE = Path('bags/dfki_double_pendulum/sys_id_500hz')  # in the folder of the sources
 PATIENCE = 20.0  # longest wait for the first estimate [s]
 MEASURED, TRUTH = '/joint_states', '/ground_truth/joint_states'
 OBSERVER = '/joint_observer'
@@ -108,7 +112,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         said = verdict(json.loads(found.read_text()), parsed.observer) if code == 0 else ''
     show('', f'bag   {bag}')
     if said:
-        show(f'plot  {plot}', '', *wrapped(said))
+        show(f'plot  {plot}', '', *wrapped(said), '', 'Next:', *following(bag))
     return {
         'ok': code == 0 and count > 0,
         'interrupted': code > INTERRUPTED,
@@ -144,6 +148,33 @@ def verdict(result: Mapping[str, Any], observer: str) -> str:
         f'This error is {compared} that of the low-passed finite difference, '
         f'{theirs["rms"]:.2g} rad/s rms and {late[1]} late.'
     )
+
+
+def following(bag: Path) -> list[str]:
+    """Return the commands from here to a node with its own gains, for two terminals.
+
+    Parameters
+    ----------
+    bag : recording of the demo, for a folder without recordings of robots.
+    """
+    name, topics = str(EXAMPLE), ''
+    if not EXAMPLE.is_dir():  # the bag of the demo has estimates, too
+        name, topics = shlex.quote(str(bag)), f' --topics {MEASURED}'
+    activate, ros = [], ''
+    script = Path(sys.prefix, 'bin', 'activate')
+    if os.environ.get('VIRTUAL_ENV') != sys.prefix and script.is_file():
+        activate = [f'. {shlex.quote(os.path.relpath(script))}']
+    elif not shutil.which('joint_observer'):  # ROS has the executables
+        ros = 'ros2 run velocity_estimator '
+    commands = [
+        *activate,
+        f'{ros}velocity_estimator doctor {name} --out my_robot.yaml',
+        f'{ros}joint_observer --ros-args --params-file my_robot.yaml -p use_sim_time:=true',
+        '# in a second terminal',
+        *activate,
+        f'{ros}velocity_estimator play {name}{topics} --clock --loop',
+    ]
+    return [f'    {each}' for each in commands]
 
 
 def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str]) -> int:
