@@ -50,15 +50,6 @@ def test_the_data_are_written_where_they_are_requested(tmp_path, capsys):
     assert 'does not exist' in capsys.readouterr().err
 
 
-def test_tune_writes_the_gains_alone(tmp_path, capsys):
-    picture = tmp_path / 'gains.png'
-    picture.write_text('mine')
-    words = ['tune', str(BAG), *SHORT, '--trials', '2', '--out', str(tmp_path / 'gains.yaml')]
-    assert main(words) == 0
-    assert picture.read_text() == 'mine'
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['gains.png', 'gains.yaml']
-
-
 @pytest.mark.skipif(not os.path.exists('/dev/full'), reason='not run: no /dev/full here')
 def test_a_full_disk_is_reported_with_the_file(monkeypatch, tmp_path, capsys):
     assert main(['list', 'pll', '--json', '/dev/full']) == 1

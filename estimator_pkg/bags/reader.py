@@ -26,7 +26,7 @@ import yaml
 
 from estimator_pkg import whole_file
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import CDR, Part, Source, Topic, UnreadableError
+from estimator_pkg.bags.source import CDR, BagFile, PendingBlock, Topic, UnreadableError
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.messages.block import Block, compact, from_messages, join, rows
@@ -62,13 +62,13 @@ class Bag:
     warnings : problems of the bag that did not prevent reading it.
     """
 
-    def __init__(self, path: Path, unpack_limit: int = unpacking.LIMIT) -> None:
+    def __init__(self, path: Path, unpack_limit: int = unpacking.UNPACK_LIMIT) -> None:
         self.path = path
         self._limit = unpack_limit
         self._size = 0  # bytes of all files
         self.warnings: list[str] = []
         self.topics: dict[str, Topic] = {}
-        self._sources: list[tuple[Source, np.ndarray]] = []  # with the indices of its topics
+        self._sources: list[tuple[BagFile, np.ndarray]] = []  # with the indices of its topics
         self._packed: bool | None = None  # messages are compressed one by one; None: unknown
         self._stack = ExitStack()
         try:
@@ -155,29 +155,29 @@ class Bag:
         chosen = set(self.topics if topics is None else topics)
         names = list(self.topics)
         keep = np.array([name in chosen for name in names] + [False])  # the last one for -1
-        for block in self._in_log_order(self._parts(keep)):
+        for block in self._in_log_order(self._pieces(keep)):
             for part in self._unpacked(block) if self._is_packed(block) else (block,):
                 if len(part):
                     yield names, part
 
-    def _parts(self, keep: np.ndarray) -> Iterable[Part]:
-        """Return the parts of all files; the files of a split database follow each other."""
+    def _pieces(self, keep: np.ndarray) -> Iterable[PendingBlock]:
+        """Return the pieces of all files; the files of a split database follow each other."""
 
-        def parts() -> Iterator[Part]:
+        def pieces() -> Iterator[PendingBlock]:
             for source, index in self._sources:
                 places = np.flatnonzero(keep[index]).tolist()
-                for part in source.parts(places) if places else ():
-                    yield part._replace(load=partial(_kept, part.load, index, keep))
+                for piece in source.pieces(places) if places else ():
+                    yield piece._replace(load=partial(_kept, piece.load, index, keep))
 
         if all(source.sorts for source, _ in self._sources):
-            return sorted(parts(), key=lambda part: part.start_ns)
-        return parts()
+            return sorted(pieces(), key=lambda piece: piece.start_ns)
+        return pieces()
 
-    def _in_log_order(self, parts: Iterable[Part]) -> Iterator[Block]:
-        """Yield blocks in log order from parts sorted by their first time, which may overlap."""
-        most = max(self._limit, unpacking.RATIO * self._size)
+    def _in_log_order(self, pieces: Iterable[PendingBlock]) -> Iterator[Block]:
+        """Yield blocks in log order from pieces sorted by their first time, which may overlap."""
+        most = max(self._limit, unpacking.UNPACK_RATIO * self._size)
         held: Block | None = None
-        for start_ns, size, load in parts:
+        for start_ns, size, load in pieces:
             if held is None or not len(held) or held.log_ns[-1] <= start_ns:
                 if held is not None:
                     yield held
@@ -223,7 +223,7 @@ class Bag:
             except zstandard.ZstdError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are skipped')
                 continue
-            if size + len(raw) > unpacking.PIECE:
+            if size + len(raw) > unpacking.PIECE_SIZE:
                 yield unpacked()
                 good, raws, size = [], [], 0
             good.append(row)
@@ -363,7 +363,7 @@ class Bag:
         """Return a new folder that lives as long as the bag is open."""
         return Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix='bag')))
 
-    def _add(self, source: Source) -> None:
+    def _add(self, source: BagFile) -> None:
         self._stack.callback(source.close)
         index = np.array([self._index(topic) for topic in source.topics], np.int64)
         self._sources.append((source, index))
@@ -416,7 +416,7 @@ class Bag:
         return list(self.topics).index(topic.name)
 
 
-def open_bag(path: str | Path, unpack_limit: int = unpacking.LIMIT) -> Bag:
+def open_bag(path: str | Path, unpack_limit: int = unpacking.UNPACK_LIMIT) -> Bag:
     """Open the bag at `path`: a rosbag2 folder, or a single .mcap or .db3 file.
 
     Parameters
@@ -437,7 +437,7 @@ def natural(file: Path) -> list[tuple]:
 
 
 def _kept(load: Callable[[], Block], index: np.ndarray, keep: np.ndarray) -> Block:
-    """Return the messages of a part that belong to a chosen topic.
+    """Return the messages of a piece that belong to a chosen topic.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ from estimator_pkg.streams.history import History
 from estimator_pkg.streams.sources import FieldSamples
 
 
-class Estimate(NamedTuple):
+class EstimateSeries(NamedTuple):
     """One joint's published estimates, and the status of its samples.
 
     velocity_stddev : shape (n,); nan if it is not known.
@@ -58,7 +58,7 @@ class Recording(ABC):
     setup: Setup
 
     @abstractmethod
-    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, Estimate]:
+    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, EstimateSeries]:
         """Return the estimates that this observer publishes with these parameters, by joint.
 
         Raises
@@ -157,7 +157,7 @@ class PositionRecording(Recording):
     setup: Setup
     series: dict[str, Series]
 
-    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, Estimate]:
+    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, EstimateSeries]:
         """See `Recording`."""
         stream: Any = streams.named(self.setup.kind).of(
             self.setup.having({**values, 'observer': observer}).values
@@ -172,7 +172,7 @@ class PositionRecording(Recording):
             valid = used & np.isin(out.status, VALID)
             history = History()
             history.add(series.stamps_ns, out.status, out.verdict)
-            found[name] = Estimate(
+            found[name] = EstimateSeries(
                 series.stamps_ns[valid],
                 out.position[valid],
                 out.velocity[valid],
@@ -218,7 +218,7 @@ class MessageRecording(Recording):
     names: tuple[str, ...] = ()
     fine: bool = field(default=False, kw_only=True)
 
-    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, Estimate]:
+    def run(self, observer: str, values: Mapping[str, Any]) -> dict[str, EstimateSeries]:
         """See `Recording`."""
         stream = self.setup.having({**values, 'observer': observer}).start()
         of_samples = [self.fine and each.type == drive_samples.TYPE for each in stream.outputs]
@@ -276,7 +276,7 @@ def _on(blocks: list[Block], output: int) -> list[Block]:
 
 def _estimates(
     stream: Stream, published: list[Block], deviations: list[Block]
-) -> dict[str, Estimate]:
+) -> dict[str, EstimateSeries]:
     """Return the estimates by joint, from the messages of the first two outputs of a stream."""
     every, deviation_of = series_of(published)[0], series_of(deviations)[0]
     due = np.unique(
@@ -297,7 +297,7 @@ def _estimates(
         joint = stream.bank.joints.get(owner)
         history = (stream.history or {}).get(owner) or History()
         samples = {'received': count, 'used': count, 'dropped': {}}
-        found[name] = Estimate(
+        found[name] = EstimateSeries(
             series.stamps_ns[has],
             series.position[has],
             series.velocity[has],
@@ -310,7 +310,7 @@ def _estimates(
     return found
 
 
-def _of_every_sample(blocks: list[Block], one_each: Estimate) -> Estimate:
+def _of_every_sample(blocks: list[Block], one_each: EstimateSeries) -> EstimateSeries:
     """Return the estimates in batches of samples.
 
     Parameters

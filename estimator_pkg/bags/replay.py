@@ -35,7 +35,7 @@ from estimator_pkg.streams.history import GAP
 qos = Lazy('estimator_pkg.bags.qos')
 
 
-class Output:
+class ReplayWriter:
     """Writes copied topics of a bag, and the outputs of a stream that are wanted.
 
     Parameters
@@ -174,7 +174,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 for each in stream.outputs
             ]
             if writer is not None:
-                output = Output(bag, writer, stream, node, parsed.copy)
+                output = ReplayWriter(bag, writer, stream, node, parsed.copy)
             copied = output.copied if output else set()
             with progress('replay', sum(topic.count for topic in setup.topics)) as advance:
                 for count, names, block, made in fed(bag, setup, stream, copied):
@@ -274,7 +274,7 @@ def _print(result: dict[str, Any]) -> None:
             )
             + (f'; {joint["why"]}' if joint['why'] else '')
             + (f'; stamps {joint["stamps"]["stamp_repair"]}' if 'stamps' in joint else '')
-            + ''.join(f'; {source} {said}' for source, said in joint.get('sources', {}).items())
+            + ''.join(f'; {source} {text}' for source, text in joint.get('sources', {}).items())
         )
     if result['out']:
         show(f'{result["out"]}: {", ".join(result["written"])}')

@@ -15,20 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.engine.entries import FUNCTIONS, INFORMED, MODELS, OF_A_MECHANISM, loop_name
+from estimator_pkg.engine.entries import FUNCTIONS, INFORMED, MODELS, loop_name
 from estimator_pkg.engine.load import LIBRARY, load
 from estimator_pkg.printable import show
 from estimator_pkg.record import values
 
 PREFIXES = {  # of a module: of its functions, and their names
-    module: (
-        name,
-        (
-            *functions,
-            *(('walk',) if observers is OF_A_MECHANISM else ()),
-            *(('inform',) if name in INFORMED else ()),
-        ),
-    )
+    module: (name, (*functions, *(('inform',) if name in INFORMED else ())))
     for observers, functions in FUNCTIONS.values()
     for name, module in observers.items()
 } | {module: (name, ('course',)) for name, module in MODELS.items()}
@@ -62,7 +55,6 @@ class Functions:
     deviations: Any
     batch: Any
     trace: Any
-    walk: Any
     course: Any
 
     def __init__(self, library: Any, name: str, functions: tuple[str, ...]) -> None:

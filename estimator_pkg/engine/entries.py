@@ -39,7 +39,7 @@ LOOPS = {  # functions of a module whose arguments are numbers, arrays and recor
     f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
     f'{SMOOTHER}.steps': ('backward', 'forward', 'likelihood'),
     'estimator_pkg.sensor.faults': ('find_faults',),
-    'sim_pkg.pmsm.drive': ('run_sensored',),
+    'sim_pkg.pmsm.drive': ('simulate',),
 }
 
 
@@ -63,10 +63,6 @@ ENTRIES: tuple[Entry, ...] = (
             f'{name}_inform',
         )
         for name in INFORMED
-    ),
-    *(
-        Entry(f'{MECHANISM}.core', 'walk', {'observer': module}, f'{name}_walk')
-        for name, module in OF_A_MECHANISM.items()
     ),
     *(
         Entry(module, function, {}, loop_name(module, function))

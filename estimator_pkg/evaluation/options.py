@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator_pkg.bags.unpacking import LIMIT
+from estimator_pkg.bags.unpacking import UNPACK_LIMIT
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation.entries import Entry
 
@@ -48,7 +48,7 @@ class Options:
     correct_reference: bool | None = None
     reference: str = AUTO
     angle: str | None = None
-    unpack_limit: int = LIMIT
+    unpack_limit: int = UNPACK_LIMIT
     motion_hz: float | None = None
 
 

@@ -15,7 +15,7 @@ from estimator_pkg.printable import printable
 
 RAD = re.compile(r'(?:(?<=[\d-] )|(?<=\[))rad(/s)?\b')  # as a unit
 WIDTH = 80  # columns of a terminal
-SHORTEST = 9  # names are cut to this length at most
+SHORTEST_NAME = 9  # names are cut to this length at most
 
 
 def wrapped(line: str, width: int = WIDTH) -> list[str]:
@@ -100,7 +100,7 @@ def table(
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     while width and sum(widths) + 2 * len(widths) - 2 > width:
         widest = max(range(left), key=widths.__getitem__)
-        if widths[widest] <= SHORTEST:
+        if widths[widest] <= SHORTEST_NAME:
             break
         widths[widest] -= 1
     return '\n'.join(

@@ -63,17 +63,6 @@ def test_coasting_over_a_known_gap_keeps_the_relative_position():
     assert after == pytest.approx(before, abs=0.01)
 
 
-@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf, 1e9])
-@pytest.mark.parametrize('place', range(4))
-def test_a_sample_that_is_no_number_is_dropped(bad, place):
-    sample = [1.0, 2.0, 3.0, 4.0]
-    joint = joint_of()
-    assert joint.update(10**9, sample)
-    sample[place] = bad
-    assert not joint.update(10**9 + 50_000, sample)
-    assert joint.dropped() == {'non_finite': 1}
-
-
 def disturbed():
     """(stamps, samples): start-up, stop, start backwards; a gap, a duplicate, a bad sample."""
     samples = noisy(

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from estimator_pkg.engine.calls import run
 from estimator_pkg.evaluation.checks.readings import (
-    BESIDE,
     FAIL,
+    JUMP_SIDE,
     PASS,
     WARN,
     Array,
     Finding,
     Readings,
-    beside,
+    neighbour_motion,
     short,
     times,
 )
@@ -36,16 +36,16 @@ from estimator_pkg.sensor.faults import (
 from estimator_pkg.sensor.guard import DUPLICATE, REPEATED_READING
 
 TURN = 2.0 * math.pi
-COARSE = 1000.0  # fewer counts per turn are coarse
-NOISY = 2e-3  # noise of a reading above this [rad or m], and above
+COARSE_COUNTS = 1000.0  # fewer counts per turn are coarse
+NOISY_READING = 2e-3  # noise of a reading above this [rad or m], and above
 NOISY_COUNTS = 3.0  # this many quanta, is more than a sensor should have
-ALTERNATING = 0.02  # a larger fraction of jumps there and back: two sources
+ALTERNATING_PART = 0.02  # a larger fraction of jumps there and back: two sources
 NEAR_END = 3.0  # a wrap begins and ends within this many moves of the range's ends
-AROUND, MOSTLY = 50, 0.8  # samples that show the motion; fraction of the wraps that agree
+WRAP_SIDE, WRAPS_AGREE = 50, 0.8  # samples that show the motion; fraction of the wraps that agree
 OTHER_PERIOD = 0.01  # relative difference from the wrap period that counts
 MOST_LINES = 1e5  # counts per turn of encoders with a decimal number of lines
-TOO_FAST = 0.4  # moves beyond this fraction of the wrap period are ambiguous soon
-SELDOM, FEW = 0.005, 5  # repeated readings up to this fraction, or number, are not reported
+AMBIGUOUS_MOVE = 0.4  # moves beyond this fraction of the wrap period are ambiguous soon
+SELDOM, FEW_REPEATS = 0.005, 5  # repeated readings up to this fraction, or number, are not reported
 
 
 def finite(seen: Readings) -> Finding:
@@ -74,11 +74,11 @@ def resolution(seen: Readings) -> Finding:
             numbers['counts_per_turn'] = turn / count
             text += f' rad, {turn / count:.6g} per turn'
         text += f'; {count / seen.step:.3g} per second in a finite difference'
-    if noise > max(NOISY * turn / TURN, NOISY_COUNTS * count) and not seen.stale:
+    if noise > max(NOISY_READING * turn / TURN, NOISY_COUNTS * count) and not seen.stale:
         scatter = f'{noise / count:.2g} counts' if count else f'{noise:.2g} rad'
         text += f'; neighbouring readings scatter by {scatter}'
         level, remedy = WARN, 'check shielding, supply and mounting of the sensor'
-    elif count and seen.period and turn / count < COARSE:
+    elif count and seen.period and turn / count < COARSE_COUNTS:
         level, text = WARN, f'{text}: coarse'
         remedy += '; use edge_adaptive or kalman; more counts, or one before the gear, help most'
     return Finding('resolution', level, text, remedy, numbers)
@@ -103,7 +103,7 @@ def wrap(seen: Readings) -> Finding:
     count = int(np.count_nonzero(whole))
     numbers = {'wraps': count, 'turns': turns}
     fast = np.percentile(np.abs(seen.moves[seen.joined]), 99.0)
-    if fast > TOO_FAST * seen.period:
+    if fast > AMBIGUOUS_MOVE * seen.period:
         text += f'; the joint moves {fast:.3g} rad from one reading to the next'
         text += ': half a turn reads as its opposite'
         return Finding('wrap', FAIL, text, 'raise the rate, or check the unit (radians)', numbers)
@@ -124,7 +124,7 @@ def _period(seen: Readings) -> float:
     far = np.flatnonzero(seen.joined & (size > 0.5 * (high - low)))
     if not 0 < len(far) < 0.2 * len(raw):
         return 0.0
-    slack = NEAR_END * (beside(size, far) + seen.quantum) + 1e-3 * (high - low)
+    slack = NEAR_END * (neighbour_motion(size, far) + seen.quantum) + 1e-3 * (high - low)
     before, after = seen.raw[far], seen.raw[far + 1]
     ends = np.minimum(
         np.maximum(np.abs(before - low), np.abs(after - high)),
@@ -132,14 +132,14 @@ def _period(seen: Readings) -> float:
     )
     # a wrap goes against the motion around it
     small = np.where(np.isin(np.arange(len(raw)), far), 0.0, raw)
-    along = np.array([np.sum(small[max(0, at - AROUND) : at + AROUND]) for at in far])
+    along = np.array([np.sum(small[max(0, at - WRAP_SIDE) : at + WRAP_SIDE]) for at in far])
     usual = np.array([_middle(raw, int(at)) for at in far])
     wraps = (ends <= slack) & (along * raw[far] < 0.0)
-    if np.mean(wraps) < MOSTLY or np.max(slack) > 0.2 * (high - low):
+    if np.mean(wraps) < WRAPS_AGREE or np.max(slack) > 0.2 * (high - low):
         return 0.0
     sizes = size[far] + np.abs(usual)
     found = float(np.median(sizes[wraps]))
-    if np.mean(np.abs(sizes - found) <= slack) < MOSTLY:
+    if np.mean(np.abs(sizes - found) <= slack) < WRAPS_AGREE:
         return 0.0
     if seen.period and abs(found - seen.period) <= OTHER_PERIOD * seen.period + np.max(slack):
         return 0.0
@@ -170,7 +170,9 @@ def _usual(counts: float) -> bool:
 
 def _middle(moves: Array, at: int) -> float:
     """Return the median of the moves around one of them, without it."""
-    return float(np.median(np.r_[moves[max(0, at - BESIDE) : at], moves[at + 1 : at + 1 + BESIDE]]))
+    return float(
+        np.median(np.r_[moves[max(0, at - JUMP_SIDE) : at], moves[at + 1 : at + 1 + JUMP_SIDE]])
+    )
 
 
 def jumps(seen: Readings) -> Finding:
@@ -185,10 +187,10 @@ def jumps(seen: Readings) -> Finding:
     back = len(found) > 1 and np.mean(
         np.sign(seen.moves[found][1:]) != np.sign(seen.moves[found][:-1])
     )
-    if part > ALTERNATING and len(found) > 20 and back > 0.8:
+    if part > ALTERNATING_PART and len(found) > 20 and back > 0.8:
         return _two_sources(float(np.median(size[found])), part)
     worst = found[np.argmax(size[found])]
-    events = found[np.diff(found, prepend=-BESIDE) > 2]  # there and back is one
+    events = found[np.diff(found, prepend=-JUMP_SIDE) > 2]  # there and back is one
     when = seen.when(seen.rows[events + 1])
     text = (
         f'{len(events)} jump{"s" * (len(events) > 1)} that no joint can make, up to '
@@ -218,7 +220,7 @@ def repeated_readings(seen: Readings) -> Finding:
             f'{seen.equal:.0%} of the readings in motion repeat the one before: the sensor gives '
             f'a new one at about {(1.0 - seen.equal) / seen.step:.3g} Hz'
         )
-    elif count > max(FEW, SELDOM * total):
+    elif count > max(FEW_REPEATS, SELDOM * total):
         text = f'{count} of {total} readings repeat the one before, and the next one catches up'
     else:
         level, remedy = PASS, ''

@@ -13,11 +13,11 @@ import numpy as np
 
 from estimator_pkg.evaluation.checks import angles, stamps
 from estimator_pkg.evaluation.checks.readings import FAIL, Finding, Readings, Rows
-from estimator_pkg.evaluation.reference.motion import Motion, motion
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
 
-FEWEST = 12  # readings without which nothing is checked
-LONGEST = 20_000  # readings of the part that is smoothed
-ENOUGH = 100  # readings without which there is no reference
+FEWEST_READINGS = 12  # readings without which nothing is checked
+LONGEST_STRETCH = 20_000  # readings of the part that is smoothed
+FEWEST_FOR_REFERENCE = 100  # readings without which there is no reference
 
 
 def stamped(seen: Readings) -> Readings:
@@ -30,7 +30,7 @@ def stamped(seen: Readings) -> Readings:
 def checked(seen: Readings) -> list[Finding]:
     """Return the findings on stamps and readings of one joint."""
     missing, seen = stamps.missing_stamps(seen), stamped(seen)
-    if len(seen.rows) < FEWEST:
+    if len(seen.rows) < FEWEST_READINGS:
         text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
         few = Finding('readings', FAIL, text, 'record the joint for some seconds')
         return [missing, stamps.order(seen), few]
@@ -44,7 +44,7 @@ def failed(findings: Iterable[Finding]) -> list[Finding]:
     return [each for each in findings if each.level == FAIL]
 
 
-def stretch(seen: Readings, longest: int = LONGEST) -> Rows:
+def stretch(seen: Readings, longest: int = LONGEST_STRETCH) -> Rows:
     """Return at most `longest` consecutive readings without a jump, of the joint or of the clock.
 
     Those in which the joint moves most are taken.
@@ -60,20 +60,20 @@ def stretch(seen: Readings, longest: int = LONGEST) -> Rows:
         slice(first, min(first + longest, end))
         for begin, end in pairwise([0, *cuts.tolist(), len(seen.rows)])
         for first in range(begin, max(end - longest, begin) + 1, max(longest // 10, 1))
-        if end - begin >= ENOUGH
+        if end - begin >= FEWEST_FOR_REFERENCE
     ] or [slice(0, 0)]
     best = max(parts, key=lambda part: way[max(part.stop - 1, 0)] - way[part.start])
     return seen.rows[np.setdiff1d(np.arange(best.start, best.stop), alone)]
 
 
-def reference(seen: Readings, rows: Rows) -> Motion | None:
+def reference(seen: Readings, rows: Rows) -> ReferenceMotion | None:
     """Return the motion that these readings show; None if they do not show it.
 
     Parameters
     ----------
     rows : shape (k,), indices of the readings, as `stretch` returns them.
     """
-    if seen.at_rest or len(rows) < ENOUGH:
+    if seen.at_rest or len(rows) < FEWEST_FOR_REFERENCE:
         return None
     found = motion(seen.stamps_ns[rows], seen.position[rows], seen.period)
     return None if found is None or found.seldom else found

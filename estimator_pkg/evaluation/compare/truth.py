@@ -12,21 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.selection import MADE, USUAL, measured_topics
+from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, USUAL_MEASUREMENT, measured_topics
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.checks.joint import FEWEST, checked, failed, stretch
+from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked, failed, stretch
 from estimator_pkg.evaluation.checks.joint import reference as reference_of
 from estimator_pkg.evaluation.checks.readings import Readings, to_mend
 from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.compare.sources import source_of_stamps, without_truth
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import SMOOTHER, TRUTH, Options
-from estimator_pkg.evaluation.ranking.ranking import AT_MOST, SKIPPED
+from estimator_pkg.evaluation.ranking.ranking import SKIP_PART, SKIPPED
 from estimator_pkg.evaluation.reference import reference
 from estimator_pkg.evaluation.reference.back_emf import of_angles
-from estimator_pkg.evaluation.reference.late import MATTERS, common_lag, confirmed
-from estimator_pkg.evaluation.reference.motion import Motion, motion
+from estimator_pkg.evaluation.reference.late import LEAST_LAG, common_lag, confirmed
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.messages.joint_state import TYPE
@@ -38,16 +38,16 @@ from estimator_pkg.streams.drive import ELECTRICAL, DriveStream
 Array = NDArray[np.float64]
 
 LAG_SEEN = 2.0  # a lag or bias is corrected above this many standard deviations
-ENOUGH = 600_000  # number of samples that determine the quality of a truth
-SMOOTHED = 'the off-line smoother'
-SHIFTED = 'it is shifted by that (--no-correct-reference keeps it)'
+TRUTH_SAMPLES = 600_000  # number of samples that determine the quality of a truth
+OFFLINE_SMOOTHER = 'the off-line smoother'
+SHIFTED_NOTE = 'it is shifted by that (--no-correct-reference keeps it)'
 
 
 @dataclass
 class Truth:
     """The reference velocities by joint.
 
-    name : the topic, or `SMOOTHED`.
+    name : the topic, or `OFFLINE_SMOOTHER`.
     series : positions and velocities.
     references : quality of each.
     corrected : lag and bias that were removed.
@@ -61,7 +61,7 @@ class Truth:
     series: dict[str, Series]
     references: dict[str, Reference]
     corrected: dict[str, dict[str, float]] = field(default_factory=dict)
-    motions: dict[str, Motion | None] = field(default_factory=dict)
+    motions: dict[str, ReferenceMotion | None] = field(default_factory=dict)
     faults: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -95,10 +95,10 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
                 f'{path}: a drive without truth: add --observer pmsm and its motor data (--params '
                 f"FILE), or try 'velocity_estimator doctor {path}'"
             )
-        unread = USUAL in measured_topics(bag) and not measurement
+        unread = USUAL_MEASUREMENT in measured_topics(bag) and not measurement
         raise UserError(
             f'{path}: no truth: there is no topic {TRUTH}'
-            + (f', and {USUAL} has no finite position' if unread else '')
+            + (f', and {USUAL_MEASUREMENT} has no finite position' if unread else '')
             + '; name another JointState with '
             f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
             'off-line reference with --measurement or --angle'
@@ -128,11 +128,11 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
         if options.correct_reference:
             series[joint], found.corrected[joint] = _correct(each, known)
             lag = found.corrected[joint]['lag_s']
-            if abs(lag) > MATTERS:
+            if abs(lag) > LEAST_LAG:
                 way = 'later' if lag > 0.0 else 'earlier'
                 found.notes += (
                     f'{joint}: the truth is {abs(lag) * 1e3:.2f} ms {way} than the positions: '
-                    f'{SHIFTED}',
+                    f'{SHIFTED_NOTE}',
                 )
     if options.correct_reference is None:
         _shift(found, measurement, options)
@@ -154,7 +154,7 @@ def _shift(found: Truth, measurement: dict[str, Series], options: Options) -> No
     of = f'on {", ".join(lags)}' if len(lags) < 4 else f'on {len(lags)} joints'
     found.notes = (
         f'the truth is {late.lag * 1e3:.2f} +- {late.stddev * 1e3:.2f} ms later than the positions '
-        f'{of}: {SHIFTED}',
+        f'{of}: {SHIFTED_NOTE}',
     )
 
 
@@ -165,7 +165,7 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
             f'{path}: no measured positions for an off-line reference: name them with '
             '--measurement or --angle'
         )
-    found = Truth(SMOOTHED, {}, {})
+    found = Truth(OFFLINE_SMOOTHER, {}, {})
     steps = len(measurement) if len(measurement) > 1 else None
     with progress(f'{path}: reference', steps) as advance:
         for joint, each in measurement.items():
@@ -195,12 +195,14 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
     return found
 
 
-def _examined(found: Truth, joint: str, measurement: Series, period: float) -> Motion | None:
+def _examined(
+    found: Truth, joint: str, measurement: Series, period: float
+) -> ReferenceMotion | None:
     """Return the motion of a joint as `doctor` sees it: between jumps, and its faults noted."""
     stamps, position = measurement.stamps_ns, measurement.position
     start = int(np.min(stamps[stamps > 0], initial=2**62))
     seen = Readings(joint, stamps, stamps, position, measurement.velocity, period, start)
-    faults = failed(checked(seen)) if len(seen.rows) >= FEWEST else []
+    faults = failed(checked(seen)) if len(seen.rows) >= FEWEST_READINGS else []
     if faults:
         found.faults[joint] = to_mend(faults)
     if not np.any(seen.leaps):
@@ -212,7 +214,7 @@ def _examined(found: Truth, joint: str, measurement: Series, period: float) -> M
         found.notes += (f'{joint}: compared from {begin:.2f} to {end:.2f} s, between its jumps',)
         if rows[0] != np.min(seen.rows):  # a jump before it: the observers settle first
             elapsed = moved.time - moved.time[0]
-            calm = elapsed >= min(SKIPPED, AT_MOST * elapsed[-1])
+            calm = elapsed >= min(SKIPPED, SKIP_PART * elapsed[-1])
             moved = replace(moved, firm=moved.firm & calm)
     return moved
 
@@ -220,11 +222,11 @@ def _examined(found: Truth, joint: str, measurement: Series, period: float) -> M
 def _reference(truth: Series, measurement: Series | None, period: float) -> Reference:
     """Return the truth's own lag, bias and noise against the measured position, or its noise only.
 
-    For a long record the middle `ENOUGH` samples are used.
+    For a long record the middle `TRUTH_SAMPLES` samples are used.
     """
-    if len(truth.stamps_ns) > ENOUGH:
-        first = (len(truth.stamps_ns) - ENOUGH) // 2
-        truth = _part(truth, slice(first, first + ENOUGH))
+    if len(truth.stamps_ns) > TRUTH_SAMPLES:
+        first = (len(truth.stamps_ns) - TRUTH_SAMPLES) // 2
+        truth = _part(truth, slice(first, first + TRUTH_SAMPLES))
         if measurement is not None:
             low, high = np.min(truth.stamps_ns), np.max(truth.stamps_ns)
             near = (measurement.stamps_ns >= low) & (measurement.stamps_ns <= high)
@@ -289,6 +291,8 @@ def listed(names: Iterable[str]) -> str:
 
 def _joint_state_topics(bag: Bag) -> str:
     names = [
-        name for name, topic in bag.topics.items() if topic.type == TYPE and not name.endswith(MADE)
+        name
+        for name, topic in bag.topics.items()
+        if topic.type == TYPE and not name.endswith(ESTIMATE_SUFFIXES)
     ]
     return f'here: {listed(names)}' if names else 'here: no JointState at all'

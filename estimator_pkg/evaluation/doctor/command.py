@@ -14,24 +14,21 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from estimator_pkg import destination, streams, whole_file
 from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.selection import MADE, TRUTH
+from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, TRUTH_NAMESPACE
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import plots
-from estimator_pkg.evaluation.checks.joint import LONGEST
-from estimator_pkg.evaluation.checks.readings import WARN, Finding, Readings
+from estimator_pkg.evaluation.checks.joint import LONGEST_STRETCH
+from estimator_pkg.evaluation.checks.readings import WARN, Finding
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report, second
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
 from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
-from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
@@ -43,8 +40,8 @@ from estimator_pkg.streams.contract import Request
 from estimator_pkg.streams.drive import DriveStream
 
 APPEAR = 5.0  # longest wait for a topic of joint states [s]
-ALONE = 0.5  # and for another one after the first [s]
-MANY = 2_000_000  # estimates that are worth a second process
+ANOTHER_TOPIC = 0.5  # and for another one after the first [s]
+PARALLEL_ESTIMATES = 2_000_000  # estimates that are worth a second process
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -108,19 +105,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     """Examine a drive: the same for currents and voltages."""
-    (entry,) = requested.entries([drive.OBSERVER], parsed.params, parsed.set)
+    (entry,) = requested.entries([drive.PMSM], parsed.params, parsed.set)
     settings = dict(entry.values)
-    values = {'observer': drive.OBSERVER, **drive.ANY, **settings}
+    values = {'observer': drive.PMSM, **drive.ANY, **settings}
     chosen = wired(DriveStream, bag, values, Request(None, None))
-    found = drive.examine(bag, chosen, drive.needed(settings), parsed.motion_hz)
-    nothing = np.zeros(0)
-    no_stamps = np.zeros(0, np.int64)
-    none = Readings(found.name, no_stamps, no_stamps, nothing, nothing, math.tau)
-    examined = [Examined(none, found.findings, said=tuple(found.said), panels=found.panels)]
+    found = drive.examine(bag, chosen, drive.needed(settings))
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
     parameters = drive.as_yaml(found, origin, chosen.input | settings)
-    choice = Choice(drive.OBSERVER, {found.name: found.values}, bool(found.values))
-    return _reported(parsed, examined, choice, origin, parameters, chosen, found.verdict)
+    return _reported(parsed, [found], Choice(drive.PMSM), origin, parameters, chosen)
 
 
 def _reported(
@@ -130,7 +122,6 @@ def _reported(
     origin: str,
     parameters: str,
     setup: Setup,
-    of_drive: Verdict | None = None,
 ) -> dict[str, Any]:
     """Print the report, write the requested files, and return the result for ``--json``.
 
@@ -150,7 +141,6 @@ def _reported(
     if parsed.html:
         whole_file.write_text(parsed.html, report.page(examined, choice, origin, parameters))
         show(f'page: {parsed.html}')
-    verdicts = [of_drive if each.answer is None else each.answer.verdict for each in examined]
     return {
         'origin': origin,
         'topic': setup.topics[0].name,
@@ -161,9 +151,9 @@ def _reported(
             each.readings.name: {
                 'findings': [found.as_dict() for found in each.findings],
                 'gains': dict(choice.gains.get(each.readings.name, {})),
-                'verdict': None if verdict is None else verdict.as_dict(),
+                'verdict': None if each.answer is None else each.answer.verdict.as_dict(),
             }
-            for each, verdict in zip(examined, verdicts)
+            for each in examined
         },
         'ok': not any(each.failed for each in examined),
     }
@@ -190,8 +180,8 @@ def _examined(
         joints = readings(bag, chosen)
         topic = chosen.topics[0].name
         others = second.candidates(bag)
-    samples = sum(min(len(each.rows), LONGEST) for each in joints)
-    many = samples * len(candidates(1e3)) >= MANY
+    samples = sum(min(len(each.rows), LONGEST_STRETCH) for each in joints)
+    many = samples * len(candidates(1e3)) >= PARALLEL_ESTIMATES
     jobs = [(each, parsed.motion_hz, topic, others) for each in joints]
     with (
         workers(min(2, len(jobs)) if many else 1) as run_many,
@@ -216,7 +206,7 @@ def _examined(
 
 def _own(topic: str, made: Mapping[str, str]) -> list[Finding]:
     """Return the finding on a topic that is an estimate of ours; [] for any other."""
-    if topic not in made and not topic.endswith(MADE):
+    if topic not in made and not topic.endswith(ESTIMATE_SUFFIXES):
         return []
     of = f'the estimate of {made[topic]}' if topic in made else 'an estimate of ours'
     remedy = 'name the topic of the driver with --measurement'
@@ -248,12 +238,14 @@ def _running(named: str) -> tuple[list[str], dict[str, str]]:
                 if (
                     name == named
                     if named
-                    else TYPE in types and TRUTH not in f'{name}/' and not name.endswith(MADE)
+                    else TYPE in types
+                    and TRUTH_NAMESPACE not in f'{name}/'
+                    and not name.endswith(ESTIMATE_SUFFIXES)
                 )
                 and here.node.count_publishers(name)
             ]
             if names and not found:
-                end = time.monotonic() + ALONE
+                end = time.monotonic() + ANOTHER_TOPIC
             found = names
         if here.stopping:
             raise KeyboardInterrupt

@@ -20,7 +20,7 @@ from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.joint import (
-    FEWEST,
+    FEWEST_READINGS,
     checked,
     failed,
     reference,
@@ -29,7 +29,7 @@ from estimator_pkg.evaluation.checks.joint import (
 )
 from estimator_pkg.evaluation.checks.readings import Finding, Readings
 from estimator_pkg.evaluation.doctor import second, velocities
-from estimator_pkg.evaluation.doctor.choice import Answer, answer
+from estimator_pkg.evaluation.doctor.choice import JointRanking, answer
 from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
@@ -47,7 +47,7 @@ class Examined:
 
     readings: Readings
     findings: list[Finding]
-    answer: Answer | None = None
+    answer: JointRanking | None = None
     said: tuple[str, ...] = ()
     panels: Mapping[str, Sequence[Curve]] = field(default_factory=dict)
     sources: Mapping[str, Any] = field(default_factory=dict)
@@ -129,7 +129,7 @@ def examine(
     topic : of the readings. others : what may be second sensors.
     """
     found, seen = checked(seen), stamped(seen)
-    if len(seen.rows) < FEWEST:
+    if len(seen.rows) < FEWEST_READINGS:
         return Examined(seen, found)
     rows = np.sort(stretch(seen))
     moved = reference(seen, rows)

@@ -25,17 +25,17 @@ from estimator_pkg.evaluation.checks.readings import (
     to_mend,
 )
 from estimator_pkg.evaluation.doctor import second
-from estimator_pkg.evaluation.doctor.choice import DEFAULT, Choice, sentences
+from estimator_pkg.evaluation.doctor.choice import Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.ranking.verdict import Verdict, percent
-from estimator_pkg.evaluation.text import for_node, units
+from estimator_pkg.evaluation.text import WIDTH, for_node, units
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import escaped, printable
 from estimator_pkg.streams.angle import AngleStream
 
-WIDTH = 80
-NAME = 19  # columns of a check's name
-ALL = 'all joints'
+NAME_COLUMNS = 19  # columns of a check's name
+ALL_JOINTS = 'all joints'
 
 
 def shared(examined: Sequence[Examined]) -> tuple[list[Finding], list[list[Finding]]]:
@@ -57,7 +57,7 @@ def blocks(examined: Sequence[Examined]) -> list[tuple[str, list[Finding]]]:
     """Return (heading, findings): those of all joints, then those of each."""
     same, others = shared(examined)
     found = [(each.readings.name or 'joint', own) for each, own in zip(examined, others)]
-    return [each for each in [(ALL, same), *found] if each[1]]
+    return [each for each in [(ALL_JOINTS, same), *found] if each[1]]
 
 
 def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str]]:
@@ -83,7 +83,7 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
     same = set.intersection(*map(set, found.values())) if len(found) > 1 else set()
     common = [sentence for sentence in next(iter(found.values()), []) if sentence in same]
     found = {name: [each for each in said if each not in same] for name, said in found.items()}
-    return found | ({ALL: common} if common else {})
+    return found | ({ALL_JOINTS: common} if common else {})
 
 
 def _sources(examined: Sequence[Examined], choice: Choice) -> dict[str, Any]:
@@ -92,29 +92,29 @@ def _sources(examined: Sequence[Examined], choice: Choice) -> dict[str, Any]:
     return second.together([each.sources for each in examined]) if informed else {}
 
 
-def text(examined: Sequence[Examined], choice: Choice, width: int = WIDTH) -> str:
-    """Return the findings and the verdict as text of `width` columns."""
+def text(examined: Sequence[Examined], choice: Choice) -> str:
+    """Return the findings and the verdict as text of 80 columns."""
     lines = []
     for heading, findings in blocks(examined):
         lines += [printable(heading)]
         for each in findings:
-            lead = f'  {each.level}  {each.check:<{NAME}}'
-            lines += _wrapped(each.value, lead, width)
+            lead = f'  {each.level}  {each.check:<{NAME_COLUMNS}}'
+            lines += _wrapped(each.value, lead)
             if each.level != PASS and each.remedy:
-                lines += _wrapped(f'-> {each.remedy}', ' ' * len(lead), width)
+                lines += _wrapped(f'-> {each.remedy}', ' ' * len(lead))
         lines.append('')
     lines += [summary(examined), '', 'VERDICT']
     for name, said in verdicts(examined, choice).items():
         lines.append(printable(f'{name or "joint"}:'))
         for sentence in said:
-            lines += _wrapped(sentence, '  ', width)
+            lines += _wrapped(sentence, '  ')
     return '\n'.join(lines)
 
 
-def _wrapped(words: str, lead: str, width: int) -> list[str]:
+def _wrapped(words: str, lead: str) -> list[str]:
     return textwrap.wrap(
         printable(words),
-        width,
+        WIDTH,
         initial_indent=lead,
         subsequent_indent=' ' * len(lead),
         break_long_words=True,
@@ -215,7 +215,7 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
     made = plots.Plots()
     parts = [f'<h1>{escaped(origin)}</h1><h2>Verdict</h2>']
     for name, said in verdicts(examined, choice).items():
-        use = [each for each in said[:1] if name != ALL]
+        use = [each for each in said[:1] if name != ALL_JOINTS]
         parts.append(f'<h3>{escaped(name or "joint")}</h3>')
         parts += [f'<p class="use">{escaped(each)}</p>' for each in use]
         parts += ['<ul>', *(f'<li>{escaped(each)}</li>' for each in said[len(use) :]), '</ul>']
@@ -242,7 +242,7 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
         parts.append('<h2>Plots</h2>')
     numbers = sum(2 + sum(map(len, each.values())) for each in found.values())  # of an instant
     for name, curves in found.items():
-        drawn, note = plots.over_time(curves, plots.NUMBERS // numbers, whole=True)
+        drawn, note = plots.over_time(curves, plots.MOST_NUMBERS // numbers, whole=True)
         parts += [f'<h3>{escaped(name or "joint")}</h3>', made.add(drawn)]
         parts += [f'<p class="note">{note}</p>'] if note else []
     return made.page(f'Doctor: {origin}', '\n'.join(parts))

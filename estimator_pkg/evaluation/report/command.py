@@ -35,7 +35,7 @@ from estimator_pkg.evaluation.options import (
 )
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import full_data
-from estimator_pkg.evaluation.report.page import Report
+from estimator_pkg.evaluation.report.page import ReportPage
 from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.observers import DEFAULT
@@ -160,7 +160,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         page, data = None, None
         if parsed.html:
             ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
-            report = Report(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
+            report = ReportPage(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
             page = stack.enter_context(report.written())
         if parsed.data:
             data = stack.enter_context(full_data(parsed.data))

@@ -17,12 +17,12 @@ from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.verdict import Verdict, listed
-from estimator_pkg.evaluation.report.contradictions import grouped
-from estimator_pkg.evaluation.report.tables import SHOWN, changed
+from estimator_pkg.evaluation.report.findings import grouped
+from estimator_pkg.evaluation.report.tables import SHOWN_GAINS, changed
 from estimator_pkg.evaluation.report.tradeoff import RAW, of_row
 from estimator_pkg.evaluation.text import interval, number
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.parameters import declared
-from estimator_pkg.streams.angle import AngleSettings
 
 NO_DELAY = 1e-4  # shorter delays are not worth a number [s]
 
@@ -62,7 +62,7 @@ def choice(rows: Sequence[Row], verdict: Verdict | None) -> Row:
             [np.bincount(block, squares[0] - squares[1])], [np.bincount(block)]
         ).sign
 
-    return by_source[chosen(errors, (AngleSettings.observer,), better)]
+    return by_source[chosen(errors, (DEFAULT,), better)]
 
 
 def words(
@@ -86,7 +86,7 @@ def words(
     for source, joints in by_source.items():
         rows = [chosen[joint] for joint in joints if chosen[joint].source == source]
         values, *others = [changed(entries.get(source), joint) for joint in joints]
-        if len(values) > SHOWN or any(each != values for each in others):
+        if len(values) > SHOWN_GAINS or any(each != values for each in others):
             how = ' with the parameters below'
         elif values:
             how = ' with ' + ', '.join(f'{name} {text}' for name, text in values.items())

@@ -21,7 +21,7 @@ from estimator_pkg.parameters import declared
 from estimator_pkg.params_file import split
 from estimator_pkg.printable import escaped
 
-HEADER = (
+TABLE_HEADER = (
     'estimate',
     'rms',
     'mean',
@@ -35,8 +35,8 @@ HEADER = (
     'samples',
     'dropped',
 )
-SHOWN = 3  # gains in a cell
-UNITS = ('', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
+SHOWN_GAINS = 3  # gains in a cell
+TABLE_UNITS = ('', 'rad/s', 'rad/s', 'rad/s', 's', 'rad/s', 'ms', 'rad/s', '', 's', '', '')
 
 
 class Overview:
@@ -107,7 +107,7 @@ def table(
     several = len({row.joint for row in rows}) > 1
     head = ''.join(
         f'<th>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
-        for i, (name, unit) in enumerate(zip(HEADER, UNITS))
+        for i, (name, unit) in enumerate(zip(TABLE_HEADER, TABLE_UNITS))
     )
     lines = ''
     for row in rows:
@@ -131,8 +131,8 @@ def gains(row: Row, entries: Mapping[str, Entry]) -> str:
         return ''
     values = changed(entry, row.joint)
     if values:
-        shown = [f'{name} {text}' for name, text in list(values.items())[:SHOWN]]
-        return ', '.join(shown + ['...'] * (len(values) > SHOWN))
+        shown = [f'{name} {text}' for name, text in list(values.items())[:SHOWN_GAINS]]
+        return ', '.join(shown + ['...'] * (len(values) > SHOWN_GAINS))
     known = declared(registry.find(registry.OBSERVERS, name).gains)
     main = next((each for each in ('bandwidth_hz', 'prefer') if each in known), '')
     if not main:

@@ -17,7 +17,6 @@ from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
-from estimator_pkg.evaluation.image import check
 from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
@@ -30,15 +29,15 @@ from estimator_pkg.evaluation.options import (
     worker_arguments,
 )
 from estimator_pkg.evaluation.text import started
-from estimator_pkg.evaluation.tuning import any_observer, live, output, picture
+from estimator_pkg.evaluation.tuning import any_observer, live, output
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
-from estimator_pkg.evaluation.tuning.records import Record, records
+from estimator_pkg.evaluation.tuning.records import TuningRecord, records
 from estimator_pkg.evaluation.tuning.seek import kept, seek
 from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import show
 
-TRIALS = 40
+DEFAULT_TRIALS = 40
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -114,9 +113,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--trials',
         type=int,
-        default=TRIALS,
+        default=DEFAULT_TRIALS,
         metavar='N',
-        help=f'number of trials (default {TRIALS})',
+        help=f'number of trials (default {DEFAULT_TRIALS})',
     )
     parser.add_argument('--seed', type=int, default=0, help='random seed of the search (default 0)')
     parser.add_argument(
@@ -136,22 +135,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="remove the truth's own lag and bias first (default)",
     )
     joint_arguments(parser)
-    parser.add_argument(
-        '--plot', metavar='FILE', help='draw noise against delay of every trial (PNG, SVG, PDF)'
-    )
     unpacking.arguments(parser)
     worker_arguments(parser)
-    parser.add_argument(
-        '--storage',
-        metavar='URL',
-        help='Optuna storage for the trials, for example sqlite:///study.db',
-    )
-    parser.add_argument(
-        '--study',
-        metavar='NAME',
-        help='name of the study in the --storage (default: velocity_estimator); an existing one '
-        'continues',
-    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
@@ -160,8 +145,6 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     tuning = tune_settings(parsed)
     out = Path(parsed.out)
     destination.check(out)
-    if parsed.plot:
-        check(parsed.plot)
     if parsed.apply:  # before anything is recorded or searched
         live.check(parsed.apply, parsed.observer)
     options = Options(
@@ -182,7 +165,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         held_out = 0.0 if parsed.judge else parsed.held_out
         left_out: list[LeftOut] = []
 
-        def of(paths: Sequence[str], held_out: float) -> list[Record]:
+        def of(paths: Sequence[str], held_out: float) -> list[TuningRecord]:
             more = tuning.entry, options, held_out, tuple(parsed.joint)
             parts = on_each(run_many, records, expanded(paths), *more, left_out=left_out)
             return [record for part in parts for record in part]
@@ -229,15 +212,10 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))
     node = streams.of_observer(tuning.entry.observer).NODE
     show(f'gains: {out}', *started(node, parsed.out, wiring.remaps))
-    if parsed.plot:
-        picture.draw(chosen_results, parsed.plot, sought)
-        show(f'noise against delay: {parsed.plot}')
     if parsed.apply:
         values = output.node_values(tuned)
         changed = live.apply(parsed.apply, values, tuning.gains, parsed.observer) if values else []
         show(f'set on {parsed.apply}: {", ".join(changed) or "nothing, the defaults stay"}')
-    for each in chosen_results:
-        each.pop('trials')
     return {
         'observer': parsed.observer,
         'sought': sought,
@@ -270,7 +248,7 @@ def _recorded(parsed: argparse.Namespace, tuning: TuneSettings) -> Any:
     return live.recorded((named,) if named else usual, parsed.truth or TRUTH, parsed.live)
 
 
-def _check_disjoint(seen: Sequence[Record], judged: Sequence[Record]) -> None:
+def _check_disjoint(seen: Sequence[TuningRecord], judged: Sequence[TuningRecord]) -> None:
     """Raise UsageError if a recording is used both for tuning and for validation."""
     both = {Path(record.bag).resolve() for record in seen} & {
         Path(record.bag).resolve() for record in judged
@@ -282,12 +260,12 @@ def _check_disjoint(seen: Sequence[Record], judged: Sequence[Record]) -> None:
 
 
 def _groups(
-    found: Sequence[Record], tuning: TuneSettings, per_joint: bool
-) -> dict[str, list[Record]]:
+    found: Sequence[TuningRecord], tuning: TuneSettings, per_joint: bool
+) -> dict[str, list[TuningRecord]]:
     """Return the groups of records that get separate gains, by joint; '': all joints."""
     if not per_joint:
         return {'': list(found)}
-    groups: dict[str, list[Record]] = {}
+    groups: dict[str, list[TuningRecord]] = {}
     for record in found:
         if record.label is None:
             raise UsageError(
@@ -303,7 +281,7 @@ def _groups(
     return groups
 
 
-def _of(judged: Sequence[Record], joint: str) -> list[Record]:
+def _of(judged: Sequence[TuningRecord], joint: str) -> list[TuningRecord]:
     """Return the records for validating a group; raise UserError if there are none."""
     found = [record for record in judged if not joint or record.label == joint]
     if judged and not found:
@@ -311,7 +289,7 @@ def _of(judged: Sequence[Record], joint: str) -> list[Record]:
     return [record for record in found if not record.why]
 
 
-def _notes(seen: Sequence[Record]) -> list[str]:
+def _notes(seen: Sequence[TuningRecord]) -> list[str]:
     """Return notes on the bags for the user."""
     found = [f'{record.bag}: not used: {record.why}' for record in seen if record.why]
     found += dict.fromkeys(f'{record.bag}: {note}' for record in seen for note in record.notes)

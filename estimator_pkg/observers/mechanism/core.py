@@ -28,7 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.circle import wrap
-from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.models.mechanics import Mechanics, Vector
 from estimator_pkg.observers.mechanism.algebra import is_beyond, is_finite
@@ -262,56 +261,6 @@ def place(model: Any, state: State, design: Design) -> None:
             work.at[i] = state.before[i]
 
 
-def walk(
-    observer: Any,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    count: int,
-    measured: NDArray[np.float64],
-    inputs: NDArray[np.float64],
-    parts: int,
-    single: bool,
-    velocities: NDArray[np.float64],
-) -> None:
-    """Advance over `count` samples of positions that do not wrap, without status: for studies.
-
-    Parameters
-    ----------
-    measured, velocities : shape (count, n), flat. Row k of the velocities is the estimate before
-        y_k is injected.
-    inputs : shape (count, max(1, m)), flat; row k acts from sample k to k + 1.
-    parts : steps per sample, with a constant measurement; the coefficients are those of dt/parts.
-    single : the state is stored in single precision.
-    """
-    n, m = observer.model.JOINTS, max(1, observer.model.INPUTS)
-    core, work = state.core, state.work
-    for i in range(n):
-        velocities[i] = core.v[i]
-    for k in range(1, count):
-        for i in range(m):
-            work.given[i] = inputs[(k - 1) * m + i]
-        for part in range(parts):
-            for i in range(n):
-                state.before[i] = measured[(k - 1) * n + i]
-                work.now[i] = measured[k * n + i] if part == parts - 1 else state.before[i]
-                work.moved[i] = work.now[i] - state.before[i]
-            if observer.advance(observer.model, state, coefficients, design, work.now, work.given):
-                core.take(work.after)
-        for i in range(n):
-            if single:
-                core.e[i] = in_single(core.e[i])
-                core.x[i] = in_single(core.x[i])
-                core.d[i] = in_single(core.d[i])
-            velocities[k * n + i] = core.v[i]
-
-
-def in_single(x: float) -> float:
-    """Return x rounded to the 24 digits of single precision (Veltkamp's splitting)."""
-    wide = 536870913.0 * x
-    return wide - (wide - x)
-
-
 def limits(design: Design, dt: float) -> str | None:
     """Return None, or why these gains cannot work at this dt [s], with the limit."""
     if dt < design.longest:
@@ -369,43 +318,6 @@ class Plan:
     def state(self) -> State:
         """Return a state with room for all positions."""
         return enlarge(State(), self.mechanics.degrees)
-
-    def velocities(
-        self,
-        state: State,
-        measured: Array,
-        inputs: Array,
-        dt: float,
-        parts: int = 1,
-        single: bool = False,
-    ) -> Array:
-        """Return the velocities of `walk`, shape (N, n); the state goes on."""
-        given = np.zeros((len(measured), max(1, self.mechanics.inputs)))
-        given[:, : self.mechanics.inputs] = inputs
-        coefficients = Coefficients()
-        prepare(coefficients, self.design, dt / parts)
-        rows, out = np.ascontiguousarray(measured, float), np.zeros(np.shape(measured))
-        compiled = functions_of(self.module)
-        if compiled is None:
-            walk(
-                self.module,
-                state,
-                coefficients,
-                self.design,
-                len(rows),
-                rows.ravel().tolist(),
-                given.ravel().tolist(),
-                parts,
-                single,
-                out.ravel(),
-            )
-            return out
-        records = [Memory(type(each), each) for each in (state, coefficients, self.design)]
-        pointers = [each.pointer for each in records]
-        columns = [each.ctypes.data for each in (rows, given)]
-        compiled.walk(*pointers, len(rows), *columns, parts, single, out.ctypes.data)
-        state.take(State.read(records[0].array[0]))
-        return out
 
     def why(self, state: State) -> str:
         """Return why the estimate is not published, in words, or ''."""

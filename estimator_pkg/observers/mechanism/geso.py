@@ -53,7 +53,6 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     resume,
     start,
     step,
-    walk,
 )
 from estimator_pkg.observers.mechanism.flow import flow
 from estimator_pkg.observers.mechanism.friction import resist

@@ -37,7 +37,6 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     resume,
     start,
     step,
-    walk,
 )
 from estimator_pkg.observers.mechanism.core import keep_velocities as propagate  # noqa: F401
 from estimator_pkg.observers.mechanism.parameters import LoopGains, MechanicalGains, gain_matrix

@@ -50,7 +50,6 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     resume,
     start,
     step,
-    walk,
 )
 from estimator_pkg.observers.mechanism.core import keep_velocities as propagate  # noqa: F401
 from estimator_pkg.observers.mechanism.noise import NoiseGains, per_noise, variances

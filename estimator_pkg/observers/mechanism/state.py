@@ -75,8 +75,6 @@ class Work:
     """What a step computes on its way; nothing in it lasts."""
 
     after: Core  # the state after the step
-    now: Vector  # a measurement of `walk`, and its input
-    given: Vector
     moved: Vector  # the change of the measurement since the last sample, wrapped
     at: Vector  # where the model is evaluated
     nothing: Vector  # zeros

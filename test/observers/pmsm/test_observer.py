@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from drive_status import run_log, tracking_state
 from motors import (
     DT,
     MOTOR,
@@ -49,7 +50,6 @@ from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.profiles import P1, Profile
 from sim_pkg.reproduce.pmsm.motor import core_of, signals
-from sim_pkg.reproduce.pmsm.observer import run_log, start_state
 
 # ---- tuning ----------------------------------------------------------------------------------
 
@@ -294,9 +294,7 @@ def white(motor, rpm, seconds):
     samples = np.column_stack(
         (exact.current.real + noise[:, 0], exact.current.imag + noise[:, 1], mean.real, mean.imag)
     )
-    start = start_state(
-        motor.design, samples[0], 1.0 + 0j, 1.0 / 1.9e-3, -1j * omega * 1.9e-3, seen=omega
-    )
+    start = tracking_state(motor.design, samples[0], omega)
     motor.state.take(start)
     log = run_log(motor.design, samples, DT, start)
     motor.state.out.speed = omega  # the low-pass is settled, as the watch
