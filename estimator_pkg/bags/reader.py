@@ -19,7 +19,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -33,6 +33,10 @@ from estimator_pkg.messages.block import Block, compact, from_messages, join, ro
 from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
 
+if TYPE_CHECKING:
+    from estimator_pkg.bags.log_file import Columns
+
+log_file = Lazy('estimator_pkg.bags.log_file')
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
 qos = Lazy('estimator_pkg.bags.qos')
 sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
@@ -62,9 +66,11 @@ class Bag:
     warnings : problems of the bag that did not prevent reading it.
     """
 
-    def __init__(self, path: Path, unpack_limit: int = unpacking.UNPACK_LIMIT) -> None:
+    def __init__(
+        self, path: Path, unpack_limit: int = unpacking.UNPACK_LIMIT, columns: Columns | None = None
+    ) -> None:
         self.path = path
-        self._limit = unpack_limit
+        self._limit, self._columns = unpack_limit, columns
         self._size = 0  # bytes of all files
         self.warnings: list[str] = []
         self.topics: dict[str, Topic] = {}
@@ -259,6 +265,8 @@ class Bag:
             self._open_folder()
         elif self.path.exists():
             self._open_file(self.path)
+        elif link := whole_file.broken_link(self.path):
+            raise UserError(f'{self.path} is {link}: name a bag')
         else:
             there = suggestion(self.path.name, (each.name for each in self.path.parent.glob('*')))
             remedy = there if 'mean' in there else 'check the path'
@@ -334,7 +342,13 @@ class Bag:
 
     def _open_file(self, file: Path) -> None:
         if not file.is_file():
-            raise UserError(f'cannot read {file}: {whole_file.NOT_A_FILE}')
+            link = whole_file.broken_link(file)
+            raise UserError(
+                f'cannot read {file}: {f"it is {link}" if link else whole_file.NOT_A_FILE}'
+            )
+        if log_file.is_log(file):
+            self._add(log_file.LogFile(file, self._columns, self.warn))
+            return
         if file.suffix == '.zstd':
             packed, file = file, self._temporary() / file.stem
             unpacking.unpack_file(packed, file, self._limit)
@@ -416,18 +430,21 @@ class Bag:
         return list(self.topics).index(topic.name)
 
 
-def open_bag(path: str | Path, unpack_limit: int = unpacking.UNPACK_LIMIT) -> Bag:
-    """Open the bag at `path`: a rosbag2 folder, or a single .mcap or .db3 file.
+def open_bag(
+    path: str | Path, unpack_limit: int = unpacking.UNPACK_LIMIT, columns: Columns | None = None
+) -> Bag:
+    """Open the bag at `path`: a rosbag2 folder, a single .mcap or .db3 file, or a log.
 
     Parameters
     ----------
     unpack_limit : bytes that a compressed chunk or message may unpack to.
+    columns : of a log, see `estimator_pkg.bags.log_file`.
 
     Raises
     ------
     UserError : it does not exist, is empty, or is not a bag.
     """
-    return Bag(Path(path), unpack_limit)
+    return Bag(Path(path), unpack_limit, columns)
 
 
 def natural(file: Path) -> list[tuple]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator_pkg.bags.log_file import Columns
 from estimator_pkg.bags.unpacking import UNPACK_LIMIT
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation.entries import Entry
@@ -37,6 +38,7 @@ class Options:
         only this one.
     unpack_limit : of the bags, see `estimator_pkg.bags.reader.open_bag`.
     motion_hz : highest frequency at which the joints move [Hz]; None: not known.
+    columns : of logs; None: the bags are bags.
     """
 
     measurement: str | None = None
@@ -50,15 +52,7 @@ class Options:
     angle: str | None = None
     unpack_limit: int = UNPACK_LIMIT
     motion_hz: float | None = None
-
-
-def angle_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--angle``, see `Options`."""
-    parser.add_argument(
-        '--angle',
-        metavar='TOPIC:FIELD',
-        help='the measurement is a number in messages of any type, as in replay',
-    )
+    columns: Columns | None = None
 
 
 def truth_argument(parser: argparse.ArgumentParser) -> None:

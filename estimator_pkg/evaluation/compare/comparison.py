@@ -143,7 +143,7 @@ def compare(path: str, options: Options) -> Comparison:
     UserError : no truth, no estimates, no joint in common, no overlap in time; the message has one
         line and names the alternatives.
     """
-    with open_bag(path, options.unpack_limit) as bag:
+    with open_bag(path, options.unpack_limit, options.columns) as bag:
         with progress(f'{path}: reading', None):
             measurement = measured(bag, options)
         true = truth(bag, path, measurement, options)

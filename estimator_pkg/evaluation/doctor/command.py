@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Any
 
 from estimator_pkg import destination, streams, whole_file
-from estimator_pkg.bags import unpacking
+from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, TRUTH_NAMESPACE
 from estimator_pkg.bags.wiring import Setup, wired
@@ -28,7 +28,7 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report, second
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
-from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
+from estimator_pkg.evaluation.options import check_joints, joint_arguments
 from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
@@ -50,7 +50,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'bag',
         nargs='?',
         metavar='BAG',
-        help='bag folder, .mcap or .db3 file; the exit code is 1 if a check FAILs',
+        help='bag folder, .mcap or .db3 file, or a log; the exit code is 1 if a check FAILs',
     )
     parser.add_argument(
         '--live',
@@ -63,7 +63,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help='JointState with the measured positions (default: the only one, else /joint_states)',
     )
-    angle_argument(parser)
+    log_file.arguments(parser)
     parser.add_argument(
         '--params', metavar='YAML', help='motor data of a drive: parameter file of pmsm_observer'
     )
@@ -86,6 +86,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Check, print and write; return findings and verdict by joint."""
     if (parsed.bag is None) == (parsed.live is None):
         raise UsageError('name a bag, or listen with --live SECONDS: one of the two')
+    parsed.columns = log_file.columns(parsed)
     check_joints(parsed)
     for path in (parsed.out, parsed.html):
         if path is not None:
@@ -166,7 +167,7 @@ def _examined(
     made: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Examine the readings of a bag; `made`: topic -> node of ours that publishes it."""
-    with open_bag(path, parsed.unpack_limit) as bag:
+    with open_bag(path, parsed.unpack_limit, parsed.columns) as bag:
         if is_drive(bag, parsed.measurement, parsed.angle):
             return _drive(parsed, bag, origin)
         if parsed.params:

@@ -13,7 +13,7 @@ import math
 from typing import Any
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import unpacking
+from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation import image
@@ -27,7 +27,6 @@ from estimator_pkg.evaluation.options import (
     MEASUREMENT,
     SMOOTHER,
     Options,
-    angle_argument,
     check_joints,
     joint_arguments,
     truth_argument,
@@ -48,7 +47,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'bags',
         nargs='+',
         metavar='BAG',
-        help='bag folder, .mcap or .db3 file, or a folder with bags in it',
+        help='bag folder, .mcap or .db3 file, a folder with bags in it, or a log',
     )
     parser.add_argument(
         '--measurement',
@@ -56,7 +55,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='JointState with the measured positions (default: the only one '
         f'that is neither truth nor estimate, else {MEASUREMENT})',
     )
-    angle_argument(parser)
+    log_file.arguments(parser)
     truth_argument(parser)
     parser.add_argument(
         '--estimate',
@@ -128,6 +127,7 @@ def options(parsed: argparse.Namespace) -> Options:
     """Return the arguments as `Options`; raise UsageError."""
     if not (math.isfinite(parsed.skip) and parsed.skip >= 0.0):
         raise UsageError(f'--skip is {parsed.skip:g} s: it must be 0 or more')
+    columns = log_file.columns(parsed)
     check_joints(parsed)
     observers = tuple(requested.entries(parsed.observer, parsed.params, parsed.set))
     return Options(
@@ -142,6 +142,7 @@ def options(parsed: argparse.Namespace) -> Options:
         parsed.angle,
         parsed.unpack_limit,
         parsed.motion_hz,
+        columns,
     )
 
 

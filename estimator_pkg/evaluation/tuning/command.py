@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator_pkg import destination, interrupts, streams, whole_file
-from estimator_pkg.bags import unpacking
+from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
@@ -23,7 +23,6 @@ from estimator_pkg.evaluation.options import (
     SMOOTHER,
     TRUTH,
     Options,
-    angle_argument,
     joint_arguments,
     truth_argument,
     worker_arguments,
@@ -43,7 +42,7 @@ DEFAULT_TRIALS = 40
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument(
-        'bags', nargs='*', metavar='BAG', help='bags to tune on, or folders with bags in them'
+        'bags', nargs='*', metavar='BAG', help='bags to tune on, folders with bags in them, or logs'
     )
     parser.add_argument(
         '--live',
@@ -123,7 +122,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help=f"topic of the measurement (default {MEASUREMENT}, or the observer's own)",
     )
-    angle_argument(parser)
+    log_file.arguments(parser)
     truth_argument(parser)
     parser.add_argument(
         '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as in evaluate'
@@ -141,7 +140,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Search, validate on held-out data, write; return the results."""
-    any_linear = parsed.observer is None and _usual(parsed) == any_observer.DEFAULT
+    columns = log_file.columns(parsed)
+    any_linear = parsed.observer is None and _usual(parsed, columns) == any_observer.DEFAULT
     tuning = tune_settings(parsed)
     out = Path(parsed.out)
     destination.check(out)
@@ -157,6 +157,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         angle=parsed.angle,
         unpack_limit=parsed.unpack_limit,
         motion_hz=parsed.motion_hz,
+        columns=columns,
     )
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
@@ -227,12 +228,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _usual(parsed: argparse.Namespace) -> str:
+def _usual(parsed: argparse.Namespace, columns: log_file.Columns | None) -> str:
     """Set the observer that is not named, and return it; raise UsageError."""
     bags = expanded(parsed.bags) if parsed.bags else []
     named = bags and not (parsed.angle or parsed.measurement)
     parsed.observer = (
-        any_observer.usual(bags[0].path, parsed.unpack_limit) if named else any_observer.DEFAULT
+        any_observer.usual(bags[0].path, parsed.unpack_limit, columns)
+        if named
+        else any_observer.DEFAULT
     )
     if parsed.observer == any_observer.DEFAULT and (parsed.search or parsed.params or parsed.apply):
         raise UsageError(

@@ -69,7 +69,7 @@ def records(
     UserError, UsageError : the bag lacks an input of the observer, a parameter is wrong, or there
         is neither truth nor measured position.
     """
-    with open_bag(path, options.unpack_limit) as bag:
+    with open_bag(path, options.unpack_limit, options.columns) as bag:
         measurement = measured(bag, options)
         whole = recording(entry, bag, measurement, options)
         true = truth(bag, path, measurement, options)

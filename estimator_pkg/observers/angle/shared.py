@@ -38,6 +38,7 @@ from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 from estimator_pkg.sensor.late_stamps import Timing, follow_sample_time, is_uneven, retake
 from estimator_pkg.sensor.outliers import OUTLIER_GATE, Outliers, believed
+from estimator_pkg.sensor.quantum import FINEST_QUANTUM
 
 SINGLE_ANGLE = True
 EDGES = False
@@ -361,8 +362,9 @@ def change_reading(
     elif start.clock < 0.0 or reading.since >= REST_TIME or moved * moved <= REST_GATE * usual:
         since = reading.since
         rest(observer, start, core, coefficients, design, measurement, moved, since, usual, dt)
-    reading.change, reading.since = abs(moved), 0.0
-    if 0.0 < reading.change < reading.smallest or reading.smallest == 0.0:
+    reading.change = abs(moved) if abs(moved) > FINEST_QUANTUM else FINEST_QUANTUM
+    reading.since = 0.0
+    if reading.change < reading.smallest or reading.smallest == 0.0:
         reading.smallest = reading.change
     follow_convention(state.convention, measurement, period)
 
