@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,11 +18,12 @@ from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.driver.efforts import EFFORT_FIELD
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.mechanism import Mechanism
-from estimator_pkg.engine.calls import PREFIXES
 from estimator_pkg.engine.prelude import MATH, TAKEN, TESTS
+from estimator_pkg.engine.sources import RefusedError
 from estimator_pkg.engine.translate import Entry, Translator
 from estimator_pkg.errors import UsageError
 from estimator_pkg.export.angle import Options
+from estimator_pkg.models.mechanics import JOINTS, NUMBERS
 from estimator_pkg.parameters import declared
 
 LEAST, MOST = 1.1754944e-38, 3.4028235e38  # normal floats
@@ -31,13 +33,13 @@ FAMILIES = {  # what the header of an observer of each kind has
     'drive': 'estimator_pkg.export.drive',
     'mechanical': 'estimator_pkg.export.mechanism',
 }
-OWN = 'they name a function or a model of your own, and only ours are translated'
+OWN = 'they name a function or a class of your own, and only functions of modules are translated'
 TITLES = {
     'angle': 'velocity of one joint from its angle',
     'drive': 'speed and angle of a motor from its currents and voltages',
     'mechanical': 'velocities of a mechanism from its positions and efforts',
 }
-SIZES = 'its state has the size that its parameters say, so it runs as plain Python only'
+SIZES = 'a header is for observers of one angle, of drives and of mechanisms'
 FILE = """\
 /* {title}
  *
@@ -104,9 +106,9 @@ def exported(
     if not re.fullmatch(r'[a-z][a-z0-9_]*', prefix) or prefix in TAKEN:
         raise UsageError(f"'{prefix}' is no name for C: use lower-case letters, digits and _")
     joint = _joint(observer, gains, settings, sample_period)
-    plain = getattr(joint.module, 'runs_plain', None)
-    if joint.module.__name__ not in PREFIXES or (plain and plain(gains)):
-        raise UsageError(f"'{observer.name}' cannot be exported with these gains: {OWN}")
+    why = _obstacle(joint)
+    if why:
+        raise UsageError(f"'{observer.name}' cannot be exported with these gains: {why}")
     family = FAMILIES[observer.kind]
     channel, records = joint.channel, [Options()]
     if observer.kind == 'angle':
@@ -126,12 +128,18 @@ def exported(
         records += [channel.design, channel.limits]
         bound = {'init': {'tuned': channel.design}, 'update': {}, 'get': {}}
     known, used = _known(records), None
+    static = {'observer': joint.module.__name__}
+    others = [_root(name) for name in re.split(r' \w+=', joint.module.__name__)]
     for _ in range(2):  # the second time with the fields alone that the first one found in use
-        translator = Translator(ROOT, prefix, known, used)
+        translator = Translator(ROOT, prefix, known, used, others)
         translator.names = {(family, 'State'): prefix, (family, 'Estimate'): f'{prefix}_estimate'}
-        static = {'observer': joint.module.__name__}
-        for name, values in bound.items():
-            translator.export(Entry(family, name, static, f'{prefix}_{name}', values))
+        try:
+            for name, values in bound.items():
+                translator.export(Entry(family, name, static, f'{prefix}_{name}', values))
+        except RefusedError as error:
+            raise UsageError(
+                f"'{observer.name}' cannot be exported: {error}: see docs/engine.md"
+            ) from error
         used = translator.reached
     body = translator.body()
     header = FILE.format(
@@ -152,6 +160,26 @@ def _joint(observer: Any, gains: Any, settings: Any, sample_period: float) -> An
     if observer.kind == 'angle':
         return Joint(observer, gains, settings)
     raise UsageError(f"'{observer.name}' cannot be exported: {SIZES}")
+
+
+def _obstacle(joint: Any) -> str:
+    """Return why these gains cannot be exported, whatever the sources are, or ''."""
+    if joint.observer.kind == 'mechanical':
+        mechanics = joint.plan.mechanics
+        if mechanics.degrees > JOINTS or len(mechanics.values) > NUMBERS:
+            return (
+                f"model '{mechanics.name}' has {mechanics.degrees} positions and "
+                f'{len(mechanics.values)} numbers, and a header has room for {JOINTS} and {NUMBERS}'
+            )
+        return '' if mechanics.ours else OWN
+    plain = getattr(joint.module, 'runs_plain', None)
+    return OWN if plain and plain(joint.gains) else ''
+
+
+def _root(name: str) -> Path:
+    """Return the folder of the package that has this module."""
+    path = Path(str(sys.modules[name].__file__)).resolve()
+    return path.parents[name.count('.') + (path.stem == '__init__')]
 
 
 def _known(records: list[Any]) -> dict[tuple[str, str], dict[str, Any]]:

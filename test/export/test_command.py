@@ -105,7 +105,13 @@ def test_drives_and_mechanisms_are_equal_to_the_last_bit(name, values, tmp_path)
     assert passed and equal == count > 3000
 
 
-def test_a_model_of_the_users_own_is_refused(tmp_path, capsys):
-    words = ['hgo', '--set', 'model=own_models:TwoLinks', '--out', tmp_path / 'out']
-    line = refused(capsys, *words)
-    assert 'a model of your own, and only ours are translated' in line
+@pytest.mark.parametrize(
+    'name, part',
+    [
+        ('TwoLinks', 'a function or a class of your own, and only functions of modules are tr'),
+        ('SixJoints', "SixJoints' has 6 positions and 0 numbers, and a header has room for 4 and"),
+    ],
+)
+def test_a_model_of_the_users_own_is_refused(name, part, tmp_path, capsys):
+    words = ['hgo', '--set', f'model=own_models:{name}', '--out', tmp_path / 'out']
+    assert part in refused(capsys, *words)
