@@ -274,3 +274,17 @@ def test_every_imported_library_is_a_requirement(monkeypatch):
         'ament_copyright',
     }
     assert {'apsw', 'lz4', 'zstandard'} <= libraries
+
+
+def test_every_package_of_ros_that_is_used_is_a_dependency_and_declared():
+    used = {name for name in imported() if optional.OF_ROS.fullmatch(name)}
+    for package in optional.OWN:
+        for path in (ROOT / package).rglob('*.py'):
+            used.update(re.findall(r"'(\w+_msgs)/msg/", path.read_text()))
+    listed = (ROOT / 'package.xml').read_text()
+    depends = set(re.findall('<exec_depend>(.*)</exec_depend>', listed))
+    assert 'nav_msgs' in used and used <= depends
+    declaration = (ROOT / 'QUALITY_DECLARATION.md').read_text()
+    of_ros = {name for name in depends if not name.startswith('python3-')}
+    assert {name for name in of_ros if f'`{name}`' not in declaration} == set()
+    assert '_engine.so' in listed and declaration.count('_engine.so') > 1
