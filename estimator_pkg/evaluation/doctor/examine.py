@@ -21,6 +21,7 @@ from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.joint import (
     FEWEST_READINGS,
+    as_read,
     checked,
     failed,
     reference,
@@ -128,6 +129,7 @@ def examine(
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
     topic : of the readings. others : what may be second sensors.
     """
+    seen = as_read(seen)
     found, seen = checked(seen), stamped(seen)
     if len(seen.rows) < FEWEST_READINGS:
         return Examined(seen, found)

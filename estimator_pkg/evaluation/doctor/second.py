@@ -163,7 +163,7 @@ def _judged(
     each: Candidate, seen: Readings, moved: ReferenceMotion, rows: Rows, motion_hz: float | None
 ) -> tuple[str, float, dict[str, Any]]:
     """Return the result in words, the error if it pays (else infinite), and its numbers."""
-    more = {'quantum': seen.quantum} if seen.quantum else {}
+    more = {'quantum': seen.own_quantum} if seen.own_quantum else {}
     observer = observers.find(DEFAULT)
     configuration = Configuration(observer, {'wrap_period': seen.period, **more})
     settings = SourceSettings(kind=each.kind)

@@ -1,0 +1,215 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Streams as other people record them: what the checks of `doctor` say, and what they do not."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from estimator_pkg.evaluation.checks.joint import as_read, checked
+from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Readings
+
+TURN = 2.0 * math.pi
+START = 1_700_000_000_000_000_000
+
+
+def time(rate, seconds=40.0):
+    return np.arange(round(rate * seconds)) / rate
+
+
+def rounded(values, step):
+    return np.round(values / step) * step if step else values
+
+
+def wrapped(values, period):
+    return (values + 0.5 * period) % period - 0.5 * period
+
+
+def random(seed):
+    return np.random.default_rng(seed)
+
+
+def sway(seed, rate, size, seconds=40.0):
+    """A smooth motion of this amplitude, of a few slow sines."""
+    own, t = random(seed), time(rate, seconds)
+    parts = [np.sin(TURN * own.uniform(0.1, 0.4) * t + own.uniform(0, TURN)) for _ in range(3)]
+    return t, size / 3.0 * sum(parts)
+
+
+def lift(step, unit=1.0, offset=200.0, size=180.0, rate=100):
+    t = time(rate)
+    return t, rounded(unit * (offset + size * np.sin(0.4 * math.pi * t)), step)
+
+
+def wheel(speeds, rate, seconds=40.0, period=0.0):
+    """The integral of a few commanded speeds [rad/s]."""
+    t = time(rate, seconds)
+    angle = np.cumsum(np.array(speeds)[np.arange(len(t)) * len(speeds) // len(t)]) / rate
+    return t, wrapped(angle, period) if period else angle
+
+
+def encoder(counts, speed, seed, rate=50, turns=True):
+    """Exact counts of a motion near this speed [counts a sample]."""
+    t, more = sway(seed, rate, 0.3 * TURN / counts)
+    angle = rounded(speed * rate * t * TURN / counts + more, TURN / counts)
+    return t, angle if turns else wrapped(angle, TURN)
+
+
+def turning(seed, unit, step, rate=200, speed=2.0):
+    """An angle that wraps, in another unit: `unit` a turn."""
+    t, more = sway(seed, rate, 1.0)
+    return t, rounded(np.mod(speed * t + more, TURN) / TURN * unit, step)
+
+
+def hole(seed, size=17):
+    """One wrap, which is in a hole of the record."""
+    t = time(100, 12.0)
+    angle = wrapped(rounded(0.5 * t + 0.1 * np.sin(3.0 * t + seed), TURN / 4096), TURN)
+    at = int(np.argmax(np.abs(np.diff(angle)) > math.pi))
+    kept = np.r_[0 : at - size // 2, at + size // 2 + 1 : len(t)]
+    return t[kept], angle[kept]
+
+
+def residue(seed, size, rate=500):
+    """A simulated joint at rest: 0 but for what its solver leaves."""
+    t = time(rate, 20.0)
+    angle = np.full(len(t), 0.4)
+    at = int(random(seed).integers(1000, 8000))
+    angle[at] += size
+    angle[at + 1000 :] -= 0.5 * size
+    return t, angle
+
+
+def noisy(seed, noise, rate=500, seconds=20.0):
+    t = time(rate, seconds)
+    return t, 0.4 + noise * random(seed).standard_normal(len(t))
+
+
+def start(rate=100, speed=0.515):
+    """A joint that starts and stops within a sample, and makes one short move."""
+    t = time(rate)
+    moved = np.where((t % 8.0 > 2.0) & (t % 8.0 < 5.0), speed * np.sign(np.sin(t / 3.0)), 0.0)
+    moved[3600] = 0.23
+    return t, np.cumsum(moved) / rate
+
+
+def sent(copies, seed, rate=50, apart=0.5e-3):
+    """A device each of whose readings is sent several times, with a stamp for each."""
+    t, angle = sway(seed, rate, 2.0)
+    stamps = (t[:, None] + apart * np.arange(copies)).ravel()
+    return stamps, np.repeat(rounded(angle, TURN / 4096), copies)
+
+
+def slipped(size, seed=1):
+    t, angle = sway(seed, 200, 1.0)
+    return t, rounded(angle, TURN / 4096) + np.where(t > 20.0, size, 0.0)
+
+
+READINGS = 'degrees.* mm.* prismatic or multi-turn.*wrap-period 0'
+UNIT = 'wrap', WARN, READINGS
+NO_WRAP = 'wrap', PASS, ''
+COUNTS = 'counts_per_revolution: '
+CASES = {  # stream of a seed, checks that do not pass: (check, level, remedy), and others' texts
+    **{
+        f'a lift in mm, rounded to {step}': (lambda seed, step=step: lift(step), [UNIT])
+        for step in (0.1, 0.05, 0.02)
+    },
+    'a lift in cm': (lambda seed: lift(0.01, 0.1), [('resolution', WARN, '')]),
+    'a lift in mm, 10 mm a sample': (lambda seed: lift(0.1, size=800.0, offset=900.0), [UNIT]),
+    'a small lift in mm': (lambda seed: lift(0.1, size=20.0 + seed), [UNIT]),
+    'a wheel of one speed': (lambda seed: wheel([0.5], 10), []),
+    'a wheel of three speeds': (lambda seed: wheel([0.45, -0.3 * seed, 0.15], 10), []),
+    'a wheel of two, wrapped': (lambda seed: wheel([0.9, 0.45 * seed], 10, 40.0, TURN), []),
+    'degrees, wrapped': (
+        lambda seed: turning(seed, 360.0, 0.1),
+        [('wrap', FAIL, 'degrees.*' + COUNTS + '360')],
+    ),
+    'degrees of 4096 counts': (
+        lambda seed: turning(seed, 360.0, 360.0 / 4096, speed=-1.0),
+        [('wrap', FAIL, 'degrees.*' + COUNTS + '360')],
+    ),
+    'degrees that do not wrap': (
+        lambda seed: (lambda t, x: (t, rounded(np.degrees(x), 0.1)))(*sway(seed, 200, 0.8)),
+        [UNIT],
+    ),
+    'raw counts, wrapped': (
+        lambda seed: turning(seed, 4096.0, 1.0),
+        [('wrap', FAIL, 'raw counts.*' + COUNTS + '4096')],
+    ),
+    'raw counts of several turns': (
+        lambda seed: (lambda t, x: (t, rounded(4096 * x, 1.0)))(*sway(seed, 200, 2.0)),
+        [('wrap', WARN, COUNTS + 'N.*' + READINGS)],
+    ),
+    'a gear of 1 to 2': (
+        lambda seed: turning(seed, math.pi, TURN / 4096, speed=1.0),
+        [('wrap', FAIL, 'wrap_period: 3.14')],
+    ),
+    'a wrap in a hole': (hole, [('holes', WARN, '')]),
+    **{
+        f'{speed} counts a sample{", wrapped" if not turns else ""}': (
+            lambda seed, speed=speed, turns=turns: encoder(512, speed, seed, turns=turns),
+            [('resolution', WARN, 'quantum: 0.01227')],
+        )
+        for speed in (0.3, 1.02, 3.3, 3.02, 10.7, 40.4)
+        for turns in (True, False)
+    },
+    **{
+        f'a residue of {size:g} rad': (
+            lambda seed, size=size: residue(seed, size),
+            [('motion', WARN, 'in motion')],
+        )
+        for size in (7e-13, 1e-10, 1e-8, 3e-7)
+    },
+    **{
+        f'at rest with {noise:g} rad of noise': (
+            lambda seed, noise=noise: noisy(seed, noise),
+            [('motion', WARN, 'in motion')],
+        )
+        for noise in (3e-6, 1e-4, 1e-9)
+    },
+    'starts within a sample': (lambda seed: start(), []),
+    'a slip of 0.2 rad': (lambda seed: slipped(0.2, seed), [('jumps', FAIL, 'slipped')]),
+}
+
+COUNTED = {'counts', 'slip', 'hole', 'cm', 'gear'}  # of streams that have a quantum to set
+
+
+def look(stream, period=TURN):
+    """The findings by check."""
+    t, angle = stream
+    stamps = START + np.round(t * 1e9).astype(np.int64)
+    nothing = np.full(len(angle), np.nan)
+    seen = Readings('joint', stamps, stamps + 300_000, angle, nothing, period, START)
+    return {each.check: each for each in checked(as_read(seen))}
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+@pytest.mark.parametrize('case', CASES)
+def test_what_is_said_of_it(case, seed):
+    made, expected = CASES[case]
+    found = look(made(seed))
+    not_passed = {name: each for name, each in found.items() if each.level != PASS}
+    allowed = {name for name, *_ in expected}
+    fails = any(level == FAIL for _, level, _ in expected)
+    extra = {'jumps', 'encoder', 'resolution'} if fails else {'encoder'}
+    assert set(not_passed) - extra <= allowed, not_passed
+    for name, level, remedy in expected:
+        assert found[name].level == level, found[name]
+        assert re.search(remedy, found[name].remedy), found[name]
+    if case.startswith('raw') or COUNTED.isdisjoint(case.split()):
+        quantum = found['resolution'].remedy
+        assert 'quantum: 1' not in quantum and 'shielding' not in quantum
+    if 'wheel' in case:
+        assert found['resolution'].numbers['quantum'] == 0.0
+
+
+@pytest.mark.parametrize('copies, many', [(2, 'twice'), (3, '3 times')])
+@pytest.mark.parametrize('rate, apart', [(50, 0.5765e-3), (20, 1e-4), (100, 1e-3)])
+def test_copies_of_a_reading_are_no_rate(copies, many, rate, apart):
+    found = look(sent(copies, 1, rate, apart))
+    assert found['rate'].value.startswith(f'{rate} Hz, each reading {many}')
+    assert '-' not in found['holes'].value.partition('%')[0], found['holes'].value
+    assert f'at about {rate} Hz' in found['repeated readings'].value
