@@ -9,8 +9,9 @@ import re
 import numpy as np
 import pytest
 
-from estimator_pkg.evaluation.checks.joint import as_read, checked
+from estimator_pkg.evaluation.checks.joint import as_read, checked, reference, stretch
 from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Readings
+from estimator_pkg.evaluation.doctor import velocities
 
 TURN = 2.0 * math.pi
 START = 1_700_000_000_000_000_000
@@ -211,3 +212,73 @@ def test_copies_of_a_reading_are_no_rate(copies, many, rate, apart):
     assert found['rate'].value.startswith(f'{rate} Hz, each reading {many}')
     assert '-' not in found['holes'].value.partition('%')[0], found['holes'].value
     assert f'at about {rate} Hz' in found['repeated readings'].value
+
+
+def late(values, seconds, rate=200):
+    return np.interp(np.arange(len(values)) / rate - seconds, np.arange(len(values)) / rate, values)
+
+
+def filtered(values, hz, rate=200):
+    """As a first-order low-pass filter in a driver."""
+    part, found = 1.0 - math.exp(-TURN * hz / rate), np.zeros(len(values))
+    for k in range(1, len(values)):
+        found[k] = found[k - 1] + part * (values[k] - found[k - 1])
+    return found
+
+
+def differences(position, rate=200):
+    return np.diff(position, prepend=position[0]) * rate
+
+
+PUBLISHED = {  # velocity made of (true velocity, reading, random), level, text, remedy
+    'right': (lambda v, x, r: v, PASS, 'noise', ''),
+    'with noise': (lambda v, x, r: v + 0.3 * r.standard_normal(len(v)), PASS, 'noise', ''),
+    'a finite difference': (lambda v, x, r: differences(x), PASS, 'noise', ''),
+    'low-passed at 40 Hz': (lambda v, x, r: filtered(v, 40.0), PASS, 'noise', ''),
+    '0.92 of it': (lambda v, x, r: 0.92 * v, WARN, '0.92 times', 'scaling'),
+    'a tenth': (lambda v, x, r: 0.1 * differences(x), WARN, '0.1 times', 'scaling'),
+    'in rpm': (lambda v, x, r: v * 60.0 / TURN, WARN, 'rpm', 'rad/s'),
+    'in deg/s': (lambda v, x, r: np.degrees(v), WARN, '57.3 times the velocity: deg/s', 'rad/s'),
+    'reversed': (lambda v, x, r: -v, WARN, 'reversed', 'sign'),
+    'reversed, in rpm, late': (
+        lambda v, x, r: late(-v * 60.0 / TURN, 0.03),
+        WARN,
+        'reversed, and 9.5. times the velocity: rpm; (29|30|31)',
+        'sign; publish rad/s',
+    ),
+    'the position': (lambda v, x, r: 0.7 * x, WARN, r'proportional to the position \(0.7', 'driver'),
+    'constant': (lambda v, x, r: 0.0 * v + 0.3, WARN, 'constant at 0.3', 'driver'),
+    'zero': (lambda v, x, r: 0.0 * v, WARN, 'zero', 'driver'),
+    'late': (lambda v, x, r: late(v, 0.04), WARN, '(39|40|41)[.0-9 +-]* ms late', 'node'),
+    'something else': (
+        lambda v, x, r: filtered(30.0 * r.standard_normal(len(v)), 1.0),
+        WARN,
+        'not the derivative',
+        'driver',
+    ),
+    'another motion': (
+        lambda v, x, r: sway(99, 200, 2.0, 20.0)[1],
+        WARN,
+        'not the derivative',
+        'driver',
+    ),
+}
+
+
+@pytest.mark.parametrize('pure', [False, True], ids=('sines', 'a sine'))
+@pytest.mark.parametrize('case', PUBLISHED)
+def test_the_published_velocity_is_checked(case, pure):
+    make, level, text, remedy = PUBLISHED[case]
+    t = time(200, 20.0)
+    parts = [(1.0, 0.5, 0.3)] if pure else [(0.7, 0.31, 1.0), (0.3, 0.83, 2.0), (0.2, 1.3, 0.0)]
+    angle = sum(a * np.sin(TURN * f * t + p) for a, f, p in parts)
+    speed = sum(a * TURN * f * np.cos(TURN * f * t + p) for a, f, p in parts)
+    reading = rounded(angle, TURN / 4096)
+    stamps = START + np.round(t * 1e9).astype(np.int64)
+    given = make(speed, reading, random(5))
+    seen = Readings('joint', stamps, stamps, reading, given, TURN, START)
+    rows = np.sort(stretch(seen))
+    found = velocities.checks(seen, reference(seen, rows), rows)
+    (own,) = [each for each in found if each.check == velocities.PUBLISHED]
+    assert own.level == level and re.search(text, own.value) and re.search(remedy, own.remedy), own
+    assert velocities.misleads(found) is (level == WARN and case != 'late')
