@@ -65,7 +65,7 @@ TEXTS: Mapping[str, str] = {
     'unused': '{count} of {received} messages on {topic} {why}',
     'nothing': 'no estimate for {passed:.0f} s, though messages come on {topic}: {why}',
     'sensor': "the sensor of '{name}' on {topic} may be faulty: {what}; check sensor, cable and "
-    'bus',
+    'bus; an angle in degrees needs counts_per_revolution=360 (input angle or field)',
     'mismatched': 'messages on {topic} are dropped: {why}',
     'refused': "{count} samples on {topic} are beyond joints_max (newest name: '{name}'; "
     "{joints} joints exist): name the required joints in 'joints', or raise 'joints_max'",

@@ -49,7 +49,7 @@ AMBIGUOUS_MOVE = 0.4  # moves beyond this fraction of the wrap period are ambigu
 SELDOM, FEW_REPEATS = 0.005, 5  # repeated readings up to this fraction, or number, are not reported
 
 FREE = "set 'wrap_period: 0' (--wrap-period 0)"
-AS_COUNTS = "publish radians, or read the number with --angle and set 'counts_per_revolution: {}'"
+AS_COUNTS = 'publish radians, or read the number by --angle with counts_per_revolution={}'
 IN_DEGREES = AS_COUNTS.format(360)
 
 
@@ -70,7 +70,7 @@ def resolution(seen: Readings) -> Finding:
     count, noise = seen.quantum, seen.noise
     numbers = {'quantum': count, 'noise': noise}
     period = 0.0 if seen.period and _of_another_unit(seen) else seen.period
-    turn = _period(seen) or TURN
+    turn = seen.period or TURN
     level, remedy = PASS, f"set 'quantum: {count:.6g}'" if seen.own_quantum else ''
     if not count:
         text = 'no counts found (a float sensor, or noise above a count)'

@@ -46,7 +46,11 @@ def checked(seen: Readings) -> list[Finding]:
         text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
         few = Finding('readings', FAIL, text, 'record the joint for some seconds')
         return [missing, stamps.order(seen), few]
-    found = [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
+    wrap = angles.wrap(seen)
+    if other := wrap.numbers.get('wrap_period'):  # the other checks read the angle by it
+        seen = replace(seen, period=other)
+    every = (*stamps.CHECKS, *angles.CHECKS)
+    found = [wrap if check is angles.wrap else check(seen) for check in every]
     found.insert(len(stamps.CHECKS), missing)
     return found
 
