@@ -109,8 +109,8 @@ def table(
         f'{name}{f"<br><small>{unit}</small>" if unit else ""}'
         for name, unit in zip(TABLE_HEADER[1:], TABLE_UNITS[1:])
     ]
-    titles, cells = filled(titles, [_cells(row) for row in rows])
-    head = ''.join(f'<th>{each}</th>' for each in (TABLE_HEADER[0], *titles))
+    kept, cells = filled(titles, [_cells(row) for row in rows])
+    head = ''.join(f'<th>{each}</th>' for each in (TABLE_HEADER[0], *kept))
     lines = ''
     for row, own in zip(rows, cells):
         small = [row.joint, gains(row, entries)][not several :]

@@ -85,6 +85,7 @@ def test_the_file_is_one_that_the_node_takes_and_the_page_has_it(report):
     folder, _, result = report
     page = (folder / 'page.html').read_text()
     assert page.index('Verdict') < page.index('Parameter file') < page.index('Checks')
+    assert f'orange: {result["observer"]}' in page and ', recommended' in page
     assert 'ros__parameters' in page and 'WARN">WARN' in page and '<script src' not in page
     text = (folder / 'params.yaml').read_text()
     assert max(map(len, text.splitlines())) <= 80
