@@ -76,7 +76,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--out',
         metavar='YAML',
-        help='write a parameter file for joint_observer, unless a check FAILs',
+        help='write a parameter file for joint_observer, without gains of joints whose checks FAIL',
     )
     parser.add_argument('--html', metavar='FILE', help='write the report as a page with plots')
     unpacking.arguments(parser)
@@ -112,7 +112,8 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     chosen = wired(DriveStream, bag, values, Request(None, None))
     found = drive.examine(bag, chosen, drive.needed(settings))
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
-    parameters = drive.as_yaml(found, origin, chosen.input | settings)
+    missing = all(each.check == drive.MOTOR_DATA for each in found.failed)  # a form to fill in
+    parameters = drive.as_yaml(found, origin, chosen.input | settings) if missing else ''
     return _reported(parsed, [found], Choice(drive.PMSM), origin, parameters, chosen)
 
 
@@ -134,6 +135,10 @@ def _reported(
         none = f'{parsed.out} is not written' if parsed.out else 'No parameter file'
         show('', *wrapped(f'{none}: mend what FAILs first: {", ".join(checks)}'))
     elif parsed.out:
+        faulty = [each.readings.name for each in examined if each.failed]
+        if faulty:
+            left = f'{", ".join(faulty)}: no gains in it until what FAILs is mended'
+            show('', *wrapped(f'{parsed.out}: {left}'))
         whole_file.write_text(parsed.out, parameters)
         node = streams.named(setup.kind).NODE
         show('', f'parameters: {parsed.out}', *started(node, parsed.out, setup.remaps))
@@ -201,6 +206,8 @@ def _examined(
     settings = chosen.input | settings
     if parsed.wrap_period != 2.0 * math.pi:
         settings.setdefault('wrap_period', parsed.wrap_period)
+    if len(examined) == 1 and examined[0].readings.free:
+        settings['wrap_period'] = 0.0
     parameters = report.as_yaml(examined, choice, origin, settings, chosen.remaps)
     return _reported(parsed, examined, choice, origin, parameters, chosen)
 

@@ -18,9 +18,11 @@ from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.circle import LARGEST
+from estimator_pkg.driver.configuration import AS_RATE
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.joint import (
     FEWEST_READINGS,
+    as_read,
     checked,
     failed,
     reference,
@@ -128,6 +130,7 @@ def examine(
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
     topic : of the readings. others : what may be second sensors.
     """
+    seen = as_read(seen)
     found, seen = checked(seen), stamped(seen)
     if len(seen.rows) < FEWEST_READINGS:
         return Examined(seen, found)
@@ -137,7 +140,13 @@ def examine(
     made, sources = None, dict[str, Any]()
     if moved is not None and not failed(found):
         made = answer(seen, moved, rows, motion_hz)
-        more, sources = second.examine(seen, moved, rows, topic, others, motion_hz)
+        wrong = velocities.misleads(found)
+        may = [
+            each
+            for each in others
+            if not wrong or (each.topic, each.joint, each.kind) != (topic, seen.name, AS_RATE)
+        ]
+        more, sources = second.examine(seen, moved, rows, topic, may, motion_hz)
         found += more
     found = [each._replace(value=units(each.value, seen.period)) for each in found]
     return Examined(seen, found, made, sources=sources)
