@@ -23,6 +23,7 @@ from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.block import Block, compact
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.streams.angle import REGULAR
 from estimator_pkg.streams.contract import PUBLISHER, Stream
 from estimator_pkg.streams.history import History
 from estimator_pkg.streams.sources import FieldSamples
@@ -98,7 +99,8 @@ def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
     UserError : the bag has no position, and the family needs only positions.
     """
     stream = streams.named(setup.kind)
-    if stream.IN_ARRAYS and not setup.values.get('sources'):
+    whole_messages = setup.values.get('sources') or setup.values.get('stamp_repair') == REGULAR
+    if stream.IN_ARRAYS and not whole_messages:
         known = known or measured(bag, setup)
         if not known:
             raise UserError(

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
-import numpy as np
-
+from estimator_pkg import params_file
 from estimator_pkg.bags.unpacking import UNPACK_LIMIT
 from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation.entries import Entry
@@ -19,6 +20,8 @@ MEASUREMENT = '/joint_states'
 TRUTH = '/ground_truth/joint_states'
 ESTIMATE = 'estimate'  # last part of an estimate topic's name
 AUTO, SMOOTHER = 'auto', 'smoother'
+WRAP_PERIOD = 2.0 * math.pi  # the default [rad]
+PERIOD_KEY = 'wrap_period'
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Options:
     estimates : topics; empty: every JointState whose name ends in '/estimate'.
     observers : observers to run on the measurement; empty: use recorded estimates.
     skip : time ignored at the beginning [s].
-    wrap_period : of the positions [rad]; 0: none.
+    wrap_period : of the positions [rad]; 0: none. own_periods : of joints that have their own.
     correct_reference : remove the truth's own lag and bias first; None: its lag, if it is
         certainly late (`evaluation.reference.late`).
     reference : 'auto': the truth, or the off-line smoother without one; 'truth' or 'smoother':
@@ -44,12 +47,17 @@ class Options:
     estimates: tuple[str, ...] = ()
     observers: tuple[Entry, ...] = ()
     skip: float = 0.0
-    wrap_period: float = 2.0 * np.pi
+    wrap_period: float = WRAP_PERIOD
     correct_reference: bool | None = None
     reference: str = AUTO
     angle: str | None = None
     unpack_limit: int = UNPACK_LIMIT
     motion_hz: float | None = None
+    own_periods: Mapping[str, float] = field(default_factory=dict)
+
+    def period(self, joint: str) -> float:
+        """Return the wrap period of this joint [rad]; 0: none."""
+        return self.own_periods.get(joint, self.wrap_period)
 
 
 def angle_argument(parser: argparse.ArgumentParser) -> None:
@@ -81,9 +89,9 @@ def joint_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--wrap-period',
         type=float,
-        default=2.0 * math.pi,
         metavar='RAD',
-        help='period of the positions; 0 for prismatic joints (default 2 pi)',
+        help='period of the positions; 0 for prismatic joints (default: the parameter wrap_period, '
+        'else 2 pi)',
     )
     parser.add_argument(
         '--motion-hz',
@@ -97,7 +105,37 @@ def joint_arguments(parser: argparse.ArgumentParser) -> None:
 def check_joints(parsed: argparse.Namespace) -> None:
     """Raise UsageError for a wrong value of `joint_arguments`."""
     period, hz = parsed.wrap_period, parsed.motion_hz
-    if not (math.isfinite(period) and period >= 0.0):
+    if period is not None and not (math.isfinite(period) and period >= 0.0):
         raise UsageError(f'--wrap-period is {period:g} rad: it must be 0 or more')
     if hz is not None and not (math.isfinite(hz) and hz > 0.0):
         raise UsageError(f'--motion-hz is {hz:g} Hz: it must be above 0')
+
+
+def wrap_periods(
+    requested: float | None, parameters: Sequence[Mapping[str, Any]]
+) -> tuple[float, dict[str, float]]:
+    """Return the wrap period of the joints, and those of joints that have their own [rad].
+
+    Parameters
+    ----------
+    requested : of ``--wrap-period``; None: that of the parameters.
+    parameters : of each observer, by name.
+
+    Raises
+    ------
+    UsageError : two of them differ.
+    """
+    found: dict[str, dict[float, str]] = {'': {}}
+    if requested is not None:
+        found[''][requested] = '--wrap-period'
+    for values in parameters:
+        for name, value in values.items():
+            joint, parameter = params_file.override(name)
+            if parameter == PERIOD_KEY:
+                found.setdefault(joint, {}).setdefault(float(value), f"parameter '{name}'")
+    for each in found.values():
+        if len(each) > 1:
+            differ = ', but '.join(f'{name} is {period:g} rad' for period, name in each.items())
+            raise UsageError(f'{differ}: joints have one wrap period, so omit one of the two')
+    periods = {joint: next(iter(each)) for joint, each in found.items() if each}
+    return periods.pop('', WRAP_PERIOD), periods

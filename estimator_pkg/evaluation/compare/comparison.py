@@ -253,7 +253,7 @@ def _row(
     options: Options,
 ) -> Row:
     matched = match(
-        estimate.stamps, truth.stamps_ns, truth.velocity, truth.position, options.wrap_period
+        estimate.stamps, truth.stamps_ns, truth.velocity, truth.position, options.period(joint)
     )
     if not len(matched.rows):
         raise UserError(
@@ -271,7 +271,7 @@ def _row(
     noise = known.noise if np.isfinite(known.noise) else 0.0
     speeds = metrics.velocity(time, velocity, true, noise)
     angles = metrics.position(
-        time, estimate.position[rows], matched.position[kept], options.wrap_period
+        time, estimate.position[rows], matched.position[kept], options.period(joint)
     )
     counts = {
         'estimates': len(estimate.stamps),

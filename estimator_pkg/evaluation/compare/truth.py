@@ -123,7 +123,7 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
         )
     found = Truth(topic, series, {})
     for joint, each in series.items():
-        known = _reference(each, measurement.get(joint), options.wrap_period)
+        known = _reference(each, measurement.get(joint), options.period(joint))
         found.references[joint] = known
         if options.correct_reference:
             series[joint], found.corrected[joint] = _correct(each, known)
@@ -146,7 +146,7 @@ def _shift(found: Truth, measurement: dict[str, Series], options: Options) -> No
         return
     lags = {joint: each for joint, each in found.references.items() if np.isfinite(each.lag_s)}
     surest = min(lags, key=lambda joint: lags[joint].lag_stddev)
-    if not confirmed(late, found.series[surest], measurement[surest], options.wrap_period):
+    if not confirmed(late, found.series[surest], measurement[surest], options.period(surest)):
         return
     for joint, each in found.series.items():
         found.series[joint] = each._replace(stamps_ns=each.stamps_ns - round(late.lag * 1e9))
@@ -169,7 +169,7 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
     steps = len(measurement) if len(measurement) > 1 else None
     with progress(f'{path}: reference', steps) as advance:
         for joint, each in measurement.items():
-            period = 0.0 if joint.endswith(ELECTRICAL) else options.wrap_period
+            period = 0.0 if joint.endswith(ELECTRICAL) else options.period(joint)
             if joint.endswith(ELECTRICAL):
                 moved = motion(each.stamps_ns, each.position, period)
             else:

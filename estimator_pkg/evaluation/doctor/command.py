@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
-import math
 import time
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -28,7 +27,14 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report, second
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
-from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
+from estimator_pkg.evaluation.options import (
+    PERIOD_KEY,
+    WRAP_PERIOD,
+    angle_argument,
+    check_joints,
+    joint_arguments,
+    wrap_periods,
+)
 from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
@@ -176,7 +182,8 @@ def _examined(
         settings = parse_assignments(parsed.set)
         if 'observer' in settings:
             raise UsageError('--set observer: doctor compares all observers, so omit it')
-        chosen = setup(bag, parsed.measurement, parsed.angle, parsed.wrap_period, settings)
+        period, _ = wrap_periods(parsed.wrap_period, [settings])
+        chosen = setup(bag, parsed.measurement, parsed.angle, period, settings)
         joints = readings(bag, chosen)
         topic = chosen.topics[0].name
         others = second.candidates(bag)
@@ -198,8 +205,8 @@ def _examined(
     head = f'{origin}: {topic}, {len(joints)} joint{"s" * (len(joints) > 1)}'
     show(*wrapped(head), '')
     settings = chosen.input | settings
-    if parsed.wrap_period != 2.0 * math.pi:
-        settings.setdefault('wrap_period', parsed.wrap_period)
+    if period != WRAP_PERIOD:
+        settings.setdefault(PERIOD_KEY, period)
     parameters = report.as_yaml(examined, choice, origin, settings, chosen.remaps)
     return _reported(parsed, examined, choice, origin, parameters, chosen)
 

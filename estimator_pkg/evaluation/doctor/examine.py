@@ -27,14 +27,18 @@ from estimator_pkg.evaluation.checks.joint import (
     stamped,
     stretch,
 )
-from estimator_pkg.evaluation.checks.readings import Finding, Readings
+from estimator_pkg.evaluation.checks.readings import WARN, Finding, Readings
 from estimator_pkg.evaluation.doctor import second, velocities
 from estimator_pkg.evaluation.doctor.choice import JointRanking, answer
+from estimator_pkg.evaluation.options import wrap_periods
 from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.sensor.stamp_repair import REPAIRED, StampRepair
 from estimator_pkg.streams.contract import PUBLISHER, Request
 from estimator_pkg.streams.drive import DriveStream
+
+JITTER_CHECKS = ('jitter', 'lying stamps')
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,8 @@ def readings(bag: Bag, chosen: Setup) -> list[Readings]:
     ------
     UserError : no joint is readable.
     """
-    topic, period = chosen.topics[0], float(chosen.values['wrap_period'])
+    topic = chosen.topics[0]
+    period, own_periods = wrap_periods(None, [chosen.values])
     if topic.type == TYPE and not chosen.path:
         by_stamp = joint_series(bag, topic.name)
         arrived = {
@@ -108,7 +113,7 @@ def readings(bag: Bag, chosen: Setup) -> list[Readings]:
             arrived[name],
             np.where(np.abs(each.position) < LARGEST, each.position, np.nan),
             each.velocity,
-            period,
+            own_periods.get(name, period),
             start,
         )
         for name, each in by_stamp.items()
@@ -131,6 +136,7 @@ def examine(
     found, seen = checked(seen), stamped(seen)
     if len(seen.rows) < FEWEST_READINGS:
         return Examined(seen, found)
+    found = _repairable(seen, found)
     rows = np.sort(stretch(seen))
     moved = reference(seen, rows)
     found += velocities.checks(seen, moved, rows)
@@ -141,3 +147,21 @@ def examine(
         found += more
     found = [each._replace(value=units(each.value, seen.period)) for each in found]
     return Examined(seen, found, made, sources=sources)
+
+
+def _repairable(seen: Readings, found: list[Finding]) -> list[Finding]:
+    """Return the findings; those on jitter name `stamp_repair` where it repairs the stamps."""
+    jittery = [each.level == WARN and each.check in JITTER_CHECKS for each in found]
+    if not any(jittery):
+        return found
+    repair = StampRepair(lambda _: seen.period)
+    usable = np.sort(seen.rows)
+    for stamp, reading in zip(seen.stamps_ns[usable].tolist(), seen.position[usable].tolist()):
+        repair(stamp, (seen.name,), (reading,))
+    if repair.state != REPAIRED:
+        return found
+    remedy = "or set 'stamp_repair: regular': the readings show a device that samples regularly"
+    return [
+        each._replace(remedy=f'{each.remedy}; {remedy}') if late else each
+        for each, late in zip(found, jittery)
+    ]

@@ -32,6 +32,7 @@ from estimator_pkg.evaluation.options import (
     joint_arguments,
     truth_argument,
     worker_arguments,
+    wrap_periods,
 )
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import full_data
@@ -130,18 +131,22 @@ def options(parsed: argparse.Namespace) -> Options:
         raise UsageError(f'--skip is {parsed.skip:g} s: it must be 0 or more')
     check_joints(parsed)
     observers = tuple(requested.entries(parsed.observer, parsed.params, parsed.set))
+    period, own_periods = wrap_periods(
+        parsed.wrap_period, [dict(each.values) for each in observers]
+    )
     return Options(
         parsed.measurement,
         parsed.truth,
         tuple(parsed.estimate),
         observers,
         parsed.skip,
-        parsed.wrap_period,
+        period,
         parsed.correct_reference,
         parsed.reference,
         parsed.angle,
         parsed.unpack_limit,
         parsed.motion_hz,
+        own_periods,
     )
 
 

@@ -158,7 +158,7 @@ def _part(
         if joint not in usable:
             continue
         seen = after.known[joint].stamps if after is not None and joint in after.known else None
-        one = _known(estimate, usable[joint], true.motions.get(joint), options.wrap_period, seen)
+        one = _known(estimate, usable[joint], true.motions.get(joint), options.period(joint), seen)
         if one is not None:
             known[joint] = one
     return Dataset(part, known) if known else None

@@ -21,7 +21,6 @@ from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
 from estimator_pkg.evaluation.tuning.search import GainValue, Ranges, moved
 from estimator_pkg.parameters import Parameter, declared
 
-WRAP_PERIOD = 2.0 * math.pi
 LARGEST_SEED = 2**32 - 1  # of NumPy
 
 
