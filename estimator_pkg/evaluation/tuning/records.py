@@ -20,7 +20,7 @@ from estimator_pkg.evaluation.compare.truth import Truth, check_common, listed, 
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
-from estimator_pkg.evaluation.ranking.cautions import cautions
+from estimator_pkg.evaluation.ranking.cautions import cautions, unseen
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.signals import slopes
@@ -132,7 +132,7 @@ def _unfit(true: Truth, joint: str) -> str:
         return 'it moves too little: record a longer or faster motion'
     if moved.constant:
         return 'it moves at constant speed only: record a motion that accelerates'
-    return ''
+    return unseen(moved)
 
 
 def _part(

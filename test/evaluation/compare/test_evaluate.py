@@ -582,3 +582,19 @@ def test_long_names_are_cut_and_numbers_are_not():
     first, line = text.table(header, cells, left=2, width=80).splitlines()
     assert len(line) == 80 and line.count('12345.6789') == 3
     assert line.startswith('/a/very/') and '...' in line and first.startswith('estimate ')
+
+
+@pytest.mark.parametrize('shortest, longest, refused', [(0.005, 0.01, False), (0.02, 0.1, True)])
+def test_a_ranking_is_of_what_is_published(tmp_path, shortest, longest, refused):
+    """A joint that is read at random times and published at 350 Hz; most readings are old."""
+    random = np.random.default_rng(0)
+    time = np.arange(1, 3501) / 350.0
+    read = np.cumsum(random.uniform(shortest, longest, int(20.0 / shortest)))
+    taken = read[np.clip(np.searchsorted(read, time) - 1, 0, None)]
+    angle = np.round(0.6 * np.sin(math.pi * taken) / 3.83e-4) * 3.83e-4
+    rows = [(START + round(1e9 * t), ('a',), (float(y),), ()) for t, y in zip(time, angle)]
+    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: rows})
+    words = ['--observer', 'kalman', '--observer', 'pll']
+    verdict = evaluate(tmp_path, bag, *words)['bags'][bag]['verdict']['a']
+    assert (not verdict['best']) == refused
+    assert ('% of the readings have no reference' in verdict['why']) == refused
