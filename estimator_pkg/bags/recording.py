@@ -74,6 +74,14 @@ class Recording(ABC):
         The latter may begin earlier, for observers that need to settle.
         """
 
+    @abstractmethod
+    def between(self, begin: float, end: float) -> Recording:
+        """Return the part from `begin` to `end` [s] since the first sample."""
+
+    def of_stamps(self, first: int, last: int) -> Recording:
+        """Return the part with first <= stamp <= last [ns], if it is of positions."""
+        return self
+
     def by_joint(self) -> Mapping[str | None, Recording]:
         """Return the recordings that can have their own gains, by joint; {None: self} for one."""
         return {None: self}
@@ -197,6 +205,25 @@ class PositionRecording(Recording):
                 part[name] = Series._make(values[rows] for values in series)
         return replace(self, series=parts[0]), replace(self, series=parts[1])
 
+    def between(self, begin: float, end: float) -> Recording:
+        """See `Recording`."""
+        good = [each.stamps_ns[each.stamps_ns > 0] for each in self.series.values()]
+        start = min((int(each[0]) for each in good if len(each)), default=0)
+        if not begin and end == np.inf:
+            return self
+        last = start + round(1e9 * end) if end < np.inf else 2**62
+        return self.of_stamps(start + round(1e9 * begin), last)
+
+    def of_stamps(self, first: int, last: int) -> Recording:
+        """See `Recording`."""
+        if first <= 0:
+            return self
+        series = {}
+        for name, each in self.series.items():
+            kept = (each.stamps_ns >= first) & (each.stamps_ns <= last)
+            series[name] = Series._make(values[kept] for values in each)
+        return replace(self, series=series)
+
     def by_joint(self) -> Mapping[str | None, Recording]:
         """See `Recording`."""
         return {name: replace(self, series={name: series}) for name, series in self.series.items()}
@@ -253,6 +280,15 @@ class MessageRecording(Recording):
             if cut:
                 first.append((names, compact(block.take(slice(cut)))))
         return replace(self, blocks=tuple(first)), self
+
+    def between(self, begin: float, end: float) -> Recording:
+        """See `Recording`; the times are those of the recorder."""
+        start = int(self.blocks[0][1].log_ns[0]) if self.blocks else 0
+        kept = []
+        for names, block in self.blocks:
+            time = (block.log_ns - start) * 1e-9
+            kept.append((names, compact(block.take((time >= begin) & (time <= end)))))
+        return replace(self, blocks=tuple(each for each in kept if len(each[1])))
 
     def by_joint(self) -> Mapping[str | None, Recording]:
         """See `Recording`."""

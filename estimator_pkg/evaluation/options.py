@@ -11,9 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator_pkg import params_file
 from estimator_pkg.bags.unpacking import UNPACK_LIMIT
-from estimator_pkg.errors import UsageError
+from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.entries import Entry
 
 MEASUREMENT = '/joint_states'
@@ -32,7 +35,7 @@ class Options:
     angle : ``TOPIC:FIELD``, a measured number, used instead of joint states.
     estimates : topics; empty: every JointState whose name ends in '/estimate'.
     observers : observers to run on the measurement; empty: use recorded estimates.
-    skip : time ignored at the beginning [s].
+    begin, end : part of the record that is judged, since the first sample [s].
     wrap_period : of the positions [rad]; 0: none. own_periods : of joints that have their own.
     correct_reference : remove the truth's own lag and bias first; None: its lag, if it is
         certainly late (`evaluation.reference.late`).
@@ -46,7 +49,8 @@ class Options:
     truth: str | None = None
     estimates: tuple[str, ...] = ()
     observers: tuple[Entry, ...] = ()
-    skip: float = 0.0
+    begin: float = 0.0
+    end: float = math.inf
     wrap_period: float = WRAP_PERIOD
     correct_reference: bool | None = None
     reference: str = AUTO
@@ -58,6 +62,10 @@ class Options:
     def period(self, joint: str) -> float:
         """Return the wrap period of this joint [rad]; 0: none."""
         return self.own_periods.get(joint, self.wrap_period)
+
+    def within(self, stamps_ns: NDArray[np.int64], start_ns: int) -> NDArray[np.bool_]:
+        """Return which stamps are of the part that is judged, shape (n,); see `in_window`."""
+        return in_window(stamps_ns, start_ns, self.begin, self.end)
 
 
 def angle_argument(parser: argparse.ArgumentParser) -> None:
@@ -74,6 +82,52 @@ def truth_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--truth', metavar='TOPIC', help=f'JointState with the true velocities (default {TRUTH})'
     )
+
+
+def window_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options ``--from`` and ``--to``, see `Options`."""
+    for name, dest, default, which in (
+        ('--from', 'begin', 0.0, 'before S seconds'),
+        ('--to', 'end', math.inf, 'after S seconds'),
+    ):
+        parser.add_argument(
+            name,
+            dest=dest,
+            type=float,
+            default=default,
+            metavar='S',
+            help=f'ignore what is {which} since the first sample',
+        )
+
+
+def check_window(parsed: argparse.Namespace) -> None:
+    """Raise UsageError for a wrong value of `window_arguments`."""
+    if not 0.0 <= parsed.begin < math.inf:
+        raise UsageError(f'--from is {parsed.begin:g} s: it must be 0 or more')
+    if not parsed.end > parsed.begin:
+        raise UsageError(f'--to is {parsed.end:g} s: it must be above --from, {parsed.begin:g} s')
+
+
+def in_window(
+    stamps_ns: NDArray[np.int64], start_ns: int, begin: float, end: float
+) -> NDArray[np.bool_]:
+    """Return which stamps are from `begin` to `end` [s] since `start_ns`, shape (n,).
+
+    Raises
+    ------
+    UserError : there is none.
+    """
+    if begin <= 0.0 and end == math.inf:
+        return np.ones(len(stamps_ns), bool)
+    time = (stamps_ns - start_ns) * 1e-9
+    found = (time >= begin) & (time <= end)
+    if not found.any():
+        last = float(np.max(time, initial=0.0))
+        raise UserError(
+            f'no sample remains from {begin:g} to {min(end, last):g} s: the record has '
+            f'{last:.4g} s, so change --from and --to'
+        )
+    return found
 
 
 def worker_arguments(parser: argparse.ArgumentParser, jobs: str = 'local processes') -> None:

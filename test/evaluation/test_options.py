@@ -131,3 +131,52 @@ def test_stamp_repair_acts_in_evaluate_and_doctor_names_it(tmp_path):
     findings = run(tmp_path, 'doctor', bag, '--wrap-period', '0')['joints']['a']['findings']
     named = [each['check'] for each in findings if 'stamp_repair: regular' in each['remedy']]
     assert named == ['jitter', 'lying stamps']
+
+
+def flawed(kind):
+    """Rows of a joint for 20 s at 250 Hz with one bad moment."""
+    time = np.arange(5000) / 250.0
+    angle = np.round((1.5 * np.sin(2.0 * time) + 0.8 * np.sin(5.0 * time)) / 1e-3) * 1e-3
+    kept = np.ones(len(time), bool)
+    if kind == 'start-up':
+        angle[:3] = 2.5
+    elif kind == 'seam':
+        angle[time > 8.0] += 1.0
+    elif kind == 'flips':
+        angle[time % 1.0 > 0.5] += 1.0
+    elif kind == 'hole':
+        kept = (time < 5.0) | (time > 8.0)
+    elif kind == 'restart':
+        time[time > 8.0] -= 8.0
+    return [
+        (stamp, ('a',), (float(one),), (), START + 4_000_000 * number)
+        for number, (stamp, one, use) in enumerate(zip(stamps_of(time), angle, kept))
+        if use
+    ]
+
+
+@pytest.mark.parametrize(
+    'kind, words, caution',
+    [
+        ('start-up', (), 'judged from 0.01 to 20.00 s, the longest part'),
+        ('seam', (), 'judged from 8.00 to 20.00 s, the longest part'),
+        ('seam', ('--from', '0', '--to', '7.9'), ''),
+        ('hole', (), '1 hole, the longest 3'),
+        ('restart', (), 'the clock jumps back 1 time'),
+        ('flips', (), None),
+    ],
+)
+def test_one_bad_moment_does_not_refuse_the_ranking(tmp_path, kind, words, caution):
+    bag = write_bag(tmp_path / 'bag', {'/joint_states': flawed(kind)})
+    observers = ['--observer', 'kalman', '--observer', 'pll', *words]
+    found = run(tmp_path, 'evaluate', bag, *observers)['bags'][bag]['verdict']['a']
+    told = run(tmp_path, 'doctor', bag, *words, code=0 if caution == '' else 1)['joints']['a']
+    out = tmp_path / 'tuned.yaml'
+    words = ['--observer', 'kalman', '--trials', '2', '--out', str(out), *words]
+    (tuned,) = run(tmp_path, 'tune', bag, *words)['tuned']
+    if caution is None:
+        assert not found['best'] and told['verdict'] is None and not tuned['tried']
+        return
+    assert found['best'] and told['verdict']['best'] and tuned['tried']
+    for cautions in (found['cautions'], told['verdict']['cautions'], tuned['cautions']):
+        assert cautions[0].startswith(caution or 'the angle alone')

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import math
 import time
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -32,7 +33,9 @@ from estimator_pkg.evaluation.options import (
     WRAP_PERIOD,
     angle_argument,
     check_joints,
+    check_window,
     joint_arguments,
+    window_arguments,
     wrap_periods,
 )
 from estimator_pkg.evaluation.text import started, wrapped
@@ -78,6 +81,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'a parameter of joint_observer, such as counts_per_revolution, or of pmsm_observer, '
         'such as resistance; repeatable',
     )
+    window_arguments(parser)
     joint_arguments(parser)
     parser.add_argument(
         '--out',
@@ -93,6 +97,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if (parsed.bag is None) == (parsed.live is None):
         raise UsageError('name a bag, or listen with --live SECONDS: one of the two')
     check_joints(parsed)
+    check_window(parsed)
     for path in (parsed.out, parsed.html):
         if path is not None:
             destination.check(path)
@@ -135,7 +140,7 @@ def _reported(
     """
     print(report.text(examined, choice))
     if not parameters:
-        checks = dict.fromkeys(found.check for each in examined for found in each.failed)
+        checks = dict.fromkeys(found.check for each in examined for found in each.refused)
         none = f'{parsed.out} is not written' if parsed.out else 'No parameter file'
         show('', *wrapped(f'{none}: mend what FAILs first: {", ".join(checks)}'))
     elif parsed.out:
@@ -174,6 +179,8 @@ def _examined(
     """Examine the readings of a bag; `made`: topic -> node of ours that publishes it."""
     with open_bag(path, parsed.unpack_limit) as bag:
         if is_drive(bag, parsed.measurement, parsed.angle):
+            if parsed.begin or parsed.end < math.inf:
+                raise UsageError('--from and --to are for joints: omit them for a drive')
             return _drive(parsed, bag, origin)
         if parsed.params:
             raise UsageError(
@@ -184,7 +191,7 @@ def _examined(
             raise UsageError('--set observer: doctor compares all observers, so omit it')
         period, _ = wrap_periods(parsed.wrap_period, [settings])
         chosen = setup(bag, parsed.measurement, parsed.angle, period, settings)
-        joints = readings(bag, chosen)
+        joints = readings(bag, chosen, parsed.begin, parsed.end)
         topic = chosen.topics[0].name
         others = second.candidates(bag)
     samples = sum(min(len(each.rows), LONGEST_STRETCH) for each in joints)

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,9 +29,10 @@ from estimator_pkg.evaluation.checks.joint import (
     stretch,
 )
 from estimator_pkg.evaluation.checks.readings import WARN, Finding, Readings
+from estimator_pkg.evaluation.checks.usable import cut, usable
 from estimator_pkg.evaluation.doctor import second, velocities
 from estimator_pkg.evaluation.doctor.choice import JointRanking, answer
-from estimator_pkg.evaluation.options import wrap_periods
+from estimator_pkg.evaluation.options import in_window, wrap_periods
 from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
@@ -58,8 +60,13 @@ class Examined:
 
     @property
     def failed(self) -> list[Finding]:
-        """The checks that FAIL: while there is one, nothing is recommended."""
+        """The checks that FAIL."""
         return failed(self.findings)
+
+    @property
+    def refused(self) -> list[Finding]:
+        """Those because of which nothing is recommended."""
+        return [] if self.answer is not None else self.failed
 
 
 def setup(
@@ -82,12 +89,12 @@ def is_drive(bag: Bag, measurement: str | None, angle: str | None) -> bool:
     return DriveStream.recognises(lambda name: name in bag.topics, False)
 
 
-def readings(bag: Bag, chosen: Setup) -> list[Readings]:
-    """Return the readings of each joint of the measurement.
+def readings(bag: Bag, chosen: Setup, begin: float = 0.0, end: float = math.inf) -> list[Readings]:
+    """Return the readings of each joint of the measurement, from `begin` to `end` [s].
 
     Raises
     ------
-    UserError : no joint is readable.
+    UserError : no joint is readable, or none has samples in that time.
     """
     topic = chosen.topics[0]
     period, own_periods = wrap_periods(None, [chosen.values])
@@ -106,7 +113,7 @@ def readings(bag: Bag, chosen: Setup) -> list[Readings]:
         raise UserError(f'{bag.path}: {topic.name} has no readable joint: no position is finite')
     stamps = np.concatenate([each.stamps_ns for each in by_stamp.values()])
     start = int(np.min(stamps[stamps > 0])) if np.any(stamps > 0) else 0
-    return [
+    found = [
         Readings(
             name,
             each.stamps_ns,
@@ -118,6 +125,9 @@ def readings(bag: Bag, chosen: Setup) -> list[Readings]:
         )
         for name, each in by_stamp.items()
     ]
+    if begin <= 0.0 and end == math.inf:
+        return found
+    return [cut(each, in_window(each.stamps_ns, start, begin, end)) for each in found]
 
 
 def examine(
@@ -126,7 +136,9 @@ def examine(
     topic: str = '',
     others: Sequence[second.Candidate] = (),
 ) -> Examined:
-    """Return all findings on one joint, and the verdict on its estimates if no check FAILs.
+    """Return all findings on one joint, and the verdict on its estimates.
+
+    There is no verdict if a check FAILs in all parts that are long enough, see `usable`.
 
     Parameters
     ----------
@@ -137,13 +149,18 @@ def examine(
     if len(seen.rows) < FEWEST_READINGS:
         return Examined(seen, found)
     found = _repairable(seen, found)
-    rows = np.sort(stretch(seen))
-    moved = reference(seen, rows)
-    found += velocities.checks(seen, moved, rows)
+    good, said = usable(seen, found)
+    part = seen if good is None else good
+    rows = np.sort(stretch(part))
+    moved = reference(part, rows)
+    found += velocities.checks(part, moved, rows)
     made, sources = None, dict[str, Any]()
-    if moved is not None and not failed(found):
-        made = answer(seen, moved, rows, motion_hz)
-        more, sources = second.examine(seen, moved, rows, topic, others, motion_hz)
+    if moved is not None and good is not None:
+        made = answer(part, moved, rows, motion_hz)
+        if said:
+            verdict = replace(made.verdict, cautions=(said, *made.verdict.cautions))
+            made = made._replace(verdict=verdict)
+        more, sources = second.examine(part, moved, rows, topic, others, motion_hz)
         found += more
     found = [each._replace(value=units(each.value, seen.period)) for each in found]
     return Examined(seen, found, made, sources=sources)

@@ -67,8 +67,8 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
         name = each.readings.name
         if each.said:
             found[name] = list(each.said)
-        elif each.failed:
-            found[name] = Verdict(cautions=(), why=to_mend(each.failed)).sentences()
+        elif each.refused:
+            found[name] = Verdict(cautions=(), why=to_mend(each.refused)).sentences()
         elif each.answer is None:
             keep = f'The file keeps {choice.observer} at its defaults for it.'
             why = 'the joint does not move enough' if each.readings.rows.size else 'no readings'
@@ -155,9 +155,9 @@ def as_yaml(
     origin : what the readings are from. settings : parameters that the user set, and those of the
         input. remaps : of the node's topics.
 
-    It is empty while a check FAILs: no gains fit readings that are wrong.
+    It is empty while nothing can be recommended: no gains fit readings that are wrong.
     """
-    if any(each.failed for each in examined):
+    if any(each.refused for each in examined):
         return ''
     quanta = {each.readings.name: each.readings.quantum for each in examined}
     known = {name: float(f'{count:.6g}') for name, count in quanta.items() if count}

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 from typing import Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags import unpacking
 from estimator_pkg.cli import Command, add_set
-from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation import image
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
@@ -29,8 +27,10 @@ from estimator_pkg.evaluation.options import (
     Options,
     angle_argument,
     check_joints,
+    check_window,
     joint_arguments,
     truth_argument,
+    window_arguments,
     worker_arguments,
     wrap_periods,
 )
@@ -82,9 +82,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'that one only',
     )
     add_set(parser, 'set a parameter of every --observer that has it; repeatable')
-    parser.add_argument(
-        '--skip', type=float, default=0.0, metavar='S', help='ignore the first S seconds'
-    )
+    window_arguments(parser)
     parser.add_argument(
         '--correct-reference',
         action='store_true',
@@ -127,8 +125,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def options(parsed: argparse.Namespace) -> Options:
     """Return the arguments as `Options`; raise UsageError."""
-    if not (math.isfinite(parsed.skip) and parsed.skip >= 0.0):
-        raise UsageError(f'--skip is {parsed.skip:g} s: it must be 0 or more')
+    check_window(parsed)
     check_joints(parsed)
     observers = tuple(requested.entries(parsed.observer, parsed.params, parsed.set))
     period, own_periods = wrap_periods(
@@ -139,7 +136,8 @@ def options(parsed: argparse.Namespace) -> Options:
         parsed.truth,
         tuple(parsed.estimate),
         observers,
-        parsed.skip,
+        parsed.begin,
+        parsed.end,
         period,
         parsed.correct_reference,
         parsed.reference,
@@ -222,6 +220,6 @@ COMMAND = Command(
             'BAG --observer kalman --set bandwidth_hz=30 --html report.html',
             'one observer and its gains, as a page',
         ),
-        ('RECORDED --skip 2', 'estimates that were recorded, without the first two seconds'),
+        ('RECORDED --from 2 --to 10', 'estimates that were recorded, between two and ten seconds'),
     ),
 )

@@ -28,6 +28,7 @@ from estimator_pkg.evaluation.options import (
     angle_argument,
     joint_arguments,
     truth_argument,
+    window_arguments,
     worker_arguments,
     wrap_periods,
 )
@@ -137,6 +138,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default=True,
         help="remove the truth's own lag and bias first (default)",
     )
+    window_arguments(parser)
     joint_arguments(parser)
     unpacking.arguments(parser)
     worker_arguments(parser)
@@ -155,6 +157,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         parsed.measurement,
         parsed.truth,
         observers=(tuning.entry,),
+        begin=parsed.begin,
+        end=parsed.end,
         wrap_period=period,
         correct_reference=parsed.correct_reference,
         reference=parsed.reference,

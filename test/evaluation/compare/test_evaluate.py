@@ -113,9 +113,13 @@ def test_errors_and_delay_are_those_put_in(good, tmp_path):
     assert joint['position']['max_abs'] < 0.11  # across the wraps, which the truth does not have
 
 
-def test_skip_counts_from_the_first_measurement(good, tmp_path):
-    joint = evaluate(tmp_path, good, '--skip', '1')['bags'][good]['estimates'][ESTIMATE]
-    assert joint['joints']['a']['matched']['compared'] == 1500
+@pytest.mark.parametrize(
+    'words, compared',
+    [(('--from', '1'), 1500), (('--to', '3'), 1491), (('--from', '1', '--to', '3'), 1001)],
+)
+def test_the_part_counts_from_the_first_measurement(good, tmp_path, words, compared):
+    joint = evaluate(tmp_path, good, *words)['bags'][good]['estimates'][ESTIMATE]
+    assert joint['joints']['a']['matched']['compared'] == compared
 
 
 def test_truth_at_other_stamps_is_interpolated_and_said_so(tmp_path, capsys):
@@ -406,9 +410,10 @@ def test_a_stray_stamp_is_reported_and_costs_nothing_else(good, tmp_path):
             for option in ('--truth', '--estimate', '--measurement')
         ),
         (('--truth', MEASUREMENT), 1, ('has no velocities',)),
-        (('--skip', '100'), 1, ('no sample remains after the first 100 s',)),
-        (('--skip', '-1'), 2, ('--skip',)),
-        (('--skip', 'nan'), 2, ('--skip',)),
+        (('--from', '100'), 1, ('no sample remains from 100', 'the record has 3.998 s')),
+        (('--from', '2', '--to', '1'), 2, ('--to is 1 s: it must be above --from',)),
+        (('--from', '-1'), 2, ('--from',)),
+        (('--from', 'nan'), 2, ('--from',)),
         (('--wrap-period', '-1'), 2, ('wrap',)),
         (('--observer', 'finite_diference'), 2, ("did you mean 'finite_difference'",)),
     ],
