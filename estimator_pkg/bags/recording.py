@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from estimator_pkg import streams
 from estimator_pkg.bags.feeding import answers, in_order
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.series import Series, at_stamps, of_positions, positions, series_of
+from estimator_pkg.bags.series import (
+    Series,
+    at_stamps,
+    of_positions,
+    positions,
+    series_of,
+    why_none,
+)
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
 from estimator_pkg.estimate import VALID
@@ -112,7 +119,7 @@ def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
         known = known or measured(bag, setup)
         if not known:
             raise UserError(
-                f'{bag.path}: {setup.topics[0].name} has no positions: name another topic with '
+                f'{bag.path}: {why_none(bag, setup.topics[0].name)}: name another topic with '
                 '--measurement'
             )
         return PositionRecording(setup, dict(known))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, USUAL_MEASUREMENT, measured_topics
-from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.bags.series import Series, joint_series, why_none
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked, stretch
 from estimator_pkg.evaluation.checks.joint import reference as reference_of
@@ -103,7 +103,7 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
         unread = USUAL_MEASUREMENT in measured_topics(bag) and not measurement
         raise UserError(
             f'{path}: no truth: there is no topic {TRUTH}'
-            + (f', and {USUAL_MEASUREMENT} has no finite position' if unread else '')
+            + (f', and {why_none(bag, USUAL_MEASUREMENT)}' if unread else '')
             + '; name another JointState with '
             f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
             'off-line reference with --measurement or --angle'

@@ -16,7 +16,7 @@ from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
-from estimator_pkg.bags.series import joint_series
+from estimator_pkg.bags.series import joint_series, why_none
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
@@ -110,7 +110,9 @@ def readings(bag: Bag, chosen: Setup, begin: float = 0.0, end: float = math.inf)
             name: each.stamps_ns for name, each in recordings.measured(bag, published).items()
         }
     if not any(np.isfinite(each.position).any() for each in by_stamp.values()):
-        raise UserError(f'{bag.path}: {topic.name} has no readable joint: no position is finite')
+        raise UserError(
+            f'{bag.path}: {why_none(bag, topic.name)}: name another topic with --measurement'
+        )
     stamps = np.concatenate([each.stamps_ns for each in by_stamp.values()])
     start = int(np.min(stamps[stamps > 0])) if np.any(stamps > 0) else 0
     found = [

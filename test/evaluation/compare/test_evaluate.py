@@ -432,7 +432,7 @@ SHORT = stamps_of(1.0)
         (
             {MEASUREMENT: [(s, ('a',), (math.nan,), ()) for s in SHORT]},
             (),
-            (f'{MEASUREMENT} has no finite position',),
+            (f'{MEASUREMENT} has no positions',),
         ),
         (
             {MEASUREMENT: [(START, *row[1:]) for row in measured(SHORT)]},
