@@ -104,7 +104,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 str(bag),
                 *('--estimate', ESTIMATE),
                 *('--observer', DIFFERENCE),
-                *('--skip', '1'),
+                *('--from', '1'),
                 *('--plot', str(plot)),
                 *('--json', str(found)),
             ]

@@ -69,8 +69,8 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
         name = each.readings.name
         if each.said:
             found[name] = list(each.said)
-        elif each.failed:
-            found[name] = Verdict(cautions=(), why=to_mend(each.failed)).sentences()
+        elif each.refused:
+            found[name] = Verdict(cautions=(), why=to_mend(each.refused)).sentences()
         elif each.answer is None:
             keep = f'The file keeps {choice.observer} at its defaults for it.'
             why = 'the joint does not move enough' if each.readings.rows.size else 'no readings'
@@ -157,13 +157,13 @@ def as_yaml(
     origin : what the readings are from. settings : parameters that the user set, and those of the
         input. remaps : of the node's topics.
 
-    It is empty if every joint has a check that FAILs: no gains fit readings that are wrong. One of
-    several keeps the defaults.
+    It is empty while nothing can be recommended for any joint: no gains fit readings that are
+    wrong. One of several keeps the defaults.
     """
-    if all(each.failed for each in examined):
+    if all(each.refused for each in examined):
         return ''
     quanta = {
-        each.readings.name: 0.0 if each.failed else each.readings.own_quantum for each in examined
+        each.readings.name: 0.0 if each.refused else each.readings.own_quantum for each in examined
     }
     known = {name: float(f'{count:.6g}') for name, count in quanta.items() if count}
     known = {} if 'quantum' in settings else known
@@ -258,7 +258,7 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
 def _recommended(examined: Examined, choice: Choice) -> Entry | None:
     """Return the observer with the gains that the verdict names; None if nothing is recommended."""
     name = examined.readings.name
-    if examined.failed or examined.readings.at_rest:
+    if examined.refused or examined.readings.at_rest:
         return None
     return Entry(choice.label(name), choice.observer, tuple(choice.gains.get(name, {}).items()))
 

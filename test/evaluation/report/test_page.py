@@ -41,7 +41,7 @@ def page(tmp_path_factory):
         'hybrid_angle',
         '--observer',
         'finite_difference',
-        '--skip',
+        '--from',
         '0.5',
         '--data',
     ]
