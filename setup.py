@@ -28,6 +28,7 @@ EXTRAS = {
     'reproduce': ['scipy>=1.11,<2'],
     'tune': ['optuna>=4,<5'],
     'identify': ['scipy>=1.11,<2'],
+    'logs': ['pandas>=2,<4', 'scipy>=1.11,<2'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],
     'peers': ['AlgDiff>=2.4,<3', 'pynumdiff>=0.3,<1; python_version >= "3.11"', 'control>=0.10,<1'],

@@ -16,7 +16,6 @@ from typing import Any
 from benchmarks import accuracy, csv_files, field, held_out, second
 from benchmarks.drive import drives
 from benchmarks.live import live
-from benchmarks.mechanism import mechanisms
 from benchmarks.replay import MESSAGES, replays
 from benchmarks.update import batches, updates
 from estimator_pkg import cli
@@ -36,7 +35,6 @@ def _speed(parsed: argparse.Namespace) -> Result:
         [
             *updates(5 if quick else 15),
             *batches(300_000 if quick else 2_000_000, 3 if quick else 7),
-            *mechanisms(3 if quick else 7),
             *replays(QUICK_MESSAGES if quick else MESSAGES, 1 if quick else 2),
             *drives(3 if quick else 7),
         ],
@@ -44,13 +42,6 @@ def _speed(parsed: argparse.Namespace) -> Result:
 
 
 def _accuracy(parsed: argparse.Namespace) -> Result:
-    if parsed.draws < 0:
-        raise UsageError(f'--draws {parsed.draws}: give the number of random phases, 1 or more')
-    if parsed.draws and parsed.csv:
-        raise UsageError('--csv writes no file for --draws: leave out one of them')
-    if parsed.draws:
-        rows = accuracy.drawn(draws=parsed.draws)
-        return rows, accuracy.describe_drawn(rows, parsed.markdown)
     rows, lacking = accuracy.part(Path(parsed.bags))
     return rows, '\n'.join(filter(None, [accuracy.describe(rows, parsed.markdown), lacking]))
 
@@ -111,13 +102,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='run only this part (may be repeated; default: all): cost of updates, batches, replay '
         'and drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out series; '
         'second sensors',
-    )
-    add(
-        '--draws',
-        type=int,
-        default=0,
-        metavar='N',
-        help='accuracy: N random phases and speeds instead',
     )
     add('--bags', metavar='FOLDER', default='bags', help='folder of the recordings (default: bags)')
     add('--held-out', metavar='FOLDER', help='folder of the repositories of the held-out series')

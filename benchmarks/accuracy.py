@@ -1,12 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``--part accuracy``: every observer at its defaults, on the shared signals and the recordings.
-
-`run` measures each stream once. `drawn` draws each signal many times, with random phases and
-speeds; it reports the pooled error, the largest, and the largest ratio to a baseline on the same
-samples.
-"""
+"""``--part accuracy``: every observer at its defaults, on the shared signals and the recordings."""
 
 from __future__ import annotations
 
@@ -19,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import recorded
-from benchmarks.columns import published
+from benchmarks.columns import START, published
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED, Samples, Signal
-from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.entries import Entry, at_defaults
@@ -32,12 +26,12 @@ Array = NDArray[np.float64]
 Rows = list[dict[str, Any]]
 
 ALL = SIGNALS + FURTHER
-DRAWS = 100
-# the textbook filter: with noise readings repeat, and our low-speed bound would limit its velocity
-YARDSTICK = Entry('kalman acceleration', 'kalman', (('low_speed_bound', False),))
-MAIN = Entry('edge_adaptive', 'edge_adaptive')
-MISSED, SIGMAS = 0.05, 1.96  # of the 95 % interval
-SHARE = 1.05  # a draw counts as worse than the baseline above this ratio
+SIGMAS = 1.96  # standard deviations of the 95 % interval
+
+
+def covered(error: Array, sigma: Array) -> float:
+    """Return the fraction of errors within the 95 % interval; shape (n,) each [rad/s]."""
+    return float(np.mean(np.abs(error) <= SIGMAS * sigma))
 
 
 def measure(entry: Entry, samples: Samples) -> dict[str, Any]:
@@ -55,7 +49,7 @@ def measure(entry: Entry, samples: Samples) -> dict[str, Any]:
     found, true = out.velocity[valid], samples.velocity[valid]
     return {
         **metrics.velocity(time[valid], found, true),
-        'coverage': interval_score(found - true, out.velocity_stddev[valid])[0],
+        'coverage': covered(found - true, out.velocity_stddev[valid]),
         'published': float(np.count_nonzero(valid) / np.count_nonzero(counted)),
     }
 
@@ -101,106 +95,7 @@ def describe(rows: Rows, as_markdown: bool = False) -> str:
     return (
         'velocity rms error [rad/s], delay [ms], coverage of the 95 % interval, at the defaults.\n'
         'Signals: 1 kHz and 4096 counts unless stated otherwise, without the first second: '
-        f'{legend}.\nRecordings: without the first {recorded.SKIPPED:g} s, without lag and bias of '
+        f'{legend}.\nRecordings: without the first {START:g} s, without lag and bias of '
         "the reference; *: below the reference's own error\n\n"
         + (markdown if as_markdown else table)(('stream', *observers), lines)
-    )
-
-
-def drawn(
-    entries: Iterable[Entry] = (YARDSTICK, MAIN),
-    signals: Iterable[Signal] = ALL,
-    draws: int = DRAWS,
-    duration: float = 6.0,
-) -> Rows:
-    """Run each signal `draws` times, each with another phase or speed; the quantum is known.
-
-    Returns
-    -------
-    One row per entry and signal: pooled, median and worst rms [rad/s]; coverage, mean width and
-    interval score of the 95 % interval (see `interval_score`); largest ratio to `YARDSTICK` on the
-    same samples, and how many exceed `SHARE`.
-    """
-    chosen, signals = sorted(entries, key=lambda entry: entry != YARDSTICK), tuple(signals)
-    rows = []
-    with progress('drawn', len(chosen) * len(signals)) as advance:
-        for signal in signals:
-            repeats = [signal.drawn(number, duration) for number in range(draws)]
-            yard: dict[str, Any] = {}
-            for entry in chosen:
-                joint = entry.joint(quantum=signal.quantum)
-                errors, covered, widths, scores = zip(*(_draw(joint, each) for each in repeats))
-                rms = np.array(errors)
-                if entry == YARDSTICK:
-                    yard = {'rms': rms, 'pooled': float(np.sqrt(np.mean(rms * rms)))}
-                row = {
-                    'observer': entry.label,
-                    'signal': signal.name,
-                    'draws': draws,
-                    'pooled': float(np.sqrt(np.mean(rms * rms))),
-                    'median': float(np.median(rms)),
-                    'worst': float(np.max(rms)),
-                    'coverage': float(np.mean(covered)),
-                    'width': float(np.mean(widths)),
-                    'score': float(np.mean(scores)),
-                }
-                if yard:
-                    ratio = rms / np.maximum(yard['rms'], 1e-12)
-                    row |= {
-                        'baseline': yard['pooled'],
-                        'worst_ratio': float(np.max(ratio)),
-                        'worse': int(np.count_nonzero(ratio > SHARE)),
-                    }
-                rows.append(row)
-                advance(1)
-    return rows
-
-
-def interval_score(error: Array, sigma: Array) -> tuple[float, float, float]:
-    """Return (coverage, mean width, interval score) of the 95 % interval [rad/s].
-
-    The score is the width, and 2/0.05 times the distance by which the truth is outside (Gneiting
-    and Raftery 2007, eq. 43): it is least for the narrowest interval that covers 95 %.
-
-    Parameters
-    ----------
-    error, sigma : shape (n,), of the velocity [rad/s].
-    """
-    half = SIGMAS * sigma
-    outside = np.maximum(np.abs(error) - half, 0.0)
-    width = 2.0 * float(np.mean(half))
-    return (float(np.mean(outside == 0.0)), width, width + 2.0 / MISSED * float(np.mean(outside)))
-
-
-def _draw(joint: Joint, samples: Samples) -> tuple[float, float, float, float]:
-    """Return (rms error of the velocity [rad/s], and `interval_score`)."""
-    joint.reset()
-    out = joint.run(samples.stamps, samples.angle)
-    counted = (samples.stamps - samples.stamps[0]) * 1e-9 >= SKIPPED
-    error = (out.velocity - samples.velocity)[counted]
-    return (
-        float(np.sqrt(np.mean(error * error))),
-        *interval_score(error, out.velocity_stddev[counted]),
-    )
-
-
-def describe_drawn(rows: Rows, as_markdown: bool = False) -> str:
-    """Return the table of `drawn`, without the rows of the baseline."""
-    lines = [
-        (
-            row['signal'],
-            *(number(row[key], 3) for key in ('pooled', 'median', 'worst')),
-            f'{100.0 * row["coverage"]:.1f} %',
-            number(row['baseline'], 3),
-            fixed(row['worst_ratio'], 3),
-            f'{row["worse"]} of {row["draws"]}',
-        )
-        for row in rows
-        if row['observer'] != YARDSTICK.label
-    ]
-    header = ('pooled', 'median', 'worst', 'covered', YARDSTICK.label, 'worst ratio')
-    return (
-        f'{MAIN.label} at random phases and speeds, quantum known: velocity rms error [rad/s]; '
-        f'coverage of the 95 % interval; ratio to {YARDSTICK.label} on the same samples\n\n'
-        + (markdown if as_markdown else table)(('signal', *header, f'above {SHARE:g}'), lines)
     )

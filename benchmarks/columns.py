@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from benchmarks.signals import SIGNALS, SKIPPED, Samples, Signal
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.estimate import VALID
+from estimator_pkg.evaluation.matching import match
+from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.sensor.guard import DUPLICATE
 
 Array = NDArray[np.float64]
@@ -23,6 +25,7 @@ Array = NDArray[np.float64]
 DURATION = 6.0  # [s] of each signal
 EDGE = 0.1  # [s] ignored at the end: references lack samples there
 FLOOR = 0.01  # errors below this do not distinguish laws [rad/s]
+START = 0.5  # [s] of a recording that is not evaluated
 LEAST = 0.25  # an estimator that publishes less of a column has no error there
 
 
@@ -98,6 +101,30 @@ class Column:
         every = np.full(len(self.samples.stamps), np.nan)
         every[rows] = velocity
         return every
+
+
+def referenced(
+    name: str,
+    readings: tuple[NDArray[np.int64], Array],
+    known: tuple[NDArray[np.int64], Array, Array],
+    noise: float,
+    reference: str,
+    period: float = 2.0 * math.pi,
+) -> Column:
+    """Return a column of recorded readings, judged by a reference that is a sensor or a smoother.
+
+    Parameters
+    ----------
+    readings : stamps and angles [rad]. known : stamps, velocities and positions of the reference.
+    noise : error of the reference [rad/s]; nan: not known.
+    """
+    stamps, angle = readings
+    at = match(stamps, *known, period)
+    velocity = np.full(len(stamps), np.nan)
+    velocity[at.rows] = at.velocity
+    error = float(noise) if np.isfinite(noise) else 0.0
+    samples = Samples(stamps, angle, velocity)
+    return Column(name, samples, quantum(angle), START, error, reference, period)
 
 
 def published(out: Estimates) -> NDArray[np.bool_]:

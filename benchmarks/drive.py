@@ -26,9 +26,9 @@ from benchmarks.timing import Side, interleave, not_run, ratio, row
 from estimator_pkg import registry
 from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.messages import drive_samples
 from estimator_pkg.parameters import build
 from estimator_pkg.progress import progress
+from sim_pkg.pmsm.simulator import PmsmSimulatorParameters, Source
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,6 @@ QUIET = {
     'relative_bandwidth': 0.3,
     'k_eta': 0.8 / FLUX,
     'epsilon': 150e-6,
-    'pwm_frequency': RATE,
     'speed_filter_hz': 0.99 * BANDWIDTH_HZ,
 }
 CASES: dict[str, dict[str, Any]] = {
@@ -82,23 +81,11 @@ class Estimate(NamedTuple):
 
 def simulate(values: dict[str, Any], duration: float = 1.0, seed: int = 1) -> Signal:
     """Return a run of the simulator ``pmsm``."""
-    simulator = registry.find(registry.SIMULATORS, 'pmsm')
     parameters = build(
-        simulator.parameters, {'current_noise': NOISE, 'sample_rate': RATE, **MOTOR, **values}
+        PmsmSimulatorParameters, {'current_noise': NOISE, 'sample_rate': RATE, **MOTOR, **values}
     )
-    batches: dict[str, list[drive_samples.Batch]] = {}
-    for chunk in simulator.generate(parameters, duration, seed):
-        for message in chunk:
-            if message.topic.endswith('samples'):
-                batches.setdefault(message.topic, []).append(
-                    drive_samples.decode(message.encode(10**18))
-                )
-    measured, true = (
-        np.concatenate([batch.values for batch in batches[topic]])
-        for topic in ('drive_samples', 'ground_truth/samples')
-    )
-    stamps = np.concatenate([batch.stamps_ns for batch in batches['drive_samples']])
-    return Signal(stamps, measured, true[:, 0], true[:, 1])
+    rows = Source(parameters, seed).take(round(duration * RATE / parameters.every))
+    return Signal(10**18 + rows.stamps_ns, rows.values, rows.true[:, 0], rows.true[:, 1])
 
 
 def make_joint() -> DriveJoint:

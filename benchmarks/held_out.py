@@ -29,20 +29,17 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from benchmarks.columns import Column, published
+from benchmarks.columns import Column, published, referenced
 from benchmarks.field import swept
 from benchmarks.laws import ours
-from benchmarks.recorded import SKIPPED
-from benchmarks.signals import START_NS, Samples
+from benchmarks.signals import START_NS
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import text
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.truth import SMOOTHED, measured_truth
+from estimator_pkg.evaluation.compare.truth import OFFLINE_SMOOTHER, measured_truth
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference.motion import motion
-from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import fixed, number
 from estimator_pkg.progress import progress
 
@@ -136,18 +133,9 @@ def column(folder: Path, series: Listed) -> Column:
     stamps, angle = stamps[used], angle[used]
     if 'quantum' in keys:
         angle = keys['quantum'] * np.floor(angle / keys['quantum'])
-    at = match(stamps, known.stamps_ns, known.velocity, known.position, period)
-    reference = np.full(len(stamps), np.nan)
-    reference[at.rows] = at.velocity
-    return Column(
-        series.name,
-        Samples(stamps, angle, reference),
-        quantum(angle),
-        SKIPPED,
-        float(noise) if np.isfinite(noise) else 0.0,
-        SMOOTHED if velocity is None else str(keys['truth']),
-        period,
-    )
+    against = known.stamps_ns, known.velocity, known.position
+    origin = OFFLINE_SMOOTHER if velocity is None else str(keys['truth'])
+    return referenced(series.name, (stamps, angle), against, noise, origin, period)
 
 
 def _rows(folder: Path, keys: Mapping[str, Any]) -> tuple[Array, Array, Array | None]:

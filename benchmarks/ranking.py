@@ -34,7 +34,7 @@ from estimator_pkg.evaluation.doctor.choice import DEFAULT
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict
-from estimator_pkg.evaluation.reference.motion import Motion, motion
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.text import markdown
 from estimator_pkg.progress import progress
@@ -231,7 +231,7 @@ def judge(case: Case, entries: Sequence[Entry]) -> Outcome | None:
 
 
 def _true(
-    case: Case, reference: Motion, found: Mapping[str, Array], verdict: Verdict
+    case: Case, reference: ReferenceMotion, found: Mapping[str, Array], verdict: Verdict
 ) -> dict[str, float]:
     """Return the true rms errors of the candidates that are ranked, where all have an estimate."""
     known = at_reference(reference, case.samples.stamps, case.samples.velocity)

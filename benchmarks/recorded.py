@@ -21,11 +21,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
-from benchmarks.columns import Column
-from benchmarks.signals import Samples
+from benchmarks.columns import START, Column, referenced
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.recording import measured
 from estimator_pkg.bags.series import joint_series
@@ -35,9 +33,7 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import compare
 from estimator_pkg.evaluation.compare.truth import truth
 from estimator_pkg.evaluation.entries import Entry, at_defaults
-from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH, Options
-from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth
 from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
@@ -45,7 +41,6 @@ from estimator_pkg.streams.angle import AngleStream
 from estimator_pkg.streams.contract import Request
 
 SECOND = ('base_with_slip', 'gyro', 'motor_encoder')  # with a second sensor: `benchmarks.second`
-SKIPPED = 0.5  # ignored at the beginning [s]
 MARGIN = 1.15  # a new bound over the measured value
 RAW = Entry('finite_difference, raw', 'finite_difference', (('bandwidth_hz', 1e6),))
 TURN = 2.0 * math.pi
@@ -97,13 +92,9 @@ def of_bag(path: Path) -> list[Column]:
             if joint not in true.series:
                 continue
             known, noise = true.series[joint], true.references[joint].noise
-            at = match(one.stamps_ns, known.stamps_ns, known.velocity, known.position, TURN)
-            velocity = np.full(len(one.stamps_ns), np.nan)
-            velocity[at.rows] = at.velocity
-            samples = Samples(one.stamps_ns, one.position, velocity)
-            noise = float(noise) if np.isfinite(noise) else 0.0
-            name, steps = f'{path.name}/{joint}', quantum(one.position)
-            found.append(Column(name, samples, steps, SKIPPED, noise, true.name))
+            readings = one.stamps_ns, one.position
+            moved = known.stamps_ns, known.velocity, known.position
+            found.append(referenced(f'{path.name}/{joint}', readings, moved, noise, true.name))
     return found
 
 
@@ -114,18 +105,15 @@ def _captured(path: Path) -> Column:
         ((stamp, angle, *_),) = measured(bag, setup).values()
     known = smooth(stamp, angle, TURN)
     firm = known.firm
-    at = match(stamp, known.stamps[firm], known.velocity[firm], known.position[firm], TURN)
-    velocity = np.full(len(stamp), np.nan)
-    velocity[at.rows] = at.velocity
-    samples = Samples(stamp, angle, velocity)
+    moved = known.stamps[firm], known.velocity[firm], known.position[firm]
     name, origin = f'{path.name}/yaw', 'the off-line smoother'
-    return Column(name, samples, quantum(angle), SKIPPED, known.uncertainty, origin)
+    return referenced(name, (stamp, angle), moved, known.uncertainty, origin)
 
 
 def rows(folder: Path, entries: Sequence[Entry] | None = None) -> list[dict[str, Any]]:
     """Return one dictionary per recording, joint and observer; raises as `recordings`."""
     chosen = tuple(entries if entries is not None else [*at_defaults(), RAW])
-    options = Options(observers=chosen, skip=SKIPPED, correct_reference=True)
+    options = Options(observers=chosen, begin=START, correct_reference=True)
     bags = recordings(folder)
     result = []
     with progress('recordings', len(bags)) as advance:

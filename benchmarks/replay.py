@@ -4,8 +4,7 @@
 """``--part speed``: read a bag of JointStates and estimate, compared with rosbags' reading.
 
 Every run is its own process, so start-up and compiling count, and its peak memory is known. Rates
-are per second of CPU time, which does not depend on other load or on threads; the JSON also has the
-shortest wall-clock time.
+are per second of CPU time, which does not depend on other load or on threads.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -59,9 +57,8 @@ REPLAY = 'import sys; from estimator_pkg.cli import main; sys.exit(main(sys.argv
 
 
 class Cost(NamedTuple):
-    """Resources of a process: wall-clock time [s], CPU time [s], peak memory [MB]."""
+    """Resources of a process: CPU time [s], peak memory [MB]."""
 
-    wall: float
     cpu: float
     memory: float
 
@@ -94,15 +91,13 @@ def run_process(code: str, *arguments: str) -> Cost:
     ------
     UserError : it failed; the message contains its last line of output.
     """
-    begun = time.perf_counter()
     words = [sys.executable, '-c', WEIGHED + code, *arguments]
     done = subprocess.run(words, capture_output=True, text=True, errors='replace', **outside())
-    wall = time.perf_counter() - begun
     if done.returncode:
         lines = done.stderr.strip().splitlines()
         raise UserError(f'a benchmarked process failed: {lines[-1] if lines else "no output"}')
     cpu, memory = map(float, done.stdout.splitlines()[-1].split())
-    return Cost(wall, cpu, 1.024e-3 * memory)
+    return Cost(cpu, 1.024e-3 * memory)
 
 
 def replays(messages: int = MESSAGES, rounds: int = 2) -> list[dict[str, Any]]:
@@ -111,9 +106,8 @@ def replays(messages: int = MESSAGES, rounds: int = 2) -> list[dict[str, Any]]:
         return [not_run('replay', 'this platform does not report the memory of a process')]
     with tempfile.TemporaryDirectory(prefix='velocity_estimator_bench') as name:
         folder = Path(name)
-        bag, quarter = folder / 'bag', folder / 'quarter'
+        bag = folder / 'bag'
         write_bag(bag, messages)
-        write_bag(quarter, messages // 4)
         costs: dict[str, list[Cost]] = {}
 
         def side(label: str, *words: str) -> Callable[[int], float]:
@@ -131,8 +125,6 @@ def replays(messages: int = MESSAGES, rounds: int = 2) -> list[dict[str, Any]]:
         sides['peer'] = side('peer', PEER, str(bag))
         with progress('replay', (rounds + 1) * len(sides)) as advance:
             times = interleave(sides, rounds, advance)
-        out = folder / 'quarter_out'
-        short = run_process(REPLAY, 'replay', str(quarter), '--observer', MAIN, '--out', str(out))
     rows = []
     for label, title in (
         ('without', 'replay without --out'),
@@ -140,14 +132,11 @@ def replays(messages: int = MESSAGES, rounds: int = 2) -> list[dict[str, Any]]:
         ('peer', 'rosbags reads and deserialises'),
     ):
         least, median = (messages / seconds for seconds in best_and_median(times[label]))
-        wall = min(cost.wall for cost in costs[label])
-        rows.append(row(title, least, 'messages/s of CPU', median=median, wall_s=wall))
+        rows.append(row(title, least, 'messages/s of CPU', median=median))
     for label, factor in (('without', READ_FACTOR), ('with', WRITE_FACTOR)):
         value = ratio(times['peer'], times[label])
         name = f'rosbags / replay {label} --out'
         rows.append(row(name, value, 'times', limit=factor, at_least=True))
     full = max(cost.memory for cost in costs['with'])
     rows.append(row(f'peak memory with --out, {messages} messages', full, 'MB'))
-    rows.append(row(f'peak memory with --out, {messages // 4} messages', short.memory, 'MB'))
-    rows.append(row('peak memory, four times the length', full / short.memory, 'times', limit=1.1))
     return rows

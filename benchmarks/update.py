@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``--part speed``: one update, batches, and one reading smoothed.
+"""``--part speed``: one update, and batches.
 
 Guard, low-speed bound and standard deviation are included. Stamps are integer nanoseconds with
 jitter, so the coefficients are computed anew at nearly every sample.
@@ -9,7 +9,6 @@ jitter, so the coefficients are computed anew at nearly every sample.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -22,7 +21,6 @@ from benchmarks.timing import Side, best_and_median, interleave, not_run, ratio,
 from estimator_pkg.circle import wrap
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.evaluation.entries import at_defaults
-from estimator_pkg.observers.angle.smoother import Smoother
 from estimator_pkg.progress import progress
 
 Rows = list[dict[str, Any]]
@@ -35,16 +33,12 @@ FILTERPY_FACTOR = 10.0
 ADAPTIVE = 'edge_adaptive'  # it may cost more, because it needs no tuning:
 ADAPTIVE_UPDATE = 4.0  # [us]
 FILTERPY = 'filterpy, same work'
-SMOOTHED, LAG, SMOOTHED_LIMIT = 'smoothed', 0.05, 10.0  # lag [s], limit [us]
 MAIN = 'hybrid_angle'  # the observer with a required batch speed
 BATCH_LIMITS = {MAIN: 25.0, ADAPTIVE: 8.0}  # million samples/s
 
 
 def updates(rounds: int) -> Rows:
-    """Return rows: one update, estimate and standard deviation per observer [us], and filterpy.
-
-    The last row is one reading of ``~/smoothed`` at its default lag.
-    """
+    """Return rows: one update, estimate and standard deviation per observer [us], and filterpy."""
     samples = SIGNAL.samples(duration=(rounds + 1) * UPDATES / RATE)
     stamps, angles = samples.stamps.tolist(), samples.angle.tolist()
 
@@ -67,7 +61,7 @@ def updates(rounds: int) -> Rows:
 
     sides = {entry.label: observer_side(entry.joint()) for entry in at_defaults()}
     names, peer = list(sides), _filterpy(chunk)
-    sides |= {**peer, SMOOTHED: _smoothing(chunk)}
+    sides |= peer
     with progress('one update', (rounds + 1) * len(sides)) as advance:
         times = interleave(sides, rounds, advance)
 
@@ -88,21 +82,7 @@ def updates(rounds: int) -> Rows:
         if peer
         else not_run(FILTERPY, 'filterpy is not installed')
     )
-    return [*rows, cost('one reading smoothed', SMOOTHED, SMOOTHED_LIMIT)]
-
-
-def _smoothing(chunk: Chunk) -> Side:
-    def side(number: int) -> float:
-        some, smoother = list(zip(*chunk(number))), Smoother(LAG, 2.0 * math.pi)
-        start, head = time.thread_time(), 0
-        for k, (stamp, angle) in enumerate(some):
-            smoother.add(stamp, angle, angle, k == 0)
-            while stamp - some[head][0] >= 1e9 * LAG:
-                smoother.result()
-                head += 1
-        return (time.thread_time() - start) / UPDATES
-
-    return side
+    return rows
 
 
 def _filterpy(chunk: Chunk) -> dict[str, Side]:
@@ -140,7 +120,7 @@ def _filterpy(chunk: Chunk) -> dict[str, Side]:
 
 
 def batches(samples: int, rounds: int) -> Rows:
-    """Return rows: batches on one core [million samples/s], and `scipy.signal.lfilter`."""
+    """Return rows: batches on one core [million samples/s]."""
     signal = SIGNAL.samples(duration=samples / RATE)
 
     def observer_side(joint: Joint) -> Side:
@@ -155,29 +135,12 @@ def batches(samples: int, rounds: int) -> Rows:
     joints = {entry.label: entry.joint() for entry in at_defaults()}
     if any(joint.memory is None for joint in joints.values()):
         return [not_run('batches', 'the engine was not built: install a C compiler')]
-    sides = {f'batch {name}': observer_side(joint) for name, joint in joints.items()}
-    with contextlib.suppress(ImportError):
-        sides |= {'scipy.signal.lfilter, second order': _lfilter(signal.angle)}
+    sides = {name: observer_side(joint) for name, joint in joints.items()}
     with progress('batches', (rounds + 1) * len(sides)) as advance:
         times = interleave(sides, rounds, advance)
     rows = []
     for name in sides:
         least, median = (samples / seconds * 1e-6 for seconds in best_and_median(times[name]))
-        limit = BATCH_LIMITS.get(name.removeprefix('batch '))
-        unit = 'million samples/s'
-        rows.append(row(name, least, unit, limit=limit, at_least=True, median=median))
+        limit, unit = BATCH_LIMITS.get(name), 'million samples/s'
+        rows.append(row(f'batch {name}', least, unit, limit=limit, at_least=True, median=median))
     return rows
-
-
-def _lfilter(angle: np.ndarray) -> Side:
-    """Return a second-order low-pass of the differenced angle: no guard, wrap or sample times."""
-    from scipy.signal import butter, lfilter
-
-    numerator, denominator = butter(2, 0.05)
-
-    def side(number: int) -> float:
-        start = time.thread_time()
-        lfilter(numerator, denominator, angle)
-        return time.thread_time() - start
-
-    return side

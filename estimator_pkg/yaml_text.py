@@ -35,7 +35,7 @@ _NUMBER = re.compile(
 
 
 class Word(str):
-    """A word on the command line that YAML reads as a boolean, as in ``--set gate=off``."""
+    """A word on the command line that YAML reads as a boolean, as in ``--set adapt=off``."""
 
     @property
     def truth(self) -> bool:

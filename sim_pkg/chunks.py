@@ -1,14 +1,15 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Split a stream into chunks, and merge messages that arrive later than their chunk."""
+"""Split a stream into chunks, make its messages, merge those that arrive later than their chunk."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
-from sim_pkg.contract import Message
+from estimator_pkg.messages.joint_state import Encoder
+from sim_pkg.contract import Message, Topic
 
 
 def sample_count(duration: float, rate: float) -> float:
@@ -45,3 +46,31 @@ def in_order(chunks: Iterable[tuple[list[Message], int]]) -> Iterator[list[Messa
 
 def _due(message: Message) -> int:
     return message.due_ns
+
+
+class JointStates:
+    """Makes the messages of a topic of JointStates.
+
+    Parameters
+    ----------
+    names : of the joints.
+    """
+
+    def __init__(self, topic: Topic, names: Sequence[str]) -> None:
+        self._topic, self._names, self._encoder = topic.name, names, Encoder()
+
+    def message(
+        self,
+        due_ns: int,
+        stamp_ns: int,
+        positions: Sequence[float],
+        velocities: Sequence[float] = (),
+        efforts: Sequence[float] = (),
+    ) -> Message:
+        """Return a message that is due and stamped at these times [ns from the start]."""
+        content = self._names, positions, velocities, efforts
+
+        def encode(start_ns: int) -> bytes:
+            return self._encoder.encode(start_ns + stamp_ns, '', *content)
+
+        return Message(due_ns, self._topic, encode)

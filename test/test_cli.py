@@ -17,6 +17,7 @@ from estimator_pkg import cli, destination, registry
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 
+ROOT = Path(__file__).resolve().parent.parent
 COMMAND = [sys.executable, '-m', 'estimator_pkg.cli']
 
 
@@ -85,6 +86,7 @@ def test_every_help_has_examples_that_parse(name, capsys):
     for words, meaning in command.examples:
         parser.parse_args(shlex.split(words))
         assert meaning in shown
+        assert all((ROOT / word).exists() for word in words.split() if word.startswith('bags/'))
     lines = shown[shown.index('examples:') :].replace('\\\n', '').splitlines()
     assert [
         shlex.split(line)[2:] for line in lines if line.startswith('  velocity_estimator ')
@@ -97,13 +99,6 @@ def test_the_overview_names_every_command_in_80_columns(capsys):
     named = {line.split()[0] for line in lines if line.startswith('  ')}
     assert named == set(registry.names(registry.COMMANDS))
     assert max(map(len, lines)) <= 80
-
-
-def test_bags_of_the_examples_exist():
-    root = Path(__file__).resolve().parent.parent
-    for name in registry.names(registry.COMMANDS):
-        for words, _ in registry.find(registry.COMMANDS, name).examples:
-            assert all((root / word).exists() for word in words.split() if word.startswith('bags/'))
 
 
 def test_ctrl_c_while_the_program_is_imported_ends_it_without_a_traceback():

@@ -3,20 +3,26 @@
 
 """Names that a hostile bag may carry: they stay names in every file, line, table and page."""
 
+import io
 import json
+import math
 import subprocess
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import nursery
 import pytest
 import yaml
 
-from estimator_pkg import params_file, yaml_text
+from estimator_pkg import cli, interrupts, params_file, yaml_text
+from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver import identified as adaptive_file
 from estimator_pkg.evaluation.identify import command as identify
-from estimator_pkg.evaluation.tuning import output
+from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.observers.adaptive import observer as adaptive
+from estimator_pkg.printable import PrintableLogger, PrintableStream, printable, show
+from estimator_pkg.progress import progress
 
 IMPORTS = '\n    model: own_models:Arm\n    #'
 NAMES = [
@@ -46,95 +52,31 @@ def holds_only(text, names):
     return content
 
 
-def trial(joint, bags):
-    found = {
-        'error': 0.1,
-        'delay_s': 0.01,
-        'delay_95_s': 0.001,
-        'noise': 0.02,
-        'cost': 0.1,
-        'by_joint': {
-            joint: {'error': 0.1, 'delay_s': 0.01, 'delay_95_s': 0.001, 'noise': 0.02, 'cost': 0.1},
-            'b': {'error': 0.1, 'delay_s': 0.01, 'delay_95_s': 0.001, 'noise': 0.02, 'cost': 0.1},
-        },
-    }
-    return {
-        'joint': joint,
-        'joints': [joint, 'b'],
-        'bags': bags,
-        'judged_on': bags,
-        'held_out': 0.3,
-        'evaluations': 3,
-        'interrupted': False,
-        'best': found,
-        'default': found,
-        'gains': {'bandwidth_hz': 20.0},
-        'tried': {'bandwidth_hz': 20.0},
-        'default_gains': {},
-        'why': '',
-        'pair': {'difference': 10.0, 'resolution': 2.0, 'motion_hz': 3.0, 'sign': 1, 'events': 0},
-        'cautions': [f'the record of {joint} is short'],
-        'idle': [joint],
-    }
-
-
-@pytest.mark.parametrize('name', NAMES)
-def test_tune_writes_names_as_names(name):
-    from estimator_pkg import observers
-    from estimator_pkg.parameters import declared
-
-    tuning = SimpleNamespace(
-        entry=SimpleNamespace(observer='pll'),
-        preference=name,
-        gains=declared(observers.find('pll').gains),
-    )
-    text = output.as_yaml(
-        tuning, {'angle_joint': name, 'joints': (name,)}, [trial(name, [name])], 0.3
-    )
-    values = holds_only(text, ['/**'])['/**']['ros__parameters']
-    assert values == {
-        'observer': 'pll',
-        'angle_joint': name,
-        'joints': [name],
-        f'per_joint.{name}': {'bandwidth_hz': 20.0},
-    }
-
-
-@pytest.mark.parametrize('name', NAMES)
-def test_identify_writes_names_as_names(name, tmp_path):
-    import numpy as np
-
+def test_identify_and_save_write_names_as_names(tmp_path):
     found = SimpleNamespace(
         names=('inertia',), deviations=[0.1], values=np.array([1.0]), explained_elsewhere=0.9
     )
     out = tmp_path / 'x.yaml'
-    identify._write(out, name, (name, 'b'), ('inertia=1.0',), found, f'bags/{name}')
+    identify._write(out, IMPORTS, (IMPORTS, 'b'), ('inertia=1.0',), found, f'bags/{IMPORTS}')
     assert holds_only(out.read_text(), ['/**'])['/**']['ros__parameters'] == {
-        'model': name,
-        'joints': [name, 'b'],
+        'model': IMPORTS,
+        'joints': [IMPORTS, 'b'],
         'input_delay': 0.0,
         'model_parameters': ['inertia=1.0'],
     }
-
-
-class Said:
-    """A joint that has learnt."""
-
-    adapted, trusted, theta, names = 1.0, True, (1.0, 2.0, 3.0, 4.0), ()
-    parameters = (SimpleNamespace(stddev=0.5),) * 4
-
-
-@pytest.mark.parametrize('name', NAMES)
-def test_save_writes_names_as_names(name, tmp_path):
-    gains = adaptive.OBSERVER.gains()
-    bank = SimpleNamespace(
-        reports=lambda: {name: Said}, joints={name: SimpleNamespace(gains=gains)}
+    said = SimpleNamespace(
+        adapted=1.0,
+        trusted=True,
+        theta=(1.0, 2.0, 3.0, 4.0),
+        names=(),
+        parameters=(SimpleNamespace(stddev=0.5),) * 4,
     )
-    out = tmp_path / 'motor.yaml'
-    assert adaptive_file.save(str(out), bank) == [name]
-    holds_only(out.read_text(), ['adaptive_parameters', 'joints'])
-    assert list(adaptive_file.load(str(out))) == [name]
-    assert adaptive_file.save(str(out), bank) == [name]
+    joint = SimpleNamespace(gains=adaptive.OBSERVER.gains())
+    bank = SimpleNamespace(reports=lambda: {IMPORTS: said}, joints={IMPORTS: joint})
+    for _ in range(2):  # also where it is in the file already
+        assert adaptive_file.save(str(tmp_path / 'motor.yaml'), bank) == [IMPORTS]
+        holds_only((tmp_path / 'motor.yaml').read_text(), ['adaptive_parameters', 'joints'])
+        assert list(adaptive_file.load(str(tmp_path / 'motor.yaml'))) == [IMPORTS]
 
 
 RCL = """
@@ -181,11 +123,6 @@ FRAME = 'frame\x1b[31m\nfake'
 
 def hostile_bag(path):
     """Two hostile joints with efforts on hostile topics, in a folder of a hostile name."""
-    import math
-
-    from estimator_pkg.bags.writer import BagWriter
-    from estimator_pkg.messages.joint_state import TYPE, Encoder
-
     encode, start = Encoder().encode, 10**18
     with BagWriter(path) as bag:
         for topic in ('/joint_states', '/ground_truth/joint_states', f'/{EVIL}/estimate'):
@@ -221,23 +158,10 @@ def ran(*words, code=0):
 @pytest.mark.long
 def test_evaluate_prints_names_as_names(hostile, tmp_path):
     page = tmp_path / 'r.html'
-    reported, _ = ran(
-        'evaluate',
-        hostile,
-        '--observer',
-        'pll',
-        '--html',
-        page,
-        '--plot',
-        tmp_path / 'p.png',
-        '--json',
-        tmp_path / 'r.json',
-    )
+    words = ['--html', page, '--plot', tmp_path / 'p.png', '--json', tmp_path / 'r.json']
+    reported, _ = ran('evaluate', hostile, '--observer', 'pll', *words)
     assert r'evil\x1b[2J' in reported and r'\u202egnp' in reported
-    assert (
-        EVIL in (tmp_path / 'r.json').read_text()
-        or json.dumps(EVIL)[1:-1] in (tmp_path / 'r.json').read_text()
-    )
+    assert json.dumps(EVIL)[1:-1] in (tmp_path / 'r.json').read_text()
     html = page.read_text()
     body = html[html.index('<h1>') : html.rindex('<p class="note">Made by')]
     assert '<script>alert' not in html and '\u202e' not in body and '\x1b' not in html
@@ -253,17 +177,8 @@ def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
     ran('replay', hostile, '--observer', 'pll', '--measurement', '/a\x1b\nfake', code=1)
     ran('identify', hostile, code=2)
     ran('identify', hostile, '--joint', EVIL, code=1)
-    reported, _ = ran(
-        'tune',
-        hostile,
-        '--observer',
-        'pll',
-        '--out',
-        tmp_path / 'g.yaml',
-        '--trials',
-        '8',
-        '--per-joint',
-    )
+    words = ['--out', tmp_path / 'g.yaml', '--trials', '8', '--per-joint']
+    reported, _ = ran('tune', hostile, '--observer', 'pll', *words)
     assert r'evil\x1b[2J' in reported
     text = (tmp_path / 'g.yaml').read_text()
     values = holds_only(text, ['/**'])['/**']['ros__parameters']
@@ -275,8 +190,6 @@ def test_replay_identify_and_tune_print_names_as_names(hostile, tmp_path):
 def test_what_a_user_names_is_printed_as_a_name(tmp_path):
     params = tmp_path / 'p.yaml'
     params.write_text('/**: {ros__parameters: {"evil\\e[2J\\nfake": 1, joints: ["\\e[2J"]}}')
-    ran('simulate', 'encoder', '--out', tmp_path / 'b', '--params', params, code=2)
-    params.write_text('"evil\\e[2J\\nfake": 3')
     ran('simulate', 'encoder', '--out', tmp_path / 'b', '--params', params, code=2)
     ran('simulate', 'encoder\x1b[2J\nfake', '--out', tmp_path / 'b', code=2)
     ran('simulate', 'encoder', '--out', tmp_path / 'b', '--set', 'a\x1b\nfake=1', code=2)
@@ -294,9 +207,6 @@ def test_what_a_user_names_is_printed_as_a_name(tmp_path):
 
 def test_a_progress_bar_takes_any_name():
     """Its library reads [/] as the end of a colour, and would raise."""
-    import io
-
-    from estimator_pkg.progress import progress
 
     class Terminal(io.StringIO):
         def isatty(self):
@@ -312,10 +222,6 @@ def test_a_progress_bar_takes_any_name():
 
 
 def test_a_stream_lets_line_ends_and_tabs_through_alone():
-    import io
-
-    from estimator_pkg.printable import PrintableStream, printable, show
-
     shown = io.StringIO()
     stream = PrintableStream(shown)
     print('a\tb\nä \x1b[2J\u202e\udc80', file=stream)
@@ -331,7 +237,7 @@ def test_a_stream_lets_line_ends_and_tabs_through_alone():
 
 @pytest.mark.dds
 def test_a_node_logs_names_as_names(tmp_path):
-    import dds
+    import dds  # at the top it would mark every test here
 
     params = tmp_path / 'p.yaml'
     params.write_text(
@@ -356,11 +262,6 @@ def test_a_node_logs_names_as_names(tmp_path):
 @pytest.mark.long
 def test_a_name_of_a_megabyte_is_not_printed_whole(tmp_path, capsys):
     """Neither by commands nor in a log; what it is replaced by has its beginning and end."""
-    from estimator_pkg import cli, interrupts
-    from estimator_pkg.bags.writer import BagWriter
-    from estimator_pkg.messages.joint_state import TYPE, Encoder
-    from estimator_pkg.printable import PrintableLogger, show
-
     name = 'begin' + '\u202e' * 2**17 + 'end'
     with BagWriter(tmp_path / 'bag') as bag:
         bag.add_topic('/joint_states', TYPE)

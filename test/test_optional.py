@@ -9,39 +9,15 @@ import shlex
 import subprocess
 import sys
 import textwrap
-from importlib.metadata import requires
+from importlib.metadata import packages_distributions, requires
 from pathlib import Path
 
 import pytest
 
 from estimator_pkg import optional, registry
 
-LIBRARIES = (
-    'mcap',
-    'rosbags',
-    'apsw',
-    'zstandard',
-    'lz4',
-    'rich',
-    'matplotlib',
-    'bokeh',
-    'optuna',
-    'dask',
-    'distributed',
-    'scipy',
-    'pynumdiff',
-    'control',
-    'filterpy',
-    'motulator',
-    'psutil',
-    'pandas',
-    'rclpy',
-    'sensor_msgs',
-    'std_msgs',
-    'geometry_msgs',
-    'diagnostic_msgs',
-    'ament_index_python',
-)
+NEEDED = {*optional.OWN, 'numpy', 'yaml', '_yaml'}
+LIBRARIES = {*packages_distributions(), 'rclpy', 'sensor_msgs', 'std_msgs'} - NEEDED
 # A process in which these cannot be imported, whether or not they are installed here.
 WITHOUT = """
     import importlib.util, sys
@@ -70,13 +46,6 @@ def without(names, *words, code=CLI, cwd=None):
     )
     assert 'Traceback' not in done.stderr, done.stderr
     return done
-
-
-@pytest.mark.long
-def test_the_overview_names_every_command_and_its_purpose():
-    done = without(LIBRARIES, '--help')
-    assert done.returncode == 0 and 'imported' not in done.stdout
-    assert all(f'  {name} ' in done.stdout for name in COMMANDS)
 
 
 EACH = """
@@ -108,9 +77,7 @@ def test_every_command_has_its_help():
     ('module', 'main'),
     [
         ('estimator_pkg.nodes.executables', 'joint_observer'),
-        ('estimator_pkg.nodes.executables', 'pmsm_observer'),
         ('sim_pkg.nodes.executables', 'encoder_sim'),
-        ('sim_pkg.nodes.executables', 'cart_pendulum_sim'),
     ],
 )
 def test_every_node_has_its_help_and_names_ros(module, main):
@@ -126,27 +93,19 @@ def test_every_node_has_its_help_and_names_ros(module, main):
 @pytest.mark.parametrize(
     'library, words',
     [
-        ('mcap', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
         ('zstandard', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
-        ('rosbags', ('simulate', 'encoder', '--out', 'OUT', '--duration', '0.1')),
         ('mcap', ('replay', 'BAG', '--observer', 'pll')),
         ('lz4', ('evaluate', 'BAG', '--observer', 'pll')),
         ('rosbags', ('identify', 'BAG')),
         ('scipy', ('identify', 'MOTION')),
-        ('mcap', ('play', 'BAG')),
         ('rclpy', ('play', 'BAG')),
-        ('rosbags', ('record', '--out', 'OUT')),
-        ('rclpy', ('record', '--out', 'OUT')),
-        ('mcap', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
         ('optuna', ('tune', 'BAG', '--observer', 'pll', '--out', 'OUT')),
         ('matplotlib', ('evaluate', 'BAG', '--observer', 'pll', '--plot', 'OUT.png')),
         (
             'distributed',
             ('evaluate', 'BAG', '--observer', 'pll', '--scheduler', 'tcp://127.0.0.1:1'),
         ),
-        ('bokeh', ('evaluate', 'BAG', '--observer', 'pll', '--html', 'OUT.html')),
         ('bokeh', ('doctor', 'BAG', '--html', 'OUT.html')),
-        ('matplotlib', ('reproduce', 'adaptive', '--plot', 'OUT')),
         ('scipy', ('reproduce', 'pmsm')),
     ],
 )

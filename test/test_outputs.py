@@ -103,13 +103,7 @@ VARIANTS = {  # other observers run at their defaults
     ),
     'pll': ({}, {'bandwidth_hz': 5.0, 'low_speed_bound': False}, {'damping': 1.5}),
     'finite_difference': ({}, {'bandwidth_hz': 200.0}),
-    'super_twisting': (
-        {},
-        {'order': 1, 'quantum': TURN / 4096},
-        {'order': 3},
-        {'form': 'implicit', 'order': 1},
-        {'form': 'taylor', 'order': 3},
-    ),
+    'super_twisting': ({}, {'order': 1, 'quantum': TURN / 4096}, {'order': 3}),
 }
 NAMES = [*VARIANTS, *(name for name in angle_observers() if name not in VARIANTS)]
 CASES = [(name, gains) for name in NAMES for gains in VARIANTS.get(name, ({},))]

@@ -67,7 +67,12 @@ def engine_of(folder):
     return loaded.partition(' ')[2].strip()
 
 
-def assert_share_is_found(prefix):
+def assert_installed(prefix, executables):
+    """The folders of ament, what is not Python, and the executables are where they belong."""
+    assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= {
+        path.name for path in (prefix / executables).iterdir()
+    }
+    assert len(list((prefix / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
     share = prefix / 'share' / 'velocity_estimator'
     assert (share / 'package.xml').is_file()
     assert (share / 'LICENSE').is_file()
@@ -134,13 +139,10 @@ def installed(source, tmp_path_factory):
 
 
 @pytest.mark.long
-def test_pip_install_finds_share(installed):
+def test_pip_installs_all_of_it(installed):
     prefix, packages = installed
-    assert_share_is_found(prefix)
+    assert_installed(prefix, 'bin')
     assert engine_of(packages).startswith('<PyDLL')
-    assert len(list((prefix / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
-    executables = {path.name for path in (prefix / 'bin').iterdir()}
-    assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
 
 
 @pytest.mark.long
@@ -180,54 +182,43 @@ def test_what_is_not_translated_ends_the_build_with_its_line(source, tmp_path):
 def test_pip_installs_without_a_compiler(source, tmp_path):
     without = {**os.environ, 'CC': '/bin/false'}
     packages = pip_install(copied(source, tmp_path / 'source'), tmp_path / 'prefix', env=without)
-    assert_share_is_found(tmp_path / 'prefix')
+    assert_installed(tmp_path / 'prefix', 'bin')
     assert engine_of(packages).startswith('None no engine was built: install a C compiler')
+
+
+def colcon(source, folder, *words, **variables):
+    """Return what colcon prints for the sources; its folders are in `folder`."""
+    path = f'{Path(sys.executable).parent}:{os.environ["PATH"]}'
+    return run(
+        *('colcon', '--log-base', str(folder / 'log'), *words),
+        *(f'--{name}-base={folder / name}' for name in ('build', 'install') if 'build' in words),
+        cwd=source,
+        env={**os.environ, 'PATH': path, 'PYTHONDONTWRITEBYTECODE': '1', **variables},
+    )
 
 
 @pytest.mark.slow
 def test_colcon_links_the_sources_and_an_edit_is_seen(source, tmp_path):
     copy = copied(source, tmp_path / 'source')
-    bases = [f'--{name}-base={tmp_path / name}' for name in ('build', 'install')]
-    environment = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
-    command = ['colcon', '--log-base', str(tmp_path / 'log'), 'build', '--symlink-install', *bases]
-    run(*command, cwd=copy, env=environment)
+    colcon(copy, tmp_path, 'build', '--symlink-install')
     assert engine_of(copy).startswith('<PyDLL')
-    with (copy / 'estimator_pkg' / 'observers' / 'circle.py').open('a') as file:
+    with (copy / 'estimator_pkg' / 'circle.py').open('a') as file:
         file.write('# edited\n')
     assert engine_of(copy).startswith('None _engine.so was made from other sources')
-    run(*command, cwd=copy, env=environment)
+    colcon(copy, tmp_path, 'build', '--symlink-install')
     assert engine_of(copy).startswith('<PyDLL')
 
 
 @pytest.mark.long
 def test_colcon_builds_an_ament_python_package(source, tmp_path):
-    environment = {
-        **os.environ,
-        'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}',
-        'PYTHONDONTWRITEBYTECODE': '1',
-        'CC': '/bin/false',  # pip compiles the engine above, colcon in a slow test
-    }
-    listed = run('colcon', '--log-base', str(tmp_path / 'log'), 'list', cwd=source, env=environment)
+    listed = colcon(source, tmp_path, 'list')
     assert listed.split() == ['velocity_estimator', '.', '(ros.ament_python)']
-    run(
-        'colcon',
-        '--log-base',
-        str(tmp_path / 'log'),
-        'build',
-        '--build-base',
-        str(tmp_path / 'build'),
-        '--install-base',
-        str(tmp_path / 'install'),
-        cwd=source,
-        env=environment,
-    )
+    # pip compiles the engine above, colcon in a slow test
+    colcon(source, tmp_path, 'build', CC='/bin/false')
     prefix = tmp_path / 'install' / 'velocity_estimator'
-    assert_share_is_found(prefix)
-    assert len(list((prefix / 'lib').rglob('sim_pkg/reproduce/*/references.csv'))) == 5
+    assert_installed(prefix, 'lib/velocity_estimator')
     packages = next((prefix / 'lib').rglob('estimator_pkg')).parent
     assert engine_of(packages).startswith('None no engine was built')
-    executables = {path.name for path in (prefix / 'lib' / 'velocity_estimator').iterdir()}
-    assert {'velocity_estimator', 'joint_observer', 'encoder_sim'} <= executables
 
 
 def test_every_package_folder_is_installed():
@@ -283,3 +274,17 @@ def test_every_imported_library_is_a_requirement(monkeypatch):
         'ament_copyright',
     }
     assert {'apsw', 'lz4', 'zstandard'} <= libraries
+
+
+def test_every_package_of_ros_that_is_used_is_a_dependency_and_declared():
+    used = {name for name in imported() if optional.OF_ROS.fullmatch(name)}
+    for package in optional.OWN:
+        for path in (ROOT / package).rglob('*.py'):
+            used.update(re.findall(r"'(\w+_msgs)/msg/", path.read_text()))
+    listed = (ROOT / 'package.xml').read_text()
+    depends = set(re.findall('<exec_depend>(.*)</exec_depend>', listed))
+    assert 'nav_msgs' in used and used <= depends
+    declaration = (ROOT / 'QUALITY_DECLARATION.md').read_text()
+    of_ros = {name for name in depends if not name.startswith('python3-')}
+    assert {name for name in of_ros if f'`{name}`' not in declaration} == set()
+    assert '_engine.so' in listed and declaration.count('_engine.so') > 1

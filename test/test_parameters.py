@@ -50,18 +50,14 @@ def test_declaration_is_all_there_is():
     'name, given_value, value',
     [
         ('rate', 20, 20.0),
-        ('rate', 20.0, 20.0),
         ('rate', 0.1, 0.1),
         ('rate', 100, 100.0),
-        ('count', 4, 4),
         ('count', 4.0, 4),
         ('on', False, False),
-        ('form', 'two', 'two'),
         ('form', 'my.module:thing', 'my.module:thing'),
         ('scale', None, None),
         ('scale', 1, 1.0),
         ('names', ['a', 'b'], ('a', 'b')),
-        ('names', (), ()),
     ],
 )
 def test_good_values_come_out_in_their_type(name, given_value, value):
@@ -77,21 +73,15 @@ def test_good_values_come_out_in_their_type(name, given_value, value):
         ('rate', None, 'needs a value'),
         ('rate', math.nan, 'finite'),
         ('rate', math.inf, 'finite'),
-        ('rate', -math.inf, 'finite'),
         ('rate', 10**400, 'finite'),
-        ('count', -(10**400), 'finite'),
         ('rate', 0.0999, 'outside [0.1, 100]'),
-        ('rate', 101, 'outside'),
         ('rate', [1.0], 'a number'),
         ('count', 3.5, 'whole'),
         ('count', 10, 'outside [1, 9]'),
-        ('count', True, 'a number'),
         ('on', 1, 'true or false'),
-        ('on', 'yes', 'true or false'),
         ('form', 'three', 'one, two'),
         ('form', 3, 'text'),
         ('form', 'a:b:c', 'not one of'),
-        ('scale', 2.0, 'outside'),
         ('names', 'a', 'list of texts'),
         ('names', [1], 'list of texts'),
     ],
@@ -240,14 +230,9 @@ def test_whatever_comes_is_taken_as_declared_or_refused(value):
         assert known.check(checked) == checked
 
 
-@pytest.mark.parametrize('written, near', [('rte', 'rate'), ('Scale', 'scale'), ('form_', 'form')])
-def test_misspelt_names_suggest_the_nearest(written, near):
-    with pytest.raises(UsageError) as caught:
-        build(Sample, {written: 1.0}, owner='sample')
-    assert str(caught.value) == (f"unknown parameter '{written}' of sample: did you mean '{near}'?")
-
-
-def test_names_that_are_like_none_list_all():
+def test_an_unknown_name_suggests_the_nearest_or_lists_all():
+    with pytest.raises(UsageError, match=r"^unknown parameter 'rte' of my: did you mean 'rate'\?$"):
+        build(Sample, {'rte': 1.0}, owner='my')
     assert suggestion('xyz', ['one', 'two']) == 'known: one, two'
     assert suggestion('xyz', []) == 'none is known'
 
@@ -256,19 +241,14 @@ def test_names_that_are_like_none_list_all():
     'text, value',
     [
         ('rate=20', 20),
-        ('rate=2.5', 2.5),
         ('rate=1e-3', 1e-3),
         ('rate=1E3', 1000.0),
-        ('rate=-1', -1),
         ('form=one', 'one'),
         ('on=true', True),
-        ('on=false', False),
         ('scale=', None),
-        ('scale=null', None),
         ('names=[a, b]', ['a', 'b']),
         ('form=a=b', 'a=b'),
         ('form=a: b: c', 'a: b: c'),
-        ('rate=.inf', math.inf),
         (' rate =3', 3),
     ],
 )
@@ -289,10 +269,6 @@ def test_the_name_of_a_joint_may_have_any_character(joint):
     name = f'per_joint.{joint}.rate'
     assert parse_assignments([f'{name}=2', 'form=a=b']) == {name: 2, 'form': 'a=b'}
     assert params_file.override(name) == (joint, 'rate')
-
-
-def test_the_last_of_two_assignments_counts():
-    assert parse_assignments(['rate=1', 'rate=2']) == {'rate': 2}
 
 
 def test_admitted_values_are_said_for_people():

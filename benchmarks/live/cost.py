@@ -4,36 +4,26 @@
 """CPU per message of the live node, compared with a node that only receives and republishes.
 
 Both run at the same time, as processes of their own, on the same stream and the same executor.
-
-    python -m benchmarks.live.cost
 """
 
 from __future__ import annotations
 
-import json
-import sys
 import time
 from contextlib import ExitStack
+from typing import Any
 
 import psutil
 
-from benchmarks.live.processes import JOINTS, NODES, cpu, observer, process, result
+from benchmarks.live.processes import JOINTS, cpu, observer, process, result
+from benchmarks.timing import not_run, row
 from estimator_pkg.ros.domain import free_domain
 
-ALLOWED = 1.5  # largest ratio to the null node
+REQUIRED, ALLOWED = 'joint_observer', 1.5  # node with a largest ratio to the null node
+RATE, SECONDS = 1000.0, 10.0  # [Hz]; measured [s], without the first second of the stream
 
 
-def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float = 10.0) -> dict:
-    """Return CPU per message [us] of both nodes, their ratio, and the number of answers of each.
-
-    Without the costs, but with `why`, if a listener received none of the answers.
-
-    Parameters
-    ----------
-    name : one of `NODES`.
-    rate : messages per second.
-    seconds : length of the measured window, which excludes the first second of the stream.
-    """
+def rows(name: str) -> list[dict[str, Any]]:
+    """Return CPU per message [us] of one of `NODES` and of the null node, and their ratio."""
     domain = free_domain()
     with ExitStack() as stack:
 
@@ -48,43 +38,30 @@ def measure(name: str = 'joint_observer', rate: float = 1000.0, seconds: float =
         for listener in listeners.values():
             listener.stdout.readline()  # it listens
         time.sleep(2.0)
-        publisher = start('publish', str(rate), str(seconds + 2.0), str(JOINTS), '2')
+        publisher = start('publish', str(RATE), str(SECONDS + 2.0), str(JOINTS), '2')
         publisher.stdout.readline()
         time.sleep(1.0)
         meters = {which: psutil.Process(child.pid) for which, child in nodes.items()}
         before = {which: cpu(meter) for which, meter in meters.items()}
         begun = time.perf_counter()
-        time.sleep(seconds)
-        messages = rate * (time.perf_counter() - begun)
+        time.sleep(SECONDS)
+        messages = RATE * (time.perf_counter() - begun)
         used = {which: cpu(meter) - before[which] for which, meter in meters.items()}
         published = result(publisher)['published']
         answered = {}
         for which, listener in listeners.items():
             listener.send_signal(2)
             answered[which] = result(listener)['answered']
-    found = {
-        'rate_hz': rate,
-        'joints': JOINTS,
-        'node': name,
-        'published': published,
-        'answered': answered['node'],
-        'null_answered': answered['null'],
-        'allowed': ALLOWED,
-    }
-    if not all(answered.values()):
-        deaf = name if not answered['node'] else 'the null node'
-        return {**found, 'ok': False, 'why': f'the listener received no answer of {deaf}'}
+    title = f'{name}, CPU per message, {RATE:g} Hz, {JOINTS} joints'
+    for which, count in answered.items():
+        if not count:
+            deaf = name if which == 'node' else 'the null node'
+            return [not_run(title, f'the listener received no answer of {deaf}')]
     cost = {which: 1e6 * used[which] / (messages * answered[which] / published) for which in nodes}
-    ratio = cost['node'] / cost['null']
-    return {
-        **found,
-        'node_us_per_message': cost['node'],
-        'null_us_per_message': cost['null'],
-        'ratio': ratio,
-        'ok': ratio <= ALLOWED,
-    }
-
-
-if __name__ == '__main__':
-    rows = [measure(name) for name in sys.argv[1:] or NODES]
-    print(json.dumps({'rows': rows, 'ok': all(row['ok'] for row in rows)}, indent=2))
+    limit = ALLOWED if name == REQUIRED else None
+    counts = {'published': published, 'answered': answered['node']}
+    return [
+        row(title, cost['node'], 'us'),
+        row(f'{name}: null node at the same time', cost['null'], 'us'),
+        row(f'{name} / null node', cost['node'] / cost['null'], 'times', limit=limit, **counts),
+    ]

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from contextlib import ExitStack
+from typing import Any
 
 from estimator_pkg.ros.runtime import run as run_node  # first: rclpy reads it  # isort: skip
 
@@ -28,6 +29,7 @@ from std_msgs.msg import Float64MultiArray
 
 from benchmarks.drive import MOTOR, simulate
 from benchmarks.live.processes import cpu, process, result
+from benchmarks.timing import not_run, row
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.ros.domain import free_domain
 
@@ -38,6 +40,23 @@ LATENCY = 2.0  # allowed median time from sending a batch to receiving its estim
 LOAD = 0.10  # allowed fraction of a core
 RATE = 20000.0  # of samples in batches [Hz]
 RATES = (500.0, 1000.0, 2000.0, 4000.0)  # of separate topics [Hz]
+
+
+def rows() -> list[dict[str, Any]]:
+    """Return load, unused samples and latency with batches, then load and unused with topics."""
+    found, what = [], 'sent to estimate received'
+    for kind, rate in ((BATCHES, RATE), *((TOPICS, each) for each in RATES)):
+        made, batched = measure(kind, rate), kind == BATCHES
+        at = f'pmsm_observer at {rate:g} Hz {"in batches" if batched else "on two topics"}'
+        load, unused = made['load'], made['samples'] - made['used']
+        found.append(row(f'{at}: load of a core', load, '', limit=LOAD if batched else None))
+        found.append(row(f'{at}: samples not used', unused, '', limit=0 if batched else None))
+        if batched and 'round_trip_ms' in made:
+            late = made['round_trip_ms']
+            found.append(row(f'{at}: {what}, median', late, 'ms', limit=LATENCY))
+        elif batched:
+            found.append(not_run(f'{at}: {what}', 'no batch was answered'))
+    return found
 
 
 def measure(kind: str, rate: float, seconds: float = 8.0) -> dict:

@@ -7,19 +7,25 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
+from typing import Any
 
 from benchmarks.live.processes import process, result
+from benchmarks.timing import not_run, row
 from estimator_pkg.ros.domain import free_domain
 
 # rates [Hz] and joints; no Python node keeps up with the last
 CASES = ((1000.0, 7), (2000.0, 7), (5000.0, 7), (5000.0, 150))
 
 
-def measure(rate: float, joints: int = 7, seconds: float = 5.0) -> dict:
-    """Return the messages published, received and reported lost at `rate`, with the default QoS.
+LOSSLESS = 2000.0  # [Hz] up to which nothing may be lost
+SECONDS = 5.0
 
-    ``true_loss`` counts published messages that never reached the node's callback; ``reported`` is
-    the number in the node's diagnostics.
+
+def rows(rate: float, joints: int) -> list[dict[str, Any]]:
+    """Return the messages lost at `rate`, with the default QoS, and those not reported as lost.
+
+    Lost are published messages that never reached the node's callback; reported is the number in
+    the node's diagnostics.
     """
     domain = free_domain()
     with ExitStack() as stack:
@@ -30,12 +36,19 @@ def measure(rate: float, joints: int = 7, seconds: float = 5.0) -> dict:
         start('node')
         watcher = start('diagnose')
         time.sleep(2.0)
-        sent = result(start('publish', str(rate), str(seconds), str(joints)))
+        sent = result(start('publish', str(rate), str(SECONDS), str(joints)))
         time.sleep(2.5)  # the diagnostics that count the last message come every second
         watcher.send_signal(2)
         counters = result(watcher)
-    found = {'rate_hz': rate, 'joints': joints, **sent}
+    name = f'lost at {rate:g} Hz, {joints} joints'
     if 'messages_received' not in counters:
-        return {**found, 'why': 'no diagnostics of the node were received'}
-    received, reported = int(counters['messages_received']), int(counters['lost_by_dds'])
-    return {**found, 'true_loss': sent['published'] - received, 'reported': reported}
+        return [not_run(name, 'no diagnostics of the node were received')]
+    lost = sent['published'] - int(counters['messages_received'])
+    counts = {'published': sent['published'], 'reported': int(counters['lost_by_dds'])}
+    if rate <= LOSSLESS:
+        return [row(name, lost, 'messages', limit=0, **counts)]
+    unreported = abs(lost - counts['reported'])
+    return [
+        row(name, lost, 'messages', **counts),
+        row(f'{name}, not reported', unreported, 'messages', limit=0),
+    ]

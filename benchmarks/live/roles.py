@@ -76,18 +76,13 @@ def _publisher(joints: int, subscribers: int) -> tuple[Any, list[str]]:
 
 
 def time_answers(topic: str) -> None:
-    """Print when the first message and the first estimate arrive, and on SIGINT the latencies.
+    """Print when the first estimate arrives, and on SIGINT the latencies.
 
-    First a line 'listening'. Then a line of JSON each: {"message": ns}, {"estimate": ns} (a message
-    with a velocity), and the number of answers with their times from stamp to receipt [ms].
+    First a line 'listening'. Then a line of JSON each: {"estimate": ns} (a message whose velocities
+    are not all nan), and the number of answers with their times from stamp to receipt [ms].
     """
     late: list[int] = []
-    printed: set[str] = set()
-
-    def first(what: str, now: int) -> None:
-        if what not in printed:
-            printed.add(what)
-            say(**{what: now})
+    printed: list[int] = []
 
     def make() -> Node:
         node, layout = rclpy.create_node('benchmark_clock'), Decoder().layout
@@ -96,10 +91,10 @@ def time_answers(topic: str) -> None:
             now = time.time_ns()
             found = layout(raw)
             late.append(now - found.stamp_ns(raw))
-            if 'estimate' not in printed:
-                first('message', now)
-                if not all(map(math.isnan, found.numbers(raw, 1))):
-                    first('estimate', now)
+            velocities = found.numbers(raw, 1)
+            if not printed and not (velocities and all(map(math.isnan, velocities))):
+                printed.append(now)
+                say(estimate=now)
 
         node.create_subscription(JointState, topic, take, 5000, raw=True)
         print('listening', flush=True)

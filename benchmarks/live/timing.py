@@ -5,7 +5,7 @@
 
 Each is compared with a node that only republishes. The nodes run in turn, each with the machine to
 itself. A latency is from the stamp, the time at which the message was sent, to the receipt by
-another process. CPU time until the first message does not depend on other load on the machine.
+another process.
 """
 
 from __future__ import annotations
@@ -13,73 +13,45 @@ from __future__ import annotations
 import json
 import signal
 import statistics
-import subprocess
 import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
-import psutil
-
-from benchmarks.live.processes import NODES, NULL, cpu, observer, process, result
+from benchmarks.live.processes import NODES, NULL, observer, process, result
 from benchmarks.timing import not_run, row
 from estimator_pkg.progress import progress
 from estimator_pkg.ros.domain import free_domain
 
 LONGEST = 8.0  # [s] to wait for a first estimate
-# key -> (title, unit, key of the null node that it is compared with)
-START = {
-    'message': ('process start to first message', 's', 'message'),
-    'cpu': ('CPU time to first message', 's', 'cpu'),
-    'estimate': ('process start to first estimate', 's', 'message'),
-}
+# key -> (title, unit)
+START = {'estimate': ('process start to first estimate', 's')}
 LATENCY = {
-    'median_ms': ('stamp to receipt, median', 'ms', 'median_ms'),
-    'late_ms': ('stamp to receipt, 99 %', 'ms', 'late_ms'),
+    'median_ms': ('stamp to receipt, median', 'ms'),
+    'late_ms': ('stamp to receipt, 99 %', 'ms'),
 }
 
 
 def start(name: str, rate: float = 200.0) -> dict[str, float]:
-    """Return seconds to the node's first message and first estimate, and CPU seconds till then.
+    """Return the seconds to the node's first estimate; without one there is no key.
 
-    An estimate is a message with a joint in it; a missing one has no key.
+    An estimate is a message with a joint in it, of the null node any message.
     """
     domain = free_domain()
     with ExitStack() as stack:
         stack.enter_context(process('feed', str(rate), domain=domain))
         listener = stack.enter_context(process('time_answers', f'/{name}/estimate', domain=domain))
-        assert listener.stdout is not None
-        listener.stdout.readline()
+        output = listener.stdout
+        assert output is not None
+        output.readline()
         time.sleep(1.0)  # until the stream runs
-        begun = time.time_ns()
-        node = stack.enter_context(observer(name, domain))
-        found = _times(listener, psutil.Process(node.pid))
-        return {what: at if what == 'cpu' else 1e-9 * (at - begun) for what, at in found.items()}
-
-
-def _times(listener: subprocess.Popen, node: psutil.Process) -> dict[str, float]:
-    """Return when the first message and estimate arrived [ns], and the node's CPU time then [s].
-
-    Waits for both, at most `LONGEST` seconds.
-    """
-    found: dict[str, float] = {}
-    both = threading.Event()
-
-    def read() -> None:
-        assert listener.stdout is not None
-        for line in listener.stdout:
-            said = json.loads(line)
-            if 'message' in said:
-                found['cpu'] = cpu(node)
-            found.update(said)
-            if 'estimate' in found:
-                break
-        both.set()
-
-    threading.Thread(target=read, daemon=True).start()
-    both.wait(LONGEST)
-    return {what: found[what] for what in START if what in found}
+        begun, found = time.time_ns(), list[str]()
+        stack.enter_context(observer(name, domain))
+        reading = threading.Thread(target=lambda: found.append(output.readline()), daemon=True)
+        reading.start()
+        reading.join(LONGEST)
+        return {'estimate': 1e-9 * (json.loads(found[0])['estimate'] - begun)} if found else {}
 
 
 def latency(name: str, rate: float = 1000.0, seconds: float = 5.0) -> dict[str, float]:
@@ -98,7 +70,7 @@ def latency(name: str, rate: float = 1000.0, seconds: float = 5.0) -> dict[str, 
 
 
 def rows(
-    once: Callable[[str], dict[str, float]], titles: dict[str, tuple[str, str, str]], rounds: int
+    once: Callable[[str], dict[str, float]], titles: dict[str, tuple[str, str]], rounds: int
 ) -> list[dict[str, Any]]:
     """Return for each node the medians over the rounds, and the ratio to the null node's."""
     names = (NULL, *NODES)
@@ -110,11 +82,11 @@ def rows(
                 advance(1)
     made = []
     for name in names:
-        for key, (title, unit, same) in titles.items():
+        for key, (title, unit) in titles.items():
             pairs = [
-                (mine[key], null[same])
+                (mine[key], null[key])
                 for mine, null in zip(found[name], found[NULL])
-                if key in mine and same in null
+                if key in mine and key in null
             ]
             if not pairs:
                 made.append(not_run(f'{name}: {title}', f'none within {LONGEST:g} s'))

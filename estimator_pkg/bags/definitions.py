@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 interfaces = Lazy('rosbags.interfaces')
 typesys = Lazy('rosbags.typesys')
 SEPARATOR = '=' * 80
-LONGEST = 1 << 20  # characters of a bag's definition that are read
+LONGEST_DEFINITION = 1 << 20  # characters of a bag's definition that are read
 
 
 @lru_cache(maxsize=1)
@@ -102,7 +102,7 @@ def store_for(type_name: str, definition: str) -> Typestore:
     ------
     UserError : neither has it.
     """
-    if 0 < len(definition) <= LONGEST and not definition.startswith(f'{SEPARATOR}\nIDL'):
+    if 0 < len(definition) <= LONGEST_DEFINITION and not definition.startswith(f'{SEPARATOR}\nIDL'):
         store = typesys.get_typestore(typesys.Stores.EMPTY)
         try:
             store.register(typesys.get_types_from_msg(definition, type_name))

@@ -8,8 +8,7 @@ Imports ROS, so the commands import it when they run.
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +52,7 @@ class Live:
         from rclpy.node import Node
 
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self.node: Node = Node(name)
+        self.node: Node = Node(name, start_parameter_services=False)
         self._executor = make_executor()
         self._executor.add_node(self.node)
 
@@ -138,25 +137,3 @@ def matching(profiles: Sequence[Qos]) -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
-
-
-def raw_callback(receive: Callable[[bytes, Any], None]) -> Callable[..., None]:
-    """Return `receive` as a callback of a raw subscription, for any executor.
-
-    The EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
-    """
-
-    def callback(message: Any, info: Any = None) -> None:
-        if info is None:
-            message, info = message
-        receive(message, info)
-
-    callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]  # rclpy counts them
-    return callback
-
-
-def _two(message: Any, info: Any) -> None:
-    """Provide a signature; never called."""
-
-
-_TWO_ARGUMENTS = inspect.signature(_two)

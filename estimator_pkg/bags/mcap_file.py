@@ -28,7 +28,7 @@ from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 
 from estimator_pkg.bags import qos, unpacking
-from estimator_pkg.bags.source import Part, Topic
+from estimator_pkg.bags.source import REPAIR, PendingBlock, Topic
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import Block, rows
 
@@ -40,9 +40,9 @@ MESSAGE = np.dtype(
         'formats': ['u1', '<u8', '<u2', '<u4', '<u8', '<u8'],
     }
 )  # a message record without its payload; packed: 31 bytes
-LAST = np.uint64(2**63 - 1)  # [ns] later times than in 2262 are wrong
-LARGEST = 1 << 32  # allowed size of a chunk [bytes]
-ARRAYS = 96  # bytes in arrays for each message
+LATEST_NS = np.uint64(2**63 - 1)  # [ns] later times than in 2262 are wrong
+LARGEST_CHUNK = 1 << 32  # allowed size of a chunk [bytes]
+ARRAY_BYTES = 96  # bytes in arrays for each message
 
 
 class _Chunk(NamedTuple):
@@ -55,7 +55,7 @@ class _Chunk(NamedTuple):
 
 
 class McapFile:
-    """An MCAP file that is open for reading; see `estimator_pkg.bags.source.Source`.
+    """An MCAP file that is open for reading; see `estimator_pkg.bags.source.BagFile`.
 
     Parameters
     ----------
@@ -92,10 +92,10 @@ class McapFile:
         """Close the file."""
         self._file.close()
 
-    def parts(self, places: Sequence[int]) -> Iterator[Part]:
+    def pieces(self, places: Sequence[int]) -> Iterator[PendingBlock]:
         """Yield all chunks."""
         for chunk in self._chunks:
-            yield Part(chunk.start_ns, chunk.size, partial(self._load, chunk))
+            yield PendingBlock(chunk.start_ns, chunk.size, partial(self._load, chunk))
 
     def _topic(self, channel: Channel) -> Topic:
         schema = self._schemas.get(channel.schema_id)
@@ -149,7 +149,7 @@ class McapFile:
                 break
             else:
                 self._learn(opcode, view[start + RECORD.size : end])
-        if not whole and end < self._size and view[end] == Opcode.CHUNK:
+        if not whole and end + RECORD.size <= self._size and view[end] == Opcode.CHUNK:
             found.append(_Chunk(end))  # its end is missing
         if loose:
             found = [_Chunk(-1, size=end)]
@@ -161,13 +161,11 @@ class McapFile:
             for channel, count in zip(self._channels, np.bincount(block.topic).tolist()):
                 self._counts[channel] = self._counts.get(channel, 0) + count
         if not whole and not self._channels:
-            raise UserError(
-                f'{self.path} ends before its first message: there is nothing to recover'
-            )
+            raise UserError(f'{self.path} ends before its first message: name another file')
         if not whole:
             self._warn(
                 f'{self.path} ends early (was its recorder killed?): '
-                f'reading the {sum(self._counts.values())} complete messages'
+                f'reading the {sum(self._counts.values())} complete messages; {REPAIR}'
             )
 
     def _mapped(self) -> memoryview:
@@ -200,7 +198,7 @@ class McapFile:
         what = f'{self.path}: the chunk at byte {chunk.at}'
         if end < len(data) and not torn:
             self._warn(f'{what} is damaged: only {len(offsets)} of its messages can be read')
-        unpacking.check(what, len(data) + ARRAYS * len(offsets), self._limit)
+        unpacking.check(what, len(data) + ARRAY_BYTES * len(offsets), self._limit)
         return self._block(data, offsets)
 
     def _unpacked(self, chunk: _Chunk) -> tuple[NDArray[np.uint8], bool]:
@@ -217,7 +215,7 @@ class McapFile:
                 raise ValueError('no chunk starts here')
             found = Chunk.read(ReadDataStream(self._file))
             size = found.uncompressed_size
-            if size > (chunk.size or LARGEST) and not torn:
+            if size > (chunk.size or LARGEST_CHUNK) and not torn:
                 raise ValueError('wrong size')
             unpacking.check(what, size, self._limit)
             data = unpacking.unpack(found.data, found.compression, size + 1, torn=torn)
@@ -272,8 +270,8 @@ class McapFile:
         """Return the messages of known topics whose records are at `offsets`."""
         if heads is None:
             heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
-        log_ns = np.minimum(heads['log_ns'], LAST).astype(np.int64)
-        publish_ns = np.minimum(heads['publish_ns'], LAST).astype(np.int64)
+        log_ns = np.minimum(heads['log_ns'], LATEST_NS).astype(np.int64)
+        publish_ns = np.minimum(heads['publish_ns'], LATEST_NS).astype(np.int64)
         block = Block(
             self._places[heads['channel']],
             log_ns,

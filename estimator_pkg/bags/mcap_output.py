@@ -27,7 +27,7 @@ from estimator_pkg.bags.source import Topic
 from estimator_pkg.messages.block import Block
 
 CHUNK_SIZE = 1 << 20  # bytes of messages per chunk, before compression
-LEVEL = 1  # compression level of zstd
+ZSTD_LEVEL = 1  # compression level of zstd
 
 
 class McapOutput:
@@ -49,7 +49,7 @@ class McapOutput:
         self._channels: list[records.Channel] = []
         self._new = RecordBuilder()  # schemas and channels that are not yet in a chunk
         self._chunks: list[records.ChunkIndex] = []
-        self._compressor = zstandard.ZstdCompressor(level=LEVEL)
+        self._compressor = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
         self.statistics = records.Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
         self._put(MAGIC)
         self._record(records.Header('ros2', f'velocity_estimator {__version__}'))

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import math
 import sys
 import time
@@ -14,7 +15,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import unpacking
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from estimator_pkg.bags.live import Live
     from estimator_pkg.ros.loss import Loss
 
-LOOK = 0.1  # time between two checks of the graph [s]
-PATIENCE = 10.0  # added to a duration while no message has arrived yet [s]
-ARRIVED = 3  # consecutive checks without a message after which all received ones are recorded
-AWAITED = 0.02  # length of such a check [s]
-AT_MOST = 0.3  # longest time for these checks [s]
+GRAPH_PERIOD = 0.1  # time between two checks of the graph [s]
+FIRST_MESSAGE_WAIT = 10.0  # added to a duration while no message has arrived yet [s]
+QUIET_CHECKS = 3  # consecutive checks without a message after which all received ones are recorded
+CHECK_TIME = 0.02  # length of such a check [s]
+LONGEST_END_CHECKS = 0.3  # longest time for these checks [s]
 LONGEST_DRAIN = 0.5  # longest time for messages of one topic that the executor has not noticed [s]
-FLUSH = 2.0  # time between two flushes to the disk [s]
+FLUSH_PERIOD = 2.0  # time between two flushes to the disk [s]
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,13 +45,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         nargs='*',
         help='topics to record (default: all, also those that appear later)',
     )
-    parser.add_argument(
-        '--recover',
-        metavar='PATH',
-        help='record nothing: make a bag of a file or folder (.mcap, .db3) '
-        'of a recorder that was killed',
-    )
-    unpacking.arguments(parser)
     parser.add_argument('--out', metavar='BAG', required=True, help='bag to write')
     parser.add_argument(
         '--duration',
@@ -63,8 +56,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Record until Ctrl-C or for a duration; print and return the numbers of messages."""
-    if parsed.recover is not None:
-        return _recovered(parsed)
     if parsed.duration is not None and not (
         math.isfinite(parsed.duration) and parsed.duration > 0.0
     ):
@@ -100,21 +91,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     return {'bag': parsed.out, 'messages': counts, 'lost': lost}
 
 
-def _recovered(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Make a bag of the files of a crashed recorder; return the numbers of messages."""
-    if parsed.topics or parsed.duration is not None:
-        raise UsageError('--recover takes neither topics nor --duration: omit them')
-    from estimator_pkg.bags.recover import recover
-
-    counts = recover(parsed.recover, parsed.out, parsed.unpack_limit)
-    print(f'{parsed.out}, recovered from {parsed.recover} (which you may delete now):')
-    for name, count in counts.items():
-        print(f'  {name}  {count} messages')
-    return {'bag': parsed.out, 'recovered': parsed.recover, 'messages': counts}
-
-
 @dataclass
-class Track:
+class RecordedTopic:
     """A topic that is being recorded."""
 
     subscription: Subscription
@@ -145,15 +123,15 @@ class Recorder:
         self._refused: set[str] = set()
         self._first_ns = 0
         self._received = 0
-        self.tracks: dict[str, Track] = {}
+        self.tracks: dict[str, RecordedTopic] = {}
 
     def run(self, duration: float | None) -> None:
         """Record for `duration` [s] from the first message on, or until Ctrl-C."""
         self._follow(duration)
-        until, quiet = time.monotonic() + AT_MOST, 0  # take in the waiting messages
-        while quiet < ARRIVED and time.monotonic() < until:
+        until, quiet = time.monotonic() + LONGEST_END_CHECKS, 0  # take in the waiting messages
+        while quiet < QUIET_CHECKS and time.monotonic() < until:
             before = self._received
-            self._here.spin(AWAITED)
+            self._here.spin(CHECK_TIME)
             self._drain()
             quiet = quiet + 1 if self._received == before else 0
 
@@ -166,18 +144,18 @@ class Recorder:
             if now >= look:
                 self._look()
                 self._drain()
-                look = now + LOOK
+                look = now + GRAPH_PERIOD
                 if not printed and now > begun + 1.0:
                     printed = True
                     self._print_missing()
             if now >= flush:
                 self._writer.flush()
-                flush = now + FLUSH
+                flush = now + FLUSH_PERIOD
             if duration is not None:
-                since = self._first_ns * 1e-9 if self._first_ns else begun + PATIENCE
+                since = self._first_ns * 1e-9 if self._first_ns else begun + FIRST_MESSAGE_WAIT
                 if time.monotonic() - since > duration:
                     return
-            self._here.spin(min(LOOK, duration or LOOK))
+            self._here.spin(min(GRAPH_PERIOD, duration or GRAPH_PERIOD))
 
     def _drain(self) -> None:
         """Receive messages that the executor has not noticed."""
@@ -235,7 +213,7 @@ class Recorder:
         self.tracks[name] = self._subscribe(name, kind, qos, profiles)
         show(f'recording {name} ({types[0]})', file=sys.stderr)
 
-    def _adapt(self, name: str, type_name: str, track: Track, profiles: list[Qos]) -> None:
+    def _adapt(self, name: str, type_name: str, track: RecordedTopic, profiles: list[Qos]) -> None:
         """Subscribe again if a new publisher does not match the present subscription."""
         from estimator_pkg.bags.live import matching
         from estimator_pkg.ros.message_class import message_class
@@ -254,8 +232,9 @@ class Recorder:
         again.lost_before = track.lost
         self.tracks[name] = again
 
-    def _subscribe(self, name: str, kind: Any, qos: QoSProfile, profiles: list[Qos]) -> Track:
-        from estimator_pkg.bags.live import raw_callback
+    def _subscribe(
+        self, name: str, kind: Any, qos: QoSProfile, profiles: list[Qos]
+    ) -> RecordedTopic:
         from estimator_pkg.ros.loss import Loss
 
         holder: list[Subscription] = []
@@ -270,10 +249,13 @@ class Recorder:
             if not self._first_ns:
                 self._first_ns = time.monotonic_ns()
 
-        holder.append(
-            self._here.node.create_subscription(kind, name, raw_callback(receive), qos, raw=True)
-        )
-        return Track(holder[0], receive, qos, loss, profiles=list(profiles))
+        def callback(*arguments: Any) -> None:
+            # EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
+            receive(*(arguments if len(arguments) == 2 else arguments[0]))
+
+        callback.__signature__ = inspect.signature(receive)  # type: ignore[attr-defined]  # rclpy counts them
+        holder.append(self._here.node.create_subscription(kind, name, callback, qos, raw=True))
+        return RecordedTopic(holder[0], receive, qos, loss, profiles=list(profiles))
 
 
 COMMAND = Command(
@@ -283,6 +265,5 @@ COMMAND = Command(
     examples=(
         ('/joint_states --out arm --duration 60', 'a minute of joint states'),
         ('--out everything', 'all topics, until Ctrl-C'),
-        ('--recover crashed_folder --out saved', 'finish the recording of a killed recorder'),
     ),
 )

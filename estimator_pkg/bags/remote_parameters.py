@@ -16,8 +16,8 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from estimator_pkg.errors import UserError
 
-PATIENCE = 5.0  # longest wait for a node to be found, and to answer [s]
-TURN = 0.05  # time between checks [s]
+ANSWER_WAIT = 5.0  # longest wait for a node to be found, and to answer [s]
+CHECK_PERIOD = 0.05  # time between checks [s]
 
 
 class RemoteParameters:
@@ -55,11 +55,11 @@ class RemoteParameters:
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set them together; raise UserError if the node refuses one (with its reason)."""
-        asked = [
+        requested = [
             Parameter(name, value=list(value) if isinstance(value, tuple) else value)
             for name, value in values.items()
         ]
-        result = self._answer(lambda: self._client.set_parameters_atomically(asked)).result
+        result = self._answer(lambda: self._client.set_parameters_atomically(requested)).result
         if not result.successful:
             raise UserError(f"the node '{self.name}' refused the gains: {result.reason}")
 
@@ -79,9 +79,9 @@ class RemoteParameters:
 
     def _came(self, condition: Callable[[], Any]) -> bool:
         """Wait for a condition; return False if it did not come true."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + ANSWER_WAIT
         while not condition():
             if time.monotonic() > end or self._here.stopping:
                 return False
-            self._here.spin(TURN)
+            self._here.spin(CHECK_PERIOD)
         return True

@@ -11,10 +11,10 @@ from estimator_pkg.errors import UserError
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.streams.angle import ANGLE_TYPES
 
-TRUTH = '/ground_truth/'
-USUAL = '/joint_states'
-NUMBERS = {f'std_msgs/msg/{kind}' for kind in ANGLE_TYPES}
-MADE = (
+TRUTH_NAMESPACE = '/ground_truth/'
+USUAL_MEASUREMENT = '/joint_states'
+NUMBER_TYPES = {f'std_msgs/msg/{kind}' for kind in ANGLE_TYPES}
+ESTIMATE_SUFFIXES = (
     '/estimate',
     '/estimate_stddev',
     '/smoothed',
@@ -47,8 +47,8 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
     names = measured_topics(bag)
     if len(names) == 1:
         return bag.require(names[0], [TYPE]).name
-    if USUAL in names:
-        return bag.require(USUAL, [TYPE]).name
+    if USUAL_MEASUREMENT in names:
+        return bag.require(USUAL_MEASUREMENT, [TYPE]).name
     if names:
         raise UserError(
             f'{bag.path} has several topics of joint states: choose one with '
@@ -58,7 +58,7 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
         (
             f'{topic.name}:data'
             for topic in bag.topics.values()
-            if topic.type in NUMBERS and topic.count
+            if topic.type in NUMBER_TYPES and topic.count
         ),
         'TOPIC:FIELD',
     )
@@ -75,6 +75,6 @@ def measured_topics(bag: Bag, *, empty: bool = False) -> list[str]:
         for topic in bag.topics.values()
         if topic.type == TYPE
         and (topic.count or empty)
-        and TRUTH not in f'{topic.name}/'
-        and not topic.name.endswith(MADE)
+        and TRUTH_NAMESPACE not in f'{topic.name}/'
+        and not topic.name.endswith(ESTIMATE_SUFFIXES)
     ]

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a file of a bag contains: its topics, and its messages in parts."""
+"""What a file of a bag contains: its topics, and its messages in pieces."""
 
 from __future__ import annotations
 
@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Qos
 
 CDR = 'cdr'
+REPAIR = (
+    'to repair it, use `mcap recover FILE -o NEW` (.mcap) or '
+    '`sqlite3 FILE .recover | sqlite3 NEW` (.db3)'
+)  # of a file whose recorder was killed
 
 
 class UnreadableError(UserError):
@@ -47,7 +51,13 @@ class Topic:
     serialization: str = CDR
 
 
-class Part(NamedTuple):
+def full_type(name: str) -> str:
+    """Return the name of a message type with its '/msg/', which some recorders leave out."""
+    package, slash, short = name.partition('/')
+    return f'{package}/msg/{short}' if slash and '/' not in short else name
+
+
+class PendingBlock(NamedTuple):
     """Messages that are read together.
 
     start_ns : time of the first one. size : bytes when they are read.
@@ -59,18 +69,18 @@ class Part(NamedTuple):
     load: Callable[[], Block]
 
 
-class Source(Protocol):
+class BagFile(Protocol):
     """A file of a bag that is open for reading.
 
-    sorts : its parts are known in advance, so they can be sorted with those of other files.
+    sorts : its pieces are known in advance, so they can be sorted with those of other files.
     """
 
     path: Path
     topics: list[Topic]
     sorts: bool
 
-    def parts(self, places: Sequence[int]) -> Iterable[Part]:
-        """Return the parts with messages of the topics at these places, and maybe others."""
+    def pieces(self, places: Sequence[int]) -> Iterable[PendingBlock]:
+        """Return the pieces with messages of the topics at these places, and maybe others."""
 
     def close(self) -> None:
         """Close the file."""

@@ -18,7 +18,7 @@ import apsw
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import Part, Topic
+from estimator_pkg.bags.source import REPAIR, PendingBlock, Topic
 from estimator_pkg.errors import UserError, first_line
 from estimator_pkg.messages.block import from_messages
 
@@ -26,7 +26,7 @@ ROWS = 4096  # messages per block, if they are small
 
 
 class SqliteFile:
-    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source.Source`.
+    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source.BagFile`.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class SqliteFile:
             self._reader.open()
         except Exception as error:  # the library may raise anything for a damaged file
             why = first_line(error).replace(str(for_library), str(path))
-            raise UserError(f'{path} cannot be read as a bag: {why}') from error
+            raise UserError(f'{path} cannot be read as a bag: {why}; {REPAIR}') from error
         assert self._reader.dbconn is not None
         self._most = min(max(limit, path.stat().st_size), 2**31 - 1)
         self._reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, self._most)
@@ -78,7 +78,7 @@ class SqliteFile:
         """Close the file."""
         self._reader.close()
 
-    def parts(self, places: Sequence[int]) -> Iterator[Part]:
+    def pieces(self, places: Sequence[int]) -> Iterator[PendingBlock]:
         """Yield the messages of these topics in log order."""
         connections = {self._connections[place].id: place for place in places}
         topic: list[int] = []
@@ -86,9 +86,9 @@ class SqliteFile:
         raws: list[bytes] = []
         size = strange = 0
 
-        def full() -> Part:
+        def full() -> PendingBlock:
             block = from_messages(topic, times, times, raws)
-            return Part(times[0], size, lambda: block)
+            return PendingBlock(times[0], size, lambda: block)
 
         try:
             for connection, time_ns, raw in self._reader.messages(
@@ -97,7 +97,7 @@ class SqliteFile:
                 if not isinstance(raw, bytes) or not isinstance(time_ns, int):
                     strange += 1
                     continue
-                if len(raws) == ROWS or (raws and size + len(raw) > unpacking.PIECE):
+                if len(raws) == ROWS or (raws and size + len(raw) > unpacking.PIECE_SIZE):
                     yield full()
                     topic, times, raws, size = [], [], [], 0
                 topic.append(connections[connection.id])
@@ -107,7 +107,7 @@ class SqliteFile:
         except apsw.TooBigError:
             unpacking.check(f'{self.path}: a message', self._most + 1, self._most)
         except (apsw.Error, UnicodeDecodeError) as error:
-            raise UserError(f'{self.path} is damaged: {first_line(error)}') from error
+            raise UserError(f'{self.path} is damaged: {first_line(error)}; {REPAIR}') from error
         if raws:
             yield full()
         if strange:
@@ -128,7 +128,7 @@ def completed(path: Path, logs: list[str], folder: Path) -> Path:
         with closing(sqlite3.connect(folder / path.name)) as base:
             base.execute('pragma journal_mode = delete')
     except sqlite3.Error as error:
-        raise UserError(f'{path} cannot be completed: {first_line(error)}') from error
+        raise UserError(f'{path} cannot be completed: {first_line(error)}; {REPAIR}') from error
     return folder / path.name
 
 

@@ -19,9 +19,9 @@ lz4_frame = Lazy('lz4.frame')
 zstandard = Lazy('zstandard')
 
 MIB = 1 << 20
-LIMIT = 256 * MIB  # default limit for one unpacked chunk or message [bytes]
-RATIO = 100  # a file may unpack to RATIO times its size, or to LIMIT if that is more
-PIECE = 4 * MIB  # bytes of a file unpacked at a time
+UNPACK_LIMIT = 256 * MIB  # default limit for one unpacked chunk or message [bytes]
+UNPACK_RATIO = 100  # largest unpacked size of a file over its size, if that is above UNPACK_LIMIT
+PIECE_SIZE = 4 * MIB  # bytes of a file unpacked at a time
 
 
 def damaged() -> tuple[type[Exception], ...]:
@@ -39,9 +39,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         '--unpack-limit',
         metavar='MIB',
         type=_limit,
-        default=LIMIT,
+        default=UNPACK_LIMIT,
         help='largest size of an unpacked chunk or message of the bag '
-        f'(default {LIMIT // MIB}); the limit of a compressed file is {RATIO} '
+        f'(default {UNPACK_LIMIT // MIB}); the limit of a compressed file is {UNPACK_RATIO} '
         'times its size if that is more',
     )
 
@@ -87,12 +87,12 @@ def unpack(
     try:
         if compression == 'zstd':
             with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
-                while done < most and (size := reader.readinto(data[done : done + PIECE])):
+                while done < most and (size := reader.readinto(data[done : done + PIECE_SIZE])):
                     done += size
         elif compression == 'lz4':
             unpacker = lz4_frame.LZ4FrameDecompressor()
             while done < most and not unpacker.eof:
-                piece = unpacker.decompress(b'' if done else packed, min(PIECE, most - done))
+                piece = unpacker.decompress(b'' if done else packed, min(PIECE_SIZE, most - done))
                 if not piece:
                     raise ValueError('its end is missing')
                 data[done : done + len(piece)] = np.frombuffer(piece, np.uint8)
@@ -128,10 +128,10 @@ def unpack_file(packed: Path, target: Path, limit: int) -> None:
 
     Raises
     ------
-    TooLargeError : it unpacks to more than `limit` bytes and `RATIO` times its size.
+    TooLargeError : it unpacks to more than `limit` bytes and `UNPACK_RATIO` times its size.
     UserError : it is damaged.
     """
-    most = max(limit, RATIO * packed.stat().st_size)
+    most = max(limit, UNPACK_RATIO * packed.stat().st_size)
     try:
         with (
             open(packed, 'rb') as source,
@@ -139,7 +139,7 @@ def unpack_file(packed: Path, target: Path, limit: int) -> None:
             zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True) as reader,
         ):
             done = 0
-            while piece := reader.read(min(PIECE, most + 1 - done)):
+            while piece := reader.read(min(PIECE_SIZE, most + 1 - done)):
                 done += len(piece)
                 check(str(packed), done, most)
                 plain.write(piece)

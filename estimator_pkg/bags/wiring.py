@@ -162,14 +162,16 @@ def requested(
         for stream in known:
             if stream.NODE in sections:
                 return stream
-    given = set(values)
+    configured = set(values)
     if params:
         with suppress(UsageError):
-            given |= set(params_file.of_this_node(params_file.load(params, node or known[0].NODE)))
+            configured |= set(
+                params_file.of_this_node(params_file.load(params, node or known[0].NODE))
+            )
     usual = streams.named(streams.USUAL)
-    if given and not _knows(usual, given):
+    if configured and not _knows(usual, configured):
         for stream in known:
-            if _knows(stream, given):
+            if _knows(stream, configured):
                 return stream
     joints = bool(measured_topics(bag, empty=True))
     return next(

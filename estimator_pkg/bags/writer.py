@@ -10,7 +10,7 @@
 The bag is written in a new folder next to its final path and moved there when it is complete, so an
 error or an interrupt leaves no incomplete bag. A recording, which cannot be repeated, is kept in
 any case. After a crash the new folder stays, with the only copy: no other instance changes it, and
-the next one reports it (`crashed`).
+the next one reports it (`unfinished`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import contextlib
 import os
 import re
 import secrets
-import shlex
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -32,7 +31,7 @@ import yaml
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags.definitions import define
-from estimator_pkg.bags.source import CDR, Topic
+from estimator_pkg.bags.source import CDR, REPAIR, Topic
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block, from_messages
@@ -44,10 +43,9 @@ if TYPE_CHECKING:
 mcap_output = Lazy('estimator_pkg.bags.mcap_output')
 qos_profiles = Lazy('estimator_pkg.bags.qos')
 
-CHUNK_SIZE = 1 << 20  # bytes of messages per chunk
 VERSION = 9  # of metadata.yaml, as Jazzy writes it
-OTHERS = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
-LATEST = 2**63 - 1  # start time of a bag without messages
+OTHER_SUFFIXES = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
+EMPTY_START_NS = 2**63 - 1  # start time of a bag without messages
 
 
 class BagWriter:
@@ -72,7 +70,7 @@ class BagWriter:
         self._topics: dict[str, tuple[int, Topic]] = {}
         self._pending: tuple[list, ...] = ([], [], [], [])  # channels, both times, messages
         self._pending_size = 0
-        if self.path.suffix in OTHERS:
+        if self.path.suffix in OTHER_SUFFIXES:
             raise UserError(
                 f'{path}: bags are written as MCAP: name a folder, or a file that ends in .mcap'
             )
@@ -83,10 +81,10 @@ class BagWriter:
                 f'{path} cannot be written: the folder {self._name.parent} does not exist'
             )
         output = mcap_output.McapOutput  # a missing library raises before anything is created
-        for folder in crashed(self.path):
+        for folder in unfinished(self.path):
             interrupts.say(
-                f'warning: {folder} contains an incomplete {path}, whose process was killed: '
-                f'{_how_to_recover(folder)}'
+                f'warning: {folder} contains an incomplete {path} of a process that was killed or '
+                f'still writes; {REPAIR}'
             )
         self._folder: Path | None = None
         self._file = self.path.name if self._bare else f'{self.path.stem}_0.mcap'
@@ -94,7 +92,6 @@ class BagWriter:
         try:
             self._folder = _new_folder(self.path)
             self._stream = (self._folder / self._file).open('xb')
-            _mark(self._stream)
             self._mcap = output(self._stream)
         except OSError as error:
             self.abort()
@@ -126,7 +123,6 @@ class BagWriter:
         type_name: str,
         qos: Sequence[Qos] | Qos | None = None,
         *,
-        definition: str = '',
         type_hash: str = '',
         serialization: str = CDR,
     ) -> int:
@@ -136,21 +132,14 @@ class BagWriter:
         ----------
         name, type_name : as in '/joint_states', 'sensor_msgs/msg/JointState'.
         qos : the offered profile or profiles; None: reliable, volatile, keep last 10.
-        definition, type_hash : by default looked up.
+        type_hash : by default looked up.
         serialization : of its messages.
         """
         if qos is None:
             qos = qos_profiles.profile()
         profiles = (qos,) if isinstance(qos, qos_profiles.Qos) else tuple(qos)
         return self.add(
-            Topic(
-                name,
-                type_name,
-                qos=profiles,
-                definition=definition,
-                type_hash=type_hash,
-                serialization=serialization,
-            )
+            Topic(name, type_name, qos=profiles, type_hash=type_hash, serialization=serialization)
         )
 
     def add(self, topic: Topic) -> int:
@@ -180,7 +169,7 @@ class BagWriter:
         publishes.append(log_ns if publish_ns is None else publish_ns)
         raws.append(raw)
         self._pending_size += len(raw)
-        if self._pending_size >= CHUNK_SIZE:
+        if self._pending_size >= mcap_output.CHUNK_SIZE:
             self.flush()
 
     def write_block(self, block: Block) -> None:
@@ -284,7 +273,7 @@ class BagWriter:
 
     def _print_kept(self) -> None:
         where = f'{self._folder or self._name} contains the messages written so far'
-        interrupts.say(f'{where}: {_how_to_recover(self._folder)}' if self._folder else where)
+        interrupts.say(f'{where}; {REPAIR}' if self._folder else where)
 
     def abort(self) -> None:
         """Remove everything that was written."""
@@ -302,7 +291,7 @@ class BagWriter:
         """Return the metadata of the bag, as Jazzy writes them."""
         found = self._mcap.statistics
         count = found.message_count
-        start = found.message_start_time if count else LATEST
+        start = found.message_start_time if count else EMPTY_START_NS
         length = found.message_end_time - start if count else 0
 
         def extent() -> dict[str, Any]:
@@ -341,11 +330,6 @@ class BagWriter:
         return UserError(f'{self._name} cannot be written: {error.strerror or error}')
 
 
-def _how_to_recover(folder: Path) -> str:
-    path = shlex.quote(str(folder))
-    return f'`velocity_estimator record --recover {path} --out BAG` makes a bag of it'
-
-
 def _new_folder(path: Path) -> Path:
     """Make a new folder next to `path`; raise OSError if that is not possible."""
     while True:
@@ -355,47 +339,16 @@ def _new_folder(path: Path) -> Path:
             return folder
 
 
-def _mark(stream: BinaryIO) -> None:
-    """Lock the file while this process lives, if the system supports it."""
-    with contextlib.suppress(ImportError, OSError):
-        import fcntl
-
-        fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def in_use(file: Path) -> bool:
-    """Return True if a running process is writing this file."""
-    try:
-        import fcntl
-
-        with open(file, 'rb') as stream:
-            fcntl.flock(stream.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except (ImportError, OSError):
-        pass
-    return False
-
-
-def crashed(path: Path) -> list[Path]:
-    """Return the folders next to `path` that its killed writers left.
+def unfinished(path: Path) -> list[Path]:
+    """Return the folders next to `path` in which its writers have not finished.
 
     Parameters
     ----------
     path : path of the requested bag.
     """
     name = re.compile(re.escape(f'.{path.name}.') + r'[0-9a-f]+\.part')
-    try:
-        found = sorted(
-            folder
-            for folder in path.parent.iterdir()
-            if name.fullmatch(folder.name) and folder.is_dir()
-        )
-        return [
-            folder
-            for folder in found
-            if any(folder.iterdir())
-            and not any(in_use(file) for file in folder.iterdir() if file.is_file())
-        ]
-    except OSError:
-        return []
+    return sorted(
+        folder
+        for folder in path.parent.glob('.*.part')
+        if name.fullmatch(folder.name) and any(folder.glob('*.mcap'))
+    )

@@ -21,7 +21,7 @@ from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import NOT_OBSERVABLE
 from estimator_pkg.observers.adaptive.evidence import Evidence
-from estimator_pkg.observers.adaptive.report import Origin, Report, report
+from estimator_pkg.observers.adaptive.report import IdentificationReport, Origin, report
 from estimator_pkg.observers.adaptive.structure import structure
 from estimator_pkg.observers.contract import Observer
 
@@ -91,7 +91,7 @@ class AdaptiveJoint(Joint):
         """See `Joint`."""
         return self.estimate()[3] == NOT_OBSERVABLE
 
-    def report(self) -> Report:
+    def report(self) -> IdentificationReport:
         """Return the identified parameters."""
         return report(
             self.gains, self.design, self.state, self.mean_dt or 1e-3, self.evidence, self.origin
@@ -279,7 +279,7 @@ class AdaptiveBank(Bank):
         settings: Any = self.joints[name].settings
         return settings.input_unit
 
-    def reports(self) -> dict[str, Report]:
+    def reports(self) -> dict[str, IdentificationReport]:
         """Return the identified parameters of each joint."""
         return {
             name: joint.report()

@@ -32,16 +32,16 @@ from estimator_pkg.sensor.guard import (
     longest_dt,
 )
 
-COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
+ESTIMATE_COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 
 
 class DriveEstimates(NamedTuple):
     """One row per received sample.
 
-    rows : shape (n, 4), `COLUMNS`: rad, rad/s, Wb, 0 or 1; nan where withheld or where the sample
-        was dropped.
+    rows : shape (n, 4), `ESTIMATE_COLUMNS`: rad, rad/s, Wb, 0 or 1; nan where withheld or where
+        the sample was dropped.
     status : shape (n,), see `observers.contract`.
-    reasons : shape (n,), bits of `observers.pmsm.watch.REASONS`.
+    reasons : shape (n,), bits of `observers.pmsm.watch.REASON_TEXTS`.
     verdict : shape (n,), see `sensor.guard`.
     """
 
@@ -69,20 +69,20 @@ class DriveEstimates(NamedTuple):
 def empty(count: int) -> DriveEstimates:
     """Return arrays for `count` samples."""
     return DriveEstimates(
-        np.full((count, len(COLUMNS)), np.nan),
+        np.full((count, len(ESTIMATE_COLUMNS)), np.nan),
         np.full(count, INITIALISING, np.int8),
         np.zeros(count, np.int32),
         np.zeros(count, np.int8),
     )
 
 
-REMEMBERED = 64  # number of batches for the detection of repeated ones
-GAP = 2.5  # this many sample periods without a sample are a gap
+BATCHES_REMEMBERED = 64  # number of batches for the detection of repeated ones
+GAP_PERIODS = 2.5  # this many sample periods without a sample are a gap
 UNKNOWN_GAP = 0.01  # length of a gap while the sample period is unknown [s]
-LASTS = 200_000_000  # what contradicts the motor data for this time is no start [ns],
-KEPT = 10**10  # and is kept as the reason for this time [ns]
+CONTRADICTION_TIME = 200_000_000  # what contradicts the motor data for this time is no start [ns],
+CONTRADICTION_KEPT = 10**10  # and is kept as the reason for this time [ns]
 LONGEST_BATCH = 10**8  # longer times between two estimates are pauses [ns]
-FITS = 0.01  # allowed relative difference of the sample period from the stamps
+PERIOD_TOLERANCE = 0.01  # allowed relative difference of the sample period from the stamps
 
 
 class DriveJoint(Joint):
@@ -112,7 +112,7 @@ class DriveJoint(Joint):
         self.misfit = ''
         self._late_batches = 0
         self._contradiction = 0, 0, 0  # reasons without an estimate, their time, last stamp [ns]
-        self._recent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
+        self._recent: deque[tuple[int, int]] = deque(maxlen=BATCHES_REMEMBERED)
         super().__init__(observer, gains, settings)
 
     def _use_gains(self) -> None:
@@ -138,7 +138,7 @@ class DriveJoint(Joint):
 
     def _tighten(self) -> None:
         """Shorten the guard's gap: the rotor turns far between two samples."""
-        gap = GAP * self._period if self._period > 0.0 else UNKNOWN_GAP
+        gap = GAP_PERIODS * self._period if self._period > 0.0 else UNKNOWN_GAP
         with self._changing() as channel:
             channel.limits.gap_ns = min(round(self.settings.gap_max * 1e9), round(gap * 1e9))
 
@@ -239,11 +239,11 @@ class DriveJoint(Joint):
         # the median; NumPy's own takes as long as all samples in the engine
         spacing = float(np.sort(stamps[1:] - stamps[:-1])[(len(stamps) - 1) // 2]) * 1e-9
         if self.given_period <= 0.0:
-            if spacing > 0.0 and abs(spacing - self._period) > FITS * self._period:
+            if spacing > 0.0 and abs(spacing - self._period) > PERIOD_TOLERANCE * self._period:
                 self._period = spacing
                 self._tighten()
             return True
-        if abs(spacing - self.given_period) <= FITS * self.given_period:
+        if abs(spacing - self.given_period) <= PERIOD_TOLERANCE * self.given_period:
             self.misfit = ''
         else:
             self.misfit = (
@@ -315,7 +315,7 @@ class DriveJoint(Joint):
             return note
         reasons = self._reasons()
         known, total, last_ns = self._contradiction
-        if total > LASTS and self.stamp_ns - last_ns < KEPT:
+        if total > CONTRADICTION_TIME and self.stamp_ns - last_ns < CONTRADICTION_KEPT:
             return describe(known | (reasons & ~LOW_EMF))
         if self.estimate()[3] != NOT_OBSERVABLE:
             return describe(reasons)

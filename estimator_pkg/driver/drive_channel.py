@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator_pkg.driver import channel as single
 from estimator_pkg.driver.channel import Track, advance
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, Deviation, Estimate
-from estimator_pkg.observers.pmsm.drive import Electrical, ElectricalDeviation, Sample
+from estimator_pkg.observers.pmsm.drive import DriveSample, Electrical, ElectricalDeviation
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import AFTER_GAP, DUPLICATE, Limits
 
@@ -31,8 +31,8 @@ class Channel:
     verdict: int  # on the newest sample
     counts: Annotated[list[int], 12]  # of the samples, by verdict
     stamp_ns: int  # of the newest sample that was used
-    measurement: Sample  # the newest sample that was used
-    taken: Sample  # the newest sample
+    measurement: DriveSample  # the newest sample that was used
+    taken: DriveSample  # the newest sample
     estimate: Estimate  # mechanical
     deviation: Deviation
     electrical: Electrical
@@ -42,7 +42,7 @@ class Channel:
 
 def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample."""
-    nothing = Sample()
+    nothing = DriveSample()
     single.reset_track(observer, channel.track, channel.design)
     observer.start(observer, channel.track.state, channel.design, nothing)
 
@@ -149,7 +149,7 @@ def trace(
     ----------
     samples : shape (4 count,), without the sample of `states[0]`.
     """
-    sample = Sample()
+    sample = DriveSample()
     for k in range(count):
         at = 4 * k
         sample.i_alpha, sample.i_beta = samples[at], samples[at + 1]

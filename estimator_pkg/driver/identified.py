@@ -18,13 +18,13 @@ import yaml
 from estimator_pkg import whole_file, yaml_text
 from estimator_pkg.driver.adaptive import AdaptiveBank
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.observers.adaptive.report import Report
+from estimator_pkg.observers.adaptive.report import IdentificationReport
 from estimator_pkg.observers.adaptive.structure import structure
 
 UNKNOWN_UNIT = 'unit of input'  # name in a report
 
 
-def values_of(said: Report, input_unit: str = '') -> dict[str, Any]:
+def values_of(said: IdentificationReport, input_unit: str = '') -> dict[str, Any]:
     """Return the state, and value, deviation, unit and trust of each parameter.
 
     Parameters

@@ -14,7 +14,7 @@ from estimator_pkg.driver.channel import advance
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED
 from estimator_pkg.models.mechanics import Vector
 from estimator_pkg.observers.mechanism.algebra import is_finite
-from estimator_pkg.observers.mechanism.core import Estimate
+from estimator_pkg.observers.mechanism.core import MechanismEstimate
 from estimator_pkg.observers.mechanism.state import Coefficients, Design, State
 from estimator_pkg.record import record
 from estimator_pkg.sensor.clock import Clock
@@ -43,7 +43,7 @@ class Channel:
     stamp_ns: int  # of the newest sample that was used
     measurement: Vector  # the newest positions, used or not [rad or m]
     known_input: Vector  # since the last sample
-    estimate: Estimate
+    estimate: MechanismEstimate
 
 
 def reset_channel(observer: Any, channel: Channel) -> None:

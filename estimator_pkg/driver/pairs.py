@@ -10,7 +10,7 @@ from collections import deque
 from typing import NamedTuple
 
 from estimator_pkg.observers.maths.clarke import clarke
-from estimator_pkg.observers.pmsm.drive import LARGEST
+from estimator_pkg.observers.pmsm.drive import LARGEST_VECTOR
 
 MOST_UNPAIRED = 100  # largest number of messages of each kind that wait for their partner
 CURRENT, VOLTAGE = 0, 1
@@ -101,7 +101,7 @@ class Phases:
     def current(self, a: float, b: float, c: float) -> AlphaBeta | None:
         """Return (alpha, beta) [A]; None if the phases do not sum to zero."""
         largest = max(abs(a), abs(b), abs(c))
-        if not largest < LARGEST:  # no current: the guard drops it
+        if not largest < LARGEST_VECTOR:  # no current: the guard drops it
             return math.nan, math.nan
         self._largest = max(largest, FORGETS * self._largest)
         imbalance = abs(a + b + c) / self._largest

@@ -9,7 +9,13 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 from estimator_pkg.driver.channel import advance
-from estimator_pkg.observers.switched.state import Coefficients, Design, Deviation, Estimate, State
+from estimator_pkg.observers.switched.state import (
+    Coefficients,
+    Design,
+    OutputDeviations,
+    OutputEstimates,
+    State,
+)
 from estimator_pkg.record import record
 from estimator_pkg.sensor.clock import Clock
 from estimator_pkg.sensor.guard import DUPLICATE, NON_FINITE, Limits
@@ -37,8 +43,8 @@ class Channel:
     stamp_ns: int  # of the newest sample that was used
     measurement: list[float]  # one number per output [rad or m]
     known_input: list[float]
-    estimate: Estimate
-    deviation: Deviation
+    estimate: OutputEstimates
+    deviation: OutputDeviations
 
 
 def reset_channel(observer: Any, channel: Channel) -> None:

@@ -50,7 +50,6 @@ class Functions:
     deviations: Any
     batch: Any
     trace: Any
-    walk: Any
     course: Any
 
     def __init__(self, library: Any, module: str) -> None:

@@ -30,7 +30,7 @@ LOOPS = {  # functions of a module whose arguments are numbers, arrays and recor
     f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
     f'{SMOOTHER}.steps': ('backward', 'forward', 'likelihood'),
     'estimator_pkg.sensor.faults': ('find_faults',),
-    'sim_pkg.pmsm.drive': ('run_sensored',),
+    'sim_pkg.pmsm.drive': ('simulate',),
 }
 
 
@@ -84,8 +84,6 @@ def _of_observers(sources: Sources, points: Iterable[str], models: list[str]) ->
         for name in names:
             for function in functions:
                 yield Entry(channel, function, {'observer': name}, c_name(name, function))
-            if kind == 'mechanical':
-                yield Entry(f'{MECHANISM}.core', 'walk', {'observer': name}, c_name(name, 'walk'))
 
 
 def _of_models(models: Iterable[str]) -> Iterator[Entry]:

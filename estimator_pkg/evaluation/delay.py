@@ -27,16 +27,16 @@ from estimator_pkg.evaluation.signals import cubic, slopes
 
 Array = NDArray[np.float64]
 
-LONGEST = 0.25  # largest delay of the search [s], or ten samples if that is longer
-GAP = 5.0  # longest gap for interpolation, in median sample times
-NEAR = 0.05  # minima within this fraction of the error's range above the best count as equal
-RISE = 0.1  # the two sides are compared where the error has risen by this fraction
-CLEAR = 0.2  # the error must depend on the shift by this fraction, else there is no result
-SURE = 6.0  # and by this over the root of the number of samples: noise alone gives less
-EXACT = 1e-9  # of the delay [s]
-POINTS, PER_SAMPLE = 1 << 20, 64  # the search's grid: at most, and for each sample
+LONGEST_DELAY = 0.25  # largest delay of the search [s], or ten samples if that is longer
+GAP_STEPS = 5.0  # longest gap for interpolation, in median sample times
+NEAR_LEAST = 0.05  # minima within this fraction of the error's range above the best count as equal
+RISE_PART = 0.1  # the two sides are compared where the error has risen by this fraction
+CLEAR_RISE = 0.2  # the error must depend on the shift by this fraction, else there is no result
+OVER_NOISE = 6.0  # and by this over the root of the number of samples: noise alone gives less
+DELAY_TOLERANCE = 1e-9  # of the delay [s]
+GRID_POINTS, PER_SAMPLE = 1 << 20, 64  # the search's grid: at most, and for each sample
 MOTION = 2.0  # the truth's variance must exceed its noise power by this factor
-VAGUE = 2.0  # a delay within this many samples of zero may be less than its interval
+VAGUE_STEPS = 2.0  # a delay within this many samples of zero may be less than its interval
 
 
 class Delay(NamedTuple):
@@ -48,10 +48,10 @@ class Delay(NamedTuple):
     @property
     def known(self) -> Delay:
         """The same; both nan where the motion does not determine the delay."""
-        return self if math.isfinite(self.half) else UNKNOWN
+        return self if math.isfinite(self.half) else UNKNOWN_DELAY
 
 
-UNKNOWN = Delay(math.nan, math.nan)
+UNKNOWN_DELAY = Delay(math.nan, math.nan)
 
 
 def delay(time: Array, estimate: Array, truth: Array) -> float:
@@ -68,8 +68,8 @@ def delay(time: Array, estimate: Array, truth: Array) -> float:
 def measured(time: Array, estimate: Array, truth: Array) -> Delay:
     """Return the lag with its interval.
 
-    The motion does not determine the lag where half the interval exceeds both the lag and `VAGUE`
-    samples, nor where the smallest error is not midway between its two sides.
+    The motion does not determine the lag where half the interval exceeds both the lag and
+    `VAGUE_STEPS` samples, nor where the smallest error is not midway between its two sides.
 
     Parameters
     ----------
@@ -78,25 +78,27 @@ def measured(time: Array, estimate: Array, truth: Array) -> Delay:
     good = np.isfinite(estimate) & np.isfinite(truth)
     time, estimate, truth = time[good], estimate[good], truth[good]
     if len(time) < 8 or np.var(truth) <= MOTION * noise_power(truth):
-        return UNKNOWN
+        return UNKNOWN_DELAY
     steps = np.diff(time)
     step = float(np.median(steps))
-    longest = max(LONGEST, 10.0 * step)
+    longest = max(LONGEST_DELAY, 10.0 * step)
     # long gaps are shortened: they contain no samples, and the grid need not span them
     steps = np.minimum(steps, 3.0 * longest)
     time = np.concatenate([[0.0], np.cumsum(steps)])
     level = float(np.mean(truth))
     estimate, truth = estimate - level, truth - level
-    hole = steps > GAP * step
-    step = max(step, float(time[-1]) / (POINTS + PER_SAMPLE * len(time)))  # of stray stamps
+    hole = steps > GAP_STEPS * step
+    step = max(step, float(time[-1]) / (GRID_POINTS + PER_SAMPLE * len(time)))  # of stray stamps
     errors = _coarse(time, estimate, truth, step, int(min(longest, time[-1]) / step))
     best, rise = _nearest_minimum(
-        errors, max(CLEAR, SURE / len(time) ** 0.5), float(np.mean(truth * truth)) + level * level
+        errors,
+        max(CLEAR_RISE, OVER_NOISE / len(time) ** 0.5),
+        float(np.mean(truth * truth)) + level * level,
     )
     if rise == 0:
-        return UNKNOWN
+        return UNKNOWN_DELAY
     late, half = _middle(time, estimate, truth, hole, best * step, rise * step, step)
-    return Delay(late, half if half <= max(abs(late), VAGUE * step) else math.nan)
+    return Delay(late, half if half <= max(abs(late), VAGUE_STEPS * step) else math.nan)
 
 
 def noise_power(values: Array) -> float:
@@ -136,7 +138,7 @@ def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, in
     low, high = float(np.min(errors[usable])), float(np.max(errors[usable]))
     if high - low <= clear * max(low, 0.0) + 1e-12 * scale:
         return 0, 0
-    good = np.flatnonzero(errors <= low + NEAR * (high - low))
+    good = np.flatnonzero(errors <= low + NEAR_LEAST * (high - low))
     centre = int(good[np.argmin(np.abs(good - most))])
     first = last = centre
     while first - 1 in good:
@@ -150,7 +152,7 @@ def _nearest_minimum(errors: Array, clear: float, scale: float) -> tuple[int, in
     while (
         best - rise > 0
         and best + rise < len(errors) - 1
-        and min(errors[best - rise], errors[best + rise]) < low + RISE * (high - low)
+        and min(errors[best - rise], errors[best + rise]) < low + RISE_PART * (high - low)
     ):
         rise += 1
     return best - most, rise
@@ -172,7 +174,7 @@ def _middle(
     low, high = shift - 2.0 * step, shift + 2.0 * step
     inside = _inside(time, hole, (low - side, high + side, -side, side))
     if np.count_nonzero(inside) < 4:
-        return UNKNOWN
+        return UNKNOWN_DELAY
     at, wanted = time[inside], truth[inside]
 
     def difference(signal: Array, slope: Array, where: float) -> float:
@@ -199,7 +201,7 @@ def _middle(
             low, below, above, kept = at_zero, value, above * (0.5 if kept < 0 else 1.0), -1
         else:
             high, above, below, kept = at_zero, value, below * (0.5 if kept > 0 else 1.0), 1
-        if abs(at_zero - previous) < EXACT or high - low < EXACT:
+        if abs(at_zero - previous) < DELAY_TOLERANCE or high - low < DELAY_TOLERANCE:
             break
     return Delay(at_zero, _half(time, estimate, truth, hole, at_zero, side, step))
 
@@ -226,7 +228,7 @@ def _half(
     block = pairs.blocks(at)
     sums = np.bincount(block, (rest - np.mean(rest)) * rise)
     half = pairs.of_sums([sums], [np.bincount(block, rise * rise)]).half
-    most = float(np.mean(rest * rest)) - NEAR * float(np.var(truth))
+    most = float(np.mean(rest * rest)) - NEAR_LEAST * float(np.var(truth))
     for shift in (-1.0, 1.0):
         other = estimate[inside] - behind(shift * max(2.0 * half, step))
         if not float(np.mean(other * other)) >= most:

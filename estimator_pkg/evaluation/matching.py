@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.series import at_stamps
-from estimator_pkg.evaluation.delay import GAP
+from estimator_pkg.evaluation.delay import GAP_STEPS
 from estimator_pkg.evaluation.signals import cubic
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ Stamps = NDArray[np.int64]
 
 JUMP_NS = 100_000_000  # a stamp this much older than the last one restarts the time (as in the
 # guard's reorder_window): a looping bag, a restarted simulation
-PAUSE = 10.0  # gap between two such pieces in the common time [s]
+PIECE_PAUSE = 10.0  # gap between two such pieces in the common time [s]
 
 
 class Matched(NamedTuple):
@@ -90,7 +90,7 @@ def match(
         if not len(rows):
             continue
         time = (stamps[rows] - stamps[rows[0]]) * 1e-9 + offset
-        offset = float(time[-1]) + PAUSE
+        offset = float(time[-1]) + PIECE_PAUSE
         found.append((rows, time, speeds, angles, exact))
     if not found:
         nothing = np.zeros(0)
@@ -155,7 +155,7 @@ def _piece(
     between = (right > 0) & (right < len(known))
     if len(known) > 1:
         steps = np.diff(known)
-        between &= steps[np.clip(right - 1, 0, len(steps) - 1)] <= GAP * np.median(steps)
+        between &= steps[np.clip(right - 1, 0, len(steps) - 1)] <= GAP_STEPS * np.median(steps)
     else:
         between[:] = False
     usable = exact | between

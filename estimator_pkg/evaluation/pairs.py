@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95  # of a declared pair
-BLOCKS = 40  # of a record, at most
-SHORTEST = 0.25  # length of a block [s], at least
-FEWEST = 8  # blocks of a record, whatever their length
+MOST_BLOCKS = 40  # of a record, at most
+SHORTEST_TIME = 0.25  # length of a block [s], at least
+FEWEST_BLOCKS = 8  # blocks of a record, whatever their length
 EIGHTH = 8  # events are few if they are in one of so many blocks at most
 
 
@@ -42,7 +42,7 @@ def blocks(time: Array) -> NDArray[np.int64]:
     time : shape (n,), increasing [s].
     """
     length = float(time[-1] - time[0])
-    count = int(min(BLOCKS, max(FEWEST, length / SHORTEST)))
+    count = int(min(MOST_BLOCKS, max(FEWEST_BLOCKS, length / SHORTEST_TIME)))
     return np.minimum(((time - time[0]) / length * count).astype(np.int64), count - 1)
 
 

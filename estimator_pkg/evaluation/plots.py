@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.thinning import HOLE, extremes, limits
+from estimator_pkg.evaluation.thinning import LINE_GAP, extremes, limits
 from estimator_pkg.optional import needs
 from estimator_pkg.printable import escaped, printable
 
@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#b8508f', '#b98500', '#3d3d3d', '#56b4e9')
 DASHES = ('solid', (7, 3), (2, 3), (9, 3, 2, 3), (5, 2), (12, 4), (4, 3, 1, 3))
 GREY = '#9a9a9e'  # of references
-NUMBERS = 1_200_000  # of all curves over time of a page: 6.4 MB
-FEWEST = 200  # points of a curve
-TALL, LOW = 250, 130  # height of a panel [pixels]
+MOST_NUMBERS = 1_200_000  # of all curves over time of a page: 6.4 MB
+FEWEST_POINTS = 200  # points of a curve
+TALL_PANEL, LOW_PANEL = 250, 130  # height of a panel [pixels]
 # The legend shows and hides estimates in all plots. On a touch screen a swipe over a plot scrolls
 # the page until a tool is tapped: Bokeh leaves it to the browser while no tool takes it.
 SCRIPT = """
@@ -133,7 +133,7 @@ def sample_times(time: NDArray[np.floating]) -> dict[str, list[Curve]]:
 
 def longest(time: NDArray[np.floating]) -> float:
     """Return the longest time that a line crosses [s], of sample times, shape (n,) [s]."""
-    return HOLE * float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+    return LINE_GAP * float(np.median(np.diff(time))) if len(time) > 1 else np.inf
 
 
 def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:
@@ -144,7 +144,7 @@ def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:
     """
     most = max(len(each.time) for each in curves)
     drawn = [each for each in curves if each.kind != 'band']
-    points = rows if most <= rows else max(FEWEST, rows // len(drawn))
+    points = rows if most <= rows else max(FEWEST_POINTS, rows // len(drawn))
     times = [each.time[extremes(each.values, points)] for each in drawn]
     for each in drawn:
         steps = np.diff(each.time)
@@ -217,7 +217,7 @@ def over_time(
     for title, panel in panels.items():
         steps = any(each.kind == 'step' for each in panel)
         low = len(panel) == 1 or steps
-        plot = figure(title, '', '', LOW if low else TALL)
+        plot = figure(title, '', '', LOW_PANEL if low else TALL_PANEL)
         if made:
             plot.x_range = made[0].x_range
         # A line that is not seen has a point at each instant, which the pointer finds.
@@ -262,7 +262,7 @@ def over_time(
     return gridplot([[each] for each in made], sizing_mode='stretch_width'), note
 
 
-def figure(title: str, x: str, y: str, height: int = TALL, **more: Any) -> Any:
+def figure(title: str, x: str, y: str, height: int = TALL_PANEL, **more: Any) -> Any:
     """Return an empty plot: axes with labels, and the tools of all plots."""
     from bokeh.models import WheelZoomTool
     from bokeh.plotting import figure as plot

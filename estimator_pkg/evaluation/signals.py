@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What rooms share on sampled signals: slopes and values between samples, wrapped differences."""
+"""Sampled signals: slopes, values between samples, wrapped differences, a low-pass."""
 
 from __future__ import annotations
 
@@ -55,3 +55,22 @@ def wrapped(difference: Array, period: float) -> Array:
     if period <= 0.0:
         return difference
     return difference - period * np.floor(difference / period + 0.5)
+
+
+def low_passed(values: Array, rate: float, corner: float) -> Array:
+    """Return the values low-passed without phase, as if their samples were even.
+
+    A Butterworth filter of fourth order, forward and backward: its gain is 1 / (1 + (f / f_c)^8).
+
+    Parameters
+    ----------
+    values : shape (n,), finite. rate : of the samples [Hz]. corner : [Hz].
+    """
+    count = len(values)
+    if 2.0 * corner >= 0.9 * rate or count < 4:
+        return values
+    line = np.linspace(values[0], values[-1], count)
+    rest = values - line
+    odd = np.concatenate([rest, -rest[::-1]])
+    gain = 1.0 / (1.0 + (np.fft.rfftfreq(2 * count, 1.0 / rate) / corner) ** 8)
+    return np.asarray(line + np.fft.irfft(np.fft.rfft(odd) * gain, 2 * count)[:count])

@@ -15,7 +15,7 @@ from estimator_pkg.printable import printable
 
 RAD = re.compile(r'(?:(?<=[\d-] )|(?<=\[))rad(/s)?\b')  # as a unit
 WIDTH = 80  # columns of a terminal
-SHORTEST = 9  # names are cut to this length at most
+SHORTEST_NAME = 9  # names are cut to this length at most
 
 
 def wrapped(line: str, width: int = WIDTH) -> list[str]:
@@ -96,11 +96,12 @@ def table(
     ----------
     width : largest number of columns of the terminal; names are cut to it, numbers never.
     """
+    header, rows = filled(header, rows, left)
     lines = [list(header), *[[printable(cell) for cell in row] for row in rows]]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     while width and sum(widths) + 2 * len(widths) - 2 > width:
         widest = max(range(left), key=widths.__getitem__)
-        if widths[widest] <= SHORTEST:
+        if widths[widest] <= SHORTEST_NAME:
             break
         widths[widest] -= 1
     return '\n'.join(
@@ -110,6 +111,16 @@ def table(
         ).rstrip()
         for line in lines
     )
+
+
+def filled(
+    header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 0
+) -> tuple[Sequence[str], Sequence[Sequence[str]]]:
+    """Return a table without the columns, after the first `left`, that have '-' in all rows."""
+    kept = [
+        i for i in range(len(header)) if i < left or not rows or any(row[i] != '-' for row in rows)
+    ]
+    return [header[i] for i in kept], [[row[i] for i in kept] for row in rows]
 
 
 def _cut(name: str, width: int) -> str:
@@ -122,6 +133,7 @@ def _cut(name: str, width: int) -> str:
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return the same as a Markdown table."""
+    header, rows = filled(header, rows)
 
     def line(cells: Sequence[str]) -> str:
         return '| ' + ' | '.join(printable(cell).replace('|', '\\|') for cell in cells) + ' |'

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-HOLE = 10.0  # a line is not drawn across a longer gap [median sample times]
-ENOUGH = 100_000  # number of values that determine a percentile
-MOST, ROOM = 99.5, 2.5  # an outlier beyond ROOM times this percentile is marked, not drawn
+LINE_GAP = 10.0  # a line is not drawn across a longer gap [median sample times]
+PERCENTILE_VALUES = 100_000  # number of values that determine a percentile
+OUTLIER_PERCENT = 99.5  # an outlier beyond OUTLIER_ROOM times this percentile is marked, not drawn
+OUTLIER_ROOM = 2.5
 
 
 def extremes(values: Array, points: int) -> NDArray[np.int64]:
@@ -45,7 +46,7 @@ def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Arr
     known = steps[np.isfinite(steps)]
     if not len(known):
         return time[chosen], values[chosen]
-    holes = np.flatnonzero(steps > HOLE * float(np.median(known)))
+    holes = np.flatnonzero(steps > LINE_GAP * float(np.median(known)))
     at = np.unique(np.searchsorted(chosen, holes, side='right'))
     at = at[(at > 0) & (at < len(chosen))]
     return (
@@ -63,13 +64,13 @@ def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
     for line in lines:  # one at a time: they may be long
         if np.isfinite(line).any():
             least, most = min(least, float(np.nanmin(line))), max(most, float(np.nanmax(line)))
-        part = line[:: max(1, len(line) // ENOUGH)]
+        part = line[:: max(1, len(line) // PERCENTILE_VALUES)]
         some.append(part[np.isfinite(part)])
     known = np.concatenate([np.zeros(0), *some])
     if not len(known):
         return None
-    low, high = np.percentile(known, [100.0 - MOST, MOST])
-    room = 0.5 * (ROOM - 1.0) * max(float(high - low), 1e-9)
+    low, high = np.percentile(known, [100.0 - OUTLIER_PERCENT, OUTLIER_PERCENT])
+    room = 0.5 * (OUTLIER_ROOM - 1.0) * max(float(high - low), 1e-9)
     if least >= low - room and most <= high + room:
         return None
     return max(float(low) - room, least - 0.1 * room), min(float(high) + room, most + 0.1 * room)

@@ -17,7 +17,7 @@ from estimator_pkg import interrupts
 from estimator_pkg.errors import UsageError, UserError, first_line
 from estimator_pkg.optional import needs
 
-PATIENCE = '8s'  # longest wait for a scheduler
+SCHEDULER_WAIT = '8s'  # longest wait for a scheduler
 
 Map = Callable[[Callable[..., Any], Sequence[tuple]], Iterator[Any]]
 
@@ -101,7 +101,7 @@ def _cluster(address: str) -> Iterator[Any]:
         if name.partition('.')[0] in ('distributed', 'tornado', 'asyncio'):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
+        client = Client(address, timeout=SCHEDULER_WAIT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         reason = first_line(error)
         raise UserError(

@@ -12,7 +12,7 @@ from estimator_pkg.driver.channel import Track, advance, reset_track
 from estimator_pkg.driver.drive_channel import LONGEST_COAST
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, Deviation
 from estimator_pkg.estimate import Estimate as Motion
-from estimator_pkg.observers.pmsm.drive import Electrical, ElectricalDeviation, Sample
+from estimator_pkg.observers.pmsm.drive import DriveSample, Electrical, ElectricalDeviation
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import AFTER_GAP, DUPLICATE, Limits
 
@@ -27,8 +27,8 @@ class State:
     # samples by verdict: used, first, after a gap, clock jump, stray stamp, outage; and dropped:
     # duplicate, late, non-finite, zero stamp, misconfigured, repeated
     counts: Annotated[list[int], 12]
-    taken: Sample  # the newest sample
-    used: Sample  # the newest one that was used
+    taken: DriveSample  # the newest sample
+    used: DriveSample  # the newest one that was used
 
 
 @record
@@ -51,7 +51,7 @@ class Estimate:
 def init(observer: Any, self: State, tuned: observer.Design) -> None:  # type: ignore[name-defined]  # noqa: F821
     """Set everything before the first sample."""
     blank = State()
-    nothing = Sample()
+    nothing = DriveSample()
     self.take(blank)
     self.design.take(tuned)
     reset_track(observer, self.track, self.design)

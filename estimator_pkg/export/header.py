@@ -15,15 +15,12 @@ from typing import Any
 
 from estimator_pkg import __version__
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.driver.efforts import EFFORT_FIELD
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.driver.mechanism import Mechanism
 from estimator_pkg.engine.prelude import MATH, TAKEN, TESTS
 from estimator_pkg.engine.sources import RefusedError
 from estimator_pkg.engine.translate import Entry, Translator
 from estimator_pkg.errors import UsageError
 from estimator_pkg.export.angle import Options
-from estimator_pkg.models.mechanics import JOINTS, NUMBERS
 from estimator_pkg.parameters import declared
 
 LEAST, MOST = 1.1754944e-38, 3.4028235e38  # normal floats
@@ -31,15 +28,13 @@ ROOT = Path(__file__).resolve().parents[2]
 FAMILIES = {  # what the header of an observer of each kind has
     'angle': 'estimator_pkg.export.angle',
     'drive': 'estimator_pkg.export.drive',
-    'mechanical': 'estimator_pkg.export.mechanism',
 }
 OWN = 'they name a function or a class of your own, and only functions of modules are translated'
 TITLES = {
     'angle': 'velocity of one joint from its angle',
     'drive': 'speed and angle of a motor from its currents and voltages',
-    'mechanical': 'velocities of a mechanism from its positions and efforts',
 }
-SIZES = 'a header is for observers of one angle, of drives and of mechanisms'
+SIZES = 'a header is for observers of one angle and of drives'
 FILE = """\
 /* {title}
  *
@@ -106,9 +101,9 @@ def exported(
     if not re.fullmatch(r'[a-z][a-z0-9_]*', prefix) or prefix in TAKEN:
         raise UsageError(f"'{prefix}' is no name for C: use lower-case letters, digits and _")
     joint = _joint(observer, gains, settings, sample_period)
-    why = _obstacle(joint)
-    if why:
-        raise UsageError(f"'{observer.name}' cannot be exported with these gains: {why}")
+    plain = getattr(joint.module, 'runs_plain', None)
+    if plain and plain(joint.gains):
+        raise UsageError(f"'{observer.name}' cannot be exported with these gains: {OWN}")
     family = FAMILIES[observer.kind]
     channel, records = joint.channel, [Options()]
     if observer.kind == 'angle':
@@ -129,9 +124,8 @@ def exported(
         bound = {'init': {'tuned': channel.design}, 'update': {}, 'get': {}}
     known, used = _known(records), None
     static = {'observer': joint.module.__name__}
-    others = [_root(name) for name in re.split(r' \w+=', joint.module.__name__)]
     for _ in range(2):  # the second time with the fields alone that the first one found in use
-        translator = Translator(ROOT, prefix, known, used, others)
+        translator = Translator(ROOT, prefix, known, used, [_root(static['observer'])])
         translator.names = {(family, 'State'): prefix, (family, 'Estimate'): f'{prefix}_estimate'}
         try:
             for name, values in bound.items():
@@ -152,28 +146,12 @@ def exported(
 
 
 def _joint(observer: Any, gains: Any, settings: Any, sample_period: float) -> Any:
-    """Return the driver's joint, drive or mechanism."""
-    if observer.kind == 'mechanical':
-        return Mechanism(observer.name, observer, gains, settings, EFFORT_FIELD)
+    """Return the driver's joint or drive."""
     if observer.kind == 'drive':
         return DriveJoint(observer, gains, settings, sample_period=sample_period)
     if observer.kind == 'angle':
         return Joint(observer, gains, settings)
     raise UsageError(f"'{observer.name}' cannot be exported: {SIZES}")
-
-
-def _obstacle(joint: Any) -> str:
-    """Return why these gains cannot be exported, whatever the sources are, or ''."""
-    if joint.observer.kind == 'mechanical':
-        mechanics = joint.plan.mechanics
-        if mechanics.degrees > JOINTS or len(mechanics.values) > NUMBERS:
-            return (
-                f"model '{mechanics.name}' has {mechanics.degrees} positions and "
-                f'{len(mechanics.values)} numbers, and a header has room for {JOINTS} and {NUMBERS}'
-            )
-        return '' if mechanics.ours else OWN
-    plain = getattr(joint.module, 'runs_plain', None)
-    return OWN if plain and plain(joint.gains) else ''
 
 
 def _root(name: str) -> Path:

@@ -21,7 +21,7 @@ TYPE = multi_array.TYPE
 LABELS = ('sample', 'channel')
 CHANNELS = ('sec', 'nanosec', 'i_alpha', 'i_beta', 'u_alpha', 'u_beta')
 SECOND = 1_000_000_000  # [ns]
-LONGEST = 2.0**31  # largest seconds of a stamp [s]
+LARGEST_SECOND = 2.0**31  # largest seconds of a stamp [s]
 
 
 class Batch(NamedTuple):
@@ -47,7 +47,7 @@ def decode(raw: bytes) -> Batch:
     sec, nanosec = table[:, 0], table[:, 1]
     # comparisons are false for nan
     good = (
-        (np.abs(sec) < LONGEST)
+        (np.abs(sec) < LARGEST_SECOND)
         & (sec == np.floor(sec))
         & (nanosec >= 0.0)
         & (nanosec < SECOND)

@@ -16,7 +16,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.parameters import structural
 
 POWER_INVARIANT = math.sqrt(1.5)  # length of a power-invariant vector per amplitude
-NEEDED = ('resistance', 'inductance', 'flux', 'pole_pairs')
+MOTOR_DATA = ('resistance', 'inductance', 'flux', 'pole_pairs')
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,14 @@ def check_motor(data: MotorData, owner: str) -> tuple[float, float, float, float
     ------
     UsageError : with the names that are missing or not positive.
     """
-    missing = [name for name in NEEDED if getattr(data, name) is None]
+    missing = [name for name in MOTOR_DATA if getattr(data, name) is None]
     if missing:
         raise UsageError(
             f'{owner} needs the motor data {", ".join(missing)}: set them as parameters, '
             'resistance [ohm] and inductance [H] of one phase to the star point, which are half of '
             'line to line, flux linkage [Wb], pole pairs'
         )
-    bad = [name for name in NEEDED if not getattr(data, name) > 0]
+    bad = [name for name in MOTOR_DATA if not getattr(data, name) > 0]
     if bad:
         values = ', '.join(f'{name} = {getattr(data, name)}' for name in bad)
         raise UsageError(f'{owner}: {values} must be positive')

@@ -26,9 +26,9 @@ from estimator_pkg.errors import UsageError
 Vector = Sequence[float]
 Array = NDArray[np.floating[Any]]
 
-CLOSE = 1e-5  # allowed relative residual of a numerical derivative
+RESIDUAL = 1e-5  # allowed relative residual of a numerical derivative
 RANK = 1e-6  # least singular value, relative to the largest, that counts as full rank
-OWN = {
+OUR_MODELS = {
     'example': 'estimator_pkg.models.example:MODEL',
     'gripper': 'estimator_pkg.models.gripper:MODEL',
 }
@@ -104,11 +104,11 @@ def load(name: str) -> SwitchedModel:
     ------
     UsageError : not found, not a `SwitchedModel`, or inconsistent.
     """
-    if name in OWN:
-        return registry.load(OWN[name])
+    if name in OUR_MODELS:
+        return registry.load(OUR_MODELS[name])
     if ':' not in name:
         raise UsageError(
-            f"unknown switched model '{name}': use {', '.join(OWN)} or package.module:Name"
+            f"unknown switched model '{name}': use {', '.join(OUR_MODELS)} or package.module:Name"
         )
     model = registry.load(name)
     if not isinstance(model, SwitchedModel):
@@ -116,13 +116,12 @@ def load(name: str) -> SwitchedModel:
     return model
 
 
-def check(model: SwitchedModel, steps: int | None = 1) -> float:
+def check(model: SwitchedModel, steps: int = 1) -> float:
     """Compare a model with its own dynamics; return the least singular value of (28).
 
     Parameters
     ----------
-    steps : N, number of past events for the reconstruction of Z; None: Z is not reconstructed, and
-        the rank is not checked.
+    steps : N, number of past events for the reconstruction of Z.
 
     Raises
     ------
@@ -141,7 +140,7 @@ def check(model: SwitchedModel, steps: int | None = 1) -> float:
         ) from error
 
 
-def _checked(model: SwitchedModel, steps: int | None) -> float:
+def _checked(model: SwitchedModel, steps: int) -> float:
     _check_shapes(model)
     x, z = model.start
     random = np.random.default_rng(1)
@@ -155,8 +154,6 @@ def _checked(model: SwitchedModel, steps: int | None) -> float:
             for a, b in zip(z, random.uniform(-1.0, 1.0, len(z)))
         )
         _check_chain(model, near, other, model.probe(float(random.uniform(0.0, model.period))))
-    if steps is None:
-        return 0.0
     least = observability(model, steps)
     if least <= 0.0:
         raise UsageError(
@@ -203,7 +200,7 @@ def _check_chain(model: SwitchedModel, x: Vector, z: Vector, u: Vector) -> None:
     """Check that the derivative of Phi_Z(x) along F is the chain and ends in Gamma + Lambda Z."""
     zeta = np.array(model.zeta(x, z))
     back = np.array(model.state(tuple(zeta), z))
-    if np.max(np.abs(back - x)) > CLOSE * (1.0 + np.max(np.abs(x))):
+    if np.max(np.abs(back - x)) > RESIDUAL * (1.0 + np.max(np.abs(x))):
         raise UsageError("model: 'phi_inverse' does not invert 'phi'")
     rate = np.array(model.dynamics(x, z, u))
     step = 1e-5 / (1.0 + float(np.max(np.abs(rate))))
@@ -216,7 +213,7 @@ def _check_chain(model: SwitchedModel, x: Vector, z: Vector, u: Vector) -> None:
         model.lam(tuple(zeta), u)
     ) @ np.array(z)
     worst = int(np.argmax(np.abs(found - wanted)))
-    if abs(found[worst] - wanted[worst]) > CLOSE * (1.0 + np.max(np.abs(wanted))):
+    if abs(found[worst] - wanted[worst]) > RESIDUAL * (1.0 + np.max(np.abs(wanted))):
         raise UsageError(
             f'model: the derivative of zeta[{worst}] along the dynamics is {found[worst]:.6g}, but '
             f'the model returns {wanted[worst]:.6g} (a wrong chain, or one that is not linear in Z)'

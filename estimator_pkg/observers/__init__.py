@@ -17,6 +17,7 @@ from estimator_pkg.parameters import declared
 __all__ = ['DEFAULT', 'Observer', 'find', 'instead', 'names', 'of_kind']
 
 DEFAULT = 'edge_adaptive'  # observer of a single angle where none is named
+LINEAR = 'hybrid_angle'  # the one to choose where gains are to be set
 
 
 def names() -> list[str]:
@@ -69,7 +70,7 @@ def instead(name: str, known: Iterable[str], observer: Observer, remedy: str) ->
     near = get_close_matches(name, {*known, *gains}, n=1, cutoff=1.0 if group else 0.5)
     if not near or near[0] in known:
         return ''
-    having = [each for each in others if near[0] in others[each]]
+    having = sorted((each for each in others if near[0] in others[each]), key=LINEAR.__ne__)
     default = ' (the default)' if observer.name == DEFAULT else ''
     meant = '' if near[0] == name else f"did you mean '{near[0]}'? "
     return (

@@ -3,7 +3,7 @@
 
 """The simulator ``dc_motor``: J q'' + b q' + k q = Kv u + load, optionally with Coulomb friction.
 
-The plant (34) of Gonzalez-Olvera and Tang, and the voltages of both of its examples.
+The plant (34) of Gonzalez-Olvera and Tang.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 from estimator_pkg.parameters import structural
 from sim_pkg.contract import Message, Simulator, Topic
-from sim_pkg.joints.driven import MEASURED, SUBSTEP, TRUTH, DrivenParameters, stream
+from sim_pkg.joints.driven import MEASURED, SUBSTEP, TRUTH, DrivenParameters, Plant, stream
 
-RANDOM, SQUARE, SINES, EXAMPLE = 'random', 'square', 'sines', 'random_then_square'
+RANDOM, SINES = 'random', 'sines'
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,15 @@ class MotorParameters(DrivenParameters):
     )
     voltage: str = structural(
         RANDOM,
-        choices=(RANDOM, SQUARE, SINES, EXAMPLE),
+        choices=(RANDOM, SINES),
         description='random: uniform, piecewise constant (both examples of the paper while they '
-        'learn); square: 5 s each way; sines: three of them; random_then_square: example 4.1',
+        'learn); sines: three of them',
     )
     amplitude: float = structural(
         5.0, unit='V', range=(0.0, 1e6), description='rms of the random voltage, else its amplitude'
     )
     hold: float = structural(
         0.2, unit='s', range=(1e-6, 1e6), description='how long a random voltage stays constant'
-    )
-    learn: float = structural(
-        100.0, unit='s', range=(0.0, 1e9), description='random_then_square: start of the square'
     )
 
     @property
@@ -57,8 +54,8 @@ class MotorParameters(DrivenParameters):
         return self.damping / self.inertia + math.sqrt(self.stiffness / self.inertia)
 
 
-class Motor:
-    """The plant; see `sim_pkg.joints.driven.Plant`."""
+class Motor(Plant):
+    """The plant."""
 
     def __init__(self, parameters: MotorParameters, seed: int) -> None:
         self._p = parameters
@@ -68,12 +65,9 @@ class Motor:
     def input(self, t: float) -> float:
         """Return the voltage applied from t [s] on [V]."""
         p = self._p
-        if p.voltage == RANDOM or (p.voltage == EXAMPLE and t < p.learn):
+        if p.voltage == RANDOM:
             return p.amplitude * self._random(math.floor(t / p.hold + 1e-9))
-        if p.voltage == SINES:
-            return p.amplitude / 3.0 * (math.sin(3.0 * t) + math.sin(7.3 * t) + math.sin(17.0 * t))
-        since = t - (p.learn if p.voltage == EXAMPLE else 0.0)
-        return p.amplitude if math.floor(since / 5.0 + 1e-9) % 2 == 0 else -p.amplitude
+        return p.amplitude / 3.0 * (math.sin(3.0 * t) + math.sin(7.3 * t) + math.sin(17.0 * t))
 
     def _random(self, index: int) -> float:
         """Return a uniform number with unit variance: the index-th of this seed."""
@@ -89,7 +83,7 @@ class Motor:
         p = self._p
         return p.torque_constant * u + p.load - p.damping * w - p.stiffness * q
 
-    def acceleration(self, t: float, q: float, w: float, u: float) -> float:
+    def acceleration(self, q: float, w: float, u: float) -> float:
         """Return q'' [rad/s^2]."""
         torque, friction = self._torque(q, w, u), self._p.coulomb
         if w != 0.0:
@@ -100,7 +94,7 @@ class Motor:
             torque -= math.copysign(friction, torque)
         return torque / self._p.inertia
 
-    def stick(self, t: float, q: float, before: float, w: float, u: float) -> float:
+    def stick(self, q: float, before: float, w: float, u: float) -> float:
         """Return w, or 0 where Coulomb friction stops a slow or reversing joint [rad/s]."""
         friction = self._p.coulomb
         slow = abs(w) <= SUBSTEP * friction / self._p.inertia
@@ -111,13 +105,6 @@ class Motor:
         ):
             return 0.0
         return w
-
-    def event(self, first: float, last: float) -> None:
-        """Return None: this plant has no events."""
-        return None
-
-    def begin(self, t: float) -> None:
-        """Do nothing; see `event`."""
 
 
 def topics(parameters: MotorParameters) -> tuple[Topic, ...]:

@@ -12,16 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.parameters import structural
-from sim_pkg.chunks import in_order, sizes
+from sim_pkg.chunks import JointStates, in_order, sizes
 from sim_pkg.contract import Message, Topic, check_rate
 from sim_pkg.joints.sensor import (
     MULTI_TURN,
@@ -66,20 +64,24 @@ class DrivenParameters(SensorParameters):
         raise NotImplementedError
 
 
-class Plant(Protocol):
+class Plant:
     """A joint: its acceleration, its input, its events."""
 
     def input(self, t: float) -> float:
         """Return the input that the drive applies from t [s] on."""
+        raise NotImplementedError
 
-    def acceleration(self, t: float, q: float, w: float, u: float) -> float:
+    def acceleration(self, q: float, w: float, u: float) -> float:
         """Return q'' [rad/s^2]."""
+        raise NotImplementedError
 
-    def stick(self, t: float, q: float, before: float, w: float, u: float) -> float:
+    def stick(self, q: float, before: float, w: float, u: float) -> float:
         """Return the velocity [rad/s] after a step w, corrected for Coulomb friction."""
+        return w
 
     def event(self, first: float, last: float) -> tuple[float, str] | None:
         """Return (time [s], mode) of the first event with first < time <= last, else None."""
+        return None
 
     def begin(self, t: float) -> None:
         """Start the mode that the event at t [s] switches to."""
@@ -91,22 +93,21 @@ class _Motion(NamedTuple):
 
 
 def advance(
-    plant: Plant, motion: _Motion, t: float, duration: float, u: float, longest: float = SUBSTEP
+    plant: Plant, motion: _Motion, duration: float, u: float, longest: float = SUBSTEP
 ) -> _Motion:
-    """Runge-Kutta 4 over `duration` [s] from t at constant input, in steps up to `longest` [s]."""
+    """Runge-Kutta 4 over `duration` [s] at constant input, in steps of up to `longest` [s]."""
     count = max(1, math.ceil(duration / longest - 1e-9))
     h, (q, w) = duration / count, motion
-    for i in range(count):
-        at = t + i * h
-        k1 = plant.acceleration(at, q, w, u)
+    for _ in range(count):
+        k1 = plant.acceleration(q, w, u)
         w2 = w + 0.5 * h * k1
-        k2 = plant.acceleration(at + 0.5 * h, q + 0.5 * h * w, w2, u)
+        k2 = plant.acceleration(q + 0.5 * h * w, w2, u)
         w3 = w + 0.5 * h * k2
-        k3 = plant.acceleration(at + 0.5 * h, q + 0.5 * h * w2, w3, u)
+        k3 = plant.acceleration(q + 0.5 * h * w2, w3, u)
         w4 = w + h * k3
-        k4 = plant.acceleration(at + h, q + h * w3, w4, u)
+        k4 = plant.acceleration(q + h * w3, w4, u)
         before, q = w, q + h / 6.0 * (w + 2.0 * (w2 + w3) + w4)
-        w = plant.stick(at + h, q, before, w + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), u)
+        w = plant.stick(q, before, w + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), u)
     return _Motion(q, w)
 
 
@@ -121,8 +122,7 @@ def _chunks(
     plant: Plant, parameters: DrivenParameters, counts: Iterator[int], seed: int
 ) -> Iterator[tuple[list[Message], int]]:
     sensor, line = AngleSensor(parameters, seed), Line(parameters, seed)
-    measured, true, announced = Encoder(), Encoder(), Encoder()
-    names = (parameters.joint,)
+    measured, true = (JointStates(each, (parameters.joint,)) for each in (MEASURED, TRUTH))
     motion, last, u = _Motion(parameters.start, 0.0), 0.0, 0.0
     longest = min(SUBSTEP, PART / max(parameters.fastest, 1e-9))
     for count in counts:
@@ -135,14 +135,12 @@ def _chunks(
             if event is not None:
                 at, mode = event
                 if at > last:
-                    motion, last = advance(plant, motion, last, at - last, u, longest), at
+                    motion, last = advance(plant, motion, at - last, u, longest), at
                 plant.begin(at)
                 at_ns = round(at * SECOND)
-                messages.append(
-                    Message(at_ns, EVENTS.name, partial(_event, announced, at_ns, mode))
-                )
+                messages.append(JointStates(EVENTS, (mode,)).message(at_ns, at_ns, ()))
             if taken > last:
-                motion = advance(plant, motion, last, taken - last, u, longest)
+                motion = advance(plant, motion, taken - last, u, longest)
             rows.append((motion, u))
             last, u = taken, plant.input(taken)
         readings = sensor.read(np.array([row[0].q for row in rows])).tolist()
@@ -154,31 +152,7 @@ def _chunks(
             readings,
             rows,
         ):
-            messages += [
-                Message(
-                    due,
-                    MEASURED.name,
-                    partial(_measurement, measured, names, stamp, reading, effort),
-                )
-            ] * copies
+            messages += [measured.message(due, stamp, (reading,), (), (effort,))] * copies
             ahead = (stamp - taken_ns) / SECOND  # not 0 if stamps are wrong
-            messages.append(
-                Message(taken_ns, TRUTH.name, partial(_truth, true, names, stamp, q + ahead * w, w))
-            )
+            messages.append(true.message(taken_ns, stamp, (q + ahead * w,), (w,)))
         yield messages, samples.horizon_ns
-
-
-def _measurement(
-    encoder: Encoder, names: tuple[str, ...], stamp_ns: int, q: float, u: float, start_ns: int
-) -> bytes:
-    return encoder.encode(start_ns + stamp_ns, '', names, (q,), (), (u,))
-
-
-def _truth(
-    encoder: Encoder, names: tuple[str, ...], stamp_ns: int, q: float, w: float, start_ns: int
-) -> bytes:
-    return encoder.encode(start_ns + stamp_ns, '', names, (q,), (w,))
-
-
-def _event(encoder: Encoder, stamp_ns: int, mode: str, start_ns: int) -> bytes:
-    return encoder.encode(start_ns + stamp_ns, '', (mode,))

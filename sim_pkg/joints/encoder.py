@@ -14,9 +14,8 @@ import numpy as np
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.cdr import Writer
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.parameters import structural
-from sim_pkg.chunks import in_order, sizes
+from sim_pkg.chunks import JointStates, in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic
 from sim_pkg.joints.profiles import Profile, ProfileParameters, make_profile
 from sim_pkg.joints.second import GYRO, MOTOR, Play, SecondParameters, SecondSensors
@@ -101,9 +100,7 @@ def _chunks(
     shafts = [Shaft(parameters, seed, joint) for joint in range(len(parameters.joints))]
     line, p = Line(parameters, seed), parameters
     second = SecondSensors(p, p.counts_per_revolution, p.joints[0], shafts[0].motor, seed)
-    measure = _counts if parameters.convention == RAW_COUNTS else _joint_states(parameters.joints)
-    measured = topics(parameters)[0].name
-    true = Encoder()
+    measured, true = JointStates(MEASURED, p.joints), JointStates(TRUTH, p.joints)
     for count in counts:
         samples = line.carry(count)
         taken, stamped = _seconds(samples.taken_ns), _seconds(samples.stamp_ns)
@@ -119,14 +116,12 @@ def _chunks(
             readings.tolist(),
             motions.tolist(),
         ):
-            messages += [Message(due, measured, partial(measure, stamp, reading))] * copies
-            messages.append(
-                Message(
-                    taken_ns,
-                    TRUTH.name,
-                    partial(_truth, true, parameters.joints, stamp, position, velocity),
-                )
-            )
+            if p.convention == RAW_COUNTS:
+                message = Message(due, COUNTS.name, partial(_count, reading[0]))
+            else:
+                message = measured.message(due, stamp, reading)
+            messages += [message] * copies
+            messages.append(true.message(taken_ns, stamp, position, velocity))
         yield messages, samples.horizon_ns
 
 
@@ -134,30 +129,10 @@ def _seconds(nanoseconds: Whole) -> Floats:
     return nanoseconds.astype(np.float64) / SECOND
 
 
-def _truth(
-    encoder: Encoder,
-    names: tuple[str, ...],
-    stamp_ns: int,
-    position: list[float],
-    velocity: list[float],
-    start_ns: int,
-) -> bytes:
-    return encoder.encode(start_ns + stamp_ns, '', names, position, velocity)
-
-
-def _joint_states(names: tuple[str, ...]):
-    encoder = Encoder()
-
-    def encode(stamp_ns: int, reading: list[float], start_ns: int) -> bytes:
-        return encoder.encode(start_ns + stamp_ns, '', names, reading)
-
-    return encode
-
-
-def _counts(stamp_ns: int, reading: list[float], start_ns: int) -> bytes:
+def _count(reading: float, start_ns: int) -> bytes:
     """Encode one count; an Int32 carries no stamp."""
     writer = Writer()
-    writer.numbers('i', (int(reading[0]),))
+    writer.numbers('i', (int(reading),))
     return bytes(writer.raw)
 
 

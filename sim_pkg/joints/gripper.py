@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from estimator_pkg.models import gripper
 from estimator_pkg.parameters import structural
 from sim_pkg.contract import Message, Simulator, Topic
-from sim_pkg.joints.driven import EVENTS, MEASURED, TRUTH, DrivenParameters, stream
+from sim_pkg.joints.driven import EVENTS, MEASURED, TRUTH, DrivenParameters, Plant, stream
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class GripperParameters(DrivenParameters):
         )
 
 
-class Gripper:
-    """The plant; see `sim_pkg.joints.driven.Plant`."""
+class Gripper(Plant):
+    """The plant."""
 
     def __init__(self, parameters: GripperParameters) -> None:
         self._p = parameters
@@ -74,13 +74,9 @@ class Gripper:
         """Return the torque applied from t [s] on [N m]."""
         return gripper.torque(t)[0]
 
-    def acceleration(self, t: float, q: float, w: float, u: float) -> float:
+    def acceleration(self, q: float, w: float, u: float) -> float:
         """Return q'' [rad/s^2]."""
         return gripper.dynamics((q, w), self._now, (u,))[1]
-
-    def stick(self, t: float, q: float, before: float, w: float, u: float) -> float:
-        """Return w: this plant has no Coulomb friction."""
-        return w
 
     def begin(self, t: float) -> None:
         """Switch to the discrete state Z from t [s] on."""

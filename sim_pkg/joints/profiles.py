@@ -90,12 +90,6 @@ class ProfileParameters:
         description='chirp: time from frequency to frequency_end, the same for each octave; then '
         'it sweeps back, and repeats',
     )
-    decay_time: float = structural(
-        0.15,
-        unit='s',
-        range=(1e-4, 1e3),
-        description='figure_6: time constant of the motor coasting down, after 5 s',
-    )
     mean_velocity: float = structural(
         0.0, unit='rad/s', range=(-1e5, 1e5), description='added to the velocity of every profile'
     )
@@ -207,7 +201,7 @@ def figure_4() -> Profile:
     return pieces([(2.0, 10.0, 10.0), (0.05, 10.0, -20.0), (1.0, -20.0, -20.0)])
 
 
-def figure_6(decay_time: float) -> Profile:
+def figure_6(decay_time: float = 0.15) -> Profile:
     """Return 150 (1 - exp(-t / 0.5)) rad/s to 5 s, then a decay with `decay_time` [s]."""
     top, rise, switch = 150.0, 0.5, 5.0
     reached = top * -math.expm1(-switch / rise)
@@ -273,7 +267,7 @@ def make_profile(
         'chirp': lambda: chirp(p.amplitude, p.frequency, p.frequency_end, p.sweep_time),
         'steps': lambda: steps(p.velocity, p.acceleration, p.hold_time),
         'figure_4': figure_4,
-        'figure_6': lambda: figure_6(p.decay_time),
+        'figure_6': figure_6,
         'random': lambda: smooth_random(p.velocity, p.frequency, random),
     }[p.profile]()
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from estimator_pkg.messages.cdr import Writer
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.parameters import structural
+from sim_pkg.chunks import JointStates
 from sim_pkg.contract import Message, Topic
 from sim_pkg.joints.profiles import Profile
 from sim_pkg.joints.sensor import SECOND, SIGNED, TURN, Floats, Samples, random_stream, written
@@ -93,9 +93,9 @@ class SecondSensors:
     def __init__(
         self, parameters: SecondParameters, counts: int, joint: str, motor: Profile, seed: int
     ) -> None:
-        self._p, self._counts, self._joint, self._motor = parameters, counts, joint, motor
+        self._p, self._counts, self._motor = parameters, counts, motor
         self._noise = random_stream(seed, 'gyro')
-        self._tick, self._encoder = -1.0, Encoder()
+        self._tick, self._turned = -1.0, JointStates(MOTOR, (joint,))
 
     def messages(self, samples: Samples, speed: Floats) -> Iterator[Message]:
         """Yield the messages of a chunk of samples; speed of the joint [rad/s], shape (n,)."""
@@ -111,10 +111,7 @@ class SecondSensors:
             angle, counts = p.motor_ratio * self._motor(taken)[0], self._counts
             angle = written(np.floor(angle * counts / TURN) if counts else angle, counts, SIGNED)
             for stamp, reading in zip(samples.taken_ns.tolist(), angle.tolist()):
-                yield Message(stamp, MOTOR.name, partial(self._turned, stamp, reading))
-
-    def _turned(self, stamp_ns: int, angle: float, start_ns: int) -> bytes:
-        return self._encoder.encode(start_ns + stamp_ns, '', (self._joint,), (angle,))
+                yield self._turned.message(stamp, stamp, (reading,))
 
 
 def imu(stamp_ns: int, rate: float, start_ns: int, frame_id: str = '') -> bytes:

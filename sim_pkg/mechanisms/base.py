@@ -19,9 +19,8 @@ import numpy as np
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import odometry
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.parameters import structural
-from sim_pkg.chunks import in_order, sizes
+from sim_pkg.chunks import JointStates, in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic
 from sim_pkg.joints.second import GYRO, imu
 from sim_pkg.joints.sensor import (
@@ -244,7 +243,8 @@ def _chunks(
     offsets = random_stream(seed, 'offset').uniform(-math.pi, math.pi, len(names))
     if p.base == ACKERMANN:  # its steering is calibrated: no mean error
         offsets[2] = math.pi / p.counts_per_revolution if p.counts_per_revolution else 0.0
-    measured, true, late = Encoder(), Encoder(), round(p.gyro_delay * SECOND)
+    measured, true = JointStates(MEASURED, names), JointStates(TRUE_WHEELS, names)
+    late = round(p.gyro_delay * SECOND)
     for count in counts:
         samples, messages = line.carry(count), []
         for taken, stamp, due, copies in zip(
@@ -265,34 +265,15 @@ def _chunks(
                 float(sensor.read(np.array([position + offset]))[0])
                 for sensor, position, offset in zip(sensors, positions, offsets)
             ]
-            messages += [
-                Message(due, MEASURED.name, partial(_encode, measured, names, stamp, readings, []))
-            ] * copies
+            messages += [measured.message(due, stamp, readings)] * copies
             positions = [a + b for a, b in zip(positions, offsets.tolist())]
-            messages.append(
-                Message(
-                    taken,
-                    TRUE_WHEELS.name,
-                    partial(_encode, true, names, stamp, positions, velocities),
-                )
-            )
+            messages.append(true.message(taken, stamp, positions, velocities))
             v, w = plant.twist(taken / SECOND)
             pose = tuple(plant.pose.tolist())
             messages.append(
                 Message(taken, TRUE_BASE.name, partial(_odometry, stamp, pose, (v, 0.0, w)))
             )
         yield messages, samples.horizon_ns - round(0.5 * p.period * SECOND)
-
-
-def _encode(
-    encoder: Encoder,
-    names: tuple[str, ...],
-    stamp_ns: int,
-    positions: list[float],
-    velocities: list[float],
-    start_ns: int,
-) -> bytes:
-    return encoder.encode(start_ns + stamp_ns, '', names, positions, velocities)
 
 
 def _odometry(

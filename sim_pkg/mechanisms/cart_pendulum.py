@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.load import load
@@ -18,9 +18,6 @@ from sim_pkg.mechanisms.balance import balancing_force, triangle
 from sim_pkg.mechanisms.stream import CHUNK, MechanismParameters, Vector, merged, stream, topics
 
 OPEN, TRUE_VELOCITY, OBSERVER = 'open', 'true_velocity', 'observer'
-FULL, NORMALISED = 'full', 'normalised'
-QUANTA = {'hpm': (7.85e-4, 1.8e-5), 'lpm': (1.23e-2, 1e-3), 'exact': (0.0, 0.0)}
-LPM_HOLD = 2
 CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87  # N/A, N, N
 LIMIT = 60.0  # of the motor's force [N]
 PATIENCE = 0.05  # longest wait for an estimate [s]
@@ -31,29 +28,24 @@ PLANT = {
     'friction_backward': BACKWARD,
     'friction_speed': 2e-3,
 }
-UNIT = {'pendulum_inertia': 1.0, 'pendulum_moment': 0.1, 'moving_mass': 1.0, 'gravity': 1.0}
 
 
 @dataclass(frozen=True)
 class Parameters(MechanismParameters):
     """The parameters of the simulator; the input is the motor's current [A]."""
 
-    variant: str = structural(
-        FULL,
-        choices=(FULL, NORMALISED),
-        description='full: the laboratory of section 6; normalised: section 5.1, free motion',
+    quantum: tuple[float, ...] = structural(
+        (7.85e-4, 1.8e-5),
+        unit='rad, m',
+        kind=list,
+        range=(0.0, 10.0),
+        description='quantum of the encoders, for both or each; 0: exact',
     )
     control: str = structural(
         OPEN,
         choices=(OPEN, TRUE_VELOCITY, OBSERVER),
         description='open: excitation of the hanging pendulum; true_velocity: balanced upright '
         'with the true velocities; observer (live only): with those of the topic `estimate`',
-    )
-    encoders: str = structural(
-        'hpm',
-        choices=tuple(QUANTA),
-        description="the paper's high-precision or low-precision encoders (the latter at half the "
-        'rate), or exact; `quantum` and `hold` override it',
     )
     amplitude: float = structural(
         2.5, unit='A', range=(0.0, 100.0), description='amplitude of the open-loop chirp'
@@ -106,28 +98,11 @@ def generate(
     UsageError : `control: observer` without a live node, or an invalid parameter of the plant.
     """
     p = parameters
-    full = p.variant == FULL
-    mechanics = load('cart_pendulum', merged(PLANT if full else UNIT, p.model_parameters))
-    if p.quantum == (0.0,):
-        p = replace(p, quantum=QUANTA[p.encoders])
-    if p.hold == 1 and p.encoders == 'lpm':
-        p = replace(p, hold=LPM_HOLD)
+    mechanics = load('cart_pendulum', merged(PLANT, p.model_parameters))
     if p.control == OBSERVER and feedback is None:
         raise UsageError(
             "'control: observer' needs velocities from the topic `estimate`: run the live node "
             'cart_pendulum_sim, or set another control'
-        )
-    if not full:
-        if p.control != OPEN:
-            raise UsageError("variant 'normalised' has no controller: set 'control: open'")
-        return stream(
-            mechanics,
-            p,
-            (0.5 * math.pi - 0.2, -0.1),
-            (0.4, 0.35),
-            lambda time, y, v: (0.0,),
-            duration,
-            seed,
         )
     if p.control == OPEN:
         return stream(

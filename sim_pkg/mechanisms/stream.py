@@ -13,18 +13,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from estimator_pkg.circle import wrap
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanism.motion import Motion, acceleration
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation, acceleration
 from estimator_pkg.parameters import structural
-from sim_pkg.chunks import sample_count
+from sim_pkg.chunks import JointStates, sample_count
 from sim_pkg.contract import Message, Topic, check_rate, diverged
 from sim_pkg.joints.sensor import SECOND, random_stream
 
@@ -186,8 +184,8 @@ def _samples(
     released: Callable[[], bool],
 ) -> Iterator[list[Message]]:
     n, dt = mechanics.degrees, 1.0 / rate
-    plant = Motion(mechanics, q, v)
-    measure, true = Encoder(), Encoder()
+    plant = MechanismSimulation(mechanics, q, v)
+    measured, true = (JointStates(each, mechanics.joints) for each in (MEASURED, TRUTH))
     left = sample_count(duration, rate)
     k = 0
     effort: Vector = (0.0,) * n
@@ -195,19 +193,9 @@ def _samples(
     while k < left:
         due = round(k * SECOND / rate)
         reading = encoders.read(q)
-        messages.append(
-            Message(
-                due,
-                MEASURED.name,
-                partial(_encode, measure, mechanics.joints, due, reading, (), effort),
-            )
-        )
+        messages.append(measured.message(due, due, reading, (), effort))
         shown = tuple(wrap(x, period) for x, period in zip(q, mechanics.periods))
-        messages.append(
-            Message(
-                due, TRUTH.name, partial(_encode, true, mechanics.joints, due, shown, v, effort)
-            )
-        )
+        messages.append(true.message(due, due, shown, v, effort))
         k += 1
         if k % chunk == 0:
             yield messages
@@ -228,18 +216,6 @@ def _samples(
             effort = (0.0,) * n
     if messages:
         yield messages
-
-
-def _encode(
-    encoder: Encoder,
-    names: tuple[str, ...],
-    stamp_ns: int,
-    positions: Vector,
-    velocities: Vector,
-    efforts: Vector,
-    start_ns: int,
-) -> bytes:
-    return encoder.encode(start_ns + stamp_ns, '', names, positions, velocities, efforts)
 
 
 def merged(defaults: Mapping[str, object], assignments: tuple[str, ...]) -> tuple[str, ...]:

@@ -45,10 +45,6 @@ def make_node(**options: Any) -> SimulatorNode:
     return node
 
 
-if TYPE_CHECKING:
-    from sim_pkg.nodes.simulator_node import SimulatorNode
-
-
 def of_simulator(name: str, module: str) -> Callable[..., int]:
     """Return the main function of the node `name`, which runs the SIMULATOR of `module`.
 
@@ -86,12 +82,6 @@ def process(make_node: Callable[[], SimulatorNode]) -> Callable[..., int]:
     return main
 
 
-def _balanced() -> SimulatorNode:
-    from sim_pkg.nodes.executables import make_node
-
-    return make_node()
-
-
 encoder_sim = of_simulator('encoder_sim', 'sim_pkg.joints.encoder')
 dc_motor_sim = of_simulator('dc_motor_sim', 'sim_pkg.joints.dc_motor')
 gripper_sim = of_simulator('gripper_sim', 'sim_pkg.joints.gripper')
@@ -99,7 +89,7 @@ pendulum_sim = of_simulator('pendulum_sim', 'sim_pkg.mechanisms.pendulum')
 robotic_leg_sim = of_simulator('robotic_leg_sim', 'sim_pkg.mechanisms.robotic_leg')
 pmsm_sim = of_simulator('pmsm_sim', 'sim_pkg.pmsm.simulator')
 base_sim = of_simulator('base_sim', 'sim_pkg.mechanisms.base')
-cart_pendulum_sim = process(_balanced)
+cart_pendulum_sim = process(make_node)
 
 if __name__ == '__main__':
     name = sys.argv.pop(1) if len(sys.argv) > 1 else ''

@@ -14,9 +14,6 @@ from sim_pkg.pmsm.control import Control
 from sim_pkg.pmsm.plant import Plant
 from sim_pkg.pmsm.profiles import NAMES, Profile, named
 
-COPPER = 0.0039  # temperature coefficient of the resistance [1/K]
-MAGNET = -0.0011  # temperature coefficient of the flux (neodymium) [1/K]
-
 
 @dataclass(frozen=True)
 class PmsmParameters:
@@ -59,16 +56,6 @@ class PmsmParameters:
         range=(-0.9, 10.0),
         description='relative error of the nominal flux linkage: plant over nominal, minus 1',
     )
-    temperature_rise: float = structural(
-        0.0,
-        unit='K',
-        range=(-100.0, 200.0),
-        description='final temperature rise: the resistance rises by 0.39 % per K, the flux falls '
-        'by 0.11 % per K',
-    )
-    temperature_time: float = structural(
-        60.0, unit='s', range=(0.01, 1e5), description='time constant of the warming'
-    )
     load_quadratic: float = structural(
         2.5e-7, unit='N m s^2', range=(0.0, 1e3), description='load torque over speed squared'
     )
@@ -85,28 +72,13 @@ class PmsmParameters:
     )
     dc_voltage: float = structural(24.0, unit='V', range=(0.1, 1e4), description='DC link voltage')
     sample_rate: float = structural(
-        20000.0,
-        unit='Hz',
-        range=(1000.0, 200000.0),
-        description='rate of controller, carrier and sampling',
-    )
-    inverter: str = structural(
-        'averaged',
-        choices=('averaged', 'switched'),
-        description='averaged: the mean voltage of each period; switched: the switching edges of '
-        'the bridge',
+        20000.0, unit='Hz', range=(1000.0, 200000.0), description='rate of controller and sampling'
     )
     dead_time: float = structural(
         0.0,
         unit='s',
         range=(0.0, 1e-5),
         description='dead time of the bridge; the reported voltage does not contain its effect',
-    )
-    sampling_offset: float = structural(
-        0.0,
-        unit='period',
-        range=(0.0, 0.5),
-        description='time from the valley of the carrier to the sampling of the currents',
     )
     current_noise: float = structural(
         0.0, unit='A', range=(0.0, 1e3), description='standard deviation on each measured current'
@@ -186,13 +158,12 @@ class PmsmParameters:
         """Torque at rated current [N m]."""
         return 1.5 * self.pole_pairs * self.flux * self.rated_current
 
-    def plant(self, time: float = 0.0) -> Plant:
-        """Return the true motor after `time` [s] of warming."""
-        warmth = self.temperature_rise * (1.0 - math.exp(-time / self.temperature_time))
+    def plant(self) -> Plant:
+        """Return the true motor."""
         made = Plant()
-        made.resistance = self.resistance * (1.0 + self.resistance_error) * (1.0 + COPPER * warmth)
+        made.resistance = self.resistance * (1.0 + self.resistance_error)
         made.inductance = self.inductance * (1.0 + self.inductance_error)
-        made.flux = self.flux * (1.0 + self.flux_error) * (1.0 + MAGNET * warmth)
+        made.flux = self.flux * (1.0 + self.flux_error)
         made.poles, made.inertia = float(self.pole_pairs), self.inertia
         made.quadratic, made.constant = self.load_quadratic, self.load_constant
         made.viscous, made.coulomb = self.viscous, self.coulomb

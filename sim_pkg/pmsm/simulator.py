@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.messages.joint_state import Encoder
-from estimator_pkg.models.motor import POWER_INVARIANT
 from estimator_pkg.observers.maths.clarke import phases
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.drive import ELECTRICAL
-from sim_pkg.chunks import in_order, sizes
+from sim_pkg.chunks import JointStates, in_order, sizes
 from sim_pkg.contract import Message, Simulator, Topic, diverged
 from sim_pkg.joints.sensor import random_stream
 from sim_pkg.pmsm.drive import Drive
@@ -66,12 +64,6 @@ class PmsmSimulatorParameters(PmsmParameters):
     )
     phase_values: bool = structural(
         False, description='current and voltage carry the phases a, b, c instead of alpha and beta'
-    )
-    scaling: str = structural(
-        'amplitude',
-        choices=('amplitude', 'power'),
-        description='length of the alpha-beta vectors: amplitude of the phase quantity, or '
-        'sqrt(1.5) times that',
     )
     true_samples: bool = structural(
         True,
@@ -155,8 +147,6 @@ class Source:
             means = record.samples[start:, 2:].reshape(-1, every, 2).mean(axis=1)
             values[start:, 2:] = means
         self._first = False
-        if parameters.scaling == 'power':
-            values = values * POWER_INVARIANT
         speed, theta, flux = record.truth[picked, :3].T
         true = np.stack(
             [
@@ -186,14 +176,14 @@ def _chunks(
     source = Source(parameters, seed)
     speak = _batch if parameters.publish == BATCHES else _single
     chance = random_stream(seed, 'batches')
-    truth = Truth(parameters.joint)
+    truth = JointStates(TRUTH, (parameters.joint, parameters.joint + ELECTRICAL))
     for count in counts:
         rows = source.take(count)
         yield speak(parameters, rows, truth, chance.random(3)), int(rows.stamps_ns[-1]) + 1
 
 
 def _batch(
-    parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
+    parameters: PmsmSimulatorParameters, rows: Rows, truth: JointStates, chance: Floats
 ) -> list[Message]:
     """Return a batch, due at its last sample, and its truth, which always arrives."""
     due = int(rows.stamps_ns[-1])
@@ -203,7 +193,7 @@ def _batch(
     messages = [
         Message(leaves, SAMPLES.name, partial(_samples, rows.stamps_ns, rows.values))
     ] * copies
-    messages += truth.messages(rows, -1)
+    messages += _truth(truth, rows, -1)
     if parameters.true_samples:
         messages.append(
             Message(due, TRUE_SAMPLES.name, partial(_samples, rows.stamps_ns, rows.true))
@@ -212,7 +202,7 @@ def _batch(
 
 
 def _single(
-    parameters: PmsmSimulatorParameters, rows: Rows, truth: Truth, chance: Floats
+    parameters: PmsmSimulatorParameters, rows: Rows, truth: JointStates, chance: Floats
 ) -> list[Message]:
     """Return each sample on current and voltage, and its truth."""
     messages = []
@@ -220,33 +210,19 @@ def _single(
         for topic, vector in ((CURRENT, value[:2]), (VOLTAGE, value[2:])):
             three = phases(*vector) if parameters.phase_values else (*vector, 0.0)
             messages.append(Message(stamp, topic.name, partial(_vector, stamp, three)))
-        messages += truth.messages(rows, row)
+        messages += _truth(truth, rows, row)
     return messages
 
 
-class Truth:
-    """Encodes the true state as messages."""
-
-    def __init__(self, joint: str) -> None:
-        self._names = (joint, joint + ELECTRICAL)
-        self._encode = Encoder().encode
-
-    def messages(self, rows: Rows, row: int) -> list[Message]:
-        """Return speed, angle and flux of one row, due at its stamp."""
-        stamp = int(rows.stamps_ns[row])
-        angle, speed, flux, _ = rows.true[row].tolist()
-        state = partial(
-            self._state, stamp, [float(rows.angle[row]), angle], [float(rows.speed[row]), speed]
-        )
-        return [
-            Message(stamp, TRUTH.name, state),
-            Message(stamp, TRUE_FLUX.name, partial(_vector, stamp, (flux, 0.0, 0.0))),
-        ]
-
-    def _state(
-        self, stamp_ns: int, position: list[float], velocity: list[float], start_ns: int
-    ) -> bytes:
-        return self._encode(start_ns + stamp_ns, '', self._names, position, velocity)
+def _truth(states: JointStates, rows: Rows, row: int) -> list[Message]:
+    """Return speed, angle and flux of one row, due at its stamp."""
+    stamp = int(rows.stamps_ns[row])
+    angle, speed, flux, _ = rows.true[row].tolist()
+    positions, velocities = (float(rows.angle[row]), angle), (float(rows.speed[row]), speed)
+    return [
+        states.message(stamp, stamp, positions, velocities),
+        Message(stamp, TRUE_FLUX.name, partial(_vector, stamp, (flux, 0.0, 0.0))),
+    ]
 
 
 def _samples(stamps_ns: NDArray[np.int64], values: Floats, start_ns: int) -> bytes:

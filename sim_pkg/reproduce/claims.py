@@ -12,10 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from typing import NamedTuple
 
-from sim_pkg.reproduce.contract import MISPRINT, OPEN, SPECIFIED, VECTOR, Reproduction, Row, Table
+from sim_pkg.reproduce.contract import AT_MOST, MISPRINT, OPEN, SPECIFIED, Reproduction, Row, Table
 
 NEAR = 0.1  # relative difference from a printed number that counts as agreement
 SIMILAR = 0.1  # relative spread of values that are called similar
+SLACK = 1.0  # between settling times [ms]
 SLIGHT = 5.0  # a slight gain is below this [%]
 CORRECTED = re.compile(r'[\d.]+ \(for ([\d.]+)\)')
 UNEXPLAINED = 'not explained'
@@ -26,15 +27,11 @@ TITLES = {
     SPECIFIED: 'the paper specifies everything',
     OPEN: 'the paper leaves gains, start, input or machine open, and ours are assumed',
     MISPRINT: 'misprints and ambiguities of the paper',
-    VECTOR: 'test vectors of ours',
 }
 
 
 class Claim(NamedTuple):
-    """A row: whether it agrees with what the paper prints, and why not ('' if it does).
-
-    A row of which the paper prints nothing agrees if it is within its tolerance.
-    """
+    """A row: whether it agrees with what the paper prints, and why not ('' if it does)."""
 
     row: Row
     agrees: bool
@@ -47,16 +44,14 @@ class Claim(NamedTuple):
 
     @property
     def printed(self) -> str:
-        """What the paper prints, as text; '' if nothing."""
+        """What the paper prints, as text."""
         paper = self.row.reference.paper
-        return '' if paper is None else paper if isinstance(paper, str) else number(paper)
+        return paper if isinstance(paper, str) else number(paper)
 
     @property
     def verdict(self) -> str:
         """The last word of its line."""
-        if self.fails:
-            return 'FAILS'
-        return ('agrees' if self.agrees else 'no') if self.printed else 'ok'
+        return 'FAILS' if self.fails else 'agrees' if self.agrees else 'no'
 
 
 def number(value: float) -> str:
@@ -94,9 +89,8 @@ def agrees(row: Row, rows: Sequence[Row]) -> bool:
         return False
     if isinstance(paper, str) and (found := CORRECTED.fullmatch(paper)):
         paper = float(found[1])
-    if paper is None or isinstance(paper, str):
-        rule = WORDS.get(str(paper))
-        return row.ok if rule is None else rule(value, _beside(row, rows))
+    if isinstance(paper, str):
+        return WORDS[paper](value, _beside(row, rows))
     digit = Decimal(repr(paper)).normalize().as_tuple().exponent
     half = 0.5 * 10.0 ** int(digit) if paper else row.reference.value
     return abs(value - paper) <= max(half, row.reference.allowed, NEAR * abs(paper))
@@ -127,17 +121,11 @@ def _extreme(sign: float, same: str) -> Callable[[float, Sequence[tuple[str, flo
     )
 
 
-def _of(group: Sequence[tuple[str, float]], words: str) -> float:
-    """Return the value of which the paper says `words`; a negative one (never) if it is missing."""
-    return dict(group).get(words, -1.0)
+def _faster_than(words: str) -> Callable[[float, Sequence[tuple[str, float]]], bool]:
+    """Return a rule: not later than that of which the paper says `words` by more than SLACK."""
+    return lambda value, group: value <= dict(group).get(words, math.inf) + SLACK
 
 
-def _not_after(first: float, second: float) -> bool:
-    """Return True if `first` is not later than `second` by more than SLACK [ms]; below 0: never."""
-    return first >= 0.0 and (second < 0.0 or first <= second + SLACK)
-
-
-SLACK = 1.0  # ms
 WORDS: Mapping[str, Callable[[float, Sequence[tuple[str, float]]], bool]] = {
     'similar': _similar,
     'worst': _extreme(1.0, 'worst'),
@@ -155,12 +143,11 @@ WORDS: Mapping[str, Callable[[float, Sequence[tuple[str, float]]], bool]] = {
     'coincide': lambda value, _: abs(value) < 0.05,
     'found': lambda value, _: abs(value) < 0.01,
     'falls': lambda value, _: value > 0.0,
-    'unstable': lambda value, _: value > 1.0,
     'converges': lambda value, _: value < 0.5,
     # settling times of observer (5), of (16) and of (16) with the identifier
-    'relatively slow': lambda value, group: _not_after(max(each for _, each in group), value),
-    'faster than (5)': lambda value, group: _not_after(value, _of(group, 'relatively slow')),
-    'faster than (16)': lambda value, group: _not_after(value, _of(group, 'faster than (5)')),
+    'relatively slow': lambda value, group: max(each for _, each in group) <= value + SLACK,
+    'faster than (5)': _faster_than('relatively slow'),
+    'faster than (16)': _faster_than('faster than (5)'),
 }
 
 
@@ -170,12 +157,12 @@ def text(reproduction: Reproduction, found: Sequence[Claim]) -> list[str]:
     lines: list[str] = []
     shown: set[str] = set()
     for table in reproduction.tables:
-        ids = [name for names in table.body.values() for name in names if name]
+        ids = [name for names in table.body.values() for name in names]
         if by_id.keys() >= set(ids):
             shown.update(ids)
             lines += ['', *_table(table, by_id)]
     if shown:
-        lines = ['', LEGEND, *lines, *reproduction.extra()]
+        lines = ['', LEGEND, *lines]
     rest = [claim for claim in found if claim.row.reference.id not in shown]
     if rest:
         lines += ['', f'  {"row":<43} {"ours":>10}  {"the paper":<16} verdict']
@@ -193,7 +180,7 @@ def text(reproduction: Reproduction, found: Sequence[Claim]) -> list[str]:
 def _differences(found: Sequence[Claim]) -> list[str]:
     differing: dict[str, list[str]] = {}
     for claim in found:
-        if not claim.agrees and claim.printed:
+        if not claim.agrees:
             differing.setdefault(claim.why, []).append(claim.row.reference.id)
     lines = ['does not agree, and why'] if differing else []
     for why, ids in differing.items():
@@ -208,39 +195,29 @@ def _failures(found: Sequence[Claim]) -> list[str]:
     for row in (claim.row for claim in found if claim.fails):
         reference = row.reference
         bound = number(reference.value)
-        if reference.kind not in ('at most', 'at least'):
-            bound += f' +- {number(reference.allowed)}'
+        if reference.kind == AT_MOST:
+            bound = f'{AT_MOST} {bound}'
         else:
-            bound = f'{reference.kind} {bound}'
+            bound += f' +- {number(reference.allowed)}'
         words = f'failed: {reference.id} ({reference.what}) is {number(row.value)}, not {bound}'
         lines += _wrapped(words, '')
     return lines
 
 
 def _count(title: str, found: Sequence[Claim]) -> str:
-    printed = [claim for claim in found if claim.printed]
-    numbers = [claim for claim in printed if not isinstance(claim.row.reference.paper, str)]
     said = []
-    for some, what in (
-        (numbers, 'printed numbers'),
-        ([claim for claim in printed if claim not in numbers], 'claims in words'),
-    ):
+    for words, what in ((False, 'printed numbers'), (True, 'claims in words')):
+        some = [each for each in found if isinstance(each.row.reference.paper, str) == words]
         if some:
             said.append(f'{sum(claim.agrees for claim in some)} of {len(some)} {what} agree')
-    if len(printed) < len(found):
-        rest = [claim for claim in found if not claim.printed]
-        kept = sum(not claim.fails for claim in rest)
-        said.append(f'{kept} of {len(rest)} rows without a printed value are within tolerance')
     return f'{title[0].upper()}{title[1:]}: {"; ".join(said)}.'
 
 
 def _table(table: Table, by_id: Mapping[str, Claim]) -> list[str]:
     def entry(name: str) -> str:
-        if not name:
-            return '-'
         claim = by_id[name]
-        said = f' ({claim.printed})' if claim.printed else ''
-        return f'{claim.row.value:.4g}{said}' + ('' if claim.agrees else ' *')
+        mark = '' if claim.agrees else ' *'
+        return f'{claim.row.value:.4g} ({claim.printed}){mark}'
 
     body = {name: [entry(each) for each in ids] for name, ids in table.body.items()}
     return layout(table.title, list(table.columns), body)

@@ -3,7 +3,6 @@
 
 """Simulated drives in bags: simulate, replay, evaluate, and two-sided bounds on the small ones."""
 
-import json
 import math
 import sys
 from pathlib import Path
@@ -15,7 +14,6 @@ from answers import estimated
 from benchmarks.recorded import judge
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.joint_state import Decoder
@@ -180,59 +178,6 @@ def test_single_samples_and_phases_give_the_same_estimates_as_batches(tmp_path):
             assert one.positions == pytest.approx(state.positions, abs=1e-9, nan_ok=True)
 
 
-def test_alpha_beta_taken_for_phases_is_said(tmp_path, capsys):
-    simulate(
-        tmp_path / 'bag',
-        *settings(
-            sample_rate=5000, current_hz=300, profile='constant', speed_rpm=2000, publish='single'
-        ),
-    )
-    with replay(
-        tmp_path / 'bag', tmp_path / 'out', *settings(input='current_voltage', frame='abc'), code=1
-    ):
-        pass
-    assert 'the phase currents do not sum to zero' in capsys.readouterr().out
-
-
-def test_lost_repeated_and_overtaken_batches_are_counted_and_coasted_over(tmp_path, capsys):
-    simulate(
-        tmp_path / 'bag',
-        '--seed',
-        '4',
-        *settings(
-            lost=0.05,
-            repeated=0.1,
-            overtaken=0.05,
-            profile='constant',
-            speed_rpm=4000,
-            current_noise=0.05,
-        ),
-        duration=1.0,
-    )
-    out = tmp_path / 'result.json'
-    with replay(tmp_path / 'bag', tmp_path / 'out', '--json', str(out)) as bag:
-        stamps, found = rows(bag, '/pmsm_observer/estimate_samples')
-        true_stamps, true = rows(bag, '/ground_truth/samples')
-        mechanical = states(bag, '/pmsm_observer/estimate')
-        truth = {s.stamp_ns: s for s in states(bag, '/ground_truth/joint_states')}
-    joint = json.loads(out.read_text())['joints']['motor']
-    assert joint['received'] == len(stamps) == joint['used'] + sum(joint['dropped'].values())
-    assert joint['dropped']['duplicate'] > 0 and joint['dropped']['late'] > 0
-    assert joint['events']['gap'] >= 2 and 'clock_jump' not in joint['events']
-    valid = found[:, 3] == 1.0
-    at = np.searchsorted(true_stamps, stamps[valid])
-    assert np.abs(angle_error(found[valid, 0], true[at, 0])).max() < 3.0
-    assert valid.mean() > 0.6
-    assert set(found[:, 3]) == {0.0, 1.0}
-    # the relative position is carried over the gaps: its offset to the truth stays
-    offset = [
-        float(angle_error(state.positions[0], truth[state.stamp_ns].positions[0]))
-        for state in mechanical
-        if estimated(state)
-    ]
-    assert len(offset) > 60 and np.ptp(np.unwrap(np.radians(offset))) < math.radians(3.0)
-
-
 def test_replay_finds_the_input_and_evaluate_the_truth(tmp_path, capsys):
     simulate(tmp_path / 'bag', *settings(profile='constant'))
     with replay(tmp_path / 'bag', tmp_path / 'out', *settings(joint='hub')) as bag:
@@ -289,41 +234,6 @@ def test_wrong_use_is_one_line(words, said, capsys):
 def test_an_observer_of_angles_is_none_of_a_drive():
     with pytest.raises(UsageError, match="observer 'kalman' does not use currents and voltages"):
         DriveStream.of({'joint': 'motor', 'observer': 'kalman'})
-
-
-def test_a_period_that_does_not_fit_is_said_and_nothing_is_estimated(capsys, tmp_path):
-    words = ['--set', 'sample_period=5e-5']
-    with replay(BAGS / 'drive_profile', tmp_path / 'out', *words, code=1) as bag:
-        assert not states(bag, '/pmsm_observer/estimate')
-        assert not rows(bag, '/pmsm_observer/estimate_samples')[1][:, 3].any()
-    said, error = capsys.readouterr()
-    assert 'no estimate was made: sample_period is 5e-05 s, but the stamps are' in error
-    assert 'sample_period is 5e-05 s, but the stamps are 0.0002 s apart' in said
-    assert 'misconfigured 3500' in said
-    with replay(BAGS / 'drive_profile', tmp_path / 'fits', '--set', 'sample_period=2e-4') as bag:
-        assert estimated(states(bag, '/pmsm_observer/estimate')[-1])
-
-
-def test_malformed_and_bad_rows_are_counted(tmp_path, capsys):
-    with open_bag(BAGS / 'drive_profile') as bag:
-        raws = [bytes(message.raw) for message in bag.messages(['/drive_samples'])]
-    stamps, values = drive_samples.decode(raws[30])
-    values = values.copy()
-    values[7, 2] = math.nan
-    values[9, 0] = math.inf
-    raws[30] = drive_samples.encode(stamps, values)
-    raws[10] = raws[10].replace(b'channel', b'columns')
-    raws[11] = drive_samples.encode(np.zeros(0, np.int64), np.zeros((0, 4)))
-    with BagWriter(tmp_path / 'bag') as writer:
-        writer.add_topic('/drive_samples', drive_samples.TYPE)
-        for index, raw in enumerate(raws):
-            writer.write('/drive_samples', 10**18 + index * 10**7, raw)
-    with replay(tmp_path / 'bag', tmp_path / 'out') as bag:
-        _, found = rows(bag, '/pmsm_observer/estimate_samples')
-        assert bag.topics['/pmsm_observer/estimate'].count == 68  # the empty one is not answered
-    said = capsys.readouterr().out
-    assert 'empty 1' in said and 'malformed 1' in said and 'non_finite 2' in said
-    assert 'received 3400, used 3398' in said
 
 
 def test_settings_that_cannot_be_are_refused():

@@ -26,7 +26,6 @@ from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.driver.raw_angle import RawAngle
-from estimator_pkg.engine.calls import available
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
@@ -163,27 +162,6 @@ def test_blocks_of_any_size_give_what_single_messages_give(raws, cuts, name, onl
     assert (stream.bank.empty, stream.bank.mismatched) == (bank.empty, bank.mismatched)
     for joint, other in zip(stream.bank.joints.values(), bank.joints.values()):
         assert joint.counts == other.counts
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not available(), reason='no engine was built')
-def test_compiled_and_plain_agree(monkeypatch):
-    rng = np.random.default_rng(3)
-    raws = [
-        Encoder().encode(
-            START + i * 1_000_000 + int(rng.integers(0, 1000)),
-            '',
-            ['a', 'b'],
-            [math.remainder(0.02 * i, 2 * math.pi), 0.1 * math.sin(0.01 * i)],
-        )
-        for i in range(2000)
-    ]
-    decode = Decoder().decode
-    compiled = in_blocks(raws, [1, 2, 1500], configuration())[1]
-    monkeypatch.setattr('estimator_pkg.driver.joint.functions_of', lambda module: None)
-    assert in_blocks(raws, [700], configuration())[1] == compiled
-    shown = sum(len(estimated(decode(raw))) for pair in compiled for raw in pair.values())
-    assert shown > 7000
 
 
 def replay(*words, code=0):
@@ -411,15 +389,6 @@ def test_copies_and_names(recording, tmp_path, capsys):
     ]
 
 
-def test_the_same_replay_makes_the_same_bytes(recording, tmp_path):
-    for name in ('a', 'b'):
-        (tmp_path / name).mkdir()
-        replay(recording, '--observer', 'finite_difference', '--out', tmp_path / name / 'out')
-    assert (tmp_path / 'a/out/out_0.mcap').read_bytes() == (
-        tmp_path / 'b/out/out_0.mcap'
-    ).read_bytes()
-
-
 def angle_bag(path, kind, values, *, publish_step=1_000_000):
     with BagWriter(path) as bag:
         bag.add_topic('/angle', f'std_msgs/msg/{kind}')
@@ -530,8 +499,8 @@ def refused():
             "unknown parameter 'bandwith_hz': did you mean 'bandwidth_hz'?",
             2,
         ),
-        (['--set', 'bandwidth_hz=3'], 'or use --observer finite_difference', 2),
-        (['--set', 'per_joint.a.bandwidth_hz=3'], 'or use --observer finite_difference', 2),
+        (['--set', 'bandwidth_hz=3'], 'or use --observer hybrid_angle', 2),
+        (['--set', 'per_joint.a.bandwidth_hz=3'], 'or use --observer hybrid_angle', 2),
         ([*PLL, '--set', 'bandwidth_hz=-3'], "'bandwidth_hz' = -3 is outside", 2),
         ([*PLL, '--set', 'bandwidth_hz=fast'], 'must be a number', 2),
         (['--set', 'bandwidth_hz'], 'is not key=value', 2),
@@ -580,7 +549,7 @@ def test_a_wrong_parameter_file_is_one_line(recording, tmp_path, capsys):
     params = tmp_path / 'params.yaml'
     for text, said in (
         ('bandwith_hz: 3', "did you mean 'bandwidth_hz'?"),
-        ('bandwidth_hz: 3', "write 'observer: finite_difference' in the parameter file"),
+        ('bandwidth_hz: 3', "write 'observer: hybrid_angle' in the parameter file"),
         ('{observer: hybrid_angle, bandwidth_hz: 1e9}', 'is outside'),
         ('per_joint: {a: {ordre: 2}}', 'unknown parameter'),
         ('joints: [zz]', "has no joint 'zz'; it has a, b"),
@@ -685,24 +654,3 @@ def test_gains_that_are_unstable_at_this_rate_are_reported(recording, capsys, tm
     joint = json.loads((tmp_path / 'json').read_text())['joints']['a']
     assert joint['received'] == joint['used'] + sum(joint['dropped'].values())
     assert joint['dropped'].get('misconfigured') or not joint['why']
-
-
-def test_an_interrupt_leaves_nothing(recording, tmp_path, monkeypatch, capsys):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr('estimator_pkg.bags.writer.BagWriter.write_block', interrupted)
-    replay(recording, '--observer', 'finite_difference', '--out', tmp_path / 'out', code=130)
-    assert list(tmp_path.iterdir()) == []
-    assert 'Traceback' not in capsys.readouterr().err
-
-
-def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(recording, tmp_path, capsys):
-    raw = (recording / 'bag_0.mcap').read_bytes()
-    file = tmp_path / 'cut.mcap'
-    file.write_bytes(raw[: len(raw) // 2])
-    replay(file, '--observer', 'finite_difference', '--json', tmp_path / 'json')
-    result = json.loads((tmp_path / 'json').read_text())
-    assert 0 < result['messages']['received'] <= 400
-    assert 'ends early' in result['warnings'][0]
-    assert capsys.readouterr().err.count('warning') == 1

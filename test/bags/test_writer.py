@@ -4,6 +4,7 @@
 """Bags that are written: whole or not at all, and as other tools want them."""
 
 import io
+import os
 import subprocess
 import sys
 
@@ -14,15 +15,14 @@ from bag_making import OTHER, START, STATES, STORE, TEXT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
-from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg
 
 from estimator_pkg.bags import qos
+from estimator_pkg.bags import writer as writer_module
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.errors import UserError
-from estimator_pkg.messages.block import from_messages
 from estimator_pkg.messages.joint_state import TYPE
 
 HASH = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'  # as Jazzy has it
@@ -38,15 +38,7 @@ def messages_of(path):
 
 def test_rosbags_reads_every_message(tmp_path):
     messages = make.content(300)
-    path = make.ours(tmp_path / 'bag', messages)
-    with AnyReader([path]) as reader:
-        found = [
-            (connection.topic, time, bytes(raw)) for connection, time, raw in reader.messages()
-        ]
-        state = reader.deserialize(next(iter(reader.messages()))[2], TYPE)
-    assert found == messages
-    assert list(state.name) == ['a', 'b']
-    assert state.header.frame_id == 'base'
+    assert make.opened_by_others(make.ours(tmp_path / 'bag', messages)) == messages
 
 
 def test_the_mcap_library_finds_no_fault(tmp_path):
@@ -169,7 +161,6 @@ def test_messages_of_any_length_and_time_come_back(rows, tmp_path_factory):
 
 def test_large_bags_have_several_chunks_in_order(tmp_path, monkeypatch):
     monkeypatch.setattr('estimator_pkg.bags.mcap_output.CHUNK_SIZE', 5000)
-    monkeypatch.setattr('estimator_pkg.bags.writer.CHUNK_SIZE', 7000)
     messages = make.content(400)
     path = make.ours(tmp_path / 'bag', messages)
     with open(path / 'bag_0.mcap', 'rb') as stream:
@@ -181,30 +172,6 @@ def test_large_bags_have_several_chunks_in_order(tmp_path, monkeypatch):
     ]
     assert information['starting_time'] == {'nanoseconds_since_epoch': messages[0][1]}
     assert information['duration'] == {'nanoseconds': messages[-1][1] - messages[0][1]}
-
-
-def test_a_block_is_written_as_its_messages_are(tmp_path):
-    messages = make.content(50)
-    with BagWriter(tmp_path / 'bag') as bag:
-        number = {STATES: bag.add_topic(STATES, TYPE), OTHER: bag.add_topic(OTHER, TEXT)}
-        times = [log_ns for _, log_ns, _ in messages]
-        bag.write(STATES, START - 1, b'before')
-        bag.write_block(
-            from_messages(
-                [number[topic] for topic, _, _ in messages],
-                times,
-                times,
-                [raw for _, _, raw in messages],
-            )
-        )
-        assert bag.counts() == {STATES: 51, OTHER: 17}
-        bag.write(OTHER, START + 10**9, b'after')
-        assert bag.counts() == {STATES: 51, OTHER: 18}
-    assert [raw for _, _, _, raw in messages_of(tmp_path / 'bag')] == [
-        b'before',
-        *(raw for _, _, raw in messages),
-        b'after',
-    ]
 
 
 def test_a_bag_without_messages_is_a_bag(tmp_path):
@@ -319,3 +286,85 @@ def test_places_that_cannot_be_written_are_refused_at_once(tmp_path):
         BagWriter(tmp_path / 'nowhere' / 'bag')
     with pytest.raises(UserError, match='cannot be written'):
         BagWriter('/proc/bag')
+
+
+# ---------------------------------------------------------------- crashes and other writers
+
+CRASHING = """
+import os, sys
+from estimator_pkg.bags.writer import BagWriter
+bag = BagWriter(sys.argv[1], keep=True)
+bag.add_topic('/chatter', 'std_msgs/msg/String')
+for i in range(100):
+    bag.write('/chatter', 10**18 + i, b'\\0\\1\\0\\0' + bytes([i]))
+bag.flush()
+bag.write('/chatter', 10**18 + 101, b'not yet on the disk')
+os.kill(os.getpid(), 9)
+"""
+
+
+def crash(path):
+    """A recorder of `path` is killed; the folder that it leaves."""
+    done = subprocess.run([sys.executable, '-c', CRASHING, str(path)], timeout=60, check=False)
+    assert done.returncode == -9 and not path.exists()
+    (left,) = (each for each in path.parent.iterdir() if each.name.endswith('.part'))
+    return left
+
+
+@pytest.mark.parametrize('name', ['bag', 'bag.mcap', 'a [b] $c', 'a.b'])
+def test_a_crashed_recording_is_reported_and_can_be_read(name, tmp_path, capsys):
+    path = tmp_path / name
+    left = crash(path)
+    before = {file.name: file.read_bytes() for file in left.iterdir()}
+    for other in ('other.12ab', 'xyz', '12ab'):  # of another bag, of none, of no file yet
+        (tmp_path / f'.{name}.{other}.part').mkdir()
+    with BagWriter(path) as bag:  # the next one to the same place
+        bag.add_topic(OTHER, TEXT)
+        bag.write(OTHER, START, b'x')
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1 and f'{left} contains an incomplete {path}' in said
+    assert '`mcap recover FILE -o NEW`' in said and '`sqlite3 FILE .recover' in said
+    assert {file.name: file.read_bytes() for file in left.iterdir()} == before
+    assert [raw[4:] for _, _, _, raw in messages_of(left)] == [bytes([i]) for i in range(100)]
+
+
+def test_nobody_deletes_what_another_one_made(tmp_path, monkeypatch):
+    """The same random name."""
+    left = crash(tmp_path / 'bag')
+    token = left.name.split('.')[2]
+    others = iter([token, token, 'abcd'])
+    monkeypatch.setattr(writer_module.secrets, 'token_hex', lambda count: next(others))
+    with pytest.raises(KeyError), BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic(OTHER, TEXT)
+        bag.write(OTHER, START, b'x')
+        raise KeyError
+    assert list(tmp_path.iterdir()) == [left] and len(messages_of(left)) == 100
+
+
+def test_folders_are_moved_where_none_can_be_replaced(tmp_path, monkeypatch):
+    def refused(*_):
+        raise OSError(39, os.strerror(39))
+
+    monkeypatch.setattr(os, 'replace', refused)
+    make.ours(tmp_path / 'bag', make.content(20))
+    assert len(messages_of(tmp_path / 'bag')) == 27
+    assert [each.name for each in tmp_path.iterdir()] == ['bag']
+
+
+@pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
+def test_what_cannot_be_moved_is_kept(name, tmp_path, monkeypatch, capsys):
+    def refused(*_):
+        raise OSError(5, os.strerror(5))
+
+    monkeypatch.setattr(os, 'replace', refused)
+    monkeypatch.setattr(os, 'rename', refused)
+    with (
+        pytest.raises(UserError, match='Input/output error'),
+        BagWriter(tmp_path / name, keep=True) as bag,
+    ):
+        bag.add_topic(OTHER, TEXT)
+        bag.write(OTHER, START, b'x')
+    monkeypatch.undo()
+    (left,) = tmp_path.iterdir()  # the path of the bag stays free
+    assert f'{left} contains the messages written so far' in capsys.readouterr().err
+    assert [raw for _, _, _, raw in messages_of(next(left.glob('*.mcap')))] == [b'x']

@@ -108,52 +108,16 @@ def test_sides_are_interleaved_and_the_first_round_does_not_count():
     assert times == {'a': [1.0, 2.0], 'b': [1.0, 2.0]}
 
 
-def test_a_ratio_is_taken_round_by_round():
-    assert timing.ratio([2.0, 40.0, 6.0], [1.0, 10.0, 3.0]) == 2.0
-
-
 def test_limits_work_both_ways():
     assert timing.row('x', 2.0, 'us', limit=2.5)['ok'] is True
     assert timing.row('x', 3.0, 'us', limit=2.5)['ok'] is False
     assert timing.row('x', 3.0, 'times', limit=2.5, at_least=True)['ok'] is True
     assert timing.row('x', 3.0, 'us')['ok'] is None
     assert timing.not_run('x', 'why')['ok'] is None
+    assert timing.ratio([2.0, 40.0, 6.0], [1.0, 10.0, 3.0]) == 2.0  # round by round
 
 
 # ---------------------------------------------------------------- speed
-
-
-@pytest.mark.slow
-def test_updates_name_every_observer_beside_filterpy():
-    rows = {row['name']: row for row in update.updates(rounds=1)}
-    for entry in at_defaults():
-        adaptive = entry.label == 'edge_adaptive'
-        assert rows[f'update {entry.label}']['limit'] == (4.0 if adaptive else 2.5)
-        assert rows[f'{update.FILTERPY} / {entry.label}']['limit'] == (None if adaptive else 10.0)
-    assert rows['one reading smoothed']['limit'] == 10.0
-
-
-@pytest.mark.long
-def test_filterpy_filters_what_the_observers_get():
-    """The peer does the work it is timed for: it follows the angle across its wraps."""
-    pytest.importorskip('filterpy')
-    signal = Signal('turning', '', constant(20.0)).samples(duration=0.145)  # just past a wrap
-    stamps, angles = signal.stamps.tolist(), signal.angle.tolist()
-    seen = []
-
-    def chunk(number):
-        seen.append(number)
-        return stamps, angles
-
-    side = update._filterpy(chunk)[update.FILTERPY]
-    side(0)
-    kalman = next(
-        cell.cell_contents
-        for cell in side.__closure__
-        if type(cell.cell_contents).__name__ == 'KalmanFilter'
-    )
-    assert seen == [0]
-    assert kalman.x[1, 0] == pytest.approx(20.0, rel=0.1)
 
 
 @pytest.mark.long
@@ -161,6 +125,7 @@ def test_missing_peers_are_reported_as_not_run(monkeypatch):
     monkeypatch.setitem(sys.modules, 'filterpy.kalman', None)
     monkeypatch.setitem(sys.modules, 'filterpy.common', None)
     rows = {row['name']: row for row in update.updates(rounds=1)}
+    assert {f'update {entry.label}' for entry in at_defaults()} <= rows.keys()
     assert rows[update.FILTERPY]['value'] is None
     assert 'not installed' in rows[update.FILTERPY]['why']
 
@@ -187,7 +152,7 @@ def test_replay_is_measured_beside_rosbags():
     rows = {row['name']: row for row in replay.replays(200, rounds=1)}
     assert rows['rosbags / replay without --out']['limit'] == 3.0
     assert rows['rosbags / replay with --out']['limit'] == 1.0
-    assert rows['peak memory, four times the length']['value'] > 0.0
+    assert rows['peak memory with --out, 200 messages']['value'] > 0.0
 
 
 @pytest.mark.slow
@@ -198,9 +163,8 @@ def test_a_node_starts_and_answers_over_dds(monkeypatch):
     pytest.importorskip('rclpy')
     from benchmarks.live import timing as live_timing
 
-    found = live_timing.start('joint_observer')
-    assert found['cpu'] > 0.1
-    assert 0.2 < found['message'] <= found['estimate'] < live_timing.LONGEST
+    for name in ('null_node', 'joint_observer'):
+        assert 0.2 < live_timing.start(name)['estimate'] < live_timing.LONGEST
     late = live_timing.latency('mechanical_observer', rate=200.0, seconds=2.0)
     assert late['answered'] > 100 and 0.0 < late['median_ms'] <= late['late_ms']
 
@@ -233,9 +197,7 @@ def test_parts_print_and_give_json_and_one_that_cannot_run_says_why(tmp_path, ca
     assert capsys.readouterr().err == 'python -m benchmarks: no network\n'
 
 
-@pytest.mark.parametrize(
-    'words', [('--part', 'nonsense'), ('nonsense',), ('--part', 'accuracy', '--draws', '-1')]
-)
+@pytest.mark.parametrize('words', [('--part', 'nonsense'), ('--part', 'held-out')])
 def test_wrong_use(words, capsys):
     try:
         code = main(words)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ import numpy as np
 import pytest
 
 from benchmarks import csv_files, held_out
-from benchmarks.__main__ import main
 from benchmarks.held_out import Listed
 from benchmarks.laws import ours
 from estimator_pkg.errors import UserError
@@ -98,18 +98,18 @@ def test_a_missing_and_a_changed_file_are_named(tmp_path: Path) -> None:
         held_out.column(tmp_path, series)
 
 
-def test_without_a_folder_the_part_says_what_it_lacks(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['--part', 'held-out']) == 2
-    assert '--held-out' in capsys.readouterr().err
-
-
 def test_every_listed_series_has_its_file_its_angle_and_its_time() -> None:
-    first, second = held_out.listed(), held_out.listed('unseen')
-    assert len(first) >= 24 and len({each.keys['repository'] for each in first}) >= 3
-    assert not {each.name for each in first} & {each.name for each in second}
-    for _, keys, _ in [*first, *second]:
-        assert keys['path'] in keys['files'] and len(keys['commit']) == 40
+    lists = {which: held_out.listed(which) for which in held_out.LISTS}
+    names = [each.name for found in lists.values() for each in found]
+    assert len(names) == len(set(names)) and len(lists['series']) >= 24
+    for _, keys, _ in (each for found in lists.values() for each in found):
+        assert len(keys['files'][keys['path']]) == 64 and len(keys['commit']) == 40
         assert ('angle' in keys or 'yaw' in keys) and ('time' in keys or 'rate' in keys)
+    sources = {which: {each.keys['repository'] for each in found} for which, found in lists.items()}
+    contact = sources.pop('contact')
+    assert len(contact) >= 5 and not contact & set().union(*sources.values())
+    files = Counter(each.keys['path'] for each in lists['contact'])
+    assert set(files.values()) == {6, 1, 7}  # every joint of every file
 
 
 @pytest.mark.long
@@ -154,23 +154,6 @@ def test_the_single_baseline_is_the_one_with_the_least_mean_and_the_best_is_neve
     kept = Path(held_out.__file__).with_name('results') / 'held_out.csv'
     header = csv_files.held_out({'two joints': listed}).partition('\n')[0]
     assert set(kept.read_text().partition('\n')[0].split(',')) <= set(header.split(','))
-
-
-def test_first_contact_takes_every_joint_of_every_file_and_nothing_that_was_used_before() -> None:
-    new = held_out.listed('contact')
-    used = {
-        each.keys['repository']
-        for which in ('series', 'unseen', 'third')
-        for each in held_out.listed(which)
-    }
-    repositories = {each.keys['repository'] for each in new}
-    assert len(repositories) >= 5 and not repositories & used
-    assert len({each.name for each in new}) == len(new)
-    joints = {(each.keys['repository'], each.keys['path']): 0 for each in new}
-    for each in new:
-        joints[each.keys['repository'], each.keys['path']] += 1
-        assert len(each.keys['files'][each.keys['path']]) == 64
-    assert {6, 1, 7} == set(joints.values())
 
 
 def test_first_contact_leaves_out_by_its_rule_and_freezes_the_baselines(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from benchmarks import practice
+from benchmarks import practice, rivals
 from benchmarks.columns import Column
 from benchmarks.signals import Samples
 
@@ -24,11 +24,12 @@ def test_every_law_follows_a_constant_speed():
     column = Column('x', Samples(stamps, counted(1.3 * TIME), np.full(len(TIME), 1.3)), QUANTUM)
     laws, missing = practice.practice()
     assert len(laws) == 6 and not missing
-    for law in laws:
+    swept = [each for each in rivals.rivals() if 'authors' not in each.name]
+    for law in [*laws, *swept]:
         errors = [
             np.sqrt(np.nanmean((law.run(column, value)[1000:] - 1.3) ** 2)) for value in law.values
         ]
-        assert min(errors) < 0.02, law.name  # a raw difference has 1.0
+        assert min(errors) < (0.2 if law in swept else 0.02), law.name  # a raw difference has 1.0
 
 
 def test_the_slope_at_the_end_of_a_parabola_is_exact_for_one():
@@ -40,15 +41,6 @@ def test_the_slope_at_the_end_of_a_parabola_is_exact_for_one():
         column = Column('x', samples, QUANTUM, period=0.0)
         found = law.run(column, 14 * H)[100:]
         np.testing.assert_allclose(found, samples.velocity[100:], atol=1e-5)
-
-
-def test_the_rolling_mean_is_of_differences():
-    time = np.cumsum(np.random.default_rng(2).uniform(0.5, 1.5, 50))
-    angle = np.random.default_rng(3).standard_normal(50)
-    found = practice.rolling_mean(time, angle, QUANTUM, 4 * np.median(np.diff(time)))
-    slopes = np.diff(angle) / np.diff(time)
-    assert np.isnan(found[0]) and found[2] == pytest.approx(slopes[:2].mean())
-    assert found[20] == pytest.approx(slopes[16:20].mean())
 
 
 def test_adaptive_windows_are_as_long_as_the_chord_holds():
@@ -85,9 +77,3 @@ def test_the_filtering_differentiator_is_exact_within_its_bound():
         for bound in (100.0, 20.0)
     ]
     assert errors[0] < 0.1 < errors[1]
-
-
-@pytest.mark.parametrize('c3, c2, c1, rest', [(1.0, 2.0, 3.0, 4.0), (1e-3, 1e-6, 1e-9, 1e-14)])
-def test_the_root_is_one(c3, c2, c1, rest):
-    x = practice._root(c3, c2, c1, rest)
-    assert (((x + c3) * x + c2) * x + c1) * x == pytest.approx(rest, rel=1e-9) and x > 0.0

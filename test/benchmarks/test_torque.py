@@ -28,11 +28,3 @@ def test_the_torque_helps_on_the_elbow_of_the_double_pendulum():
     assert elbow.torque.error < 0.95 * elbow.without.error < 0.95 * elbow.angle.error
     assert shoulder.angle.error == 0.0  # below the reference's noise: nothing can be said
     assert '0.79' in torque.text([elbow])
-
-
-@pytest.mark.slow
-def test_the_torque_does_not_help_on_the_single_pendulum():
-    few = replace(STUDIES[0], bandwidths=(22.0, 36.0), disturbances=(0.0,))
-    (line,) = torque.study(BAGS, few, ('pll',))
-    assert 0.95 < line.ratio < 1.03
-    assert line.torque.error > 0.97 * line.without.error

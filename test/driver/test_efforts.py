@@ -7,13 +7,12 @@ import math
 import struct
 
 import pytest
-from answers import estimated, valid
+from answers import estimated
 
 from estimator_pkg import cli, observers
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
-from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import (
     COMMANDED,
     EFFORT_COMMAND,
@@ -22,15 +21,12 @@ from estimator_pkg.driver.efforts import (
     Acting,
     DrivenSettings,
 )
-from estimator_pkg.driver.switched import SwitchedBank, SwitchedJoint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages import joint_state, multi_array
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder, Encoder
-from estimator_pkg.parameters import build
 from estimator_pkg.streams.adaptive import AdaptiveSettings
 from estimator_pkg.streams.driven import ARRAY, BY_NAME, EffortCommands
-from sim_pkg.joints.dc_motor import SIMULATOR, MotorParameters
 
 MS = 1_000_000
 START = 10**15
@@ -243,126 +239,59 @@ def test_the_adaptive_joint_takes_commands_as_it_takes_fields():
     assert command.joints['j'].estimate() == same.joints['j'].estimate()
 
 
-def test_scale_per_joint_of_the_adaptive_observer():
-    adaptive = observers.find('adaptive')
-    bank = AdaptiveBank(AdaptiveConfiguration(adaptive, {}, {'b': {'input_scale': [-1.0]}}))
-    for k in range(400):
-        position, effort = turning(k)
-        bank.take(START + k * MS, ('a', 'b'), (position, position), (effort, -effort))
-    assert bank.joints['a'].estimate() == bank.joints['b'].estimate()
-
-
-@pytest.mark.long
-def test_the_switched_system_takes_commands_as_it_takes_fields():
-    switched = observers.find('switched')
-
-    def bank(source, **values):
-        gains, settings = Configuration(switched, values, settings=DrivenSettings).for_joint('')
-        return SwitchedBank(SwitchedJoint(switched, gains, settings), ('joint',), source)
-
-    field, command = bank(EFFORT_FIELD), bank(EFFORT_COMMAND)
-    for k in range(1000):
-        position = 0.3 + 1e-4 * k
-        if k:
-            one = field.take(START + k * MS, ('joint',), (position,), (0.01 * k,))
-        two = command.take(START + k * MS, ('joint',), (position,), ())
-        command.command(START + k * MS, ('joint',), (0.01 * (k + 1),))
-    assert valid(one) == valid(two) and valid(one)
-    assert command.system.discrete() == field.system.discrete()
-    silent = bank(EFFORT_COMMAND)
-    assert silent.take(START, ('joint',), (0.1,), ()).estimates == [None]
-    assert 'none had its name' in silent.why_silent('joint')
-    with pytest.raises(UsageError, match=r"'input_delay' has 2 numbers for 1 input: set 1$"):
-        bank(EFFORT_FIELD, input_delay=[0.1, 0.2])
-
-
 # Replay
 
 
-def motion(observer):
-    """(position, effort) every 2 ms, in which this observer finds its way."""
-    if observer != 'adaptive':
-        return [(0.3 + 1e-4 * k, turning(k)[1]) for k in range(600)]
-    decode = Decoder().decode
-    states = [
-        decode(bytes(message.encode(START)))
-        for chunk in SIMULATOR.generate(build(MotorParameters, {'rate': 500.0}), 6.0, 1)
-        for message in chunk
-        if message.topic == 'joint_states'
-    ]
-    return [(state.positions[0], state.efforts[0]) for state in states]
+def record(path, kind):
+    """Record positions every 2 ms, and efforts in their messages, by name, or as an array."""
+    encode = Encoder().encode
+    with BagWriter(path) as bag:
+        bag.add_topic('/joint_states', joint_state.TYPE)
+        if kind != 'field':
+            type_name = multi_array.TYPE if kind == 'array' else joint_state.TYPE
+            bag.add_topic('/effort_command', type_name)
+        for k in range(600):
+            stamp, position, effort = START + 2 * k * MS, 0.3 + 1e-4 * k, turning(k)[1]
+            raw, since = array([effort]), stamp - 2 * MS  # it acts from the sample before on
+            if kind == 'by_name':
+                raw = encode(since, '', ('joint',), (), (), (effort,))
+            if kind != 'field':
+                bag.write('/effort_command', since, raw)
+            efforts = (effort,) if kind == 'field' else ()
+            bag.write(
+                '/joint_states', stamp, encode(stamp, '', ('joint',), (position,), (), efforts)
+            )
+
+
+COMMANDS = '--set input=effort_command'
+KINDS = {
+    'field': '',
+    'by_name': COMMANDS,
+    'array': f'{COMMANDS} --set effort_command_type=Float64MultiArray',
+}
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    'observer, node, joint',
-    [
-        ('adaptive', 'adaptive_observer', 'joint'),
-        ('switched', 'switched_observer', 'joint'),
-        ('geso', 'mechanical_observer', 'joint'),
-    ],
+    'observer, node', [('switched', 'switched_observer'), ('geso', 'mechanical_observer')]
 )
-def test_replay_takes_the_topic_as_the_node_does(observer, node, joint, tmp_path, capsys):
+def test_replay_takes_the_topic_as_the_node_does(observer, node, tmp_path, capsys):
     """Arrays at the time of sending, and by name: the same estimates as from the effort field."""
-    encode, decode, estimates = Encoder().encode, Decoder().decode, {}
-    for kind in ('field', 'by_name', 'array'):
-        with BagWriter(tmp_path / kind) as bag:
-            bag.add_topic('/joint_states', joint_state.TYPE)
-            if kind != 'field':
-                bag.add_topic(
-                    '/effort_command', multi_array.TYPE if kind == 'array' else joint_state.TYPE
-                )
-            for k, (position, effort) in enumerate(motion(observer)):
-                stamp, since = START + 2 * k * MS, START + 2 * (k - 1) * MS
-                if kind != 'field':  # from the sample before on
-                    bag.write(
-                        '/effort_command',
-                        since,
-                        array([effort])
-                        if kind == 'array'
-                        else encode(since, '', (joint,), (), (), (effort,)),
-                    )
-                bag.write(
-                    '/joint_states',
-                    stamp,
-                    encode(
-                        stamp, '', (joint,), (position,), (), (effort,) if kind == 'field' else ()
-                    ),
-                )
-        words = [] if kind == 'field' else ['--set', 'input=effort_command']
-        if kind == 'array':
-            words += ['--set', 'effort_command_type=Float64MultiArray']
-        if observer == 'adaptive':
-            words += ['--set', f'joints=[{joint}]']
-        assert (
-            cli.main(
-                [
-                    'replay',
-                    str(tmp_path / kind),
-                    '--observer',
-                    observer,
-                    *words,
-                    '--out',
-                    str(tmp_path / f'{kind}_out'),
-                ]
-            )
-            == 0
-        )
-        with open_bag(tmp_path / f'{kind}_out') as bag:
-            estimates[kind] = [
-                decode(bytes(message.raw)) for message in bag.messages([f'/{node}/estimate'])
-            ]
-    found = {
-        kind: [
-            (each.stamp_ns, each.positions, each.velocities) for each in states if estimated(each)
+    found, decode = {}, Decoder().decode
+    for kind, more in KINDS.items():
+        record(tmp_path / kind, kind)
+        out = tmp_path / f'{kind}_out'
+        words = f'replay {tmp_path / kind} --observer {observer} {more} --out {out}'
+        assert cli.main(words.split()) == 0
+        with open_bag(out) as bag:
+            messages = [decode(bytes(each.raw)) for each in bag.messages([f'/{node}/estimate'])]
+        assert {len(each.efforts) for each in messages} == {int(kind == 'field')}
+        found[kind] = [
+            (each.stamp_ns, each.positions, each.velocities) for each in messages if estimated(each)
         ]
-        for kind, states in estimates.items()
-    }
     assert len(found['field']) > 100
     assert found['field'] == found['by_name'] == found['array']
-    assert {len(each.efforts) for each in estimates['field']} == {1}
-    assert not any(each.efforts for each in estimates['by_name'])
     capsys.readouterr()
-    words = f'--observer {observer} --set input=effort_command --out {tmp_path / "none"}'
-    assert cli.main(['replay', str(tmp_path / 'field'), *words.split()]) == 1
+    words = f'replay {tmp_path / "field"} --observer {observer} {COMMANDS} --out {tmp_path / "x"}'
+    assert cli.main(words.split()) == 1
     assert "has no topic '/effort_command'" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import yaml
 from servos import excited, servo
 
 from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
-from estimator_pkg.driver.identified import load, save, values_of
+from estimator_pkg.driver.identified import load, save
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 
@@ -153,17 +153,3 @@ def test_saved_parameters_must_fit_the_gains(word):
     with pytest.raises(UsageError, match=f'have a {word}: set {word} to true'):
         AdaptiveConfiguration(OBSERVER, {}, saved={'a': {**GOOD, word: 1.0}})
     AdaptiveConfiguration(OBSERVER, {}, saved={'a': {**GOOD, word: 0.0}})
-
-
-def test_values_are_named_with_unit_deviation_and_trust():
-    said = learnt().reports()['a']
-    values, plain = values_of(said, 'A'), values_of(said)
-    assert values['state'] == said.phase and values['trusted'] is said.trusted
-    assert values['adapted_s'] == said.adapted > 2.0
-    for item in said.parameters:
-        assert values[item.name] == item.value
-        assert values[f'{item.name}.stddev'] == item.stddev
-        assert values[f'{item.name}.trusted'] is item.trusted
-        assert plain[f'{item.name}.unit'] == item.unit
-        assert values[f'{item.name}.unit'] == item.unit.replace('unit of input', 'A')
-    assert any('unit of input' in item.unit for item in said.parameters)

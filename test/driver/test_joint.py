@@ -9,17 +9,15 @@ import math
 import numpy as np
 import pytest
 from answers import valid
-from observer_cases import angle_observers, label, make, plain, stamps, stream, variants, wrapped
+from observer_cases import angle_observers, label, make, stream, variants, wrapped
 
 from estimator_pkg import observers
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, STATUS_NAMES, TRACKING
-from estimator_pkg.parameters import build
-from estimator_pkg.sensor.guard import DUPLICATE, UNSTABLE_GAINS, USED_SAMPLE, longest_dt
+from estimator_pkg.sensor.guard import USED_SAMPLE, longest_dt
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
@@ -55,35 +53,6 @@ def test_live_equals_batch(variant):
         assert one.estimate()[:2] == other.estimate()[:2] and one.stddev() == other.stddev()
         assert one.update(one.stamp_ns + MS, 0.5) and other.update(other.stamp_ns + MS, 0.5)
         assert one.estimate()[:2] == other.estimate()[:2]  # and they go on alike
-
-
-@pytest.mark.parametrize('variant', variants(), ids=label)
-def test_the_engine_is_equal_to_plain_python(variant):
-    """Not only per sample: live, in batches, and one after the other."""
-    at, angles = stream(5, 1500)
-    one, other = plain(*variant), make(*variant)
-    assert_equal(one.run(at, angles), other.run(at, angles))
-    assert repr(one.channel) == repr(other.channel)
-    again = stamps(200)[:200] + (at[-1] - at[0]) + 10 * MS
-    for stamp, angle in zip(again.tolist(), angles[:200].tolist()):
-        assert one.update(stamp, angle) == other.update(stamp, angle)
-        assert repr((one.estimate(), one.stddev())) == repr((other.estimate(), other.stddev()))
-    again += again[-1] - again[0] + 10 * MS
-    assert_equal(one.run(again, angles[:200]), other.run(again, angles[:200]))
-    assert one.counts == other.counts
-
-
-def test_batch_in_parts_equals_the_whole():
-    at, angles = stream(6, 900)
-    whole, parts = make('kalman'), make('kalman')
-    out = whole.run(at, angles)
-    pieces = [
-        parts.run(at[a:b], angles[a:b]) for a, b in ((0, 1), (1, 300), (300, 300), (300, 900))
-    ]
-    for field in Estimates._fields:
-        np.testing.assert_array_equal(
-            getattr(out, field), np.concatenate([getattr(piece, field) for piece in pieces])
-        )
 
 
 def test_before_the_first_sample():
@@ -153,18 +122,6 @@ def test_longest_dt_is_where_the_limits_begin():
     assert make('hybrid_angle', PAPER).longest_dt == pytest.approx(0.029666, rel=1e-4)
 
 
-def test_misconfigured_from_the_start_where_the_rate_is_too_low():
-    joint = make('hybrid_angle', PAPER)
-    for i in range(50):
-        joint.update(START + i * 40 * MS, wrapped(0.01 * i).item())
-    assert joint.estimate()[3] == MISCONFIGURED and math.isnan(joint.estimate()[1])
-    assert STATUS_NAMES[joint.estimate()[3]] == 'misconfigured'
-    assert joint.dropped() == {'misconfigured': 49} and joint.received == 50
-    assert '25 Hz' in joint.why() and 'epsilon' in joint.why()
-    out = make('hybrid_angle', PAPER).run(START + np.arange(50) * 40 * MS, np.zeros(50))
-    assert np.all(out.verdict[1:] == UNSTABLE_GAINS) and np.all(np.isnan(out.velocity[1:]))
-
-
 def test_misconfigured_when_the_rate_falls_and_back_when_it_recovers():
     joint = make('hybrid_angle', PAPER)
     stamp, said = START, []
@@ -173,8 +130,10 @@ def test_misconfigured_when_the_rate_falls_and_back_when_it_recovers():
             stamp += dt * MS
             joint.update(stamp, wrapped(2.0 * (stamp - START) * 1e-9).item())
             said.append(joint.estimate()[3])
-        expected = TRACKING if dt == 10 else MISCONFIGURED
-        assert said[-1] == expected
+        assert said[-1] == (TRACKING if dt == 10 else MISCONFIGURED)
+        if dt == 40:
+            assert STATUS_NAMES[said[-1]] == 'misconfigured' and math.isnan(joint.estimate()[1])
+            assert 'unstable at 25' in joint.why() and 'epsilon' in joint.why()
     assert joint.estimate()[1] == pytest.approx(2.0, abs=1e-6)
     assert joint.used + joint.dropped()['misconfigured'] == joint.received == 1000
     assert joint.why() == ''
@@ -229,22 +188,6 @@ def test_joints_may_come_go_and_change_order():
     assert several.mismatched == several.empty == 0
 
 
-def test_only_the_joints_asked_for():
-    one = bank(only=['b'])
-    for i in range(400):
-        found = one.update(START + i * MS, ['a', 'b'], [angle_of('a', i), angle_of('b', i)])
-    assert [name for name, _ in valid(found)] == ['b'] and set(one.joints) == {'b'}
-
-
-def test_one_joint_may_fail_while_the_others_go_on():
-    several = bank()
-    for i in range(1000):
-        bad = math.nan if i > 500 else angle_of('b', i)
-        found = several.update(START + i * MS, ['a', 'b'], [angle_of('a', i), bad])
-    assert [name for name, _ in valid(found)] == ['a'] and found.names == ['a', 'b']
-    assert several.joints['b'].dropped() == {'non_finite': 499}
-
-
 def test_messages_that_do_not_fit_are_counted():
     several = bank()
     assert several.update(START, ['a', 'b'], [1.0]) is None
@@ -289,27 +232,3 @@ def test_wrong_configurations_are_refused_in_one_line(common, overrides, words):
         bank(common=common, overrides=overrides)
     assert '\n' not in str(caught.value)
     assert all(word in str(caught.value) for word in words)
-
-
-def test_dropped_samples_leave_the_estimate_alone():
-    joint = make('kalman')
-    for i in range(500):
-        joint.update(START + i * MS, wrapped(3.0 * i * 1e-3).item())
-    before = joint.estimate(), joint.stddev(), joint.stamp_ns
-    for stamp, angle in (
-        (START + 499 * MS, 1.0),
-        (START + 480 * MS, 1.0),
-        (0, 1.0),
-        (START + 500 * MS, math.nan),
-    ):
-        assert not joint.update(stamp, angle)
-        assert joint.verdict >= DUPLICATE
-        assert (joint.estimate(), joint.stddev(), joint.stamp_ns) == before
-
-
-def test_a_joint_of_any_observer_takes_its_own_gains():
-    for name in angle_observers():
-        observer = observers.find(name)
-        gains, settings = Configuration(observer).for_joint('any')
-        assert gains == build(observer.gains, {})
-        assert Joint(observer, gains, settings).gains is gains

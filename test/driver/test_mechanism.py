@@ -4,7 +4,6 @@
 """Mechanisms without ROS: inputs over time, joints gathered by stamp, wrong settings, replay."""
 
 import math
-from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -12,8 +11,6 @@ from answers import valid
 from mechanism_runs import FAST, motion
 
 from estimator_pkg import cli, observers
-from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.series import joint_series, with_velocity
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import EFFORT_COMMAND
 from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings
@@ -87,25 +84,17 @@ def test_a_stamp_that_never_gets_all_joints_is_counted():
     assert mechanism.used == 9 and mechanism.incomplete == 1
 
 
-def test_pair_tolerance_joins_stamps_that_differ_a_little():
-    for tolerance, used in ((0.0, 0), (2e-4, 10)):
-        mechanisms = bank(model='cart_pendulum', joints=['arm', 'wagon'], pair_tolerance=tolerance)
-        for k in range(10):
-            mechanisms.update(START + k * MS, ('arm',), (0.0,), ())
-            mechanisms.update(START + k * MS + MS // 10, ('wagon',), (0.0,), (0.0,))
-        assert mechanisms.joints['m'].used == used
-
-
 @pytest.mark.parametrize('order', [(0, 1), (1, 0)])
-def test_a_sample_of_joints_that_come_apart_has_the_later_stamp(order):
+@pytest.mark.parametrize('tolerance', [0.0, 2e-4])
+def test_a_sample_of_joints_that_come_apart_has_the_later_stamp(tolerance, order):
     """Whichever message comes first: only then all its positions were measured."""
-    mechanisms = bank(model='cart_pendulum', joints=['arm', 'wagon'], pair_tolerance=2e-4)
+    mechanisms = bank(model='cart_pendulum', joints=['arm', 'wagon'], pair_tolerance=tolerance)
     messages = [(START, 'arm'), (START + MS // 10, 'wagon')]
     for place in order:
         stamp, joint = messages[place]
         mechanisms.update(stamp, (joint,), (0.0,), (0.0,))
-    assert mechanisms.joints['m'].used == 1
-    assert mechanisms.joints['m'].stamp_ns == START + MS // 10
+    assert mechanisms.joints['m'].used == int(tolerance > 0.0)
+    assert mechanisms.joints['m'].stamp_ns == (START + MS // 10 if tolerance else 0)
 
 
 def through_a_missing_effort(observer):
@@ -235,94 +224,16 @@ def test_wrong_settings_are_refused_in_one_line(values, words):
     assert words in str(error.value)
 
 
-def test_gains_change_without_a_break():
-    mechanisms = bank(bandwidth_hz=10.0)
-    mechanism = mechanisms.joints['m']
-    for k in range(500):
-        mechanisms.update(START + k * MS, ('joint',), (1e-3 * k,), (0.0,))
-    before = mechanism.estimate()[1][0]
-    mechanism.set_gains(mechanisms.configuration.observer.gains(bandwidth_hz=40.0))
-    mechanisms.update(START + 500 * MS, ('joint',), (0.5,), (0.0,))
-    assert mechanism.estimate()[1][0] == pytest.approx(before, abs=1e-3)
-    assert mechanism.plan.describe(1e-3)['L'][0][0] > 200.0
-
-
 # Replay of simulated bags: two-sided bounds on the rms of the velocity errors
-
-CART = [
-    'model=cart_pendulum',
-    "model_parameters=['force_constant=9.27','friction_forward=3.98','friction_backward=2.87']",
-]
-JOINT = ["model_parameters=['inertia=0.05','damping=0.02','gravity=1.5','coulomb=0.05']"]
-CASES = [  # simulator, observer, parameters, largest rms of each joint
-    ('cart_pendulum', 'geso', [*CART, 'L=[50, 80]', 'Gamma=[80, 150]'], (0.026, 0.0147)),
-    ('cart_pendulum', 'hgo', [*CART, 'bandwidth_hz=6'], (0.02, 0.0098)),
-    ('cart_pendulum', 'ehgo', [*CART, 'bandwidth_hz=25'], (0.0236, 0.007)),
-    ('cart_pendulum', 'smo', [*CART, 'mu=[29, 10]'], (0.11, 0.04)),
-    ('pendulum', 'geso', [*JOINT, 'bandwidth_hz=5'], (0.0041,)),
-    ('robotic_leg', 'geso', ['model=robotic_leg', 'bandwidth_hz=1'], (0.0053, 0.00044, 0.0175)),
-]
-
-
-@pytest.fixture(scope='module')
-def simulated(tmp_path_factory):
-    @lru_cache
-    def bag(plant):
-        path = str(tmp_path_factory.mktemp('mechanisms') / plant)
-        words = ['simulate', plant, '--duration', '8', '--seed', '3', '--out', path]
-        assert cli.main(words) == 0
-        return path
-
-    return bag
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    'plant, observer, values, bounds',
-    [
-        pytest.param(*case, marks=pytest.mark.slow if case[1] in ('ehgo', 'smo') else ())
-        for case in CASES
-    ],
-    ids=[f'{case[0]}-{case[1]}' for case in CASES],
-)
-def test_errors_stay_within_two_sided_bounds(plant, observer, values, bounds, simulated, tmp_path):
-    words = [word for value in values for word in ('--set', value)]
-    assert (
-        cli.main(
-            [
-                'replay',
-                simulated(plant),
-                '--observer',
-                observer,
-                *words,
-                '--out',
-                str(tmp_path / 'out'),
-            ]
-        )
-        == 0
-    )
-    with open_bag(tmp_path / 'out') as bag:
-        found = joint_series(bag, '/mechanical_observer/estimate')
-        truth = joint_series(bag, '/ground_truth/joint_states')
-    for bound, (name, series) in zip(bounds, found.items()):
-        series, true = with_velocity(series), truth[name]
-        index = np.searchsorted(true.stamps_ns, series.stamps_ns)
-        assert np.array_equal(true.stamps_ns[index], series.stamps_ns)
-        rms = math.sqrt(np.mean((series.velocity - true.velocity[index]) ** 2))
-        assert 0.5 * bound < rms < bound, f'{name}: {rms}'
 
 
 @pytest.mark.parametrize(
     'words, message',
     [
-        (['--observer', 'geso', '--set', 'model=own_models:TwoLinks'], "use the observer 'hgo'"),
-        (['--observer', 'geso', '--set', 'model=no_such:Model'], "cannot import 'no_such'"),
         (
             ['--observer', 'geso', '--set', 'model=cart_pendulum'],
             'set its joint names with the parameter',
         ),
-        (['--observer', 'geso', '--set', 'L=-1', '--set', 'K=3'], 'not Hurwitz'),
-        (['--observer', 'geso', '--set', 'modle=x'], "did you mean 'model'?"),
         (['--observer', 'geso', '--joint', 'a'], '--angle and --joint'),
     ],
 )

@@ -12,6 +12,7 @@ import wheel_runs as runs
 
 from estimator_pkg.driver.wheels import arc
 from estimator_pkg.errors import UsageError
+from estimator_pkg.messages.joint_state import Encoder
 from sim_pkg.mechanisms import base
 
 GROUND = {'travel_noise': 0.003}
@@ -124,7 +125,7 @@ def test_wheels_of_a_side_that_differ_are_slip():
     """The rear left wheel turns 10 % faster for a second."""
     stream = runs.made({'base': 'skid'})
     for row in range(500):
-        t, encoder = 0.01 * row, base.Encoder()
+        t, encoder = 0.01 * row, Encoder()
         extra = 0.1 * 8.0 * min(max(t - 2.0, 0.0), 1.0)
         angles = [8.0 * t, 8.0 * t + extra, 8.0 * t, 8.0 * t]
         names = [name for side in runs.SKID.values() for name in side]
@@ -210,7 +211,7 @@ def test_a_pause_of_the_wheels_is_in_the_covariance_and_named():
     before = 0.0
     for row in [*range(300), *range(400, 500)]:
         t = 0.01 * row
-        raw = base.Encoder().encode(
+        raw = Encoder().encode(
             runs.START + round(t * 1e9), '', base.WHEELS['differential'], [8.0 * t, 8.0 * t]
         )
         stream.feed(0, raw, 0)

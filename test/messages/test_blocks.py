@@ -3,50 +3,19 @@
 
 """Joint states decoded and encoded many at a time: the same as one by one."""
 
-import struct
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from joint_state_bytes import block_of, cdr
 
 from estimator_pkg.messages import layouts
 from estimator_pkg.messages.block import compact, from_messages, join, rows
 from estimator_pkg.messages.cdr import MalformedMessageError
-from estimator_pkg.messages.joint_state import Decoder, Encoder
+from estimator_pkg.messages.joint_state import Decoder, Encoder, JointState
 from estimator_pkg.messages.joint_state_block import decode_block, encode_block
 
 NAMES = [['a', 'b'], ['b', 'a'], ['a'], [], ['a', 'longer_name', 'b'], ['a', 'a']]
-
-
-def block_of(raws):
-    return from_messages([0] * len(raws), range(len(raws)), range(len(raws)), raws)
-
-
-def big_endian(stamp_ns, frame_id, names, positions):
-    """The same message as a big-endian machine sends it."""
-    raw = bytearray(b'\0\0\0\0')
-
-    def align(size):
-        raw.extend(b'\0' * (-(len(raw) - 4) % size))
-
-    def text(value):
-        align(4)
-        raw.extend(struct.pack('>I', len(value) + 1) + value.encode() + b'\0')
-
-    raw += struct.pack('>iI', *divmod(stamp_ns, 10**9))
-    text(frame_id)
-    align(4)
-    raw += struct.pack('>I', len(names))
-    for name in names:
-        text(name)
-    align(4)
-    raw += struct.pack('>I', len(positions))
-    if positions:
-        align(8)
-        raw += struct.pack(f'>{len(positions)}d', *positions)
-    raw += struct.pack('>II', 0, 0)
-    return bytes(raw)
 
 
 @st.composite
@@ -59,7 +28,7 @@ def messages(draw):
     positions = [draw(st.sampled_from([0.0, 1.5, -3.0, float('inf')])) for _ in range(width)]
     frame = draw(st.sampled_from(['', 'base', 'tool0']))
     if kind == 'big':
-        return big_endian(stamp, frame, names, positions)
+        return cdr(JointState(stamp, frame, tuple(names), tuple(positions), (), ()), '>')
     raw = bytearray(
         Encoder().encode(
             stamp,

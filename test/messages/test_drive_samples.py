@@ -21,8 +21,9 @@ std_msgs = pytest.importorskip('std_msgs.msg')
 geometry_msgs = pytest.importorskip('geometry_msgs.msg')
 
 START = 1_700_000_000_123_456_789
-STAMPS = START + 50_000 * np.arange(5)
+STAMPS = np.append(-(10**9) - 7, START + 50_000 * np.arange(4))
 VALUES = np.arange(20.0).reshape(5, 4) / 7.0
+VALUES[1, :3] = math.nan, math.inf, -math.inf
 
 
 def ros(rows, labels=('sample', 'channel'), sizes=None, strides=None, offset=0, data=None):
@@ -48,7 +49,7 @@ def test_what_rclpy_writes_is_read_to_the_nanosecond():
     for offset in (0, 1, 2):
         batch = drive_samples.decode(ros(table(), offset=offset))
         assert batch.stamps_ns.tolist() == STAMPS.tolist()
-        assert np.array_equal(batch.values, VALUES)
+        assert np.array_equal(batch.values, VALUES, equal_nan=True)
 
 
 def test_what_is_written_rclpy_reads():
@@ -60,26 +61,8 @@ def test_what_is_written_rclpy_reads():
             ('channel', 6, 6),
         ]
         assert message.layout.data_offset == 0
-        assert np.array_equal(np.reshape(message.data, (-1, 6)), table()[:count])
-
-
-@given(
-    st.lists(
-        st.tuples(
-            st.integers(-(2**31) * 10**9 + 10**9, 2**31 * 10**9 - 1),
-            *[st.floats(allow_nan=True, allow_infinity=True)] * 4,
-        ),
-        max_size=8,
-    )
-)
-def test_what_is_written_is_read(rows):
-    stamps = np.array([row[0] for row in rows], np.int64)
-    values = np.array([row[1:] for row in rows], float).reshape(-1, 4)
-    batch = drive_samples.decode(drive_samples.encode(stamps, values))
-    assert batch.stamps_ns.tolist() == stamps.tolist()
-    assert batch.values.tobytes() == values.tobytes() or np.array_equal(
-        batch.values, values, equal_nan=True
-    )
+        assert np.array_equal(np.reshape(message.data, (-1, 6)), table()[:count], equal_nan=True)
+        assert drive_samples.decode(raw).stamps_ns.tolist() == STAMPS[:count].tolist()
 
 
 @pytest.mark.parametrize(
@@ -92,14 +75,10 @@ def test_what_is_written_is_read(rows):
         (ros(table(), sizes=(6, 6)), 'too few for 6 rows'),
         (ros(table(), strides=(30, 5)), 'strides'),
         (ros(table(), data=[]), '0 numbers are too few'),
-        (
-            ros(table(values=VALUES)[:, [0, 1, 2, 3, 4, 5]] + [0.5, 0, 0, 0, 0, 0]),
-            'invalid time stamp',
-        ),
+        (ros(table() + [0.5, 0, 0, 0, 0, 0]), 'invalid time stamp'),
         (ros(table() + [0, 1e9, 0, 0, 0, 0]), 'invalid time stamp'),
         (ros(table() * [math.nan, 1, 1, 1, 1, 1]), 'row 0 has an invalid time stamp'),
-        (ros(table() * [1, math.inf, 1, 1, 1, 1]), 'invalid time stamp'),
-        (ros(table() * [-1, -1, 1, 1, 1, 1]), 'invalid time stamp'),
+        (ros(table() * [1, -1, 1, 1, 1, 1]), 'invalid time stamp'),
         (b'', 'CDR'),
         (b'\0\1\0\0', 'too short'),
     ],

@@ -3,8 +3,6 @@
 
 """The node adaptive_observer over real DDS: parameters, freezing, saving, starting frozen."""
 
-import shlex
-
 import dds
 import numpy as np
 import pytest
@@ -64,18 +62,12 @@ def test_learns_reports_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
     subscription = probe.node.create_subscription(
         DiagnosticArray, '/adaptive_observer/identified_parameters', reported.append, 10
     )
-    common = (
-        *shlex.split('--ros-args -r joint_states:=/motor -p'),
-        f'parameters_file:={path}',
-        '-p',
-        'torque_constant:=0.6',
-        '-p',
-        'input_unit:=V',
-    )
-    with (
-        dds.NodeProcess(MODULE, *common),
-        dds.Observer(probe, '/adaptive_observer', '/motor') as node,
-    ):
+
+    def node_with(*more):
+        values = (f'parameters_file:={path}', 'torque_constant:=0.6', 'input_unit:=V', *more)
+        return dds.NodeProcess(MODULE, *dds.ros_args(*values, remap=['joint_states:=/motor']))
+
+    with node_with(), dds.Observer(probe, '/adaptive_observer', '/motor') as node:
         answer = node.connect() and probe.call(
             Trigger, '/adaptive_observer/save', Trigger.Request()
         )
@@ -103,7 +95,7 @@ def test_learns_reports_freezes_saves_and_starts_frozen(motor, probe, tmp_path):
     assert -saved['a'][0] == pytest.approx(2.0, rel=0.02) and saved['order'] == 2
     later, true = messages(2.0, seed=7)
     with (
-        dds.NodeProcess(MODULE, *common, '-p', 'adapt:=false', '-p', 'bandwidth_hz:=8.0'),
+        node_with('adapt:=false', 'bandwidth_hz:=8.0'),
         dds.Observer(probe, '/adaptive_observer', '/motor') as node,
     ):
         reported.clear()

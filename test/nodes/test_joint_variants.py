@@ -147,12 +147,12 @@ def test_gains_of_another_observer_are_reported_at_the_start(processes, observe,
 
     process = processes['others']
     for name, others in (
-        ('bandwidth_hz', 'finite_difference, hybrid_angle, kalman, pll'),
-        ('per_joint.arm.noise', 'finite_difference, hybrid_angle, kalman, pll, super_twisting'),
+        ('bandwidth_hz', 'hybrid_angle, finite_difference, kalman, pll'),
+        ('per_joint.arm.noise', 'hybrid_angle, finite_difference, kalman, pll, super_twisting'),
     ):
         line = (
             f"unknown parameter '{name}': {others} have it, edge_adaptive (the default) does "
-            "not: start the node with 'observer: finite_difference'"
+            "not: start the node with 'observer: hybrid_angle'"
         )
         process.prints(line)
         assert process.output.count(line) == 1
@@ -162,12 +162,12 @@ def test_gains_of_another_observer_are_reported_at_the_start(processes, observe,
         GetParameters.Request(names=['observer', 'prefer']),
     )
     assert [each.string_value for each in answer.values] == ['edge_adaptive', 'balanced']
-    said = process.output.count("'bandwidth_hz': finite_difference")
+    said = process.output.count("'bandwidth_hz': hybrid_angle")
     refused = observe('others').connect().set(bandwidth_hz=30.0)
     assert not refused.successful
-    assert refused.reason.startswith("unknown parameter 'bandwidth_hz': finite_difference, ")
-    assert "start the node with 'observer: finite_difference'" in refused.reason
-    process.prints("'bandwidth_hz': finite_difference", said + 1)
+    assert refused.reason.startswith("unknown parameter 'bandwidth_hz': hybrid_angle, ")
+    assert "start the node with 'observer: hybrid_angle'" in refused.reason
+    process.prints("'bandwidth_hz': hybrid_angle", said + 1)
     assert process.alive and 'Traceback' not in process.output
 
 

@@ -73,7 +73,7 @@ def test_play_imports_nothing_that_a_bag_names(hostile):
             bag.add_topic(f'/topic{number}', name)
             bag.write(f'/topic{number}', 10**18, b'\0\1\0\0')
     done = subprocess.run(
-        [sys.executable, '-m', 'estimator_pkg.cli', 'play', 'bag', '--wait', '0'],
+        [sys.executable, '-m', 'estimator_pkg.cli', 'play', 'bag'],
         cwd=hostile,
         text=True,
         capture_output=True,

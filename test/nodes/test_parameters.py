@@ -63,25 +63,14 @@ def assert_taught(section, parameters):
     assert not extra
 
 
-def test_yaml_teaches_the_keys_of_the_node_and_of_joints():
-    sections = yaml_sections()
-    assert_taught(sections['input'], declared(AngleSettings))
-    assert_taught(sections['joints'], {**declared(JointSettings), **declared(AngleGains)})
-
-
-@pytest.mark.parametrize('observer', angle_observers(), ids=lambda observer: observer.name)
-def test_yaml_teaches_the_gains_of_every_observer(observer):
-    own = {
-        name: parameter
-        for name, parameter in declared(observer.gains).items()
-        if name not in declared(AngleGains)
-    }
-    assert_taught(yaml_sections()[observer.name], own)
-
-
-def test_yaml_sections_are_those_of_known_observers():
-    names = {observer.name for observer in angle_observers()}
-    assert set(yaml_sections()) == {'input', 'joints', 'quality of service'} | names
+def test_yaml_teaches_every_key():
+    sections, shared = yaml_sections(), declared(AngleGains)
+    assert_taught(sections.pop('input'), declared(AngleSettings))
+    assert_taught(sections.pop('joints'), {**declared(JointSettings), **shared})
+    for observer in angle_observers():
+        own = {name: one for name, one in declared(observer.gains).items() if name not in shared}
+        assert_taught(sections.pop(observer.name), own)
+    assert set(sections) == {'quality of service'}
 
 
 @pytest.mark.parametrize('observer', angle_observers(), ids=lambda observer: observer.name)
@@ -103,18 +92,12 @@ def test_what_the_yaml_sets_suits_every_observer(observer):
 @pytest.mark.parametrize(
     ('values', 'reported'),
     [
-        ({'angle_sign': 0}, 'must be 1 or -1'),
-        ({'input': 'angle', 'angle_type': 'UInt16'}, 'counts_per_revolution'),
         ({'input': 'angle', 'angle_joint': ''}, "'angle_joint' must not be empty"),
         ({'input': 'angle', 'joints': ['other']}, "'joint' is not in 'joints'"),
-        ({'joints': 'shoulder'}, 'must be a list of texts'),
-        ({'joints': [1]}, 'must be a list of texts'),
-        ({'angle_type': 'Int8'}, 'Float64, Float32'),
-        ({'counts_per_revolution': -1}, 'outside'),
     ],
 )
 def test_settings_that_cannot_work(values, reported):
-    with pytest.raises(UsageError, match=reported.replace('(', r'\(')):
+    with pytest.raises(UsageError, match=reported):
         build(AngleSettings, values).find_observer()
 
 
@@ -127,12 +110,6 @@ def test_counts_imply_the_quantum_unless_it_is_set():
     assert counted.implied({'quantum': 0.5}) == {'quantum': 0.5}
     stated = build(AngleSettings, {'counts_per_revolution': 1000})  # not used with joint_states
     assert stated.implied({'quantum': 0.0}) == {'quantum': 0.0}
-
-
-def test_an_empty_list_means_every_joint():
-    assert build(AngleSettings, {'joints': ['']}).only == ()
-    assert build(AngleSettings, {'joints': []}).only == ()
-    assert build(AngleSettings, {'joints': ['a', 'b']}).only == ('a', 'b')
 
 
 def test_raw_angles():

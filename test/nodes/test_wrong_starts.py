@@ -197,16 +197,6 @@ def test_a_name_without_quotes_is_one_line_that_shows_them(text, reported, tmp_p
         assert line.partition(': ')[2].replace(str(path), 'FILE') in page
 
 
-def test_the_gate_of_the_last_release_is_read_where_it_is_a_text():
-    line = ended('adaptive_observer', *dds.ros_args('gate:=off'))
-    assert line.endswith("write texts in quotes, gate: 'none'")
-    with dds.NodeProcess(
-        'estimator_pkg.nodes.executables adaptive_observer', *dds.ros_args("gate:='off'")
-    ) as process:
-        process.prints("'off' is called 'none' now")
-        process.prints('adaptive estimates every joint')
-
-
 def test_a_parameters_file_with_a_list_of_joints_is_one_line(tmp_path):
     path = tmp_path / 'motor.yaml'
     path.write_text('adaptive_parameters: 1\njoints: [a, b]\n')

@@ -76,20 +76,6 @@ def test_position_comes_out_as_it_goes_in(name, convention, motion):
         assert abs(error) < 2.0
 
 
-@pytest.mark.parametrize('name', OBSERVERS)
-def test_position_is_right_where_the_motion_is_smooth(name):
-    t = np.arange(3000) * DT
-    motion = 2.0 + 12.0 * np.sin(2.0 * t)  # several turns forth and back
-    for convention, written in CONVENTIONS.items():
-        joint = make(name)
-        measured = np.array([written(angle) for angle in motion])
-        out = joint.run(stamps(3000, DT), measured)
-        error = (out.position - measured)[500:]
-        if convention != 'multi-turn':
-            error = np.array([wrap(x, TURN) for x in error])
-        assert np.max(np.abs(error)) < 0.01
-
-
 @pytest.mark.long
 @pytest.mark.parametrize('convention', CONVENTIONS)
 @pytest.mark.parametrize('name, lag', [('finite_difference', 1e-9), ('hybrid_angle', 2.0)])

@@ -26,7 +26,6 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.recording import measured
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.bags.wiring import wired
-from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.checks import angles
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import MEASUREMENT, TRUTH
@@ -186,30 +185,6 @@ def test_clean_streams_raise_no_alarm():
         if not stream.name.startswith(FAULTY):
             samples = stream.samples
             assert not alarms(samples.stamps, samples.angle, stream.period), stream.name
-
-
-@pytest.mark.skipif(not available(), reason='without the engine both are plain')
-def test_plain_equals_the_engine(monkeypatch):
-    def plain(function, faults, clock, count, period, stamps, readings, kinds):
-        made = kinds.tolist()
-        function(faults, clock, count, period, stamps.tolist(), readings.tolist(), made)
-        kinds[:] = made
-
-    cases = [case(name, 3) for name in FAULTS]
-    compiled = [kinds_of(one.stamps, one.reading, period_of(one)) for one in cases]
-    monkeypatch.setattr(angles, 'run', plain)
-    for one, kinds in zip(cases, compiled):
-        np.testing.assert_array_equal(kinds_of(one.stamps, one.reading, period_of(one)), kinds)
-    assert sum(bool(np.any(kinds != NO_FAULT)) for kinds in compiled) > len(FAULTS) // 2
-
-
-def test_a_stop_is_covered_until_the_joint_moves_again_or_long_enough():
-    one = case('stuck at speed', 3)
-    out = Entry('', 'kalman').joint(wrap_period=period_of(one)).run(one.stamps, one.reading)
-    late = slice(one.onset + 2, None)
-    assert np.all(
-        np.abs(out.velocity[late] - one.velocity[one.onset]) < 3.0 * out.velocity_stddev[late]
-    )
 
 
 if __name__ == '__main__':

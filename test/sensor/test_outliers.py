@@ -7,10 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import label, make, plain, stamps, variants
+from observer_cases import label, make, stamps, variants
 
 from estimator_pkg.estimate import VALID
-from estimator_pkg.sensor import outliers
 
 RATE, COUNTS = 1000.0, 4096
 EACH = [  # `edge_adaptive` has rules of its own
@@ -67,18 +66,6 @@ def test_wrong_readings_cost_less_than_a_third(variant, fault, kind):
     wrong = angle.copy()
     fault(wrong, np.random.default_rng(4))
     assert error(variant, wrong, velocity) <= 1.3 * error(variant, angle, velocity) + 1e-6
-
-
-@pytest.mark.parametrize('name', ['kalman', 'pll', 'super_twisting'])
-def test_without_the_rule_it_would_be_worse(name, monkeypatch):
-    angle, velocity = motion('sine')
-    wrong = angle.copy()
-    glitches(wrong, np.random.default_rng(4))
-    clean = error((name, {}), angle, velocity)
-    monkeypatch.setattr(outliers, 'LARGEST_SPEED_CHANGE', math.inf)
-    at = stamps(len(wrong), 1.0 / RATE)
-    out = plain(name).run(at, read(wrong))
-    assert math.sqrt(np.nanmean((out.velocity - velocity)[1000:] ** 2)) > 1.3 * clean
 
 
 @pytest.mark.parametrize('speed', [0.0, 30.0, -80.0])

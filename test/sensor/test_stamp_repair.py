@@ -75,6 +75,7 @@ def delays(kind, count, random):
         ('trapezoid', 'late', 'hybrid_angle'),
         pytest.param('trapezoid', 'either way', 'edge_adaptive', marks=pytest.mark.slow),
         ('trapezoid', 'in order', 'edge_adaptive'),
+        ('fast', 'either way', 'hybrid_angle'),
     ],
 )
 @pytest.mark.long
@@ -86,33 +87,9 @@ def test_a_millisecond_of_jitter_at_a_kilohertz(name, kind, observer):
     assert error(observer, stamps, samples) > 1.4 * true  # it does harm
     assert 0.9 * true < error(observer, times, samples) < 1.2 * true
     assert states[0] == COLLECTING and states[-1] == REPAIRED
+    assert np.all(np.diff(times[states.index(REPAIRED) :]) > 0)
     assert repair.period == pytest.approx(1e-3, rel=2e-5)
     assert 0.2e-3 < repair.jitter < 0.6e-3
-
-
-@pytest.mark.long
-def test_speed_is_right_however_fast():
-    samples = recorded('fast')
-    stamps = samples.stamps + delays('either way', len(samples.stamps), np.random.default_rng(1))
-    times, _, _ = repaired(stamps, samples.angle)
-    assert error('hybrid_angle', stamps, samples) > 1.0
-    assert error('hybrid_angle', times, samples) < 1.2 * error(
-        'hybrid_angle', samples.stamps, samples
-    )
-
-
-@pytest.mark.parametrize('rate', [50.0, 200.0])
-def test_other_rates(rate):
-    samples = Signal('', '', sine(5.0, min(2.0, rate / 50.0)), rate=rate).samples(
-        duration=max(12.0, 300.0 / rate)
-    )
-    random = np.random.default_rng(2)
-    stamps = samples.stamps + random.integers(0, MS, len(samples.stamps))
-    times, states, _ = repaired(stamps, samples.angle)
-    true = error('edge_adaptive', samples.stamps, samples)
-    assert states[-1] == REPAIRED
-    assert error('edge_adaptive', times, samples) < 1.1 * true
-    assert error('edge_adaptive', stamps, samples) > 1.2 * true
 
 
 @pytest.mark.parametrize('name', ['sine', 'trapezoid'])
@@ -153,19 +130,6 @@ def test_exact_stamps_stay_exact():
         assert repair.period == pytest.approx(1e-3, rel=1e-9)
 
 
-@pytest.mark.parametrize('drift', [-200e-6, 200e-6])
-def test_a_clock_that_drifts(drift):
-    samples = recorded('trapezoid')
-    passed = (samples.stamps - samples.stamps[0]) * (1.0 - drift)
-    stamps = samples.stamps[0] + passed.astype(np.int64)
-    stamps = stamps + np.random.default_rng(4).integers(0, MS, len(stamps))
-    times, _, repair = repaired(stamps, samples.angle)
-    assert repair.drift == pytest.approx(drift, abs=10e-6)
-    assert error('edge_adaptive', times, samples) < 1.2 * error(
-        'edge_adaptive', samples.stamps, samples
-    )
-
-
 def test_lost_messages_of_a_quiet_clock():
     samples = recorded('sine', dropped=0.01)
     stamps = samples.stamps + np.random.default_rng(5).integers(0, 200_000, len(samples.stamps))
@@ -176,17 +140,6 @@ def test_lost_messages_of_a_quiet_clock():
     assert error('edge_adaptive', times, samples) < 1.2 * error(
         'edge_adaptive', samples.stamps, samples
     )
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('jitter, dropped', [(MS, 0.1), (2 * MS, 0.01)])
-def test_lost_messages_that_jitter_hides_do_little_harm(jitter, dropped):
-    samples = recorded('sine', dropped=dropped)
-    random = np.random.default_rng(6)
-    stamps = np.maximum.accumulate(samples.stamps + random.integers(0, jitter, len(samples.stamps)))
-    stamps += np.arange(len(stamps))
-    times, _, _ = repaired(stamps, samples.angle)
-    assert error('hybrid_angle', times, samples) < 2.0 * error('hybrid_angle', stamps, samples)
 
 
 @pytest.mark.parametrize(
@@ -230,28 +183,22 @@ def test_a_clock_that_jumps_back_begins_another_stretch(back):
     assert repair.period == pytest.approx(1e-3, rel=1e-3) and COLLECTING not in states[100:]
 
 
-def test_gaps_steps_of_the_clock_and_a_looping_bag():
+@pytest.mark.parametrize('gap', [True, False])
+def test_gaps_and_steps_of_the_clock_do_not_forget_the_period(gap):
     samples = recorded('sine', duration=9.0)
-    random = np.random.default_rng(7)
-    stamps = samples.stamps + random.integers(0, MS, len(samples.stamps))
+    stamps = samples.stamps + np.random.default_rng(7).integers(0, MS, len(samples.stamps))
     kept = np.ones(len(stamps), bool)
-    kept[3000:3900] = False
-    shifted = stamps.copy()
-    shifted[2000:] += 1_000_000_000
-    shifted[5000:] -= 3_000_000_000
-    for changed in (kept, None):
-        which = kept if changed is not None else np.ones(len(stamps), bool)
-        given = stamps if changed is not None else shifted
-        rest = type(samples)(*(each[which] for each in samples))
-        times, states, repair = repaired(given[which], rest.angle)
-        assert states.count(COLLECTING) < 70  # the period is not forgotten
-        assert repair.period == pytest.approx(1e-3, rel=1e-4)
-        late = np.abs(times - given[which])
-        assert np.max(late) < 3 * MS
-        settled = rest.stamps - rest.stamps[0] > 6_000_000_000
-        off = (times - rest.stamps)[settled] if changed is not None else None
-        if off is not None:
-            assert np.std(off) < 100_000
+    if gap:
+        kept[3000:3900] = False
+    else:
+        stamps[2000:] += 1_000_000_000
+        stamps[5000:] -= 3_000_000_000
+    true, stamps = samples.stamps[kept], stamps[kept]
+    times, states, repair = repaired(stamps, samples.angle[kept])
+    assert states.count(COLLECTING) < 70
+    assert repair.period == pytest.approx(1e-3, rel=1e-4)
+    assert np.max(np.abs(times - stamps)) < 3 * MS
+    assert np.std((times - true)[true - true[0] > 6_000_000_000]) < 100_000
 
 
 @pytest.mark.long
@@ -312,18 +259,6 @@ def test_joints_that_show_nothing_take_nothing_from_one_that_shows_lost_messages
     assert np.std((alone - samples.stamps)[1000:]) < 60_000  # [ns]
 
 
-def test_joints_decide_alike_whatever_their_units():
-    """One shows which times are right; the other, in metres, moves by micrometres in noise."""
-    samples = recorded('sine', duration=2.0)
-    random = np.random.default_rng(6)
-    stamps = samples.stamps + random.integers(0, MS, len(samples.stamps))
-    noise = 1e-6 * random.standard_normal(len(stamps))
-    repair = StampRepair(lambda name: TURN)
-    for stamp, *readings in zip(stamps.tolist(), samples.angle.tolist(), noise.tolist()):
-        repair(stamp, ('turns', 'slides'), readings)
-    assert repair.state == REPAIRED
-
-
 @pytest.mark.parametrize('speed', [-0.6, 0.6])
 def test_equal_readings_in_a_batch_are_not_one_message(speed):
     """0.6 counts per message: each third reading or so equals the one before."""
@@ -355,15 +290,6 @@ def test_messages_that_come_twice_are_known_again():
     assert repair.period == pytest.approx(1e-3, rel=2e-5)
     once, _, _ = repaired(stamps, samples.angle)
     assert np.array_equal(times[np.unique(twice, return_index=True)[1]], once)
-
-
-def test_time_never_goes_back_while_it_is_repaired():
-    samples = recorded('sine')
-    stamps = samples.stamps + delays('either way', len(samples.stamps), np.random.default_rng(1))
-    times, states, _ = repaired(stamps, samples.angle)
-    first = states.index(REPAIRED)
-    assert np.all(np.diff(times[first:]) > 0)
-    assert np.max(np.abs(np.diff(times[2000:]) - MS)) < 50_000
 
 
 def test_messages_that_are_lost_again_and_again_are_known_while_nothing_moves():

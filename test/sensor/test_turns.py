@@ -96,30 +96,6 @@ def test_a_burst_of_outliers_is_mended_at_the_next_wrap():
     assert np.nanmax(np.abs(out.velocity)) < 250.0
 
 
-@pytest.mark.parametrize('seed', range(6))
-def test_blocks_of_any_size_decide_as_single_samples(seed):
-    """Jumps, glitches, NaN and stamps out of order; decisions and estimates are the same."""
-    random = np.random.default_rng(seed)
-    stamps, readings, _ = motor(seed, random.choice([3.0, 7.3, math.inf]))
-    if seed % 2:
-        readings[random.random(COUNT) < 0.01] += random.uniform(-30.0, 30.0)
-        readings[random.random(COUNT) < 0.01] = math.nan
-        stamps[random.random(COUNT) < 0.01] -= 50_000_000
-    single, blocks = (make('kalman', {}, wrap_period=TURN) for _ in range(2))
-    rows = []
-    for stamp, reading in zip(stamps.tolist(), readings.tolist()):
-        used = single.update(stamp, reading)
-        rows.append((*single.estimate()[:2], single.channel.limits.period) if used else None)
-    parts = np.split(np.arange(COUNT), np.sort(random.choice(COUNT, 5)))
-    out = [blocks.run(stamps[part], readings[part]) for part in parts if len(part)]
-    for field, at in (('position', 0), ('velocity', 1)):
-        got = np.concatenate([getattr(part, field) for part in out])
-        expected = [math.nan if row is None else row[at] for row in rows]
-        assert np.array_equal(got, expected, equal_nan=True)
-    assert repr(blocks.channel.turns) == repr(single.channel.turns)
-    assert {row[2] for row in rows if row} >= {TURN, 0.0}
-
-
 def test_a_reset_looks_anew_and_what_needs_a_circle_keeps_it():
     stamps, readings, _ = motor()
     joint = make('edge_adaptive', {})

@@ -7,6 +7,7 @@ import io
 import json
 import math
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -71,7 +72,9 @@ def test_shows_records_and_judges(tmp_path):
     end = text[text.rindex('\nbag ') :]
     assert ['plot', result['plot']] in [each.split() for each in end.splitlines()]
     assert f'Verdict: {DEFAULT} has an error of' in end and 'times smaller than' in end
-    assert max(map(len, end.split('Verdict')[1].splitlines())) <= 80
+    said, _, following = end.split('Verdict')[1].partition('\nNext:\n')
+    assert max(map(len, said.splitlines())) <= 80
+    assert f' doctor {result["bag"]} --out my_robot.yaml\n' in following
     assert (tmp_path / result['plot']).read_bytes()[:4] == b'\x89PNG'
     with open_bag(tmp_path / result['bag']) as bag:
         counts = {name: topic.count for name, topic in bag.topics.items()}
@@ -90,14 +93,32 @@ def test_shows_records_and_judges(tmp_path):
     assert rms['/joint_observer/estimate'] < 0.6 * rms['finite_difference']
 
 
+@pytest.mark.parametrize('active', [False, True])
+@pytest.mark.parametrize('installed', ['venv', 'ros'])
+@pytest.mark.parametrize('bag', [command.EXAMPLE, Path('demo_output/a run')])
+def test_the_end_shows_what_to_type_next(bag, installed, active, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if bag == command.EXAMPLE:
+        bag.mkdir(parents=True)
+    if installed == 'venv':
+        (tmp_path / '.venv/bin').mkdir(parents=True)
+        (tmp_path / '.venv/bin/activate').touch()
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path / '.venv'))
+    monkeypatch.setenv('VIRTUAL_ENV', sys.prefix if active else '')
+    monkeypatch.setattr('shutil.which', lambda name: name if installed == 'venv' else None)
+    lines = [shlex.split(line, comments=True) for line in command.following(bag)]
+    activations = [line[1] for line in lines if line[:1] == ['.']]
+    assert activations == ['.venv/bin/activate'] * (2 if installed == 'venv' and not active else 0)
+    run = ['ros2', 'run', 'velocity_estimator'] if installed == 'ros' else []
+    doctor, node, play = (line[len(run) :] for line in lines if line and line[0] != '.')
+    assert doctor == ['velocity_estimator', 'doctor', str(bag), '--out', 'my_robot.yaml']
+    assert node[:4] == ['joint_observer', '--ros-args', '--params-file', 'my_robot.yaml']
+    assert play[:3] == ['velocity_estimator', 'play', str(bag)]
+
+
 @pytest.mark.parametrize(
     'number, after',
-    [
-        (signal.SIGINT, 0.0),  # while it imports
-        pytest.param(signal.SIGINT, 3.0, marks=pytest.mark.slow),  # as TERM then
-        (signal.SIGTERM, 3.0),
-        pytest.param(signal.SIGHUP, 3.0, marks=pytest.mark.slow),
-    ],
+    [(signal.SIGINT, 0.0), (signal.SIGTERM, 3.0)],  # the first while it imports
 )
 def test_an_interrupt_ends_every_process(tmp_path, number, after):
     process = start(tmp_path, '--duration', '30')
@@ -158,26 +179,20 @@ def test_an_interrupt_of_the_evaluation_is_an_interrupt(monkeypatch, tmp_path, c
     assert 'plot' not in capsys.readouterr().out  # there is none
 
 
-def test_a_nonsense_duration_is_one_line(tmp_path):
-    process = start(tmp_path, '--duration', '-3')
-    text, _ = process.communicate(timeout=30)
-    assert process.returncode == 2
-    assert len(text.splitlines()) == 1
-    assert '--duration' in text
-
-
-@pytest.mark.parametrize('observer', ['nope', 'pmsm'])
-def test_an_observer_that_cannot_run_is_a_usage_error(observer, tmp_path, capsys):
-    assert cli.main(['demo', '--observer', observer, '--out', str(tmp_path / 'out')]) == 2
+@pytest.mark.parametrize(
+    'option, value', [('--duration', '-3'), ('--observer', 'nope'), ('--observer', 'pmsm')]
+)
+def test_what_cannot_run_is_a_usage_error(option, value, tmp_path, capsys):
+    assert cli.main(['demo', option, value, '--out', str(tmp_path / 'out')]) == 2
     said = capsys.readouterr()
-    assert f"observer '{observer}'" in said.err and said.err.count('\n') == 1
+    assert value in said.err and said.err.count('\n') == 1
     assert not said.out and not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize('terminal', [False, True])
 def test_what_is_not_known_yet_is_a_dash(terminal):
     shown = io.StringIO()
-    with Display('title', Console(file=shown, force_terminal=terminal, width=120)) as display:
-        display.show(Snapshot(0.0, 0.1, 2.0, math.nan, 2.5, math.nan, 1))
+    with Display(Console(file=shown, force_terminal=terminal, width=120)) as display:
+        display.frame(Snapshot(0.0, 0.1, 2.0, math.nan, 2.5, math.nan, 1), {})
     text = shown.getvalue()
     assert 'nan' not in text and '-' in text and '+0.500' in text

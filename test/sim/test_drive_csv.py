@@ -84,18 +84,6 @@ def test_semicolons_and_decimal_commas_are_read(tmp_path, monkeypatch):
     np.testing.assert_allclose(read(tmp_path / 'bag')[2], EXPECTED, atol=1e-9)
 
 
-@pytest.mark.parametrize('unit, hinted', [('rad/s', True), ('rpm', False)])
-def test_a_speed_in_rpm_gets_a_hint(unit, hinted, tmp_path, monkeypatch, capsys):
-    speed = SPEED * 30.0 / np.pi
-    log = write(tmp_path / 'log.csv', ['t', 'i', 'j', 'u', 'v', 'n'], TIME, *EXPECTED.T, speed)
-    words = ['--time', 't', '--current', 'i,j', '--voltage', 'u,v', '--speed', 'n']
-    code = run(monkeypatch, 'to-bag', log, tmp_path / 'bag', *words, '--speed-unit', unit)
-    assert code == 0
-    assert ('--speed-unit rpm' in capsys.readouterr().err) == hinted
-    factor = np.pi / 30.0 if unit == 'rpm' else 1.0
-    np.testing.assert_allclose(read(tmp_path / 'bag')[3].velocity, factor * speed)
-
-
 @pytest.mark.parametrize(
     ('text', 'words'),
     [

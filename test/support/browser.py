@@ -3,8 +3,10 @@
 
 """The system's Chromium without a network, for tests of pages."""
 
+import json
 import shlex
 import shutil
+import time
 
 import pytest
 
@@ -37,3 +39,39 @@ def start():
         return webdriver.Chrome(options=options, service=Service(DRIVER))
     except selenium.common.exceptions.WebDriverException as error:
         pytest.skip(f'not run: the browser does not start: {error.msg}')
+
+
+def until(driver, script, *arguments):
+    """Wait until a script returns something true; return it."""
+    end = time.monotonic() + 30.0
+    while time.monotonic() < end:
+        found = driver.execute_script(f'return {script}', *arguments)
+        if found:
+            return found
+        time.sleep(0.05)
+    raise AssertionError(f'never true: {script}')
+
+
+def on_screen(driver, page, width, scheme='light'):
+    """Show a page of ours in a window of this width, until its plots are drawn."""
+    driver.get_log('performance')
+    feature = {'name': 'prefers-color-scheme', 'value': scheme}
+    driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
+    driver.execute_cdp_cmd(
+        'Emulation.setDeviceMetricsOverride',
+        {'width': width, 'height': 900, 'deviceScaleFactor': 1, 'mobile': width < 500},
+    )
+    driver.get(page.as_uri())
+    until(driver, 'window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle')
+
+
+def asked_for(driver):
+    """The addresses outside of the page that it asked for since it was shown."""
+    asked = [json.loads(line['message'])['message'] for line in driver.get_log('performance')]
+    urls = {
+        event['params']['request']['url']
+        for event in asked
+        if event['method'] == 'Network.requestWillBeSent'
+    }
+    assert urls  # the page itself
+    return {url for url in urls if not url.startswith(('file:', 'data:', 'blob:'))}

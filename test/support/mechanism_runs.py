@@ -8,8 +8,8 @@ import numpy as np
 from estimator_pkg import observers
 from estimator_pkg.circle import Circle
 from estimator_pkg.models.load import load
-from estimator_pkg.observers.mechanism.core import Estimate
-from estimator_pkg.observers.mechanism.motion import Motion
+from estimator_pkg.observers.mechanism.core import MechanismEstimate
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation
 from estimator_pkg.observers.mechanism.state import Coefficients, enlarge
 from estimator_pkg.parameters import build
 
@@ -34,7 +34,7 @@ def begun(plan, dt, reading):
 
 def shown(plan, state, coefficients, reading):
     """(positions, velocities, status) of a state."""
-    out, n = enlarge(Estimate(), plan.mechanics.degrees), plan.mechanics.degrees
+    out, n = enlarge(MechanismEstimate(), plan.mechanics.degrees), plan.mechanics.degrees
     plan.module.estimate(plan.module, out, state, coefficients, plan.design, list(reading), [])
     return tuple(out.position[:n]), tuple(out.velocity[:n]), out.status
 
@@ -57,19 +57,14 @@ def driven(plan, dt, stamps, readings, inputs=None):
     return np.array(velocities), statuses, state
 
 
-def moved(mechanics, q, v, u, dt, parts):
-    """(positions, velocities) after dt with constant inputs."""
-    return Motion(mechanics, q, v).step(u, dt, parts)
-
-
-def motion(model, assignments, q, v, dt, count, inputs=None):
+def motion(model, assignments, q, v, dt, count, inputs=None, parts=4):
     """(positions, velocities) as lists of tuples."""
     mechanics = load(model, assignments)
-    plant = Motion(mechanics, q, v)
+    plant = MechanismSimulation(mechanics, q, v)
     positions, speeds = [], []
     for k in range(count):
         positions.append(q)
         speeds.append(v)
         u = inputs[k] if inputs is not None else (0.0,) * max(1, mechanics.inputs)
-        q, v = plant.step(u, dt, 4)
+        q, v = plant.step(u, dt, parts)
     return positions, np.array(speeds)

@@ -11,7 +11,12 @@ import numpy as np
 from estimator_pkg.circle import Circle
 from estimator_pkg.estimate import Deviation, Estimate
 from estimator_pkg.observers.pmsm import observer
-from estimator_pkg.observers.pmsm.observer import Electrical, ElectricalDeviation, Gains, Sample
+from estimator_pkg.observers.pmsm.observer import (
+    DriveSample,
+    Electrical,
+    ElectricalDeviation,
+    Gains,
+)
 from estimator_pkg.observers.pmsm.state import Coefficients, State
 from estimator_pkg.parameters import build as build_parameters
 from sim_pkg.pmsm.drive import Drive
@@ -29,11 +34,11 @@ class Motor:
 
     def __init__(self, gains, dt=DT):
         self.design = observer.design(gains, Circle(0.0))
-        self.state, self.coefficients, self.sample = State(), Coefficients(), Sample()
+        self.state, self.coefficients, self.sample = State(), Coefficients(), DriveSample()
         observer.prepare(self.coefficients, self.design, dt)
 
     def take(self, function, row, *more):
-        for name, value in zip(Sample.fields, row):
+        for name, value in zip(DriveSample.fields, row):
             setattr(self.sample, name, float(value))
         function(observer, self.state, *more, self.design, self.sample)
 

@@ -12,12 +12,14 @@ from itertools import pairwise
 import numpy as np
 
 from estimator_pkg.evaluation.checks import angles, stamps
+from estimator_pkg.evaluation.checks.angles import AMBIGUOUS_MOVE
 from estimator_pkg.evaluation.checks.readings import FAIL, Finding, Readings, Rows
-from estimator_pkg.evaluation.reference.motion import Motion, motion
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
 
-FEWEST = 12  # readings without which nothing is checked
-LONGEST = 20_000  # readings of the part that is smoothed
-ENOUGH = 100  # readings without which there is no reference
+FEWEST_READINGS = 12  # readings without which nothing is checked
+LONGEST_STRETCH = 20_000  # readings of the part that is smoothed
+TURNED = 1.2  # wrap periods beyond which a range is that of several turns
+FEWEST_FOR_REFERENCE = 100  # readings without which there is no reference
 
 
 def stamped(seen: Readings) -> Readings:
@@ -27,14 +29,28 @@ def stamped(seen: Readings) -> Readings:
     return replace(seen, stamps_ns=seen.arrival_ns, start_ns=int(seen.arrival_ns[0]))
 
 
+def as_read(seen: Readings) -> Readings:
+    """Return the readings without a wrap period, if they pass it in great steps and never wrap."""
+    if not seen.period or len(seen.rows) < FEWEST_READINGS or not seen.never_wraps:
+        return seen
+    steps = np.abs(np.diff(seen.raw)[seen.joined])
+    far = float(np.ptp(seen.raw)) > TURNED * seen.period
+    great = float(np.percentile(steps, 99.0)) > AMBIGUOUS_MOVE * seen.period
+    return replace(seen, period=0.0, free=True) if far and great else seen
+
+
 def checked(seen: Readings) -> list[Finding]:
     """Return the findings on stamps and readings of one joint."""
     missing, seen = stamps.missing_stamps(seen), stamped(seen)
-    if len(seen.rows) < FEWEST:
+    if len(seen.rows) < FEWEST_READINGS:
         text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
         few = Finding('readings', FAIL, text, 'record the joint for some seconds')
         return [missing, stamps.order(seen), few]
-    found = [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
+    wrap = angles.wrap(seen)
+    if other := wrap.numbers.get('wrap_period'):  # the other checks read the angle by it
+        seen = replace(seen, period=other)
+    every = (*stamps.CHECKS, *angles.CHECKS)
+    found = [wrap if check is angles.wrap else check(seen) for check in every]
     found.insert(len(stamps.CHECKS), missing)
     return found
 
@@ -44,7 +60,7 @@ def failed(findings: Iterable[Finding]) -> list[Finding]:
     return [each for each in findings if each.level == FAIL]
 
 
-def stretch(seen: Readings, longest: int = LONGEST) -> Rows:
+def stretch(seen: Readings, longest: int = LONGEST_STRETCH) -> Rows:
     """Return at most `longest` consecutive readings without a jump, of the joint or of the clock.
 
     Those in which the joint moves most are taken.
@@ -60,20 +76,20 @@ def stretch(seen: Readings, longest: int = LONGEST) -> Rows:
         slice(first, min(first + longest, end))
         for begin, end in pairwise([0, *cuts.tolist(), len(seen.rows)])
         for first in range(begin, max(end - longest, begin) + 1, max(longest // 10, 1))
-        if end - begin >= ENOUGH
+        if end - begin >= FEWEST_FOR_REFERENCE
     ] or [slice(0, 0)]
     best = max(parts, key=lambda part: way[max(part.stop - 1, 0)] - way[part.start])
     return seen.rows[np.setdiff1d(np.arange(best.start, best.stop), alone)]
 
 
-def reference(seen: Readings, rows: Rows) -> Motion | None:
+def reference(seen: Readings, rows: Rows) -> ReferenceMotion | None:
     """Return the motion that these readings show; None if they do not show it.
 
     Parameters
     ----------
     rows : shape (k,), indices of the readings, as `stretch` returns them.
     """
-    if seen.at_rest or len(rows) < ENOUGH:
+    if seen.at_rest or len(rows) < FEWEST_FOR_REFERENCE:
         return None
     found = motion(seen.stamps_ns[rows], seen.position[rows], seen.period)
     return None if found is None or found.seldom else found

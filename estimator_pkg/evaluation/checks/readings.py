@@ -19,7 +19,7 @@ from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.evaluation.delay import Delay
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import pieces
-from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.quantum import quantum, steady
 from estimator_pkg.evaluation.signals import wrapped
 from estimator_pkg.evaluation.text import interval
 
@@ -30,20 +30,26 @@ Mask = NDArray[np.bool_]
 PASS, WARN, FAIL = 'PASS', 'WARN', 'FAIL'
 LEVELS = (PASS, WARN, FAIL)
 DIFFERENCE = Entry('', 'finite_difference')
-NAMED = 5  # largest number of times in a text
-MOVING = 3.0  # a joint moves where it passes this many quanta per sample, over
-WINDOW = 21  # samples
-NEAR_COUNTS, VARIED = 8.0, 0.02  # changes of two sizes, each this often
-ZEROS = 0.02  # readings of which this fraction repeats the one before are counted
-BESIDE = 5  # moves on either side that a jump is compared with
-JUMP = 7.5  # a jump differs from their median by this many times their size,
+TIMES_NAMED = 5  # largest number of times in a text
+MOVING_COUNTS = 3.0  # a joint moves where it passes this many quanta per sample, over
+MEAN_OVER = 21  # samples
+NEAR_COUNTS, SIZES_PART = 8.0, 0.02  # changes of two sizes, each this often
+COUNTED_PART = 0.02  # readings of which this fraction repeats the one before are counted
+JUMP_SIDE = 5  # moves on either side that a jump is compared with
+JUMP_MOVES = 7.5  # a jump differs from their median by this many times their size,
 JUMP_COUNTS, JUMP_NOISE = 8.0, 10.0  # and this many quanta, and deviations of the noise,
-ALONE = 0.3  # and its neighbours are this fraction of it at most, or lead back
+JUMP_NEIGHBOURS = 0.3  # and its neighbours are this fraction of it at most, or lead back
+JUMP_SPEEDS = 1.5  # and is faster than this many times the joint elsewhere,
+LEAST_JUMP_SPEED = 0.1  # and than any joint can move [rad/s or m/s]
+LEAST_MOTION = 1e-6  # smaller changes are rest [rad or m]
+REST_NOISE = 4.0  # a range beyond that of white noise by this many deviations is motion
 JUMP_RANGE = 1e-3  # and this fraction of the range
-HELD = 4  # a sensor sticks for at least this many readings
+BURST = 0.5  # of the mean sample time: copies of a reading follow each other sooner
+STUCK_READINGS = 4  # a sensor sticks for at least this many readings
 CATCH_UP = 0.4  # and then catches up this fraction of the way that it missed
 OVER = 0.1  # time over which a speed is averaged [s]
-REPEATED = 1.5  # a reading after a repeated one moves by this many times its neighbours
+CATCH_UP_MOVES = 1.5  # a reading after a repeated one moves by this many times its neighbours
+SELDOM_WRAPS = 1e-3  # of the moves: a smaller part of wraps is none
 STALE = 0.2  # a larger fraction of equal readings in motion is not chance
 
 
@@ -78,6 +84,7 @@ class Readings:
     velocity : shape (n,), the velocity in the same messages [rad/s or m/s], nan without one.
     period : wrap period [rad]; 0: none.
     start_ns : the time zero of texts.
+    free : a wrap period was set, but it is left out: see `as_read`.
     """
 
     name: str
@@ -87,6 +94,7 @@ class Readings:
     velocity: Array
     period: float
     start_ns: int = 0
+    free: bool = False
 
     @cached_property
     def difference(self) -> Estimates:
@@ -147,16 +155,37 @@ class Readings:
         found = quantum(self.raw)
         size = np.abs(self.moves[self.joined])
         changed = size[size > 1e-9]
-        if len(changed) < 2 * WINDOW:
+        if len(changed) < 2 * MEAN_OVER:
             return found
         low = float(np.percentile(changed, 10))
         near = size[size < NEAR_COUNTS * low] / low
         whole = np.rint(near)
-        kinds = np.bincount(whole.astype(np.int64)) > VARIED * len(near)
+        kinds = np.bincount(whole.astype(np.int64)) > SIZES_PART * len(near)
         if np.mean(np.abs(near - whole) < 0.1) < 0.95 or np.count_nonzero(kinds[1:]) < 2:
             return found
         step = low * float(np.sum(near) / np.sum(whole))
-        return step if found < 0.7 * step else found
+        return step if found < 0.7 * step and not steady(self.moves, step) else found
+
+    @property
+    def raw_counts(self) -> bool:
+        """True if the quantum is a whole number of rad: counts of an encoder, or another unit."""
+        unit = self.quantum if self.period or self.free else 0.0
+        return unit > 0.5 and abs(unit - round(unit)) < 1e-4 * unit
+
+    @property
+    def own_quantum(self) -> float:
+        """The quantum for a node; 0: none, or that of another unit."""
+        return 0.0 if self.raw_counts else self.quantum
+
+    @cached_property
+    def never_wraps(self) -> bool:
+        """True if the readings pass more than the wrap period, or would, without any wrap."""
+        near = self.joined & (self.steps < 1.5 * self.step)
+        moves = np.diff(self.raw)[near]
+        if len(moves) < 2 * JUMP_SIDE:
+            return False
+        usual = np.median(sliding_window_view(np.pad(moves, 2, 'reflect'), 5), axis=1)
+        return bool(np.mean(np.abs(moves - usual) > 0.5 * self.period) < SELDOM_WRAPS)
 
     @cached_property
     def range(self) -> float:
@@ -170,7 +199,7 @@ class Readings:
             return self.quantum
         size = np.abs(self.moves[self.joined])
         changed = size[size > 1e-9]
-        counted = len(changed) > WINDOW and len(changed) < (1.0 - ZEROS) * len(size)
+        counted = len(changed) > MEAN_OVER and len(changed) < (1.0 - COUNTED_PART) * len(size)
         return float(np.percentile(changed, 10)) if counted else 0.0
 
     @cached_property
@@ -187,8 +216,14 @@ class Readings:
 
     @cached_property
     def at_rest(self) -> bool:
-        """True if the joint moves by no more than its readings' noise or three quanta."""
-        return not self.alternating and self.range <= max(3.0 * self.grain, 10.0 * self.noise, 1e-9)
+        """True if the joint moves by no more than its readings' noise or three quanta.
+
+        Of white noise, the slower half of the moves is less: all of them tell its size.
+        """
+        noise = 1.4826 * float(np.median(np.abs(np.diff(self.moves, 2)))) / np.sqrt(20.0)
+        white = REST_NOISE + 2.0 * np.sqrt(2.0 * np.log(len(self.rows)))  # and extremes of it
+        least = max(3.0 * self.grain, white * noise, LEAST_MOTION)
+        return not self.alternating and self.range <= least
 
     @cached_property
     def alternating(self) -> bool:
@@ -200,8 +235,10 @@ class Readings:
     @cached_property
     def speed(self) -> float:
         """Largest mean speed over `OVER` seconds."""
+        return self._speed_of(self.path)
+
+    def _speed_of(self, path: Array) -> float:
         across = max(1, round(OVER / self.step))
-        path = self.path
         if len(path) <= across:
             return float(np.ptp(path) / max(float(np.sum(self.steps[self.joined])), 1e-9))
         return float(np.percentile(np.abs(path[across:] - path[:-across]), 99.9)) / (
@@ -210,24 +247,43 @@ class Readings:
 
     @cached_property
     def moving(self) -> Mask:
-        """Shape (m - 1,): more than `MOVING` quanta per sample pass before and after."""
+        """Shape (m - 1,): more than `MOVING_COUNTS` quanta per sample pass before and after."""
         size = np.abs(self.moves)
-        if len(size) <= 2 * WINDOW:
+        if len(size) <= 2 * MEAN_OVER:
             return np.zeros(len(size), bool)
-        mean = sliding_window_view(size, WINDOW).mean(axis=1)
-        both = np.minimum(mean[:-WINDOW], mean[WINDOW:])  # before and after
+        mean = sliding_window_view(size, MEAN_OVER).mean(axis=1)
+        both = np.minimum(mean[:-MEAN_OVER], mean[MEAN_OVER:])  # before and after
         mean = np.zeros(len(size))
-        mean[WINDOW:-WINDOW] = both[: len(size) - 2 * WINDOW]
-        floor = MOVING * self.grain or max(1e-3 * self.range / WINDOW, 2.0 * self.scatter)
+        mean[MEAN_OVER:-MEAN_OVER] = both[: len(size) - 2 * MEAN_OVER]
+        floor = MOVING_COUNTS * self.grain or max(1e-3 * self.range / MEAN_OVER, 2.0 * self.scatter)
         return mean > floor
 
     @cached_property
     def equal(self) -> float:
         """Fraction of the readings in motion that repeat the one before; nan without motion."""
         moving = self.moving & self.joined
-        if np.count_nonzero(moving) < 2 * WINDOW:
+        if np.count_nonzero(moving) < 2 * MEAN_OVER:
             return np.nan
         return float(np.mean(np.abs(self.moves[moving]) <= 0.01 * self.grain))
+
+    @cached_property
+    def copies(self) -> int:
+        """How often each reading is sent, in a burst with a stamp for each; 1: once."""
+        steps = self.steps[self.joined]
+        close = steps < BURST * float(np.mean(steps))
+        copied = close & (self.moves[self.joined] == 0.0)
+        between = float(np.mean(~close))
+        regular = np.mean(close) >= 0.4 and np.mean(copied[close]) > 0.95
+        return round(1.0 / between) if regular and between > 0.0 and not self.at_rest else 1
+
+    @cached_property
+    def new_hz(self) -> float:
+        """Rate of new readings while the joint moves [Hz]."""
+        steps = self.steps[self.joined]
+        if self.copies > 1:
+            first = np.flatnonzero(steps > BURST * np.mean(steps))
+            return 1.0 / float(np.median(np.diff(np.cumsum(steps)[first])))
+        return (1.0 - self.equal) / self.step
 
     @cached_property
     def leaps(self) -> Mask:
@@ -235,7 +291,7 @@ class Readings:
         size = np.abs(self.moves)
         changed = np.flatnonzero(self.joined & (size > 0.01 * self.grain))
         found = np.zeros(len(size), bool)
-        if len(changed) < 2 * BESIDE:
+        if len(changed) < 2 * JUMP_SIDE:
             return found
         moves = self.moves[changed] / np.maximum(1.0, np.rint(self.steps[changed] / self.step))
         floor = max(
@@ -244,35 +300,46 @@ class Readings:
             JUMP_RANGE * float(np.ptp(np.cumsum(self.moves))),
         )
         around = np.arange(len(moves))
-        usual = np.median(sliding_window_view(np.pad(moves, BESIDE, 'reflect'), 2 * BESIDE + 1), 1)
+        usual = np.median(
+            sliding_window_view(np.pad(moves, JUMP_SIDE, 'reflect'), 2 * JUMP_SIDE + 1), 1
+        )
         size, padded = np.abs(moves), np.pad(moves, 1)
         near = np.maximum(np.abs(padded[:-2]), np.abs(padded[2:]))
         back = np.minimum(np.abs(moves + padded[:-2]), np.abs(moves + padded[2:]))
         found[changed] = (
-            np.abs(moves - usual) > np.maximum(JUMP * beside(size, around), floor)
-        ) & (np.minimum(near, back) < ALONE * size)
-        return found & ~self.released
+            np.abs(moves - usual) > np.maximum(JUMP_MOVES * neighbour_motion(size, around), floor)
+        ) & (np.minimum(near, back) < JUMP_NEIGHBOURS * size)
+        found &= ~self.released
+        if not found.any():
+            return found
+        # a joint can make the speed that it has elsewhere
+        path = np.cumsum(np.where(found, 0.0, self.moves))
+        speed = max(JUMP_SPEEDS * self._speed_of(path), LEAST_JUMP_SPEED)
+        return found & (np.abs(self.moves) > np.maximum(speed * self.steps, LEAST_MOTION))
 
     @cached_property
     def released(self) -> Mask:
         """Where a reading that was held catches up (shape (m - 1,)).
 
-        The joint moves before and after, and the reading is equal for `HELD` samples or more. A
-        slow joint may rest, so there it must then go most of the way that it would have gone.
+        The joint moves before and after, and the reading is equal for `STUCK_READINGS` samples or
+        more. A slow joint may rest, so there it must then go most of the way that it would have
+        gone.
         """
         size = np.abs(self.moves)
         found = np.zeros(len(size), bool)
         still = self.joined & (size <= 0.01 * self.grain)
         edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
         first, last = edges[::2], edges[1::2]  # moves first .. last - 1 are zero
-        long = (last - first >= HELD) & (first >= BESIDE) & (last + BESIDE < len(size))
+        long = (
+            (last - first >= STUCK_READINGS) & (first >= JUMP_SIDE) & (last + JUMP_SIDE < len(size))
+        )
         for a, b in zip(first[long].tolist(), last[long].tolist()):
-            before = float(np.median(self.moves[a - BESIDE : a]))
-            after = float(np.median(self.moves[b + 1 : b + 1 + BESIDE]))
+            before = float(np.median(self.moves[a - JUMP_SIDE : a]))
+            after = float(np.median(self.moves[b + 1 : b + 1 + JUMP_SIDE]))
             missed = 0.5 * (before + after) * (b - a + 1)
             far = abs(missed) > max(8.0 * self.grain, 4.0 * max(abs(before), abs(after)))
             caught = far and CATCH_UP < self.moves[b] / missed < 1.0 / CATCH_UP
-            moved = min(abs(before), abs(after)) > max(MOVING * self.grain, self.scatter)
+            moved = min(abs(before), abs(after)) > max(MOVING_COUNTS * self.grain, self.scatter)
             sudden = abs(self.moves[b]) > 3.0 * max(abs(before), abs(after))
             if (caught and before * after > 0.0) or (moved and sudden):
                 found[b] = True
@@ -292,9 +359,11 @@ class Readings:
     def repeats(self) -> Rows:
         """Where a single reading repeats the one before, and the next catches up (of moves)."""
         size = np.abs(self.moves)
-        around = beside(size, np.arange(len(size)))
+        around = neighbour_motion(size, np.arange(len(size)))
         at = np.flatnonzero(self.moving[:-1] & (size[:-1] <= 0.01 * self.grain))
-        at = at[(around[at] > MOVING * self.grain) & (size[at + 1] > REPEATED * around[at])]
+        at = at[
+            (around[at] > MOVING_COUNTS * self.grain) & (size[at + 1] > CATCH_UP_MOVES * around[at])
+        ]
         return at[self.joined[at] & self.joined[at + 1]]
 
     def count(self, *verdicts: int) -> int:
@@ -311,17 +380,17 @@ class Readings:
         return np.flatnonzero(np.isin(self.difference.verdict, verdicts))
 
 
-def beside(size: Array, at: Rows) -> Array:
+def neighbour_motion(size: Array, at: Rows) -> Array:
     """Return the larger of the median moves before and after these [rad or m], shape (n,)."""
-    padded = np.pad(size, BESIDE, mode='reflect')
-    medians = np.median(sliding_window_view(padded, BESIDE), axis=1)
-    return np.asarray(np.maximum(medians[at], medians[at + BESIDE + 1]))
+    padded = np.pad(size, JUMP_SIDE, mode='reflect')
+    medians = np.median(sliding_window_view(padded, JUMP_SIDE), axis=1)
+    return np.asarray(np.maximum(medians[at], medians[at + JUMP_SIDE + 1]))
 
 
 def times(seconds: list[float]) -> str:
     """Return times for a text, as 'at 1.20 s, 3.41 s and 7 more'."""
-    more = f' and {len(seconds) - NAMED} more' if len(seconds) > NAMED else ''
-    return 'at ' + ', '.join(f'{each:.2f} s' for each in seconds[:NAMED]) + more
+    more = f' and {len(seconds) - TIMES_NAMED} more' if len(seconds) > TIMES_NAMED else ''
+    return 'at ' + ', '.join(f'{each:.2f} s' for each in seconds[:TIMES_NAMED]) + more
 
 
 def late_by(late: Delay) -> str:

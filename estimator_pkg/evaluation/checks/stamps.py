@@ -17,8 +17,8 @@ from estimator_pkg.evaluation.checks.readings import (
     short,
     times,
 )
-from estimator_pkg.evaluation.checks.stamp_error import spacing_error, stamp_error
-from estimator_pkg.evaluation.delay import GAP
+from estimator_pkg.evaluation.checks.stamp_error import line_error, spacing_error
+from estimator_pkg.evaluation.delay import GAP_STEPS
 from estimator_pkg.evaluation.matching import strays
 from estimator_pkg.sensor.guard import (
     AFTER_CLOCK_JUMP,
@@ -31,28 +31,33 @@ from estimator_pkg.sensor.guard import (
 )
 from estimator_pkg.streams.contract import HEADER, PUBLISHER, stamp_remedy
 
-WINDOWS, IN_WINDOW = 20, 100  # windows of the rate; samples of one at least
+RATE_WINDOWS, IN_WINDOW = 20, 100  # windows of the rate; samples of one at least
 OTHER_RATE = 1.3  # ratio of the rates of two windows that is a change
 IRREGULAR = 0.25  # spacing whose spread is this fraction of the sample time is irregular
-HOLE = 10.0  # a longer gap between stamps is a hole [median sample times]
-AROUND = 20  # samples whose median spacing missing ones are counted with
+HOLE_RATIO = 10.0  # a longer gap between stamps is a hole [median sample times]
+NEARBY_STEPS = 20  # samples whose median spacing missing ones are counted with
 LOST_OFTEN = 0.005  # a larger fraction of missing samples is reported
-LIE = 0.05  # stamps that err by this fraction of the sample time are reported
-OFTEN = 0.2  # a larger fraction of dropped samples leaves too few
+STAMP_ERROR_PART = 0.05  # stamps that err by this fraction of the sample time are reported
+DROPPED_OFTEN = 0.2  # a larger fraction of dropped samples leaves too few
 SAME_CLOCK = 86_400.0  # stamps further from their arrival are of another clock [s]
-AHEAD = 0.005  # stamps this far in the future of their arrival [s]
-OLD = 0.05  # readings that arrive this long after their stamp [s]
-DRIFT, DRIFTED = 1e-3, 0.02  # relative drift of the stamps, and its least effect [s]
-LONG = 2.0  # least duration in which a drift shows [s]
+STAMPS_AHEAD = 0.005  # stamps this far in the future of their arrival [s]
+STAMPS_OLD = 0.05  # readings that arrive this long after their stamp [s]
+CLOCK_DRIFT, LEAST_DRIFT = 1e-3, 0.02  # relative drift of the stamps, and its least effect [s]
+DRIFT_TIME = 2.0  # least duration in which a drift shows [s]
 
 
 def rate(seen: Readings) -> Finding:
     """Return the sample rate, and whether it changes."""
     steps = seen.steps[seen.joined]
     count, hz = len(seen.rows), 1.0 / seen.step
+    if seen.copies > 1:
+        hz = seen.new_hz
+        many = 'twice' if seen.copies == 2 else f'{seen.copies} times'
+        text = f'{hz:.5g} Hz, each reading {many}, {count} in {short(float(np.sum(steps)))}'
+        return Finding('rate', PASS, text, numbers={'hz': hz, 'readings': count})
     text = f'{hz:.5g} Hz, {count} readings in {short(float(np.sum(steps)))}'
     numbers = {'hz': hz, 'readings': count}
-    windows = min(WINDOWS, len(steps) // IN_WINDOW)
+    windows = min(RATE_WINDOWS, len(steps) // IN_WINDOW)
     if windows > 1:
         parts = np.array_split(steps, windows)
         medians = np.array([np.median(part) for part in parts])
@@ -70,7 +75,7 @@ def rate(seen: Readings) -> Finding:
 
 def jitter(seen: Readings) -> Finding:
     """Return how regular the spacing of the stamps is."""
-    near = seen.steps[seen.joined & (seen.steps < GAP * seen.step)]
+    near = seen.steps[seen.joined & (seen.steps < GAP_STEPS * seen.step)]
     spread = float(np.sqrt(np.mean((near - seen.step) ** 2)))
     middle = 1.4826 * float(np.median(np.abs(near - seen.step)))
     text = f'the spacing of stamps varies by {short(spread)} rms ({spread / seen.step:.2g} samples)'
@@ -83,10 +88,11 @@ def jitter(seen: Readings) -> Finding:
 
 def holes(seen: Readings) -> Finding:
     """Return the gaps between stamps, and how many samples are missing."""
-    inside = seen.steps < HOLE * seen.step
+    inside = seen.steps < HOLE_RATIO * seen.step
     local = _local(seen.steps)
     regular = 1.4826 * float(np.median(np.abs(seen.steps / local - 1.0))) < 0.1
-    missing = np.rint(seen.steps / local) - 1.0 if regular else np.zeros(len(inside))
+    regular = regular and seen.copies == 1
+    missing = np.maximum(np.rint(seen.steps / local) - 1.0, 0.0) * regular
     lost = float(np.sum(missing[seen.joined & inside])) / max(len(seen.rows), 1)
     long = np.flatnonzero(seen.joined & ~inside)
     numbers = {'holes': len(long), 'lost_fraction': lost}
@@ -113,7 +119,7 @@ def holes(seen: Readings) -> Finding:
 
 def _local(steps: Array) -> Array:
     """Return the median of the steps around each."""
-    parts = np.array_split(steps, max(1, len(steps) // AROUND))
+    parts = np.array_split(steps, max(1, len(steps) // NEARBY_STEPS))
     return np.concatenate([np.full(len(part), max(float(np.median(part)), 1e-9)) for part in parts])
 
 
@@ -154,7 +160,7 @@ def order(seen: Readings) -> Finding:
         *(['check the clock of the driver'] if len(alone) else []),
         *(['publish in the order of the stamps; look for two publishers'] if len(late) else []),
     ]
-    level = FAIL if len(jumps) or len(late) > OFTEN * len(seen.stamps_ns) else WARN
+    level = FAIL if len(jumps) or len(late) > DROPPED_OFTEN * len(seen.stamps_ns) else WARN
     return Finding('order of stamps', level, '; '.join(parts), '; '.join(remedies), numbers)
 
 
@@ -169,18 +175,18 @@ def missing_stamps(seen: Readings) -> Finding:
     )
 
 
-def lying(seen: Readings) -> Finding:
+def stamp_error(seen: Readings) -> Finding:
     """Return by how much the stamps are wrong, from errors that grow with the speed."""
     if seen.stale or np.any(seen.leaps):
         return Finding('lying stamps', PASS, 'hidden by repeats and jumps of the readings')
     good = np.sort(seen.rows)
     wrong = max(
-        stamp_error(seen.series, seen.parts[0], seen.period, seen.quantum),
+        line_error(seen.series, seen.parts[0], seen.period, seen.quantum),
         spacing_error(seen.stamps_ns[good], seen.position[good], seen.period, seen.grain),
     )
     level, remedy = PASS, ''
     text = f'wrong by {short(wrong)} rms' if wrong else 'no error seen in the motion'
-    if wrong > LIE * seen.step:
+    if wrong > STAMP_ERROR_PART * seen.step:
         level, remedy = WARN, 'stamp each reading when it is taken; a clock of the device is best'
         text = (
             f'the stamps are {text}: in motion the readings do not fit them '
@@ -201,7 +207,7 @@ def clock(seen: Readings) -> Finding:
     passed = float(seen.stamps_ns[good[-1]] - seen.stamps_ns[good[0]]) * 1e-9
     drifted = float(np.min(age[-tenth:]) - np.min(age[:tenth]))
     jittery = float(np.percentile(age[:tenth], 50) - np.min(age[:tenth]))
-    if passed > LONG and abs(drifted) > max(DRIFT * passed, DRIFTED, 5.0 * jittery):
+    if passed > DRIFT_TIME and abs(drifted) > max(CLOCK_DRIFT * passed, LEAST_DRIFT, 5.0 * jittery):
         ratio = 1.0 - drifted / (passed + drifted)
         text = (
             f'the stamps run at {ratio:.4f} times the clock of arrival '
@@ -215,10 +221,10 @@ def clock(seen: Readings) -> Finding:
     text, remedy = f'readings arrive {short(usual)} after their stamp', ''
     if abs(usual) > SAME_CLOCK:
         text = 'stamps are of another clock than the arrival'
-    elif least < -AHEAD:
+    elif least < -STAMPS_AHEAD:
         text = f'stamps are up to {short(-least)} ahead of their arrival'
         remedy = 'the clocks of two machines differ: synchronise them (chrony, PTP)'
-    elif usual > OLD:
+    elif usual > STAMPS_OLD:
         remedy = 'estimates are as late: look for a queue or a slow link, or for clocks that differ'
     return Finding('clock', WARN if remedy else PASS, text, remedy, numbers)
 
@@ -231,7 +237,7 @@ def _dropped(
     if not count:
         return Finding(name, PASS, f'0 of {total} samples', '', numbers)
     text = f'{count} of {total} samples {what}' + (f', {where}' if where else '')
-    return Finding(name, FAIL if count > OFTEN * total else WARN, text, remedy, numbers)
+    return Finding(name, FAIL if count > DROPPED_OFTEN * total else WARN, text, remedy, numbers)
 
 
-CHECKS = (rate, jitter, holes, repeated_stamps, order, lying, clock)
+CHECKS = (rate, jitter, holes, repeated_stamps, order, stamp_error, clock)

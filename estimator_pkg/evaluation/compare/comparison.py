@@ -5,12 +5,9 @@
 
 from __future__ import annotations
 
-import ctypes
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,74 +16,29 @@ from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.sources import Estimate, measured, source_of_stamps, sources
+from estimator_pkg.evaluation.compare.sources import (
+    EstimateSeries,
+    measured,
+    source_of_stamps,
+    sources,
+)
 from estimator_pkg.evaluation.compare.truth import Truth, check_common, truth
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict
-from estimator_pkg.evaluation.reference.motion import Motion
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.progress import progress
 from estimator_pkg.sensor.guard import why_dropped
-from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.contract import stamp_remedy
 from estimator_pkg.streams.drive import ELECTRICAL
 
-MMAP_THRESHOLD = -3  # glibc's malloc.h
-LONG = 8_000_000  # shorter arrays stay in memory [bytes]
-
-
-def give_back_freed() -> None:
-    """Make the C library return freed arrays to the system at once.
-
-    By default glibc keeps freed arrays of up to 32 MB for reuse, and their fragments are lost: for
-    an hour at 1 kHz, a seventh of the memory.
-    """
-    with suppress(OSError, AttributeError, TypeError):  # another library, another system
-        ctypes.CDLL(None).mallopt(MMAP_THRESHOLD, LONG // 2)
-
-
-class Kept:
-    """An array, in an unnamed file if it is long; deleted with the last reference.
-
-    It stays in memory if the file cannot be written. Pickling sends the array itself.
-
-    Parameters
-    ----------
-    values : shape (n,).
-    """
-
-    def __init__(self, values: NDArray) -> None:
-        self._values: NDArray | None = values
-        self._type = values.dtype
-        self._file: BinaryIO | None = None
-        if values.nbytes >= LONG:
-            try:
-                file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  (open as long as this)
-                values.tofile(file)
-            except OSError:
-                return
-            self._file, self._values = file, None
-
-    def get(self) -> NDArray:
-        """Return the array, shape (n,), in its unit; it must not be modified."""
-        if self._file is None:
-            assert self._values is not None
-            return self._values
-        self._file.seek(0)
-        return np.fromfile(self._file, self._type)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Kept, (self.get(),)
-
-
 Array = NDArray[np.float64]
 
-BAND = 1.96  # the 95 % interval of a normal distribution [standard deviations]
-MANY = 1_000_000  # from this number of samples on, freed memory is returned
-ROUNDING = 1e-10  # smaller values count as zero [s], [rad/s]
+SIGMAS_95 = 1.96  # the 95 % interval of a normal distribution [standard deviations]
+ZERO_BELOW = 1e-10  # smaller values count as zero [s], [rad/s]
 
 
 @dataclass(frozen=True)
@@ -98,8 +50,7 @@ class Row:
         noise; nan without a standard deviation.
     reference_cannot_tell : the error is below the reference's own error.
     reference_noise : the reference's own error [rad/s].
-    time : shape (m,) [s]; truth, estimate, stddev : shape (m,), velocities at these times; the last
-        two are read from their file at each access.
+    time : shape (m,) [s]; truth, estimate, stddev : shape (m,), velocities at these times [rad/s].
     status_time, status : shape (k,), of every used sample; empty if it is not known.
     """
 
@@ -114,21 +65,11 @@ class Row:
     reference_cannot_tell: bool
     time: Array
     truth: Array
-    kept_estimate: Kept
-    kept_stddev: Kept
+    estimate: Array
+    stddev: Array
     reference_noise: float
     status_time: NDArray[np.floating]
     status: NDArray[np.int8]
-
-    @property
-    def estimate(self) -> Array:
-        """Estimated velocity, shape (m,) [rad/s]."""
-        return self.kept_estimate.get()
-
-    @property
-    def stddev(self) -> Array:
-        """Standard deviation of the estimate, shape (m,) [rad/s]."""
-        return self.kept_stddev.get()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the row for ``--json``."""
@@ -202,7 +143,7 @@ def compare(path: str, options: Options) -> Comparison:
     UserError : no truth, no estimates, no joint in common, no overlap in time; the message has one
         line and names the alternatives.
     """
-    with open_bag(path, options.unpack_limit) as bag:
+    with open_bag(path, options.unpack_limit, options.columns) as bag:
         with progress(f'{path}: reading', None):
             measurement = measured(bag, options)
         true = truth(bag, path, measurement, options)
@@ -221,7 +162,7 @@ def compared(
     path: str,
     measurement: dict[str, Series],
     true: Truth,
-    found: Iterable[tuple[str, dict[str, Estimate]]],
+    found: Iterable[tuple[str, dict[str, EstimateSeries]]],
     options: Options,
     steps: int | None = None,
 ) -> Comparison:
@@ -232,20 +173,18 @@ def compared(
     path : name of the record.
     measurement : measured positions by joint.
     true : the truth, or the off-line reference (`truth.from_smoother`).
-    found : (name of the source, estimates by joint); the latter are emptied.
+    found : (name of the source, estimates by joint).
     steps : number of sources, each with one more than their joints, for the progress bar.
 
     Raises
     ------
     UserError : no joint in common, no overlap in time.
     """
-    if any(len(series.stamps_ns) >= MANY for series in true.series.values()):
-        give_back_freed()
     rows: list[Row] = []
     some = False  # an estimate, of any joint
     notes = list(true.notes)
     starts = {joint: _start(series) for joint, series in {**true.series, **measurement}.items()}
-    candidates = {joint: _Candidates() for joint in true.motions}
+    candidates: dict[str, dict[str, Array]] = {joint: {} for joint in true.motions}
     clocks = {entry.label: source_of_stamps(entry) for entry in options.observers}
     with progress(path, steps) as advance:
         for source, estimates in found:
@@ -255,7 +194,8 @@ def compared(
                 advance(1)
                 moved = true.motions.get(joint)
                 if moved is not None and len(estimate.stamps):
-                    candidates[joint].add(source, estimate, moved)
+                    velocity = at_reference(moved, estimate.stamps, estimate.velocity)
+                    candidates[joint][source] = velocity
                 some = some or len(estimate.stamps) > 0
                 known = joint in true.series or {joint, joint + ELECTRICAL} & set(true.motions)
                 if len(estimate.stamps) and known and joint not in true.series:
@@ -282,8 +222,6 @@ def compared(
                         rows.append(_sharing(row, rows))
                     except UserError as error:
                         raise UserError(f"{path}: {source}, joint '{joint}': {error}") from None
-            estimates.clear()
-            del estimate  # before the next observer makes its own
     if not rows and not (some and true.motions):
         raise UserError(f'{path}: nothing to compare: ' + '; '.join(dict.fromkeys(notes)))
     return Comparison(
@@ -299,7 +237,10 @@ def compared(
         {
             joint: Verdict(cautions=(), why=true.faults[joint], tunable=False)
             if joint in true.faults
-            else rank(candidates[joint], moved, AngleSettings.observer, skip=options.skip or None)
+            else _cautioned(
+                rank(candidates[joint], moved, DEFAULT, skip=0.0 if options.begin else None),
+                true.caveats.get(joint, ''),
+            )
             for joint, moved in true.motions.items()
         },
     )
@@ -308,14 +249,14 @@ def compared(
 def _row(
     source: str,
     joint: str,
-    estimate: Estimate,
+    estimate: EstimateSeries,
     truth: Series,
     start: int,
     known: Reference,
     options: Options,
 ) -> Row:
     matched = match(
-        estimate.stamps, truth.stamps_ns, truth.velocity, truth.position, options.wrap_period
+        estimate.stamps, truth.stamps_ns, truth.velocity, truth.position, options.period(joint)
     )
     if not len(matched.rows):
         raise UserError(
@@ -323,12 +264,7 @@ def _row(
             'overlap in time: check their stamps'
         )
     elapsed = matched.time + (int(estimate.stamps[matched.rows[0]]) - start) * 1e-9
-    left = np.flatnonzero(elapsed >= options.skip)
-    if not len(left):
-        raise UserError(f'no sample remains after the first {options.skip:g} s: reduce --skip')
-    # mostly all, or all from one index on: views take no memory
-    kept = slice(left[0], None) if len(left) == len(elapsed) - left[0] else left
-    del left
+    kept = options.within(np.rint(1e9 * elapsed).astype(np.int64), 0)
     rows, time, true = matched.rows[kept], matched.time[kept], matched.velocity[kept]
     velocity, stddev = estimate.velocity[rows], estimate.velocity_stddev[rows]
     if np.isinf(stddev).any():  # not known: no band, no coverage
@@ -336,7 +272,7 @@ def _row(
     noise = known.noise if np.isfinite(known.noise) else 0.0
     speeds = metrics.velocity(time, velocity, true, noise)
     angles = metrics.position(
-        time, estimate.position[rows], matched.position[kept], options.wrap_period
+        time, estimate.position[rows], matched.position[kept], options.period(joint)
     )
     counts = {
         'estimates': len(estimate.stamps),
@@ -356,12 +292,17 @@ def _row(
         known.cannot_tell(speeds['rms']),
         elapsed[kept],
         true,
-        Kept(velocity),
-        Kept(stddev),
+        velocity,
+        stddev,
         noise,
         (estimate.status_stamps - start) * 1e-9,
         estimate.status,
     )
+
+
+def _cautioned(verdict: Verdict, caveat: str) -> Verdict:
+    """Return the verdict with one more caution, the most important; '': none."""
+    return replace(verdict, cautions=(caveat, *verdict.cautions)) if caveat else verdict
 
 
 def _sharing(row: Row, others: list[Row]) -> Row:
@@ -372,7 +313,7 @@ def _sharing(row: Row, others: list[Row]) -> Row:
         for other in others:
             longer: Array = getattr(other, name)
             tail = longer[max(0, len(longer) - len(values)) :]
-            if len(tail) == len(values) and not np.any(np.abs(tail - values) > ROUNDING):
+            if len(tail) == len(values) and not np.any(np.abs(tail - values) > ZERO_BELOW):
                 return tail
         return values
 
@@ -386,26 +327,7 @@ def coverage(errors: Array, stddev: Array) -> float:
     known = np.isfinite(errors) & np.isfinite(stddev)
     if not known.any():
         return np.nan
-    return float(np.mean(np.abs(errors[known]) <= BAND * stddev[known]))
-
-
-class _Candidates(Mapping[str, Array]):
-    """Estimates of a joint at its reference's stamps, each loaded when it is read."""
-
-    def __init__(self) -> None:
-        self._kept: dict[str, Kept] = {}
-
-    def add(self, name: str, estimate: Estimate, moved: Motion) -> None:
-        self._kept[name] = Kept(at_reference(moved, estimate.stamps, estimate.velocity))
-
-    def __getitem__(self, name: str) -> Array:
-        return self._kept[name].get()
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._kept)
-
-    def __len__(self) -> int:
-        return len(self._kept)
+    return float(np.mean(np.abs(errors[known]) <= SIGMAS_95 * stddev[known]))
 
 
 def _smoother(found: Smoothed | None) -> dict[str, Any] | None:

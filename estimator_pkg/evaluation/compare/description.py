@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.evaluation.compare.comparison import ROUNDING, Comparison
-from estimator_pkg.evaluation.compare.truth import SMOOTHED
+from estimator_pkg.evaluation.compare.comparison import ZERO_BELOW, Comparison
+from estimator_pkg.evaluation.compare.truth import OFFLINE_SMOOTHER
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.evaluation.text import (
@@ -23,7 +23,7 @@ from estimator_pkg.evaluation.text import (
 )
 from estimator_pkg.streams.drive import ELECTRICAL
 
-NARROW = ('estimate', 'joint', 'rms', 'max', 'delay ms', 'noise', 'dropped')
+NARROW_COLUMNS = ('estimate', 'joint', 'rms', 'max', 'delay ms', 'noise', 'dropped')
 
 
 def describe(comparison: Comparison, wide: bool = False, period: float = math.tau) -> str:
@@ -70,7 +70,7 @@ def describe(comparison: Comparison, wide: bool = False, period: float = math.ta
                 f'{counts["interpolated"]} have an interpolated truth, '
                 f'{counts["unmatched"]} none'
             )
-    columns = list(rows[0]) if wide and rows else NARROW
+    columns = list(rows[0]) if wide and rows else NARROW_COLUMNS
     cells = [[row[name] for name in columns] for row in rows]
     shown = table(columns, cells, left=2, width=None if wide else WIDTH)
     if any(row.reference_cannot_tell for row in comparison.rows):
@@ -109,7 +109,7 @@ def describe_smoother(smoothed: Smoothed, own: float) -> str:
             'reference'
         )
     text = (
-        f"{SMOOTHED}'s own error is {number(own, 2)} rad/s rms; readings "
+        f"{OFFLINE_SMOOTHER}'s own error is {number(own, 2)} rad/s rms; readings "
         f'{number(noise.reading, 2)} rad'
     )
     if noise.quantum:
@@ -135,7 +135,7 @@ def describe_truth(known: Reference) -> str:
             )
         else:
             unknown.append(name)
-    noise = 0.0 if known.noise < ROUNDING else known.noise
+    noise = 0.0 if known.noise < ZERO_BELOW else known.noise
     known_values.append(f'noise {number(noise, 2)} rad/s')
     return ', '.join(known_values) + (f'; not determined: {", ".join(unknown)}' if unknown else '')
 

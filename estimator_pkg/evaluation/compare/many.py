@@ -21,7 +21,7 @@ from estimator_pkg.evaluation.workers import Map
 from estimator_pkg.printable import show
 
 FILES = ('*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd')
-NUMBER = re.compile(r'_\d+(?=\.)')  # number of a file of a split bag
+FILE_NUMBER = re.compile(r'_\d+(?=\.)')  # number of a file of a split bag
 
 
 class Meant(NamedTuple):
@@ -77,7 +77,7 @@ def _bags(folder: Path) -> list[Path]:
         if each.is_dir() and not each.is_symlink() and not each.name.startswith('.')
         for bag in _bags(each)
     ]
-    if files and not below and len({NUMBER.sub('', file.name) for file in files}) == 1:
+    if files and not below and len({FILE_NUMBER.sub('', file.name) for file in files}) == 1:
         return [folder]
     return files + below
 

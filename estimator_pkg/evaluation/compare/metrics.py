@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.delay import LONGEST, measured
+from estimator_pkg.evaluation.delay import LONGEST_DELAY, measured
 from estimator_pkg.evaluation.signals import cubic, slopes, wrapped
 
 Array = NDArray[np.float64]
 
-BLOCK = 0.25  # the truth counts as constant if it is over two blocks of this length [s]
+CONSTANT_BLOCK = 0.25  # the truth counts as constant if it is over two blocks of this length [s]
 BLOCK_SAMPLES = 16  # or of this many samples, if that is longer
-LONG = 1_000_000  # number of samples that determine a delay
-STEADY = 1e-4  # largest change of a constant truth within a block, over its largest value
+DELAY_SAMPLES = 1_000_000  # number of samples that determine a delay
+CONSTANT_CHANGE = 1e-4  # largest change of a constant truth within a block, over its largest value
 
 
 def summary(errors: Array) -> dict[str, float]:
@@ -81,8 +81,8 @@ def position(time: Array, estimate: Array, truth: Array, period: float) -> dict[
 
 def _middle(time: Array, estimate: Array, truth: Array) -> tuple[Array, Array, Array]:
     """Return the middle of a long record, enough for its delay: this bounds the memory."""
-    first = max(0, (len(time) - LONG) // 2)
-    part = slice(first, first + LONG)
+    first = max(0, (len(time) - DELAY_SAMPLES) // 2)
+    part = slice(first, first + DELAY_SAMPLES)
     return time[part], estimate[part], truth[part]
 
 
@@ -101,7 +101,7 @@ def noise_at_constant_speed(
     time, estimate, truth = time[good], estimate[good], truth[good]
     if len(time) < 8:
         return np.nan
-    length = max(BLOCK, BLOCK_SAMPLES * float(np.median(np.diff(time))))
+    length = max(CONSTANT_BLOCK, BLOCK_SAMPLES * float(np.median(np.diff(time))))
     edges = np.searchsorted(time, np.arange(time[0], time[-1] + 0.5 * length, length))
     power, count = 0.0, 0
     for blocks in _stretches(truth, list(pairwise(edges)), truth_noise):
@@ -116,7 +116,7 @@ def _stretches(
     truth: Array, blocks: list[tuple[int, int]], noise: float
 ) -> Iterator[list[tuple[int, int]]]:
     """Yield the consecutive blocks (first, last + 1) over which the truth is constant."""
-    steady = STEADY * float(np.max(np.abs(truth))) + 1e-12
+    steady = CONSTANT_CHANGE * float(np.max(np.abs(truth))) + 1e-12
 
     def equal_speed(one: tuple[int, int], other: tuple[int, int]) -> bool:
         return _same_speed(truth[slice(*one)], truth[slice(*other)], steady, noise)
@@ -172,6 +172,6 @@ def _position_delay(time: Array, estimate: Array, truth: Array, period: float) -
         shift += change
         if abs(change) < 1e-9:
             break
-        if abs(shift) > LONGEST:
+        if abs(shift) > LONGEST_DELAY:
             return np.nan
     return shift

@@ -23,7 +23,7 @@ from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.streams.drive import ELECTRICAL
 
 TRUE_SAMPLES = '/ground_truth/samples'
-BATCHES = '_samples'  # suffix of the topic of estimates
+BATCH_SUFFIX = '_samples'  # suffix of the topic of estimates
 
 
 def available(bag: Bag, options: Options) -> bool:

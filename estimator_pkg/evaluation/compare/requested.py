@@ -14,8 +14,8 @@ from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.parameters import parse_assignments
 
-ALL = 'all'
-OBSERVER = 'observer'
+ALL_OBSERVERS = 'all'
+OBSERVER_KEY = 'observer'
 
 
 def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]) -> list[Entry]:
@@ -36,13 +36,13 @@ def entries(names: Sequence[str], params: str | None, assignments: Sequence[str]
     """
     wanted: list[str] = []
     for name in names:
-        wanted += angle_observers() if name == ALL else [name]
+        wanted += angle_observers() if name == ALL_OBSERVERS else [name]
     wanted = list(dict.fromkeys(wanted))
     given = parse_assignments(list(assignments))
     if not wanted:
         if not given and not params:
             return []
-        wanted = [str(given.pop(OBSERVER, None) or _named(params))]
+        wanted = [str(given.pop(OBSERVER_KEY, None) or _named(params))]
     from_file = [_from_file(params, name) for name in wanted]
     if params is not None and all(values is None for values in from_file):
         params_file.warn_unused(params, wanted)
@@ -73,7 +73,7 @@ def _named(params: str | None) -> str:
     sections = params_file.section_names(params)
     for stream in streams.every():
         if sections & {stream.NODE, '*', '**'}:
-            named = params_file.load(params, stream.NODE).get(OBSERVER)
+            named = params_file.load(params, stream.NODE).get(OBSERVER_KEY)
             if isinstance(named, str) and streams.of_observer(named) is stream:
                 return named
     if sections & {streams.named(streams.USUAL).NODE, '*', '**'}:
@@ -90,7 +90,7 @@ def _from_file(params: str | None, observer: str) -> dict[str, Any] | None:
         return {}
     values = params_file.for_observer(params, node, observer)
     if values is not None:
-        values.pop(OBSERVER, None)
+        values.pop(OBSERVER_KEY, None)
     return values
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.recording import Estimate, Recording
+from estimator_pkg.bags.recording import EstimateSeries, Recording
 from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import Series, at_stamps, joint_series, positions, with_velocity
 from estimator_pkg.bags.source import UnreadableError
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 COUNTER = Entry('', 'finite_difference')  # its guard counts the samples of recorded estimates
 PUBLISHED, WITHHELD = 'published', 'withheld'
 STAMP_SOURCE = 'stamp_source'
-HELD = 5.0  # an estimate counts for the time since the previous one, at most this many steps
+HELD_STEPS = 5.0  # an estimate counts for the time since the previous one, at most this many steps
 
 
 def measured(bag: Bag, options: Options) -> dict[str, Series]:
@@ -50,7 +50,7 @@ def measured(bag: Bag, options: Options) -> dict[str, Series]:
         use different clocks.
     """
     _check_clocks(options.observers)
-    chosen = options.observers or ((Entry('', AngleSettings.observer),) if options.angle else ())
+    chosen = options.observers or ((Entry('', DEFAULT),) if options.angle else ())
     for entry in chosen:
         setup = _setup(entry, bag, options)
         found = recordings.measured(bag, setup)
@@ -114,7 +114,7 @@ def _setup(entry: Entry, bag: Bag, options: Options) -> Setup:
 
 def sources(
     bag: Bag, path: str, measurement: dict[str, Series], options: Options
-) -> Iterator[tuple[str, dict[str, Estimate]]]:
+) -> Iterator[tuple[str, dict[str, EstimateSeries]]]:
     """Yield (name, estimates by joint) of everything to compare.
 
     Raises
@@ -153,7 +153,7 @@ def sources(
                 pass
         found = joint_series(bag, topic)
         if per_sample.available(bag, options):
-            found = per_sample.finer(bag, f'{topic}{per_sample.BATCHES}', found)
+            found = per_sample.finer(bag, f'{topic}{per_sample.BATCH_SUFFIX}', found)
         yield (
             topic,
             {
@@ -180,13 +180,15 @@ def recording(
     return found.per_sample() if of_drive or per_sample.available(bag, options) else found
 
 
-def _recorded(estimates: Series, deviations: Series | None, measurement: Series | None) -> Estimate:
+def _recorded(
+    estimates: Series, deviations: Series | None, measurement: Series | None
+) -> EstimateSeries:
     """Return the estimates of one joint from a recorded topic."""
     stddev: NDArray[np.float64] = np.full(len(estimates.stamps_ns), np.nan)
     if deviations is not None:
         deviations = with_velocity(deviations)
         stddev = at_stamps(estimates.stamps_ns, deviations.stamps_ns, deviations.velocity)
-    return Estimate(
+    return EstimateSeries(
         estimates.stamps_ns,
         estimates.position,
         estimates.velocity,
@@ -207,7 +209,7 @@ def _published(estimates: Series, measurement: Series | None) -> dict[str, float
     steps = np.where(steps > 0.0, steps, 0.0)
     if not len(steps):
         return {}
-    steps = np.minimum(steps, HELD * float(np.median(steps)))
+    steps = np.minimum(steps, HELD_STEPS * float(np.median(steps)))
     shown = np.isin(good[1:], estimates.stamps_ns[np.isfinite(estimates.velocity)])
     return {PUBLISHED: float(steps[shown].sum()), WITHHELD: float(steps[~shown].sum())}
 

@@ -12,21 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.selection import MADE, USUAL, measured_topics
-from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, USUAL_MEASUREMENT, measured_topics
+from estimator_pkg.bags.series import Series, joint_series, why_none
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.checks.joint import FEWEST, checked, failed, stretch
+from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked, stretch
 from estimator_pkg.evaluation.checks.joint import reference as reference_of
-from estimator_pkg.evaluation.checks.readings import Readings, to_mend
+from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.checks.usable import usable
 from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.compare.sources import source_of_stamps, without_truth
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import SMOOTHER, TRUTH, Options
-from estimator_pkg.evaluation.ranking.ranking import AT_MOST, SKIPPED
+from estimator_pkg.evaluation.ranking.ranking import SKIP_PART, SKIPPED
 from estimator_pkg.evaluation.reference import reference
 from estimator_pkg.evaluation.reference.back_emf import of_angles
-from estimator_pkg.evaluation.reference.late import MATTERS, common_lag, confirmed
-from estimator_pkg.evaluation.reference.motion import Motion, motion
+from estimator_pkg.evaluation.reference.late import LEAST_LAG, common_lag, confirmed
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 from estimator_pkg.messages.joint_state import TYPE
@@ -38,22 +39,24 @@ from estimator_pkg.streams.drive import ELECTRICAL, DriveStream
 Array = NDArray[np.float64]
 
 LAG_SEEN = 2.0  # a lag or bias is corrected above this many standard deviations
-ENOUGH = 600_000  # number of samples that determine the quality of a truth
-SMOOTHED = 'the off-line smoother'
-SHIFTED = 'it is shifted by that (--no-correct-reference keeps it)'
+TRUTH_SAMPLES = 600_000  # number of samples that determine the quality of a truth
+OFFLINE_SMOOTHER = 'the off-line smoother'
+SHIFTED_NOTE = 'it is shifted by that (--no-correct-reference keeps it)'
 
 
 @dataclass
 class Truth:
     """The reference velocities by joint.
 
-    name : the topic, or `SMOOTHED`.
+    name : the topic, or `OFFLINE_SMOOTHER`.
     series : positions and velocities.
     references : quality of each.
     corrected : lag and bias that were removed.
     motions : what the off-line smoother found, None for too few readings; empty if the bag has a
         truth.
     faults : why nothing is recommended for a joint: what its readings must be mended of first.
+    caveats : on the part of a joint's record by which it is judged, or on its readings.
+    parts : that part, if it is not the whole record: first and last stamp [ns].
     notes : what the user must know of it.
     """
 
@@ -61,8 +64,10 @@ class Truth:
     series: dict[str, Series]
     references: dict[str, Reference]
     corrected: dict[str, dict[str, float]] = field(default_factory=dict)
-    motions: dict[str, Motion | None] = field(default_factory=dict)
+    motions: dict[str, ReferenceMotion | None] = field(default_factory=dict)
     faults: dict[str, str] = field(default_factory=dict)
+    caveats: dict[str, str] = field(default_factory=dict)
+    parts: dict[str, tuple[int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -95,10 +100,10 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
                 f'{path}: a drive without truth: add --observer pmsm and its motor data (--params '
                 f"FILE), or try 'velocity_estimator doctor {path}'"
             )
-        unread = USUAL in measured_topics(bag) and not measurement
+        unread = USUAL_MEASUREMENT in measured_topics(bag) and not measurement
         raise UserError(
             f'{path}: no truth: there is no topic {TRUTH}'
-            + (f', and {USUAL} has no finite position' if unread else '')
+            + (f', and {why_none(bag, USUAL_MEASUREMENT)}' if unread else '')
             + '; name another JointState with '
             f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
             'off-line reference with --measurement or --angle'
@@ -123,16 +128,16 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
         )
     found = Truth(topic, series, {})
     for joint, each in series.items():
-        known = _reference(each, measurement.get(joint), options.wrap_period)
+        known = _reference(each, measurement.get(joint), options.period(joint))
         found.references[joint] = known
         if options.correct_reference:
             series[joint], found.corrected[joint] = _correct(each, known)
             lag = found.corrected[joint]['lag_s']
-            if abs(lag) > MATTERS:
+            if abs(lag) > LEAST_LAG:
                 way = 'later' if lag > 0.0 else 'earlier'
                 found.notes += (
                     f'{joint}: the truth is {abs(lag) * 1e3:.2f} ms {way} than the positions: '
-                    f'{SHIFTED}',
+                    f'{SHIFTED_NOTE}',
                 )
     if options.correct_reference is None:
         _shift(found, measurement, options)
@@ -146,7 +151,7 @@ def _shift(found: Truth, measurement: dict[str, Series], options: Options) -> No
         return
     lags = {joint: each for joint, each in found.references.items() if np.isfinite(each.lag_s)}
     surest = min(lags, key=lambda joint: lags[joint].lag_stddev)
-    if not confirmed(late, found.series[surest], measurement[surest], options.wrap_period):
+    if not confirmed(late, found.series[surest], measurement[surest], options.period(surest)):
         return
     for joint, each in found.series.items():
         found.series[joint] = each._replace(stamps_ns=each.stamps_ns - round(late.lag * 1e9))
@@ -154,7 +159,7 @@ def _shift(found: Truth, measurement: dict[str, Series], options: Options) -> No
     of = f'on {", ".join(lags)}' if len(lags) < 4 else f'on {len(lags)} joints'
     found.notes = (
         f'the truth is {late.lag * 1e3:.2f} +- {late.stddev * 1e3:.2f} ms later than the positions '
-        f'{of}: {SHIFTED}',
+        f'{of}: {SHIFTED_NOTE}',
     )
 
 
@@ -165,15 +170,18 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
             f'{path}: no measured positions for an off-line reference: name them with '
             '--measurement or --angle'
         )
-    found = Truth(SMOOTHED, {}, {})
+    found = Truth(OFFLINE_SMOOTHER, {}, {})
     steps = len(measurement) if len(measurement) > 1 else None
     with progress(f'{path}: reference', steps) as advance:
-        for joint, each in measurement.items():
-            period = 0.0 if joint.endswith(ELECTRICAL) else options.wrap_period
+        for joint, whole in measurement.items():
+            start = int(np.min(whole.stamps_ns[whole.stamps_ns > 0], initial=2**62))
+            within = options.within(whole.stamps_ns, start)
+            each = whole if within.all() else _part(whole, within)
+            period = 0.0 if joint.endswith(ELECTRICAL) else options.period(joint)
             if joint.endswith(ELECTRICAL):
                 moved = motion(each.stamps_ns, each.position, period)
             else:
-                moved = _examined(found, joint, each, period)
+                moved = _examined(found, joint, each, period, start)
             found.motions[joint] = moved
             advance(1)
             if moved is None:
@@ -195,24 +203,29 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
     return found
 
 
-def _examined(found: Truth, joint: str, measurement: Series, period: float) -> Motion | None:
+def _examined(
+    found: Truth, joint: str, measurement: Series, period: float, start: int
+) -> ReferenceMotion | None:
     """Return the motion of a joint as `doctor` sees it: between jumps, and its faults noted."""
     stamps, position = measurement.stamps_ns, measurement.position
-    start = int(np.min(stamps[stamps > 0], initial=2**62))
     seen = Readings(joint, stamps, stamps, position, measurement.velocity, period, start)
-    faults = failed(checked(seen)) if len(seen.rows) >= FEWEST else []
-    if faults:
-        found.faults[joint] = to_mend(faults)
-    if not np.any(seen.leaps):
+    part, said = usable(seen, checked(seen) if len(seen.rows) >= FEWEST_READINGS else [])
+    if part is None:
+        found.faults[joint], part = said, seen
+    elif said:
+        found.caveats[joint] = said
+    if part is seen and not np.any(seen.leaps):
         return motion(stamps, position, period)
-    rows = np.sort(stretch(seen, len(seen.rows)))
-    moved = reference_of(seen, rows)
+    rows = np.sort(stretch(part, len(part.rows)))
+    moved = reference_of(part, rows)
+    if part is not seen:
+        found.parts[joint] = int(part.stamps_ns[rows[0]]), int(part.stamps_ns[rows[-1]])
     if moved is not None:
-        begin, end = seen.when(rows[[0, -1]])
+        begin, end = part.when(rows[[0, -1]])
         found.notes += (f'{joint}: compared from {begin:.2f} to {end:.2f} s, between its jumps',)
-        if rows[0] != np.min(seen.rows):  # a jump before it: the observers settle first
-            elapsed = moved.time - moved.time[0]
-            calm = elapsed >= min(SKIPPED, AT_MOST * elapsed[-1])
+        if part.stamps_ns[rows[0]] != seen.stamps_ns[np.min(seen.rows)]:
+            elapsed = moved.time - moved.time[0]  # after a jump the observers settle first
+            calm = elapsed >= min(SKIPPED, SKIP_PART * elapsed[-1])
             moved = replace(moved, firm=moved.firm & calm)
     return moved
 
@@ -220,11 +233,11 @@ def _examined(found: Truth, joint: str, measurement: Series, period: float) -> M
 def _reference(truth: Series, measurement: Series | None, period: float) -> Reference:
     """Return the truth's own lag, bias and noise against the measured position, or its noise only.
 
-    For a long record the middle `ENOUGH` samples are used.
+    For a long record the middle `TRUTH_SAMPLES` samples are used.
     """
-    if len(truth.stamps_ns) > ENOUGH:
-        first = (len(truth.stamps_ns) - ENOUGH) // 2
-        truth = _part(truth, slice(first, first + ENOUGH))
+    if len(truth.stamps_ns) > TRUTH_SAMPLES:
+        first = (len(truth.stamps_ns) - TRUTH_SAMPLES) // 2
+        truth = _part(truth, slice(first, first + TRUTH_SAMPLES))
         if measurement is not None:
             low, high = np.min(truth.stamps_ns), np.max(truth.stamps_ns)
             near = (measurement.stamps_ns >= low) & (measurement.stamps_ns <= high)
@@ -289,6 +302,8 @@ def listed(names: Iterable[str]) -> str:
 
 def _joint_state_topics(bag: Bag) -> str:
     names = [
-        name for name, topic in bag.topics.items() if topic.type == TYPE and not name.endswith(MADE)
+        name
+        for name, topic in bag.topics.items()
+        if topic.type == TYPE and not name.endswith(ESTIMATE_SUFFIXES)
     ]
     return f'here: {listed(names)}' if names else 'here: no JointState at all'

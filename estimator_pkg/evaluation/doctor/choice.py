@@ -21,26 +21,25 @@ from numpy.typing import NDArray
 
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.checks.readings import Readings, late_by
-from estimator_pkg.evaluation.delay import UNKNOWN, Delay, measured
+from estimator_pkg.evaluation.delay import UNKNOWN_DELAY, Delay, measured
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import Verdict, shown
-from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.parameters import declared
-from estimator_pkg.streams.angle import AngleSettings
 
 Array = NDArray[np.float64]
 
-DEFAULT = AngleSettings.observer
-BANDWIDTHS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)  # those that are tried [Hz],
+TRIED_HZ = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)  # those that are tried [Hz],
 BELOW = 6.0  # up to this fraction of the sample rate
 PREFER = ('smooth', 'fast')
 TRAINED = 0.7  # part of the record on which gains are chosen
 BASELINE = 'finite_difference'
 
 
-class Answer(NamedTuple):
+class JointRanking(NamedTuple):
     """What one joint's candidates do.
 
     verdict : of the candidates at their defaults, and of the best gains of each observer.
@@ -98,7 +97,7 @@ def candidates(rate: float) -> list[Entry]:
     for name in angle_observers():
         gains = declared(type(Entry('', name).joint().observer.gains()))
         if 'bandwidth_hz' in gains:
-            found += [_entry(name, bandwidth_hz=hz) for hz in BANDWIDTHS if BELOW * hz <= rate]
+            found += [_entry(name, bandwidth_hz=hz) for hz in TRIED_HZ if BELOW * hz <= rate]
         elif 'prefer' in gains:
             found += [_entry(name, prefer=each) for each in PREFER]
     return found
@@ -108,14 +107,14 @@ def _entry(observer: str, **values: Any) -> Entry:
     return Entry(_label(observer, values), observer, tuple(values.items()), 'this record')
 
 
-def estimates(seen: Readings, reference: Motion, entry: Entry, rows: NDArray) -> Array:
+def estimates(seen: Readings, reference: ReferenceMotion, entry: Entry, rows: NDArray) -> Array:
     """Return the velocities [rad/s] of a candidate at the reference's stamps, shape (n,), or nan.
 
     Parameters
     ----------
     rows : shape (k,), indices of the readings that it takes, in the order of their arrival.
     """
-    more = {'quantum': seen.quantum} if seen.quantum else {}
+    more = {'quantum': seen.own_quantum} if seen.own_quantum else {}
     joint = entry.joint(wrap_period=seen.period, **more)
     stamps = seen.stamps_ns[rows]
     out = joint.run(stamps, seen.position[rows])
@@ -124,8 +123,8 @@ def estimates(seen: Readings, reference: Motion, entry: Entry, rows: NDArray) ->
 
 
 def answer(
-    seen: Readings, reference: Motion, rows: NDArray, motion_hz: float | None = None
-) -> Answer:
+    seen: Readings, reference: ReferenceMotion, rows: NDArray, motion_hz: float | None = None
+) -> JointRanking:
     """Return the verdict on all candidates of one joint.
 
     Parameters
@@ -160,10 +159,10 @@ def answer(
         ).known
         for label in {*labels, *(each.label for each in best.values())}
     }
-    return Answer(whole, held_out, best, delays)
+    return JointRanking(whole, held_out, best, delays)
 
 
-def choose(answers: Mapping[str, Answer]) -> Choice:
+def choose(answers: Mapping[str, JointRanking]) -> Choice:
     """Return the choice for the joints of one node, which has one observer.
 
     The error of a candidate is the geometric mean over the joints. It is better than another one
@@ -205,7 +204,7 @@ def choose(answers: Mapping[str, Answer]) -> Choice:
     )
 
 
-def sentences(joint: str, made: Answer, choice: Choice) -> list[str]:
+def sentences(joint: str, made: JointRanking, choice: Choice) -> list[str]:
     """Return the verdict on a joint in words."""
     label, verdict = choice.label(joint), made.verdict
     said = []
@@ -227,6 +226,6 @@ def sentences(joint: str, made: Answer, choice: Choice) -> list[str]:
     return said + verdict.sentences(label)
 
 
-def _quality(label: str, made: Answer) -> str:
-    error, late = made.verdict.rms.get(label, math.nan), made.delays.get(label, UNKNOWN)
+def _quality(label: str, made: JointRanking) -> str:
+    error, late = made.verdict.rms.get(label, math.nan), made.delays.get(label, UNKNOWN_DELAY)
     return f'error {shown(error)} rad/s rms, {late_by(late)}'

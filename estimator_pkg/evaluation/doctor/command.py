@@ -14,24 +14,29 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from estimator_pkg import destination, streams, whole_file
-from estimator_pkg.bags import unpacking
+from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.bags.reader import Bag, open_bag
-from estimator_pkg.bags.selection import MADE, TRUTH
+from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, TRUTH_NAMESPACE
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import plots
-from estimator_pkg.evaluation.checks.joint import LONGEST
-from estimator_pkg.evaluation.checks.readings import WARN, Finding, Readings
+from estimator_pkg.evaluation.checks.joint import LONGEST_STRETCH
+from estimator_pkg.evaluation.checks.readings import WARN, Finding
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report, second
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
-from estimator_pkg.evaluation.options import angle_argument, check_joints, joint_arguments
-from estimator_pkg.evaluation.ranking.verdict import Verdict
+from estimator_pkg.evaluation.options import (
+    PERIOD_KEY,
+    WRAP_PERIOD,
+    check_joints,
+    check_window,
+    joint_arguments,
+    window_arguments,
+    wrap_periods,
+)
 from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
@@ -43,8 +48,8 @@ from estimator_pkg.streams.contract import Request
 from estimator_pkg.streams.drive import DriveStream
 
 APPEAR = 5.0  # longest wait for a topic of joint states [s]
-ALONE = 0.5  # and for another one after the first [s]
-MANY = 2_000_000  # estimates that are worth a second process
+ANOTHER_TOPIC = 0.5  # and for another one after the first [s]
+PARALLEL_ESTIMATES = 2_000_000  # estimates that are worth a second process
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +58,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'bag',
         nargs='?',
         metavar='BAG',
-        help='bag folder, .mcap or .db3 file; the exit code is 1 if a check FAILs',
+        help='bag folder, .mcap or .db3 file, or a log; the exit code is 1 if a check FAILs',
     )
     parser.add_argument(
         '--live',
@@ -66,7 +71,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help='JointState with the measured positions (default: the only one, else /joint_states)',
     )
-    angle_argument(parser)
+    log_file.arguments(parser)
     parser.add_argument(
         '--params', metavar='YAML', help='motor data of a drive: parameter file of pmsm_observer'
     )
@@ -75,11 +80,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'a parameter of joint_observer, such as counts_per_revolution, or of pmsm_observer, '
         'such as resistance; repeatable',
     )
+    window_arguments(parser)
     joint_arguments(parser)
     parser.add_argument(
         '--out',
         metavar='YAML',
-        help='write a parameter file for joint_observer, unless a check FAILs',
+        help='write a parameter file for joint_observer, without gains of joints whose checks FAIL',
     )
     parser.add_argument('--html', metavar='FILE', help='write the report as a page with plots')
     unpacking.arguments(parser)
@@ -89,7 +95,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Check, print and write; return findings and verdict by joint."""
     if (parsed.bag is None) == (parsed.live is None):
         raise UsageError('name a bag, or listen with --live SECONDS: one of the two')
+    parsed.columns = log_file.columns(parsed)
     check_joints(parsed)
+    check_window(parsed)
     for path in (parsed.out, parsed.html):
         if path is not None:
             destination.check(path)
@@ -108,19 +116,15 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     """Examine a drive: the same for currents and voltages."""
-    (entry,) = requested.entries([drive.OBSERVER], parsed.params, parsed.set)
+    (entry,) = requested.entries([drive.PMSM], parsed.params, parsed.set)
     settings = dict(entry.values)
-    values = {'observer': drive.OBSERVER, **drive.ANY, **settings}
+    values = {'observer': drive.PMSM, **drive.ANY, **settings}
     chosen = wired(DriveStream, bag, values, Request(None, None))
-    found = drive.examine(bag, chosen, drive.needed(settings), parsed.motion_hz)
-    nothing = np.zeros(0)
-    no_stamps = np.zeros(0, np.int64)
-    none = Readings(found.name, no_stamps, no_stamps, nothing, nothing, math.tau)
-    examined = [Examined(none, found.findings, said=tuple(found.said), panels=found.panels)]
+    found = drive.examine(bag, chosen, drive.needed(settings))
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
-    parameters = drive.as_yaml(found, origin, chosen.input | settings)
-    choice = Choice(drive.OBSERVER, {found.name: found.values}, bool(found.values))
-    return _reported(parsed, examined, choice, origin, parameters, chosen, found.verdict)
+    missing = all(each.check == drive.MOTOR_DATA for each in found.failed)  # a form to fill in
+    parameters = drive.as_yaml(found, origin, chosen.input | settings) if missing else ''
+    return _reported(parsed, [found], Choice(drive.PMSM), origin, parameters, chosen)
 
 
 def _reported(
@@ -130,7 +134,6 @@ def _reported(
     origin: str,
     parameters: str,
     setup: Setup,
-    of_drive: Verdict | None = None,
 ) -> dict[str, Any]:
     """Print the report, write the requested files, and return the result for ``--json``.
 
@@ -138,10 +141,14 @@ def _reported(
     """
     print(report.text(examined, choice))
     if not parameters:
-        checks = dict.fromkeys(found.check for each in examined for found in each.failed)
+        checks = dict.fromkeys(found.check for each in examined for found in each.refused)
         none = f'{parsed.out} is not written' if parsed.out else 'No parameter file'
         show('', *wrapped(f'{none}: mend what FAILs first: {", ".join(checks)}'))
     elif parsed.out:
+        faulty = [each.readings.name for each in examined if each.refused]
+        if faulty:
+            left = f'{", ".join(faulty)}: no gains in it until what FAILs is mended'
+            show('', *wrapped(f'{parsed.out}: {left}'))
         whole_file.write_text(parsed.out, parameters)
         node = streams.named(setup.kind).NODE
         show('', f'parameters: {parsed.out}', *started(node, parsed.out, setup.remaps))
@@ -150,7 +157,6 @@ def _reported(
     if parsed.html:
         whole_file.write_text(parsed.html, report.page(examined, choice, origin, parameters))
         show(f'page: {parsed.html}')
-    verdicts = [of_drive if each.answer is None else each.answer.verdict for each in examined]
     return {
         'origin': origin,
         'topic': setup.topics[0].name,
@@ -161,9 +167,9 @@ def _reported(
             each.readings.name: {
                 'findings': [found.as_dict() for found in each.findings],
                 'gains': dict(choice.gains.get(each.readings.name, {})),
-                'verdict': None if verdict is None else verdict.as_dict(),
+                'verdict': None if each.answer is None else each.answer.verdict.as_dict(),
             }
-            for each, verdict in zip(examined, verdicts)
+            for each in examined
         },
         'ok': not any(each.failed for each in examined),
     }
@@ -176,8 +182,10 @@ def _examined(
     made: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Examine the readings of a bag; `made`: topic -> node of ours that publishes it."""
-    with open_bag(path, parsed.unpack_limit) as bag:
+    with open_bag(path, parsed.unpack_limit, parsed.columns) as bag:
         if is_drive(bag, parsed.measurement, parsed.angle):
+            if parsed.begin or parsed.end < math.inf:
+                raise UsageError('--from and --to are for joints: omit them for a drive')
             return _drive(parsed, bag, origin)
         if parsed.params:
             raise UsageError(
@@ -186,12 +194,13 @@ def _examined(
         settings = parse_assignments(parsed.set)
         if 'observer' in settings:
             raise UsageError('--set observer: doctor compares all observers, so omit it')
-        chosen = setup(bag, parsed.measurement, parsed.angle, parsed.wrap_period, settings)
-        joints = readings(bag, chosen)
+        period, _ = wrap_periods(parsed.wrap_period, [settings])
+        chosen = setup(bag, parsed.measurement, parsed.angle, period, settings)
+        joints = readings(bag, chosen, parsed.begin, parsed.end)
         topic = chosen.topics[0].name
         others = second.candidates(bag)
-    samples = sum(min(len(each.rows), LONGEST) for each in joints)
-    many = samples * len(candidates(1e3)) >= MANY
+    samples = sum(min(len(each.rows), LONGEST_STRETCH) for each in joints)
+    many = samples * len(candidates(1e3)) >= PARALLEL_ESTIMATES
     jobs = [(each, parsed.motion_hz, topic, others) for each in joints]
     with (
         workers(min(2, len(jobs)) if many else 1) as run_many,
@@ -208,15 +217,17 @@ def _examined(
     head = f'{origin}: {topic}, {len(joints)} joint{"s" * (len(joints) > 1)}'
     show(*wrapped(head), '')
     settings = chosen.input | settings
-    if parsed.wrap_period != 2.0 * math.pi:
-        settings.setdefault('wrap_period', parsed.wrap_period)
+    if period != WRAP_PERIOD:
+        settings.setdefault(PERIOD_KEY, period)
+    if len(examined) == 1 and examined[0].readings.free:
+        settings[PERIOD_KEY] = 0.0
     parameters = report.as_yaml(examined, choice, origin, settings, chosen.remaps)
     return _reported(parsed, examined, choice, origin, parameters, chosen)
 
 
 def _own(topic: str, made: Mapping[str, str]) -> list[Finding]:
     """Return the finding on a topic that is an estimate of ours; [] for any other."""
-    if topic not in made and not topic.endswith(MADE):
+    if topic not in made and not topic.endswith(ESTIMATE_SUFFIXES):
         return []
     of = f'the estimate of {made[topic]}' if topic in made else 'an estimate of ours'
     remedy = 'name the topic of the driver with --measurement'
@@ -248,12 +259,14 @@ def _running(named: str) -> tuple[list[str], dict[str, str]]:
                 if (
                     name == named
                     if named
-                    else TYPE in types and TRUTH not in f'{name}/' and not name.endswith(MADE)
+                    else TYPE in types
+                    and TRUTH_NAMESPACE not in f'{name}/'
+                    and not name.endswith(ESTIMATE_SUFFIXES)
                 )
                 and here.node.count_publishers(name)
             ]
             if names and not found:
-                end = time.monotonic() + ALONE
+                end = time.monotonic() + ANOTHER_TOPIC
             found = names
         if here.stopping:
             raise KeyboardInterrupt

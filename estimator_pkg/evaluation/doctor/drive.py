@@ -1,20 +1,18 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A drive without an encoder: what is wrong with its currents, voltages and motor data, and which
-form of `pmsm` to use.
+"""A drive without an encoder: what is wrong with its currents, voltages and motor data.
 
-The off-line electrical angle of the back-EMF (`evaluation.reference.back_emf`) judges. It needs no
-flux linkage, so it checks the given one, and a resistance that does not fit changes the amplitude
-of the back-EMF with the current.
+The off-line electrical angle of the back-EMF (`evaluation.reference.back_emf`) needs no flux
+linkage, so it checks the configured one. A resistance that does not fit changes the amplitude of
+the back-EMF with the current.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,46 +21,34 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Finding
-from estimator_pkg.evaluation.delay import measured
-from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Finding, Readings
+from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.matching import exact, pieces
 from estimator_pkg.evaluation.plots import COLOURS, GREY, Curve, Style, ahead, sample_times
-from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
-from estimator_pkg.evaluation.ranking.verdict import Verdict
-from estimator_pkg.evaluation.reference.back_emf import (
-    BackEmf,
-    Drive,
-    back_emf,
-    needed,
-    of_angles,
-    signals,
-)
-from estimator_pkg.evaluation.reference.motion import Motion, motion
+from estimator_pkg.evaluation.reference.back_emf import BackEmf, Drive, back_emf, needed, signals
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
 from estimator_pkg.evaluation.text import for_node, number, wrapped
 from estimator_pkg.streams.drive import ELECTRICAL, DriveSettings, DriveStream
 
-OBSERVER = 'pmsm'
-PHASES = 'phases'  # name of a check
-VARIANTS = ('hybrid', 'continuous')  # the default is 'identifier'
-FILTERS = (100.0, 300.0, 3000.0)  # of the speed [Hz], tried besides the default
-GAP = 1.5  # a longer step has lost samples [median sample times]
-LOST = 0.01  # a larger fraction of lost samples is reported
-SEEN = 0.5  # a smaller fraction of angles with enough back-EMF is reported
-FLUX = 0.15  # a larger relative difference of the flux linkage is reported
-RESISTANCE = 0.2  # the same of the resistance, if it is outside its 95 % interval
+PMSM = 'pmsm'
+PHASE_CHECK = 'phases'  # name of a check
+LOST_PART = 0.01  # a larger fraction of lost samples is reported
+SEEN_PART = 0.5  # a smaller fraction of angles with enough back-EMF is reported
+FLUX_TOLERANCE = 0.15  # a larger relative difference of the flux linkage is reported
+RESISTANCE_TOLERANCE = 0.2  # the same of the resistance, if it is outside its 95 % interval
 NORMAL = 1.96  # half of a 95 % interval [standard deviations]
-BLOCK, FEWEST = 10, 20  # windows that are averaged; least number of such blocks
-SHOWN = 250.0  # least power of a current that shows the resistance, over that of the noise
-ALIKE = 20.0  # neighbouring blocks share disturbances: fewer are independent
+BLOCK_WINDOWS, LEAST_BLOCKS = 10, 20  # windows that are averaged; least number of such blocks
+SHOWN_POWER = 250.0  # least power of a current that shows the resistance, over that of the noise
+CORRELATED_BLOCKS = 20.0  # neighbouring blocks share disturbances: fewer are independent
 SYSTEMATIC = 0.02  # relative error of a resistance without any noise
 HALF = 0.35, 0.7  # a resistance of this part of the one given: that was line to line
 CLEARLY = 0.5  # so is one whose half, with half of the inductance, leaves less than this part
-SLOWEST = 500.0  # a lower rate is that of a wrong unit of time [Hz]
-TOGETHER = 0.02  # time over which currents and voltages turn together [s],
+SLOWEST_RATE = 500.0  # a lower rate is that of a wrong unit of time [Hz]
+TURNING_TIME = 0.02  # time over which currents and voltages turn together [s],
 OPPOSED = 3.0  # or against each other: by this factor
 ANY = {'resistance': 1.0, 'inductance': 1e-3, 'flux': 0.1, 'pole_pairs': 1}  # to read the topics
-UNITS = {
+MOTOR_DATA = 'motor data'  # check that they are given
+MOTOR_UNITS = {
     'resistance': 'ohm, one phase to the star point: half of line to line',
     'inductance': 'H, one phase to the star point: half of line to line',
     'flux': 'Wb, flux linkage of the magnets',
@@ -70,45 +56,37 @@ UNITS = {
 }
 
 
-class Examined(NamedTuple):
-    """Findings on a drive, the verdict in words, and the parameters to use besides those given.
-
-    verdict : of the candidates; None without a reference. panels : of its plots, by title.
-    """
-
-    name: str
-    findings: list[Finding]
-    said: list[str]
-    values: Mapping[str, Any]
-    verdict: Verdict | None = None
-    panels: Mapping[str, Sequence[Curve]] = MappingProxyType({})
-
-
-def examine(
-    bag: Bag, setup: Setup, missing: Sequence[str] = (), motion_hz: float | None = None
-) -> Examined:
-    """Return all findings on the drive of a bag, and the verdict.
+def examine(bag: Bag, setup: Setup, missing: Sequence[str] = ()) -> Examined:
+    """Return all findings on the drive of a bag.
 
     Parameters
     ----------
     missing : motor data that nobody gave; the setup has any values for them.
-    motion_hz : highest frequency at which the speed changes [Hz]; None: not known.
     """
     name = f'{setup.values.get("joint", DriveSettings.joint)}{ELECTRICAL}'
     drive = signals(bag, setup)
     panels = _panels(drive)
     if missing:
         found = _of_samples(drive)
-        give = '; '.join(f'{each} ({UNITS[each]})' for each in missing)
-        found.append(Finding('motor data', FAIL, f'not given: {", ".join(missing)}', f'set {give}'))
+        give = '; '.join(f'{each} ({MOTOR_UNITS[each]})' for each in missing)
+        found.append(Finding(MOTOR_DATA, FAIL, f'not given: {", ".join(missing)}', f'set {give}'))
         options = ' '.join(f'--set {each}=...' for each in missing)
-        said = [f'No ranking: the motor data are needed. Add {options}, or --params FILE.']
-        return Examined(name, found, said, {}, panels=panels)
+        said = f'The motor data are needed: add {options}, or --params FILE.'
+        return Examined(_nothing(name), found, said=(said,), panels=panels)
     found, moved = checked(drive, setup.values)
-    if moved is None or moved.seldom:
-        said = ['No ranking: the rotor cannot be seen. Keep pmsm.']
-        return Examined(name, found, said, {}, panels=panels)
-    return _judged(name, found, bag, setup, of_angles(moved), motion_hz, panels, drive.stamps[0])
+    if moved is not None and not moved.seldom:
+        lock, speed = _lock(name, bag, setup, moved, drive.stamps[0])
+        found.append(lock)
+        panels = speed | panels
+    wrong = ', '.join(each.check for each in found if each.level != PASS)
+    said = f'Use {PMSM} with these motor data' + (f'; mend first: {wrong}.' if wrong else '.')
+    return Examined(_nothing(name), found, said=(said,), panels=panels)
+
+
+def _nothing(name: str) -> Readings:
+    """Return the readings of a joint without an encoder."""
+    stamps, values = np.zeros(0, np.int64), np.zeros(0)
+    return Readings(name, stamps, stamps, values, values, math.tau)
 
 
 def _panels(drive: Drive) -> dict[str, list[Curve]]:
@@ -128,7 +106,9 @@ def _panels(drive: Drive) -> dict[str, list[Curve]]:
     return panels | sample_times(time)
 
 
-def checked(drive: Drive, values: Mapping[str, Any]) -> tuple[list[Finding], Motion | None]:
+def checked(
+    drive: Drive, values: Mapping[str, Any]
+) -> tuple[list[Finding], ReferenceMotion | None]:
     """Return the findings on a drive with these motor data, and the motion that it shows."""
     found = _of_samples(drive)
     emf = back_emf(drive, values)
@@ -139,7 +119,7 @@ def checked(drive: Drive, values: Mapping[str, Any]) -> tuple[list[Finding], Mot
         )
         return [*found, Finding('back-EMF', FAIL, 'too small in every sample', remedy)], None
     moved = motion(emf.stamps, emf.angle, 0.0)
-    swapped = any(each.check == PHASES and each.level == WARN for each in found)
+    swapped = any(each.check == PHASE_CHECK and each.level == WARN for each in found)
     found.append(_of_back_emf(emf))
     return found + ([] if moved is None or swapped else _of_motor(emf, moved, values)), moved
 
@@ -155,7 +135,7 @@ def _of_samples(drive: Drive) -> list[Finding]:
     step = float(np.median(steps))
     lost = float(np.sum(np.rint(steps / step) - 1.0)) / (len(steps) + 1)
     longest = float(np.max(steps))
-    slow, often = 1.0 / step < SLOWEST, lost > LOST
+    slow, often = 1.0 / step < SLOWEST_RATE, lost > LOST_PART
     unit = 'check the unit of the stamps: milliseconds as seconds? A drive is sampled at kHz'
     jumps = f'the clock jumps back {back} time{"s" * (back > 1)}' if back else 'no jump back'
     one = 'one run or simulation per record; the longest is judged here' if back else ''
@@ -182,7 +162,7 @@ def _sense(drive: Drive) -> Finding:
     Of two vectors that turn the same way, the product of one with the conjugate of the other is
     nearly constant; of two that turn against each other, the product itself is.
     """
-    count = max(4, round(TOGETHER / (float(np.median(np.abs(np.diff(drive.stamps)))) * 1e-9)))
+    count = max(4, round(TURNING_TIME / (float(np.median(np.abs(np.diff(drive.stamps)))) * 1e-9)))
     whole = len(drive.stamps) // count * count
     current, voltage = (each[:whole].reshape(-1, count) for each in (drive.current, drive.voltage))
     same, against = (
@@ -192,9 +172,11 @@ def _sense(drive: Drive) -> Finding:
     if against > OPPOSED * same:
         text = 'currents and voltages turn in opposite directions'
         remedy = 'two phases are swapped in one of them: give both in the order a, b, c'
-        return Finding(PHASES, WARN, text, remedy)
+        return Finding(PHASE_CHECK, WARN, text, remedy)
     seen = same > OPPOSED * against
-    return Finding(PHASES, PASS, 'turn the same way' if seen else 'this record does not show it')
+    return Finding(
+        PHASE_CHECK, PASS, 'turn the same way' if seen else 'this record does not show it'
+    )
 
 
 def _of_back_emf(emf: BackEmf) -> Finding:
@@ -206,13 +188,13 @@ def _of_back_emf(emf: BackEmf) -> Finding:
         f'shows the rotor for {100.0 * share:.0f} % of the time, up to '
         f'{number(fastest, 4)} rad/s (electrical)'
     )
-    if share >= SEEN:
+    if share >= SEEN_PART:
         return Finding('back-EMF', PASS, text)
     remedy = 'nothing is judged while the motor is slow: turn it faster'
     return Finding('back-EMF', WARN, text, remedy)
 
 
-def _of_motor(emf: BackEmf, moved: Motion, values: Mapping[str, Any]) -> list[Finding]:
+def _of_motor(emf: BackEmf, moved: ReferenceMotion, values: Mapping[str, Any]) -> list[Finding]:
     """Return the findings on flux linkage and resistance.
 
     Parameters
@@ -221,13 +203,13 @@ def _of_motor(emf: BackEmf, moved: Motion, values: Mapping[str, Any]) -> list[Fi
     """
     speed = exact(emf.stamps, moved.stamps[moved.firm], moved.plain[moved.firm])
     known = np.isfinite(speed)
-    if np.count_nonzero(known) < FEWEST:
+    if np.count_nonzero(known) < LEAST_BLOCKS:
         return []
     size, speed, current = emf.size[known], speed[known], emf.current[known]
     flux, more, half_width = _fitted(size, np.abs(speed), current.real)
     given, resistance = float(values['flux']), float(values['resistance'])
     inductance = float(values['inductance'])
-    wrong = abs(flux / given - 1.0) > FLUX
+    wrong = abs(flux / given - 1.0) > FLUX_TOLERANCE
     text = f'{number(flux, 4)} Wb, given {number(given, 4)} Wb'
     remedy = f'set flux to {number(flux, 4)}, or check resistance, voltages and scaling'
     level = WARN if wrong else PASS
@@ -237,7 +219,7 @@ def _of_motor(emf: BackEmf, moved: Motion, values: Mapping[str, Any]) -> list[Fi
     fits = resistance + more
     half_width = math.hypot(half_width, SYSTEMATIC * resistance)
     shown = half_width < resistance
-    doubt = half or (shown and abs(more) > max(half_width, RESISTANCE * resistance))
+    doubt = half or (shown and abs(more) > max(half_width, RESISTANCE_TOLERANCE * resistance))
     text = (
         f'half of {number(resistance, 3)} ohm, with half of the inductance, fits better'
         if half
@@ -262,8 +244,8 @@ def _of_motor(emf: BackEmf, moved: Motion, values: Mapping[str, Any]) -> list[Fi
 
 
 def _blocks(values: np.ndarray) -> np.ndarray:
-    """Return the means of `BLOCK` neighbours each, whose noise is less."""
-    count = max(1, min(BLOCK, len(values) // FEWEST))
+    """Return the means of `BLOCK_WINDOWS` neighbours each, whose noise is less."""
+    count = max(1, min(BLOCK_WINDOWS, len(values) // LEAST_BLOCKS))
     return values[: len(values) // count * count].reshape(-1, count).mean(axis=1)
 
 
@@ -285,86 +267,40 @@ def _fitted(size: np.ndarray, speed: np.ndarray, current: np.ndarray) -> tuple[f
     apart = current - speed * (current @ speed) / power
     noise = float(np.median(np.abs(np.diff(current, 2)))) * 1.4826 / math.sqrt(6.0)
     own = float(apart @ apart)
-    if own <= SHOWN * noise**2 * len(apart):
+    if own <= SHOWN_POWER * noise**2 * len(apart):
         return float(size @ speed) / power, 0.0, math.inf
     more = float(apart @ size) / own
     flux = float((size - more * current) @ speed) / power
     rest = size - flux * speed - more * current
-    return flux, more, NORMAL * math.sqrt(ALIKE * float(np.mean(rest**2)) / own)
+    return flux, more, NORMAL * math.sqrt(CORRELATED_BLOCKS * float(np.mean(rest**2)) / own)
 
 
-def candidates() -> list[Entry]:
-    """Return the forms of `pmsm` that are compared, the default first."""
-    found = [Entry(OBSERVER, OBSERVER)]
-    found += [_entry(variant=each) for each in VARIANTS]
-    return found + [_entry(speed_filter_hz=hz) for hz in FILTERS]
-
-
-def _entry(**values: Any) -> Entry:
-    parts = [f'{each:g} Hz' if isinstance(each, float) else str(each) for each in values.values()]
-    return Entry(' '.join([OBSERVER, *parts]), OBSERVER, tuple(values.items()))
-
-
-def _judged(
-    name: str,
-    found: list[Finding],
-    bag: Bag,
-    setup: Setup,
-    moved: Motion,
-    motion_hz: float | None,
-    panels: dict[str, list[Curve]],
-    start_ns: int,
-) -> Examined:
-    """Return the result with the ranking of the candidates, and the panel of the speed.
+def _lock(
+    name: str, bag: Bag, setup: Setup, moved: ReferenceMotion, start_ns: int
+) -> tuple[Finding, dict[str, list[Curve]]]:
+    """Return the finding on how long `pmsm` has an estimate, and the panel of the speed.
 
     Parameters
     ----------
-    panels : of the other plots. start_ns : of all times in them.
+    moved : the motion that the angles of the back-EMF show. start_ns : time zero of the plots.
     """
-    whole = recording(bag, setup, {}).per_sample()
-    velocity, share, why = {}, 0.0, ''
+    why, share, speed = '', 0.0, list[Curve]()
     run = max(pieces(moved.stamps), key=len)
-    entries = {entry.label: entry for entry in candidates()}
-    for label, entry in entries.items():
-        try:
-            made = whole.run(OBSERVER, dict(entry.values)).get(name)
-        except UserError as error:
-            why = str(error)
-            continue
-        if made is None or not len(made.stamps):
-            continue
-        velocity[label] = at_reference(moved, made.stamps, made.velocity)[run]
-        if label == OBSERVER:
-            share = len(np.unique(made.stamps)) / max(len(made.due), 1)
+    time = (moved.stamps[run] - start_ns) * 1e-9
+    try:
+        made = recording(bag, setup, {}).per_sample().run(PMSM, {}).get(name)
+    except UserError as error:
+        made, why = None, str(error)
+    if made is not None and len(made.stamps):
+        share = len(np.unique(made.stamps)) / max(len(made.due), 1)
+        velocity = exact(moved.stamps, made.stamps, made.velocity)[run]
+        speed.append(Curve(PMSM, '@ rad/s', time, velocity, Style(COLOURS[0], 'solid').line))
+    speed.append(Curve('back-EMF', '@ rad/s', time, moved.plain[run], Style(GREY, 'solid').line))
     text = f'pmsm has an estimate for {100.0 * share:.0f} % of the samples'
-    remedy = '' if share >= SEEN else why or 'see flux linkage and resistance'
-    level = PASS if share >= SEEN else WARN if share else FAIL
-    found.append(Finding('lock', level, text, remedy))
-    if not velocity:
-        said = [f'No ranking: {why or "no form has an estimate"}.']
-        return Examined(name, found, said, {}, panels=panels)
-    moved = moved.part(run)
-    verdict = rank(velocity, moved, OBSERVER, motion_hz)
-    chosen = verdict.choice
-    values = dict(entries[chosen].values)
-    said = []
-    if chosen in verdict.rms:
-        how = 'with ' + ', '.join(f'{k}: {v}' for k, v in values.items()) if values else 'as it is'
-        late, half = measured(moved.time, velocity[chosen], moved.velocity).known
-        text = f'Use {OBSERVER} {how}: error {number(verdict.rms[chosen], 2)} rad/s rms'
-        if math.isfinite(late):
-            text += f', {number(late * 1e3, 2)} +- {number(half * 1e3, 1)} ms late'
-        said.append(f'{text}.')
-    said += verdict.sentences()
-    time = (moved.stamps - start_ns) * 1e-9
-    of_emf = Curve('back-EMF', '@ rad/s', time, moved.velocity, Style(GREY, 'solid').line)
-    blue = Style(COLOURS[0], 'solid').line
-    speed = [
-        *(Curve(each, '@ rad/s', time, velocity[each], blue) for each in {chosen} & {*velocity}),
-        of_emf,
-    ]
-    panels = {f'electrical speed [rad/s]; blue: {chosen}, grey: back-EMF': speed, **panels}
-    return Examined(name, found, said, values, verdict, panels)
+    remedy = '' if share >= SEEN_PART else why or 'see flux linkage and resistance'
+    level = PASS if share >= SEEN_PART else WARN if share else FAIL
+    title = 'electrical speed [rad/s]; blue: pmsm, grey: back-EMF'
+    return Finding('lock', level, text, remedy), {title: speed}
 
 
 def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str:
@@ -377,14 +313,14 @@ def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str
     lines = [
         f'Made by velocity_estimator doctor from {origin}.',
         *for_node(DriveStream.NODE),
-        'Judged without ground truth, by the off-line angle of the back-EMF.',
-        *examined.said[:2],
+        'Checked by the off-line angle of the back-EMF.',
+        *examined.said,
     ]
     written = [yaml_text.comment(each) for line in lines for each in wrapped(line, 78)]
     written += ['/**:', '  ros__parameters:']
-    for name, value in {'observer': OBSERVER, **settings, **examined.values}.items():
+    for name, value in {'observer': PMSM, **settings}.items():
         if params_file.parameter_of(name) == name:
             written.append(f'    {yaml_text.key(name)}: {yaml_text.scalar(value)}')
     for name in needed(settings):
-        written.append(f'    # {name}:  # {UNITS[name]}')
+        written.append(f'    # {name}:  # {MOTOR_UNITS[name]}')
     return '\n'.join(written) + '\n'

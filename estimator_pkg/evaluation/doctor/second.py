@@ -27,22 +27,24 @@ from estimator_pkg.driver.configuration import AS_ANGLE, AS_RATE, Configuration,
 from estimator_pkg.driver.fused import FusedJoint
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.checks.readings import PASS, Finding, Readings, Rows
-from estimator_pkg.evaluation.doctor.choice import DEFAULT
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import shown
-from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.observers import DEFAULT
 
 Array = NDArray[np.float64]
 
 IMU = SourceSettings.field_type
 FOLLOWS = 0.9  # correlation with the joint's position from which a sensor may be of the joint
-FEWEST = 100  # values without which nothing is examined
-LONGEST, ENOUGH = 10_000, 2_500  # readings that are run; and that are, before it was used once
-MOST = 3  # sensors of a joint that are run
-USED = 0.2  # of the readings, informed by a source that agrees
-ALONE, WITH = 'without', 'with'
+GEARED = 0.99999  # and another joint of the same messages: joints of an arm move together, too
+FEWEST_VALUES = 100  # values without which nothing is examined
+MOST_RUN = 10_000  # readings that are run
+TRIED_FIRST = 2_500  # of them before the sensor was used once
+MOST_SENSORS = 3  # sensors of a joint that are run
+USED_PART = 0.2  # of the readings, informed by a source that agrees
+WITHOUT, WITH = 'without', 'with'
 
 
 class Candidate(NamedTuple):
@@ -66,12 +68,16 @@ class Candidate(NamedTuple):
         same = self.joint == joint
         return not self.joint or (same if self.kind == AS_RATE else not same or self.topic != topic)
 
+    def is_beside(self, joint: str, topic: str) -> bool:
+        """Return True if it is another joint of the same messages."""
+        return self.topic == topic and self.joint not in ('', joint)
+
 
 def candidates(bag: Bag) -> list[Candidate]:
     """Return the angular velocities of the gyros, and positions and velocities of the joints."""
     found = []
     for topic in bag.topics.values():
-        if topic.type == IMU and topic.count >= FEWEST:
+        if topic.type == IMU and topic.count >= FEWEST_VALUES:
             store = store_for(topic.type, topic.definition)
             for axis in 'xyz':
                 path, parts = f'angular_velocity.{axis}', []
@@ -95,7 +101,7 @@ def candidates(bag: Bag) -> list[Candidate]:
                 ('position', AS_ANGLE, each.position),
                 ('velocity', AS_RATE, each.velocity),
             ):
-                if np.count_nonzero(np.isfinite(values)) >= FEWEST and np.nanmax(
+                if np.count_nonzero(np.isfinite(values)) >= FEWEST_VALUES and np.nanmax(
                     values
                 ) > np.nanmin(values):
                     found.append(
@@ -106,7 +112,7 @@ def candidates(bag: Bag) -> list[Candidate]:
 
 def examine(
     seen: Readings,
-    moved: Motion,
+    moved: ReferenceMotion,
     rows: Rows,
     topic: str,
     every: Sequence[Candidate],
@@ -130,8 +136,12 @@ def examine(
             text = f'{imu}: no axis follows the joint (correlation {follows[id(chosen)]:.2f})'
             found.append(Finding('second sensor', PASS, text))
         may = [each for each in may if each.topic != imu or each is chosen]
-    may = [each for each in may if follows[id(each)] >= FOLLOWS]
-    for each in sorted(may, key=lambda each: -follows[id(each)])[:MOST]:
+    may = [
+        each
+        for each in may
+        if follows[id(each)] >= (GEARED if each.is_beside(seen.name, topic) else FOLLOWS)
+    ]
+    for each in sorted(may, key=lambda each: -follows[id(each)])[:MOST_SENSORS]:
         text, error, numbers = _judged(each, seen, moved, rows, motion_hz)
         found.append(Finding('second sensor', PASS, text, '', numbers))
         if error < least:
@@ -139,12 +149,12 @@ def examine(
     return found, {} if best is None else _parameters(best, seen.name)
 
 
-def _follows(each: Candidate, moved: Motion, period: float) -> float:
+def _follows(each: Candidate, moved: ReferenceMotion, period: float) -> float:
     """Return the correlation of its angle or integral with the joint's position, without trends."""
     start, end = int(moved.stamps[0]), int(moved.stamps[-1])
     kept = (each.stamps_ns >= start) & (each.stamps_ns <= end) & np.isfinite(each.values)
     time = (each.stamps_ns[kept] - start) * 1e-9
-    if len(time) < FEWEST or not np.all(np.diff(time) >= 0.0):
+    if len(time) < FEWEST_VALUES or not np.all(np.diff(time) >= 0.0):
         return 0.0
     angle = each.values[kept]
     if each.kind == AS_RATE:
@@ -159,10 +169,10 @@ def _follows(each: Candidate, moved: Motion, period: float) -> float:
 
 
 def _judged(
-    each: Candidate, seen: Readings, moved: Motion, rows: Rows, motion_hz: float | None
+    each: Candidate, seen: Readings, moved: ReferenceMotion, rows: Rows, motion_hz: float | None
 ) -> tuple[str, float, dict[str, Any]]:
     """Return the result in words, the error if it pays (else infinite), and its numbers."""
-    more = {'quantum': seen.quantum} if seen.quantum else {}
+    more = {'quantum': seen.own_quantum} if seen.own_quantum else {}
     observer = observers.find(DEFAULT)
     configuration = Configuration(observer, {'wrap_period': seen.period, **more})
     settings = SourceSettings(kind=each.kind)
@@ -173,14 +183,14 @@ def _judged(
     arrived, stamps, values = (
         array[first:].tolist() for array in (each.arrival_ns, each.stamps_ns, each.values)
     )
-    rows = rows[:LONGEST]
+    rows = rows[:MOST_RUN]
     for stamp, now, position in zip(
         seen.stamps_ns[rows].tolist(), seen.arrival_ns[rows].tolist(), seen.position[rows].tolist()
     ):
         while at < len(arrived) and arrived[at] <= now:
             joint.receive(0, stamps[at], values[at])
             at += 1
-        if not used and len(made) >= ENOUGH:
+        if not used and len(made) >= TRIED_FIRST:
             break
         if joint.update(stamp, position):
             used += sensor.used
@@ -190,20 +200,24 @@ def _judged(
     lead = f'{each.topic} {each.field}: '
     numbers: dict[str, Any] = {'topic': each.topic, 'field': each.field, 'used': used / len(rows)}
     numbers |= {k: {'value': v, 'stddev': s} for k, (v, s, _) in sensor.learnt().items()}
-    if used < USED * len(rows) or not made:
+    if used < USED_PART * len(rows) or not made:
         return f'{lead}{sensor.text()}', math.inf, numbers
     times, *velocities = (np.array(column) for column in zip(*made))
     part = moved.between(int(times[0]) - 1, int(times[-1]))
     estimates = {
-        name: at_reference(part, times, one) for name, one in zip((WITH, ALONE), velocities)
+        name: at_reference(part, times, one) for name, one in zip((WITH, WITHOUT), velocities)
     }
-    verdict = rank(estimates, part, ALONE, motion_hz)
+    verdict = rank(estimates, part, WITHOUT, motion_hz)
     if len(verdict.rms) < 2:
         return f'{lead}{sensor.text()}', math.inf, numbers
-    pays = verdict.better(WITH, ALONE) > 0
-    numbers |= {'error_with': verdict.rms[WITH], 'error_without': verdict.rms[ALONE], 'pays': pays}
+    pays = verdict.better(WITH, WITHOUT) > 0
+    numbers |= {
+        'error_with': verdict.rms[WITH],
+        'error_without': verdict.rms[WITHOUT],
+        'pays': pays,
+    }
     text = (
-        f'{lead}{sensor.text()}; error {shown(verdict.rms[ALONE])} rad/s rms without it, at most '
+        f'{lead}{sensor.text()}; error {shown(verdict.rms[WITHOUT])} rad/s rms without it, at most '
         f'{shown(verdict.rms[WITH])} with it: '
         + ('it pays (95 %)' if pays else 'no gain is proven')
     )

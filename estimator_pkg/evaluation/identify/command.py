@@ -19,10 +19,10 @@ from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.identify.data import recording
-from estimator_pkg.evaluation.identify.fit import DELAY, ROUNDS, Found, fit
+from estimator_pkg.evaluation.identify.fit import DELAY, ROUNDS, FitResult, fit
 from estimator_pkg.evaluation.identify.joint import identify
 from estimator_pkg.evaluation.identify.model import Unknowns, unknowns
-from estimator_pkg.evaluation.identify.pieces import Recording
+from estimator_pkg.evaluation.identify.pieces import MechanismSamples
 from estimator_pkg.evaluation.identify.wheels import NAMES, UNITS, identified
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build, parse_assignments
@@ -30,8 +30,8 @@ from estimator_pkg.printable import show
 from estimator_pkg.progress import progress
 from estimator_pkg.yaml_text import comment, scalar
 
-JOINT, WHEELS = 'single_joint', 'wheel_odometry'
-LITTLE = 0.5  # below this explained fraction of held-out motion the model is not trusted
+JOINT_MODEL, WHEELS = 'single_joint', 'wheel_odometry'
+LEAST_EXPLAINED = 0.5  # below this explained fraction of held-out motion the model is not trusted
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,9 +40,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--model',
         metavar='NAME',
-        default=JOINT,
+        default=JOINT_MODEL,
         help=f"a model of 'velocity_estimator list models', your own as package.module:Name, or "
-        f'{WHEELS} for radius and track of a base on wheels (default {JOINT})',
+        f'{WHEELS} for radius and track of a base on wheels (default {JOINT_MODEL})',
     )
     parser.add_argument(
         '--out', metavar='YAML', help='parameter file of the node that uses the model, to write'
@@ -95,7 +95,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         topic = measurement_topic(bag, parsed.measurement)
         samples, names = recording(bag, topic, fitted.make(fitted.start), parsed.joint)
     delay = 0.0
-    if parsed.model == JOINT:
+    if parsed.model == JOINT_MODEL:
         fitted, delay = first_guess(samples, fitted, fixed, start)
     with progress('identify', 2 * ROUNDS) as advance:
         found = fit(samples, fitted, delay, advance)
@@ -172,24 +172,24 @@ def _run_wheels(
 
 
 def first_guess(
-    samples: Recording, wanted: Unknowns, given: Mapping[str, Any], start: Mapping[str, Any]
+    samples: MechanismSamples, unknown: Unknowns, fixed: Mapping[str, Any], start: Mapping[str, Any]
 ) -> tuple[Unknowns, float]:
     """Return the start of the fit for a single joint, and its torque delay, by the weak form."""
     from estimator_pkg.models.single_joint import Parameters
 
-    fixed = build(Parameters, {**start, **given})
+    known = build(Parameters, {**start, **fixed})
     guess = identify(
         samples.time,
         samples.positions[:, 0],
-        samples.inputs[:, 0] * fixed.torque_constant * fixed.gear_ratio,
-        fixed.coulomb_speed,
+        samples.inputs[:, 0] * known.torque_constant * known.gear_ratio,
+        known.coulomb_speed,
     )
-    values = {name: value for name, value in guess.items() if name in wanted.names}
-    return (unknowns(JOINT, given, {**values, **start}), guess[DELAY])
+    values = {name: value for name, value in guess.items() if name in unknown.names}
+    return (unknowns(JOINT_MODEL, fixed, {**values, **start}), guess[DELAY])
 
 
 def _print(
-    bag: Any, model: str, names: tuple[str, ...], found: Found, units: tuple[str, ...]
+    bag: Any, model: str, names: tuple[str, ...], found: FitResult, units: tuple[str, ...]
 ) -> None:
     show(
         f'{bag}: {model}, {", ".join(names)}; {found.pieces[0]} pieces to identify, '
@@ -203,7 +203,7 @@ def _print(
     )
     for name, here, there in zip(names, found.residual, found.residual_elsewhere):
         show(f'  {name}: residual {here:.3g} rms in that part, {there:.3g} in the held-out part')
-    if found.explained_elsewhere < LITTLE:
+    if found.explained_elsewhere < LEAST_EXPLAINED:
         print(
             '  the model explains little of the held-out motion: do not rely on it; use a low '
             'disturbance bandwidth only'
@@ -211,7 +211,12 @@ def _print(
 
 
 def _write(
-    path: Path, model: str, names: tuple[str, ...], texts: tuple[str, ...], found: Found, bag: str
+    path: Path,
+    model: str,
+    names: tuple[str, ...],
+    texts: tuple[str, ...],
+    found: FitResult,
+    bag: str,
 ) -> None:
     deviations = dict(zip(found.names, found.deviations))
     values = dict(zip(found.names, found.values))
@@ -244,7 +249,7 @@ COMMAND = Command(
     run,
     examples=(
         (
-            'bags/dfki_simple_pendulum/sac_200hz_multiturn --out joint.yaml',
+            'bags/dfki_simple_pendulum/system_identification_300hz --out joint.yaml',
             'inertia, friction and gravity of a joint, from positions and efforts',
         ),
         ('BAG --joint elbow --set inertia=0.02', 'one joint of several, with a known parameter'),

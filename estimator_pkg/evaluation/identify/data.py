@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series, joint_series
 from estimator_pkg.errors import UsageError, UserError, suggestion
-from estimator_pkg.evaluation.identify.pieces import Recording
+from estimator_pkg.evaluation.identify.pieces import MechanismSamples
 from estimator_pkg.models.mechanics import Mechanics
 
 Array = NDArray[np.float64]
 
 
 def recording(
-    bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str]
-) -> tuple[Recording, tuple[str, ...]]:
+    bag: Bag, topic: str, mechanics: Mechanics, requested: Sequence[str]
+) -> tuple[MechanismSamples, tuple[str, ...]]:
     """Return the mechanism's samples, sorted by time, and the names of its joints in the topic.
 
     Stamps at which a joint is missing are skipped, as are repeated and older ones.
 
     Parameters
     ----------
-    wanted : names of the joints, in the order of the model's positions; empty: the model's own, or
+    requested : names of the joints, in the order of the positions; empty: the model's own, or
         the only joint of the topic.
 
     Raises
@@ -37,7 +37,7 @@ def recording(
     UserError : a joint does not exist, or an input has no efforts.
     """
     every = joint_series(bag, topic)
-    names = _names(bag, topic, mechanics, wanted, every)
+    names = _names(bag, topic, mechanics, requested, every)
     stamps, rows = common(names, every)
     positions = np.column_stack([every[name].position[row] for name, row in zip(names, rows)])
     inputs = np.zeros((len(stamps), mechanics.inputs))
@@ -58,14 +58,14 @@ def recording(
     for column, period in enumerate(mechanics.periods):
         if period > 0.0:
             positions[:, column] = np.unwrap(positions[:, column], period=period)
-    return Recording((stamps - stamps[0]) * 1e-9, positions, inputs), names
+    return MechanismSamples((stamps - stamps[0]) * 1e-9, positions, inputs), names
 
 
 def _names(
-    bag: Bag, topic: str, mechanics: Mechanics, wanted: Sequence[str], every: dict[str, Series]
+    bag: Bag, topic: str, mechanics: Mechanics, requested: Sequence[str], every: dict[str, Series]
 ) -> tuple[str, ...]:
     count = mechanics.degrees
-    if not wanted:
+    if not requested:
         if all(name in every for name in mechanics.joints):
             return mechanics.joints
         if len(every) == count == 1:
@@ -74,18 +74,18 @@ def _names(
             f"topic '{topic}' has the joints {', '.join(every)}: choose those of model "
             f"'{mechanics.name}' with --joint, once for each of {', '.join(mechanics.joints)}"
         )
-    for name in wanted:
+    for name in requested:
         if name not in every:
             raise UserError(
                 f"topic '{topic}' of {bag.path} has no joint '{name}': {suggestion(name, every)}"
             )
-    if len(wanted) != count or len(set(wanted)) != count:
+    if len(requested) != count or len(set(requested)) != count:
         raise UsageError(
             f"model '{mechanics.name}' has {count} joints "
             f'({", ".join(mechanics.joints)}): give --joint {count} times, not '
-            f'{len(wanted)}'
+            f'{len(requested)}'
         )
-    return tuple(wanted)
+    return tuple(requested)
 
 
 def common(

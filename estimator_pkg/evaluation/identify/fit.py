@@ -25,21 +25,27 @@ from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.identify.model import Unknowns
-from estimator_pkg.evaluation.identify.pieces import COARSE, Recording, accumulated, cut, thinned
+from estimator_pkg.evaluation.identify.pieces import (
+    PLAIN_STEP,
+    MechanismSamples,
+    accumulated,
+    cut,
+    thinned,
+)
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanism.motion import Motion
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation
 
 Array = NDArray[np.float64]
 Predict = Callable[[Array, slice, Array], Array]  # (parameters, piece, start) -> positions
 
-FINEST = 5e-4  # longest integration step of a model of ours [s]
+MODEL_STEP = 5e-4  # longest integration step of a model of ours [s]
 ROUNDS = 60  # largest number of simulations of all pieces in a fit
 CONVERGED = 1e-3, 1e-6  # smallest relative changes of cost and parameters, for weights and fit
 DELAY = 'input_delay'
-LATEST = 0.1  # largest delay of the inputs [s]
+LARGEST_DELAY = 0.1  # largest delay of the inputs [s]
 
 
-class Found(NamedTuple):
+class FitResult(NamedTuple):
     """Parameters with their standard deviations.
 
     names : of the model's parameters, then input_delay if the model has inputs.
@@ -62,11 +68,11 @@ class Found(NamedTuple):
 
 
 def fit(
-    recording: Recording,
+    recording: MechanismSamples,
     unknowns: Unknowns,
     delay: float = 0.0,
     advance: Callable[[int], None] = lambda rounds: None,
-) -> Found:
+) -> FitResult:
     """Return the parameters that explain the recording best.
 
     Parameters
@@ -86,8 +92,8 @@ def fit(
     driven = mechanics.inputs > 0
     more = [DELAY] if driven else []
     numbers = np.append(unknowns.start, [delay] if driven else [])
-    low = np.append(unknowns.lowest, [-LATEST] if driven else [])
-    high = np.append(unknowns.highest, [LATEST] if driven else [])
+    low = np.append(unknowns.lowest, [-LARGEST_DELAY] if driven else [])
+    high = np.append(unknowns.highest, [LARGEST_DELAY] if driven else [])
     predict = _predictor(recording, unknowns, driven)
     first, second = (_Part(recording, predict, pieces, high) for pieces in cut(recording))
 
@@ -125,20 +131,20 @@ def fit(
     elsewhere = second.quality(numbers)
     _, explained = first.quality(numbers)
     pieces = len(first.pieces), len(second.pieces)
-    return Found(
+    return FitResult(
         names, numbers, deviations, residual, elsewhere[0], explained, elsewhere[1], pieces
     )
 
 
-def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predict:
+def _predictor(recording: MechanismSamples, unknowns: Unknowns, driven: bool) -> Predict:
     """Return a function for the positions of a piece by parameters and start (q, then v)."""
     time, n = recording.time, recording.positions.shape[1]
     total = accumulated(time, recording.inputs)
 
     @lru_cache(64)
-    def moving(numbers: tuple[float, ...]) -> tuple[Mechanics, Motion]:
+    def moving(numbers: tuple[float, ...]) -> tuple[Mechanics, MechanismSimulation]:
         mechanics = unknowns.make(np.array(numbers))
-        return mechanics, Motion(mechanics, np.zeros(n), np.zeros(n))
+        return mechanics, MechanismSimulation(mechanics, np.zeros(n), np.zeros(n))
 
     def predict(numbers: Array, piece: slice, start: Array) -> Array:
         mechanics, motion = moving(tuple((numbers[:-1] if driven else numbers).tolist()))
@@ -148,7 +154,7 @@ def _predictor(recording: Recording, unknowns: Unknowns, driven: bool) -> Predic
         for column in range(mechanics.inputs):
             acted = np.interp(at - numbers[-1], time, total[:, column])
             inputs[:, column] = np.diff(acted) / steps
-        parts = (steps / (FINEST if mechanics.ours else COARSE)).astype(np.int64) + 1
+        parts = (steps / (MODEL_STEP if mechanics.ours else PLAIN_STEP)).astype(np.int64) + 1
         motion.begin(start[:n], start[n:])
         return motion.run(inputs, steps, parts)[0]
 
@@ -173,7 +179,7 @@ class _Part:
     """A part of a recording, whose pieces have the starts that fit best."""
 
     def __init__(
-        self, recording: Recording, predict: Predict, pieces: Sequence[slice], high: Array
+        self, recording: MechanismSamples, predict: Predict, pieces: Sequence[slice], high: Array
     ) -> None:
         self.pieces = pieces
         self.weights: Array = np.ones(recording.positions.shape[1])  # of the joints
@@ -255,7 +261,7 @@ class _Part:
         return rms, 1.0 - float(np.sum(rest**2)) / straight if straight > 0.0 else -np.inf
 
 
-def _parabola(recording: Recording, piece: slice) -> Array:
+def _parabola(recording: MechanismSamples, piece: slice) -> Array:
     """Return positions and velocities [SI] at the start, shape (2 n,): those of a parabola."""
     count = min(piece.stop - piece.start, max(8, (piece.stop - piece.start) // 4))
     rows = slice(piece.start, piece.start + count)

@@ -22,15 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.identify.pieces import GAP, PART
+from estimator_pkg.evaluation.identify.pieces import FIT_FRACTION, LONGEST_GAP
 
 Array = NDArray[np.float64]
 
-WINDOW = 0.3  # length of a window [s]
+WINDOW_S = 0.3  # length of a window [s]
 OVERLAP = 4  # windows that cover each moment
 DELAYS = np.arange(-0.004, 0.0401, 0.001)  # of the torque [s]
-FEWEST = 20  # smallest number of windows
-LOWEST = (-np.inf, 0.0, 0.0, -np.inf, -np.inf, -np.inf)  # frictions are not negative
+FEWEST_WINDOWS = 20  # smallest number of windows
+LOWER_BOUNDS = (-np.inf, 0.0, 0.0, -np.inf, -np.inf, -np.inf)  # frictions are not negative
 
 
 def identify(time: Array, position: Array, torque: Array, width: float) -> dict[str, float]:
@@ -47,23 +47,23 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> dict[
     """
     from scipy.optimize import lsq_linear
 
-    rows, wanted, centres = _windows(time, position, torque, width)
-    split = time[0] + PART * (time[-1] - time[0])
-    first = centres < split - 0.5 * WINDOW
-    second = centres > split + 0.5 * WINDOW
-    if np.count_nonzero(first) < FEWEST or np.count_nonzero(second) < FEWEST // 2:
+    rows, targets, centres = _windows(time, position, torque, width)
+    split = time[0] + FIT_FRACTION * (time[-1] - time[0])
+    first = centres < split - 0.5 * WINDOW_S
+    second = centres > split + 0.5 * WINDOW_S
+    if np.count_nonzero(first) < FEWEST_WINDOWS or np.count_nonzero(second) < FEWEST_WINDOWS // 2:
         raise UserError(
             f'the recording is too short to identify a joint: it has {len(centres)} '
-            f'windows of {WINDOW:g} s without a gap and needs {2 * FEWEST}: record longer'
+            f'windows of {WINDOW_S:g} s without a gap and needs {2 * FEWEST_WINDOWS}: record longer'
         )
-    rows, wanted = rows[first], wanted[first]
+    rows, targets = rows[first], targets[first]
     scale = np.linalg.norm(rows, axis=0)
     if not np.all(scale > 0.0) or np.linalg.cond(rows / scale) > 1e4:
         raise UserError(
             'the motion in the recording does not distinguish inertia, friction and '
             'gravity: record more varied motion'
         )
-    solved = [lsq_linear(rows / scale, each, (LOWEST, np.inf)) for each in wanted.T]
+    solved = [lsq_linear(rows / scale, each, (LOWER_BOUNDS, np.inf)) for each in targets.T]
     best = min(range(len(DELAYS)), key=lambda index: solved[index].cost)
     inertia, damping, coulomb, sine, cosine, bias = (solved[best].x / scale).tolist()
     if not inertia > 0.0:
@@ -89,7 +89,7 @@ def _windows(
     """Return (rows of the least squares, right-hand sides for each delay, the windows' centres)."""
     steps = np.diff(time)
     usual = float(np.median(steps))
-    half = 0.5 * WINDOW
+    half = 0.5 * WINDOW_S
     kernel = np.hanning((max(3, round(0.02 / usual)) | 1) + 2)
     rough = np.convolve(np.gradient(position, time), kernel[1:-1] / kernel.sum(), mode='same')
     weights = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))
@@ -99,9 +99,9 @@ def _windows(
         [signs, np.sin(position), np.cos(position), np.ones(len(time)), *late]
     )
     rows, centres = [], []
-    for centre in np.arange(time[0] + half, time[-1] - half, WINDOW / OVERLAP):
+    for centre in np.arange(time[0] + half, time[-1] - half, WINDOW_S / OVERLAP):
         begin, end = np.searchsorted(time, (centre - half, centre + half))
-        if end - begin < 8 or np.max(steps[begin : end - 1]) > GAP * usual:
+        if end - begin < 8 or np.max(steps[begin : end - 1]) > LONGEST_GAP * usual:
             continue
         s = (time[begin:end] - centre) / half
         inner = 1.0 - s * s
@@ -112,4 +112,4 @@ def _windows(
         rows.append([bend @ q, -(slope @ q), *((w * inner**3) @ signals[begin:end])])
         centres.append(centre)
     every = np.array(rows).reshape(-1, 2 + signals.shape[1])
-    return every[:, : len(LOWEST)], every[:, len(LOWEST) :], np.array(centres)
+    return every[:, : len(LOWER_BOUNDS)], every[:, len(LOWER_BOUNDS) :], np.array(centres)

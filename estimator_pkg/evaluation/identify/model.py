@@ -44,22 +44,22 @@ class Unknowns:
     texts: Callable[[Array], tuple[str, ...]]
 
 
-def unknowns(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
+def unknowns(name: str, fixed: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
     """Return the unknowns of a built-in model, or of a user's own.
 
     Parameters
     ----------
-    given : fixed parameters with known values.
+    fixed : fixed parameters with known values.
     start : start values; the others start from the model's own.
 
     Raises
     ------
     UsageError : no such model, no such parameter, or no unknown parameter.
     """
-    both = set(given) & set(start)
+    both = set(fixed) & set(start)
     if both:
         raise UsageError(f"'{both.pop()}' is in both --set and --start: omit one")
-    found = _own(name, given, start) if ':' in name else _built_in(name, given, start)
+    found = _own(name, fixed, start) if ':' in name else _built_in(name, fixed, start)
     if not found.names:
         raise UsageError(
             f"model '{name}' has no unknown parameter: --set fixes all; omit some of them"
@@ -67,7 +67,7 @@ def unknowns(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> U
     return found
 
 
-def _built_in(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
+def _built_in(name: str, fixed: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
     record = registry.find(registry.MODELS, name)
     if not isinstance(record, Model) or not record.identified:
         raise UsageError(f"model '{name}' has no parameters that can be identified")
@@ -77,12 +77,12 @@ def _built_in(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> 
             raise UsageError(
                 f"'{key}' of model '{name}' is not identified: {suggestion(key, record.identified)}"
             )
-    first: Any = build(record.parameters, {**given, **start}, owner=f"model '{name}'")
-    names = tuple(key for key in record.identified if key not in given)
+    first: Any = build(record.parameters, {**fixed, **start}, owner=f"model '{name}'")
+    names = tuple(key for key in record.identified if key not in fixed)
 
     def parameters(numbers: Array) -> Any:
         values = dict(zip(names, numbers.tolist()))
-        return build(record.parameters, {**given, **values}, owner=f"model '{name}'")
+        return build(record.parameters, {**fixed, **values}, owner=f"model '{name}'")
 
     return Unknowns(
         name,
@@ -96,26 +96,26 @@ def _built_in(name: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> 
     )
 
 
-def _own(path: str, given: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
-    first = own.numbers(own.instance(path, {**given, **start}), path)
+def _own(path: str, fixed: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
+    first = own.numbers(own.instance(path, {**fixed, **start}), path)
     if not first:
         raise UsageError(
             f"model '{path}' lists no parameters to identify: "
             "add an attribute 'parameters' with their names"
         )
-    names = tuple(key for key in first if key not in given)
+    names = tuple(key for key in first if key not in fixed)
 
     def make(numbers: Array) -> Mechanics:
         return own.guarded(
             own.mechanics_of(
-                own.instance(path, {**given, **dict(zip(names, numbers.tolist()))}), path
+                own.instance(path, {**fixed, **dict(zip(names, numbers.tolist()))}), path
             )
         )
 
     def texts(numbers: Array) -> tuple[str, ...]:
         return tuple(
             f'{key}={float(value)!r}'
-            for key, value in {**given, **dict(zip(names, numbers.tolist()))}.items()
+            for key, value in {**fixed, **dict(zip(names, numbers.tolist()))}.items()
         )
 
     size = len(names)

@@ -7,23 +7,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator_pkg.evaluation.ranking.verdict import STANDING
-from estimator_pkg.evaluation.reference.motion import Motion
-from estimator_pkg.evaluation.reference.put_back import SEEN
+from estimator_pkg.evaluation.ranking.verdict import NEVER_SHOWN
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
+from estimator_pkg.evaluation.reference.vibration import UNEXPLAINED_PART
 from estimator_pkg.evaluation.text import number
 
 AT_REST = 0.01  # a joint that moves less in the whole record is at rest [rad]
-SHORT = 5.0  # a shorter record shows too little of the motion [s]
-DOUBT = 'judge by a measured truth, or record again without jumps and repeated readings'
+SHORT_RECORD = 5.0  # a shorter record shows too little of the motion [s]
+NEVER_SHOWN_BY_EMF = (
+    'currents and voltages show neither a wrong resistance or inductance, which acts on the '
+    'reference too, nor a constant error of the angle, nor anything near standstill'
+)
+UNSEEN_PART = 0.1  # a larger fraction of the readings without a reference may decide otherwise
+JUDGE_BY_TRUTH = 'judge by a measured truth, or record again without jumps and repeated readings'
 
 
-def cautions(reference: Motion) -> tuple[str, ...]:
+def cautions(reference: ReferenceMotion) -> tuple[str, ...]:
     """Return the cautions for this joint, most important first; the last one always applies."""
     found = []
     left = reference.smoothed
     if left.contradicted:
-        found.append(f'{contradiction(left)}; every error here may be wrong: {DOUBT}')
+        found.append(f'{contradiction(left)}; every error here may be wrong: {JUDGE_BY_TRUTH}')
     if reference.constant:
         found.append(
             f'the joint {_steady(reference)}, so noise alone is ranked and delay is not: record '
@@ -41,17 +46,28 @@ def cautions(reference: Motion) -> tuple[str, ...]:
             'new readings make the reference'
         )
     if (
-        not (reference.standing or reference.constant or reference.put_back or reference.seldom)
-        and left.unexplained > SEEN * left.uncertainty
+        not (reference.of_emf or reference.constant or reference.vibrates or reference.seldom)
+        and left.unexplained > UNEXPLAINED_PART * left.uncertainty
     ):
         found.append(
             f'an oscillation of {number(left.unexplained, 2)} rad/s in the readings is taken for '
             'tones of the counts, not for motion'
         )
     length = float(reference.time[-1] - reference.time[0])
-    if length < SHORT:
+    if length < SHORT_RECORD:
         found.append(f'the record has only {number(length, 2)} s: a longer one may rank otherwise')
-    return (*found, reference.standing or STANDING)
+    return (*found, NEVER_SHOWN_BY_EMF if reference.of_emf else NEVER_SHOWN)
+
+
+def unseen(reference: ReferenceMotion) -> str:
+    """Return why a ranking would not be of what is published; '' if it is."""
+    if reference.unseen <= UNSEEN_PART:
+        return ''
+    return (
+        f'{reference.unseen:.0%} of the readings have no reference, because they repeat older ones '
+        'while the joint moves, and the estimates there may err most: publish each reading once, '
+        'with the stamp of when it was taken, or judge by a measured truth (--truth)'
+    )
 
 
 def contradiction(smoothed: Smoothed) -> str:
@@ -62,7 +78,7 @@ def contradiction(smoothed: Smoothed) -> str:
     )
 
 
-def _steady(reference: Motion) -> str:
+def _steady(reference: ReferenceMotion) -> str:
     speed = float(np.max(np.abs(reference.velocity)))
     if speed * float(reference.time[-1] - reference.time[0]) < AT_REST:
         return 'is at rest'

@@ -13,21 +13,21 @@
   reason; `Verdict.choice` is then the default.
 - `reference` may be None: `motion` returns that for too few readings.
 - `motion_hz` is the user's one number: the highest frequency at which the joint moves.
-- `Verdict` (evaluation.ranking.verdict) has best, ties, rms, pairs, motion_hz, other, cautions,
-  sentences() and as_dict().
+- `Verdict` (evaluation.ranking.verdict) has best, ties, rms, pairs, other, cautions, sentences()
+  and as_dict().
 
 The error of a conditional mean is orthogonal to every function of the data. Hence the mean of
 (a - r)^2 ranks causal estimates a as the truth would, if r = E[v | all readings], and r's own
 variance only adds to all of them. The smoother is that mean as far as its model is right. A pair is
 declared only if its difference is significant against the reference with and without the vibration
-that was put back.
+that was recovered.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -35,19 +35,18 @@ from numpy.typing import NDArray
 
 from estimator_pkg.evaluation import pairs as test
 from estimator_pkg.evaluation.matching import exact
-from estimator_pkg.evaluation.ranking.cautions import cautions
-from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
-from estimator_pkg.evaluation.ranking.verdict import Pair, Verdict, shown
-from estimator_pkg.evaluation.reference.motion import ABOVE, Motion
+from estimator_pkg.evaluation.ranking.cautions import cautions, unseen
+from estimator_pkg.evaluation.ranking.verdict import ComparedPair, Verdict, shown
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 
 Array = NDArray[np.float64]
 
-SKIPPED, AT_MOST = 1.0, 0.15  # ignored at the beginning [s], at most this part of the record
+SKIPPED, SKIP_PART = 1.0, 0.15  # ignored at the beginning [s], at most this part of the record
 PRESENT = 0.9  # a candidate with fewer than this fraction of the most estimates is not ranked
-FEWEST = 80  # smallest number of samples with all estimates
+FEWEST_COMMON = 80  # smallest number of samples with all estimates
 
 
-def at_reference(reference: Motion, stamps: NDArray[np.int64], velocity: Array) -> Array:
+def at_reference(reference: ReferenceMotion, stamps: NDArray[np.int64], velocity: Array) -> Array:
     """Return the estimates at the reference's stamps, nan where there is none.
 
     Parameters
@@ -59,7 +58,7 @@ def at_reference(reference: Motion, stamps: NDArray[np.int64], velocity: Array) 
 
 def rank(
     candidates: Mapping[str, Array],
-    reference: Motion | None,
+    reference: ReferenceMotion | None,
     default: str = '',
     motion_hz: float | None = None,
     skip: float | None = None,
@@ -69,7 +68,6 @@ def rank(
     Parameters
     ----------
     candidates : name -> velocities at `reference.stamps`, shape (n,) [rad/s]; nan: no estimate.
-        Each is read three times, one at a time, so a mapping may load them when they are read.
     reference : None: too few readings.
     default : the candidate that is kept where it is as good as the best; ignored if it has no
         estimates.
@@ -89,53 +87,40 @@ def rank(
             why=f'the reading changes only {max(reference.smoothed.changes, 0)} times, too rarely '
             'to show the motion: record a longer or faster motion',
         )
+    if unseen(reference):
+        return replace(nothing, why=unseen(reference))
     elapsed = reference.time - reference.time[0]
     counted = reference.firm & (
-        elapsed >= (min(SKIPPED, AT_MOST * elapsed[-1]) if skip is None else skip)
+        elapsed >= (min(SKIPPED, SKIP_PART * elapsed[-1]) if skip is None else skip)
     )
     names, rows = _common(candidates, counted)
     unranked = tuple(name for name in candidates if name not in names)
-    if not names or len(rows) < FEWEST:
+    if not names or len(rows) < FEWEST_COMMON:
         return replace(nothing, why='there are too few estimates', unranked=unranked)
     default = default if default in names else ''
     references = [reference.velocity[rows]]
-    if reference.put_back:
+    if reference.vibrates:
         references.append(reference.plain[rows])
     block = test.blocks(reference.time[rows])
-    scores = {
-        name: _score(candidates[name][rows], references, block, reference.rate) for name in names
+    sums = {
+        name: [np.bincount(block, (candidates[name][rows] - each) ** 2) for each in references]
+        for name in names
     }
-    when = np.bincount(block, elapsed[rows]) / np.maximum(np.bincount(block), 1)
-    found = _ranked(scores, reference, default, when)
+    count = np.bincount(block)
+    when = np.bincount(block, elapsed[rows]) / np.maximum(count, 1)
+    own = float(reference.stddev**2)
+    found = _ranked(sums, count, own, default, when)
     found = replace(found, cautions=said, unranked=unranked, tunable=not reference.constant)
-    if reference.motion_hz is not None:
-        found = replace(found, motion_hz=min(found.motion_hz, ABOVE * reference.motion_hz))
     if len(references) == 1:
         return found
-    plain = {name: each[1:] for name, each in scores.items()}
-    other = _ranked(plain, reference, default, when)
+    plain = {name: each[1:] for name, each in sums.items()}
+    other = _ranked(plain, count, own, default, when)
     same = other.best == found.best or found.best in other.ties
     return replace(
         found,
         question_hz=reference.vibration_hz,
         other=None if same else replace(other, cautions=said),
     )
-
-
-@dataclass(frozen=True)
-class _Against:
-    """An estimate against one reference: sums of squared errors by block, and its frequencies."""
-
-    sums: NDArray
-    count: NDArray
-    frequencies: Frequencies
-
-    @property
-    def mean(self) -> float:
-        return float(np.sum(self.sums) / np.sum(self.count))
-
-
-_Score = tuple[_Against, ...]  # against each reference, the one with the vibration first
 
 
 def _common(
@@ -152,55 +137,43 @@ def _common(
     return names, np.flatnonzero(common)
 
 
-def _score(
-    values: Array, references: Sequence[Array], block: NDArray[np.int64], rate: float
-) -> _Score:
-    """Return the score of an estimate; arrays of shape (n,)."""
-    count = np.bincount(block).astype(float)
-    return tuple(
-        _Against(
-            np.bincount(block, (values - each) ** 2), count, Frequencies.of(values, each, rate)
-        )
-        for each in references
-    )
-
-
-def _ranked(scores: Mapping[str, _Score], reference: Motion, default: str, when: Array) -> Verdict:
-    """Return best, ties, rms, pairs and frequency against the first of the references.
+def _ranked(
+    sums: Mapping[str, Sequence[NDArray]],
+    count: NDArray[np.int64],
+    own: float,
+    default: str,
+    when: Array,
+) -> Verdict:
+    """Return best, ties, rms and pairs against the first of the references.
 
     Parameters
     ----------
+    sums : by name, the squared errors summed by block, shape (blocks,), against each reference.
+    count : shape (blocks,), samples of each block. own : variance of the reference [(rad/s)^2].
     when : shape (blocks,), time of each block in the record [s].
     """
-    own = float(reference.stddev**2)
-    rms = {name: math.sqrt(each[0].mean + own) for name, each in scores.items()}
+    mean = {name: float(np.sum(each[0]) / np.sum(count)) + own for name, each in sums.items()}
+    rms = {name: math.sqrt(each) for name, each in mean.items()}
     order = sorted(rms, key=rms.__getitem__)
-    found = tuple(_pair(a, b, scores, own, when) for a, b in combinations(order, 2))
+
+    def pair(first: str, second: str) -> ComparedPair:
+        """Return a pair; every reference must agree on its sign."""
+        found = [
+            test.of_sums([one - other], [count]) for one, other in zip(sums[first], sums[second])
+        ]
+        scale = 2.0 * max(mean[first], 1e-300)
+        signs = {each.sign for each in found}
+        printed = {shown(rms[name]) for name in (first, second)}
+        return ComparedPair(
+            first,
+            second,
+            signs.pop() if len(signs) == 1 and len(printed) == 2 else 0,
+            100.0 * (math.sqrt(1.0 + 2.0 * abs(found[0].mean) / scale) - 1.0),
+            100.0 * max(each.half for each in found) / scale,
+            tuple(when[test.events(sums[first][0] - sums[second][0])].tolist()),
+        )
+
+    pairs = tuple(pair(a, b) for a, b in combinations(order, 2))
     best = order[0]
-    return Verdict(
-        best,
-        default,
-        tuple(pair.second for pair in found if pair.first == best and not pair.sign),
-        {name: rms[name] for name in order},
-        found,
-        rests_on([scores[name][0].frequencies for name in order], reference.rate),
-    )
-
-
-def _pair(first: str, second: str, scores: Mapping[str, _Score], own: float, when: Array) -> Pair:
-    """Return a pair; every reference must agree on its sign."""
-    found = [
-        test.of_sums([one.sums - other.sums], [one.count])
-        for one, other in zip(scores[first], scores[second])
-    ]
-    scale = 2.0 * max(scores[first][0].mean + own, 1e-300)
-    signs = {each.sign for each in found}
-    printed = {shown(math.sqrt(scores[name][0].mean + own)) for name in (first, second)}
-    return Pair(
-        first,
-        second,
-        signs.pop() if len(signs) == 1 and len(printed) == 2 else 0,
-        100.0 * (math.sqrt(1.0 + 2.0 * abs(found[0].mean) / scale) - 1.0),
-        100.0 * max(each.half for each in found) / scale,
-        tuple(when[test.events(scores[first][0].sums - scores[second][0].sums)].tolist()),
-    )
+    ties = tuple(each.second for each in pairs if each.first == best and not each.sign)
+    return Verdict(best, default, ties, {name: rms[name] for name in order}, pairs)

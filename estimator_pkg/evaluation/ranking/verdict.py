@@ -13,13 +13,13 @@ from typing import Any
 from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.text import number
 
-STANDING = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
-VAGUE = 300.0  # a larger bound is no help [%]
-EQUAL = 30.0  # estimates whose errors differ by less may be called equal [%]
+NEVER_SHOWN = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
+VAGUE_BOUND = 300.0  # a larger bound is no help [%]
+EQUAL_WITHIN = 30.0  # estimates whose errors differ by less may be called equal [%]
 
 
 @dataclass(frozen=True)
-class Pair:
+class ComparedPair:
     """Two estimates compared.
 
     first, second : names; the first has the smaller error.
@@ -59,7 +59,6 @@ class Verdict:
     ties : names that are as good as the best, as far as the readings show.
     rms : expected rms error by name, the reference's own variance added [rad/s]; best first.
     pairs : all pairs, best first.
-    motion_hz : the choice rests on motion up to this frequency [Hz]; nan: on none.
     question_hz : frequency of an oscillation that is motion or sensor noise; nan: none.
     other : the verdict if it is sensor noise; None: the same.
     cautions : what limits the verdict, most important first; the last one always applies.
@@ -72,11 +71,10 @@ class Verdict:
     default: str = ''
     ties: tuple[str, ...] = ()
     rms: Mapping[str, float] = field(default_factory=dict)
-    pairs: tuple[Pair, ...] = ()
-    motion_hz: float = math.nan
+    pairs: tuple[ComparedPair, ...] = ()
     question_hz: float = math.nan
     other: Verdict | None = None
-    cautions: tuple[str, ...] = (STANDING,)
+    cautions: tuple[str, ...] = (NEVER_SHOWN,)
     why: str = ''
     unranked: tuple[str, ...] = ()
     tunable: bool = True
@@ -86,7 +84,7 @@ class Verdict:
         """The estimate to use, by the rule of `chosen`; the default if nothing can be ranked."""
         return chosen(self.rms, (self.default,), self.better) if self.best else self.default
 
-    def pair(self, one: str, other: str) -> Pair | None:
+    def pair(self, one: str, other: str) -> ComparedPair | None:
         """Return the pair of these names, in the order of their errors."""
         return next(
             (each for each in self.pairs if {each.first, each.second} == {one, other}), None
@@ -108,7 +106,7 @@ class Verdict:
             keep = f'; use {self.default} as it is' if self.default else ''
             return [f'No ranking: {self.why}{keep}.', *map(_sentence, self.cautions)]
         use = self.choice if use is None else use
-        said = [self._first(use), *self._pairs(use), *self._events(), *self._rests(use)]
+        said = [self._first(use), *self._pairs(use), *self._events(), *self._question()]
         return [*said, *map(_sentence, self.cautions)]
 
     def _first(self, use: str) -> str:
@@ -118,8 +116,8 @@ class Verdict:
         if not self._differ(use):
             within = max(pair.within for pair in self._of_best())
             keep = f': keep {self.default}' if self.default else ''
-            if within > EQUAL:
-                most = f' (within {percent(within)} %)' if within < VAGUE else ''
+            if within > EQUAL_WITHIN:
+                most = f' (within {percent(within)} %)' if within < VAGUE_BOUND else ''
                 return f'None can be distinguished here{most}{keep}.'
             return f'All are equal within {percent(within)} % here{keep}.'
         text = f'{self.best} is best: {own}'
@@ -140,8 +138,8 @@ class Verdict:
         worse = [pair.second for pair in self._of_best() if pair.sign]
         found = [f'{self.best} is better than {listed(worse)} (95 %).'] if worse else []
         ties = [pair for pair in self._of_best() if not pair.sign]
-        vague = [pair.second for pair in ties if pair.within > EQUAL]
-        found += [f'{pair.sentence()}.' for pair in ties if pair.within <= EQUAL]
+        vague = [pair.second for pair in ties if pair.within > EQUAL_WITHIN]
+        found += [f'{pair.sentence()}.' for pair in ties if pair.within <= EQUAL_WITHIN]
         return found + (
             [f'{self.best} and {listed(vague)} cannot be distinguished.'] if vague else []
         )
@@ -156,7 +154,7 @@ class Verdict:
             f'{times}.'
         ]
 
-    def _of_best(self) -> list[Pair]:
+    def _of_best(self) -> list[ComparedPair]:
         return [pair for pair in self.pairs if pair.first == self.best]
 
     def _differ(self, use: str) -> bool:
@@ -164,20 +162,13 @@ class Verdict:
         other = bool(self.default) and use != self.default
         return other or any(pair.sign for pair in self.pairs)
 
-    def _rests(self, use: str) -> list[str]:
-        found = []
-        if self.other is not None:
-            hz = percent(self.question_hz)
-            found.append(
-                f'{self.other.best} is best if the {hz} Hz are sensor noise, {self.best} if they '
-                'are motion: answer with --motion-hz.'
-            )
-        if math.isfinite(self.motion_hz) and self._differ(use):
-            found.append(
-                f'This rests on motion up to {percent(self.motion_hz)} Hz. If the joint is slower, '
-                'set --motion-hz.'
-            )
-        return found
+    def _question(self) -> list[str]:
+        if self.other is None:
+            return []
+        return [
+            f'{self.other.best} is best if the {percent(self.question_hz)} Hz are sensor noise, '
+            f'{self.best} if they are motion: answer with --motion-hz.'
+        ]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for ``--json``."""
@@ -198,7 +189,6 @@ class Verdict:
                 }
                 for each in self.pairs
             ],
-            'motion_hz': self.motion_hz,
             'question_hz': self.question_hz,
             'other': None if self.other is None else self.other.best,
             'cautions': list(self.cautions),

@@ -23,8 +23,8 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import Series
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
-from estimator_pkg.evaluation.matching import PAUSE, pieces
-from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.matching import PIECE_PAUSE, pieces
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.signals import wrapped
 from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.cdr import MalformedMessageError
@@ -37,16 +37,12 @@ from estimator_pkg.streams.drive import ABC, DRIVE_SAMPLES, ELECTRICAL, DriveSet
 Array = NDArray[np.float64]
 Vectors = NDArray[np.complex128]
 
-RATE = 2000.0  # of the angles, at most [Hz]
+ANGLE_RATE = 2000.0  # of the angles, at most [Hz]
 ROUGH = 2e-3  # window of the rough speed of the frame [s]
-ALIKE = 0.3  # turns over one and two samples are clear if their sizes differ by less
-WHOLE = 0.7  # least part of a window with samples
+ALIKE_TURNS = 0.3  # turns over one and two samples are clear if their sizes differ by less
+FULL_PART = 0.7  # least part of a window with samples
 RUN = 9  # angles in a row of which all are seen
-CLEAR = 8.0  # the mean back-EMF must exceed its standard deviation by this factor
-STANDING = (
-    'currents and voltages show neither a wrong resistance or inductance, which acts on the '
-    'reference too, nor a constant error of the angle, nor anything near standstill'
-)
+CLEAR_EMF = 8.0  # the mean back-EMF must exceed its standard deviation by this factor
 
 
 class Drive(NamedTuple):
@@ -140,9 +136,9 @@ def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
         return None
     steps = np.diff(drive.stamps) * 1e-9
     step = float(np.median(steps))
-    hop = max(1, round(1.0 / (RATE * step)))
+    hop = max(1, round(1.0 / (ANGLE_RATE * step)))
     back = steps <= 0.0
-    steps = np.where(back, PAUSE, steps)
+    steps = np.where(back, PIECE_PAUSE, steps)
     current, voltage = drive.current, _acting(drive.voltage, float(values.get('voltage_delay', 0)))
     mean = 0.5 * (current[1:] + current[:-1])
     dead = float(values.get('dead_time_voltage', 0.0))
@@ -168,7 +164,7 @@ def back_emf(drive: Drive, values: Mapping[str, Any]) -> BackEmf | None:
     least = EMF_SPEED * flux if least is None else float(least)
     at = np.arange(hop, len(emf) - hop, hop)
     size = np.abs(slow[at])
-    seen = (size > least) & (size > CLEAR * noise[at]) & (share[at] > WHOLE)
+    seen = (size > least) & (size > CLEAR_EMF * noise[at]) & (share[at] > FULL_PART)
     run = np.convolve(seen, np.ones(RUN), 'same') > RUN - 0.5
     seen = np.convolve(run, np.ones(RUN), 'same') > 0.5  # without those that are seen by chance
     if np.count_nonzero(seen) < 12:
@@ -225,7 +221,7 @@ def _rough_speed(emf: Vectors, known: NDArray[np.bool_], step: float) -> Array |
         return None
     one = one[1:]
     slow, fast = 0.5 * np.angle(two), np.angle(one)
-    clear = np.abs(np.abs(one) / np.maximum(np.abs(two), 1e-300) - 1.0) < ALIKE
+    clear = np.abs(np.abs(one) / np.maximum(np.abs(two), 1e-300) - 1.0) < ALIKE_TURNS
     rough = (slow + np.pi * np.rint(np.where(clear, fast - slow, 0.0) / np.pi)) / step
     rows = np.arange(len(emf), dtype=float)
     return np.asarray(np.interp(rows, rows[1:-1][whole], rough[whole]))
@@ -244,12 +240,12 @@ def measured(bag: Bag, setup: Setup) -> dict[str, Series]:
     return {f'{setup.values.get("joint", DriveSettings.joint)}{ELECTRICAL}': found.series()}
 
 
-def of_angles(moved: Motion) -> Motion:
+def of_angles(moved: ReferenceMotion) -> ReferenceMotion:
     """Return the motion that the angles of a back-EMF show.
 
     Their noise rises with the frequency, so what the smoother leaves is no vibration.
     """
-    return replace(moved, velocity=moved.plain, vibration_hz=math.nan, standing=STANDING)
+    return replace(moved, velocity=moved.plain, vibration_hz=math.nan, of_emf=True)
 
 
 def _acting(voltage: Vectors, delay: float) -> Vectors:

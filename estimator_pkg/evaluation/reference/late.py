@@ -22,10 +22,10 @@ from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.reference.reference import Reference
 
-MATTERS = 2e-4  # a shorter lag of the truth does not matter [s]
-SURE = 3.0  # a lag is significant, and lags differ, from this many standard deviations on
-ALIKE = 0.1  # but not if they differ by less than this fraction
-ENOUGH = 20_000  # readings that the smoother needs at most
+LEAST_LAG = 2e-4  # a shorter lag of the truth does not matter [s]
+LAG_SURE = 3.0  # a lag is significant, and lags differ, from this many standard deviations on
+LAGS_ALIKE = 0.1  # but not if they differ by less than this fraction
+LAG_READINGS = 20_000  # readings that the smoother needs at most
 
 
 class Lag(NamedTuple):
@@ -48,10 +48,10 @@ def common_lag(references: Mapping[str, Reference]) -> Lag | None:
     mean = sum(weight * each.lag for weight, each in zip(weights, found)) / sum(weights)
     stddev = sum(weights) ** -0.5
     same = all(
-        abs(each.lag - mean) <= max(SURE * each.stddev, ALIKE * abs(mean), 0.5 * MATTERS)
+        abs(each.lag - mean) <= max(LAG_SURE * each.stddev, LAGS_ALIKE * abs(mean), 0.5 * LEAST_LAG)
         for each in found
     )
-    return Lag(mean, stddev) if same and mean > max(MATTERS, SURE * stddev) else None
+    return Lag(mean, stddev) if same and mean > max(LEAST_LAG, LAG_SURE * stddev) else None
 
 
 def confirmed(lag: Lag, truth: Series, measurement: Series, period: float) -> bool:
@@ -61,8 +61,8 @@ def confirmed(lag: Lag, truth: Series, measurement: Series, period: float) -> bo
     ----------
     truth, measurement : of the same joint. period : wrap period [rad]; 0: none.
     """
-    first = max(0, (len(measurement.stamps_ns) - ENOUGH) // 2)
-    part = slice(first, first + ENOUGH)
+    first = max(0, (len(measurement.stamps_ns) - LAG_READINGS) // 2)
+    part = slice(first, first + LAG_READINGS)
     moved = motion(measurement.stamps_ns[part], measurement.position[part], period)
     if moved is None or moved.seldom or moved.constant:
         return False
@@ -71,4 +71,4 @@ def confirmed(lag: Lag, truth: Series, measurement: Series, period: float) -> bo
         return False
     velocity = np.where(moved.firm, moved.velocity, np.nan)[at.rows]
     early = delay(at.time, velocity, at.velocity)
-    return abs(early + lag.lag) <= max(SURE * lag.stddev, ALIKE * lag.lag, 0.5 * MATTERS)
+    return abs(early + lag.lag) <= max(LAG_SURE * lag.stddev, LAGS_ALIKE * lag.lag, 0.5 * LEAST_LAG)

@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SAME = 1e-6  # readings within this fraction of the largest are one level (they were float32)
+SAME_LEVEL = 1e-6  # readings within this fraction of the largest are one level (they were float32)
 WIDEST = 4.0  # largest spread of one level, over that distance
-ENOUGH = 8  # smallest number of levels for a result,
-REPEATED = 10  # unless each was read this often
-WHOLE = 0.1  # a spacing counts as an integer number of quanta within this fraction of a quantum
-SHARE = 0.9  # fraction of the spacings that must be integers
+ENOUGH_LEVELS = 8  # smallest number of levels for a result,
+READ_OFTEN = 10  # unless each was read this often
+WHOLE_TO = 0.1  # a spacing counts as an integer number of quanta within this fraction of a quantum
+WHOLE_PART = 0.9  # fraction of the spacings that must be integers
 CLEARLY_FINER = 0.7  # below this ratio, the quantum of the steps replaces that of the levels
-FEW = 8.0  # only spacings up to this many quanta count: wider ones may be integers by chance
+STEADY_PART = 0.9  # a larger part of the steps that repeat the one before,
+SINGLE_PART = 0.01  # and a smaller one that differs alone,
+FEWEST_STEPS = 20  # in motion, from which they show a commanded speed
+FEW_QUANTA = 8.0  # only spacings up to this many quanta count: wider ones may be integers by chance
 
 
 def quantum(readings: Array) -> float:
@@ -33,14 +36,34 @@ def quantum(readings: Array) -> float:
     finite = readings[np.isfinite(readings)]
     if len(finite) < 2:
         return 0.0
-    same = SAME * float(np.max(np.abs(finite)))
+    same = SAME_LEVEL * float(np.max(np.abs(finite)))
     moves = np.diff(finite)
     found = _spacing(finite, same)
     wrap = max(0.5 * float(np.ptp(finite)), 1.5 * found)  # moves are shorter
     finer = _spacing(moves[np.abs(moves) < wrap], 2.0 * same)
-    if not found or not finer:
+    if not finer or steady(moves, finer):
         return 0.0
+    if not found:  # of three or more counts a step the levels are no neighbours
+        counts = (finite - finite[0]) / finer
+        return finer if np.mean(np.abs(counts - np.rint(counts)) < WHOLE_TO) > WHOLE_PART else 0.0
     return finer if finer < CLEARLY_FINER * found else found
+
+
+def steady(moves: Array, count: float) -> bool:
+    """Return True if the steps in motion are those of a few constant speeds, without counts.
+
+    Counts of a constant speed alternate: near a whole number of counts a step, single ones differ.
+
+    Parameters
+    ----------
+    moves : shape (n,), steps between readings. count : their supposed quantum.
+    """
+    in_motion = np.abs(moves[:-1]) > WHOLE_TO * count
+    same = np.abs(np.diff(moves)) < WHOLE_TO * count
+    if np.count_nonzero(in_motion) < FEWEST_STEPS or np.mean(same[in_motion]) < STEADY_PART:
+        return False
+    back = np.abs(moves[2:] - moves[:-2]) < WHOLE_TO * count
+    return bool(np.mean((back & ~same[1:])[in_motion[:-1]]) < SINGLE_PART)
 
 
 def _spacing(values: Array, same: float) -> float:
@@ -53,14 +76,14 @@ def _spacing(values: Array, same: float) -> float:
     if np.max(levels[last] - levels[first]) > WIDEST * same:
         return 0.0
     spacings = np.diff(np.add.reduceat(levels, first) / (last - first + 1))
-    fewest = 1 if len(values) >= REPEATED * (len(spacings) + 1) else ENOUGH - 1
+    fewest = 1 if len(values) >= READ_OFTEN * (len(spacings) + 1) else ENOUGH_LEVELS - 1
     if len(spacings) < fewest:
         return 0.0
     step = float(np.min(spacings))
     step = float(np.mean(spacings[spacings < 1.5 * step]))
-    near = spacings[spacings < FEW * step] / step
-    whole = np.abs(near - np.rint(near)) < WHOLE
-    if len(near) < fewest or np.mean(whole) < SHARE:
+    near = spacings[spacings < FEW_QUANTA * step] / step
+    whole = np.abs(near - np.rint(near)) < WHOLE_TO
+    if len(near) < fewest or np.mean(whole) < WHOLE_PART:
         return 0.0
     near = near[whole]
     return float(step * np.sum(near) / np.sum(np.rint(near)))

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.delay import GAP
+from estimator_pkg.evaluation.delay import GAP_STEPS
 from estimator_pkg.evaluation.options import SMOOTHER
 from estimator_pkg.evaluation.reference.white_noise import noise
 from estimator_pkg.evaluation.signals import wrapped
@@ -27,15 +27,15 @@ from estimator_pkg.evaluation.signals import wrapped
 Array = NDArray[np.float64]
 
 SENSOR = 'sensor'
-WINDOW = 0.1  # length of a window [s], but at least this many samples:
+FIT_WINDOW = 0.1  # length of a window [s], but at least this many samples:
 WINDOW_SAMPLES = 10
-FEWEST = 20  # smallest number of windows end to end for a fit
+FEWEST_WINDOWS = 20  # smallest number of windows end to end for a fit
 NEIGHBOURS = (-3, -2, 2, 3)  # samples with the same speed but other noise than the one between
-OUTLIER = 6.0  # windows beyond this many robust standard deviations are ignored
+WINDOW_OUTLIER = 6.0  # windows beyond this many robust standard deviations are ignored
 LAG_KNOWN = 1e-3  # a lag, slope or bias is reported up to this standard deviation
 SLOPE_KNOWN = 0.01  # (lag [s], slope, fraction of the reference's rms speed or this [rad/s])
 BIAS_KNOWN = 0.01
-ALIKE = 1.1  # an error up to this multiple of the reference's noise cannot be measured
+NOISE_MULTIPLE = 1.1  # an error up to this multiple of the reference's noise cannot be measured
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Reference:
         """
         if self.origin != SENSOR:
             return self.noise == np.inf
-        return bool(rms <= ALIKE * self.noise)
+        return bool(rms <= NOISE_MULTIPLE * self.noise)
 
 
 def from_smoother(uncertainty: float) -> Reference:
@@ -110,12 +110,12 @@ def fit(
         return unknown
     steps = np.diff(time)
     step = float(np.median(steps))
-    across = max(WINDOW_SAMPLES, round(WINDOW / step))
-    if len(time) < FEWEST * across:
+    across = max(WINDOW_SAMPLES, round(FIT_WINDOW / step))
+    if len(time) < FEWEST_WINDOWS * across:
         return unknown
     travelled = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * steps)])
     ahead = travelled - position  # changes slowly except for whole turns, at any speed
-    holes = np.concatenate([[0], np.cumsum(steps > GAP * step)])
+    holes = np.concatenate([[0], np.cumsum(steps > GAP_STEPS * step)])
     whole = holes[across:] == holes[:-across]
 
     def across_window(values: Array) -> Array:
@@ -125,7 +125,7 @@ def fit(
     around[3:-3] = np.mean([velocity[3 + i : len(time) - 3 + i] for i in NEIGHBOURS], axis=0)
     whole &= np.isfinite(around[across:]) & np.isfinite(around[:-across])
     length = across_window(time)
-    if len(length) < FEWEST * across:
+    if len(length) < FEWEST_WINDOWS * across:
         return unknown
     missed = wrapped(across_window(ahead), period)
     moved = across_window(travelled) - missed
@@ -135,7 +135,7 @@ def fit(
     for _ in range(3):
         answer = _solve(columns[kept], instruments[kept], missed[kept], across)
         rest = np.abs(missed - columns @ np.nan_to_num(answer[0]))
-        kept = rest <= OUTLIER * 1.4826 * float(np.median(rest)) + 1e-12
+        kept = rest <= WINDOW_OUTLIER * 1.4826 * float(np.median(rest)) + 1e-12
     (bias, lag, slope), (bias_stddev, lag_stddev, slope_stddev) = answer
     return Reference(
         lag, lag_stddev, bias, bias_stddev, 1.0 + slope, slope_stddev, unknown.noise, across * step

@@ -22,18 +22,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.delay import GAP
+from estimator_pkg.evaluation.delay import GAP_STEPS
 from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
 
-ORDER, HIGHER = 3, (5, 7, 9)  # orders of the differences
+DIFFERENCE_ORDER, HIGHER = 3, (5, 7, 9)  # orders of the differences
 CLEARLY_LESS = 0.5  # for white noise all estimates agree within this ratio
 NODES = 3  # samples of a divided difference; it weighs their velocities 1, 4, 1, so this is the
 MISFITS_ALIKE = 1.0 + 2.0 * (8.0**2 + 1.0) / 18.0**2  # sum of its neighbours' correlations squared
 QUIETEST = 0.1  # the quietest fraction of the record counts; over n samples, the rms of white noise
 UNLUCKY = 1.28  # is below its mean there by this many standard deviations
-BLOCK = 0.2  # length of a block whose power is one value [s],
+NOISE_BLOCK = 0.2  # length of a block whose power is one value [s],
 SHORTEST_BLOCK = 20  # but at least this many samples
 MANY_BLOCKS = 20
 
@@ -50,10 +50,10 @@ def noise(
     position : shape (n,), of the same reference [rad], in any wrap convention; None, nan: none.
     period : wrap period of the positions [rad]; 0: none.
     """
-    if len(time) < SHORTEST_BLOCK + ORDER:
+    if len(time) < SHORTEST_BLOCK + DIFFERENCE_ORDER:
         return np.nan
     step = float(np.median(np.diff(time)))
-    third = _by_differences(velocity, ORDER, step)
+    third = _by_differences(velocity, DIFFERENCE_ORDER, step)
     others = [
         _by_differences(velocity, order, step)
         for order in HIGHER
@@ -77,7 +77,7 @@ def _by_differences(velocity: Array, order: int, step: float) -> float:
 
 def _quietest(squares: Array, step: float, alike: float) -> float:
     """Return the root of the mean of `squares` where it is low, corrected for this selection."""
-    size = int(max(BLOCK / step, SHORTEST_BLOCK))
+    size = int(max(NOISE_BLOCK / step, SHORTEST_BLOCK))
     last = max(1, len(squares) - size + 1)
     # in a short record blocks overlap, because a quiet stretch may span two of them
     starts = range(0, last, size if last >= MANY_BLOCKS * size else max(1, size // 4))
@@ -115,8 +115,8 @@ def _misfit(time: Array, velocity: Array, position: Array, period: float, step: 
     left = np.sum(weights * (speed - 2.0 * slopes * way), axis=0) / np.sqrt(
         np.sum(weights**2, axis=0)
     )
-    left = left[np.isfinite(left) & (span <= GAP * step)]
-    summed = math.sqrt(2.0) * (moved - expected)[steps <= GAP * step] / step
+    left = left[np.isfinite(left) & (span <= GAP_STEPS * step)]
+    summed = math.sqrt(2.0) * (moved - expected)[steps <= GAP_STEPS * step] / step
     if not len(left) or np.nanmean(summed**2) < CLEARLY_LESS**2 * np.mean(left**2):
         return np.zeros(0)
     return np.asarray(left)

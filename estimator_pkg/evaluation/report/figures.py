@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.estimate import STATUS_NAMES
-from estimator_pkg.evaluation.compare.comparison import BAND, Comparison, Row
+from estimator_pkg.evaluation.compare.comparison import SIGMAS_95, Comparison, Row
 from estimator_pkg.evaluation.plots import GREY, Curve, Style, ahead, figure, over_time
 from estimator_pkg.evaluation.report.spectrum import by_speed, density
 from estimator_pkg.printable import printable
 
 Array = NDArray[np.float64]
 
-AROUND = 300  # samples on either side of the largest error
+WORST_NEIGHBOURS = 300  # samples on either side of the largest error
 FREQUENCIES = 160  # points of a spectrum, evenly on its logarithmic axis
 SPACING = 0.5  # lines of several statuses are drawn within this distance
 REFERENCE = {'line_color': GREY, 'line_width': 3}
@@ -58,7 +58,7 @@ def group(
         errors.append(Curve(name, 'error @', row.time, error, line, name))
         if np.isfinite(stddev).any():
             fill = {'fill_color': line['line_color'], 'fill_alpha': 0.15}
-            bands.append(Curve(name, '± @', row.time, BAND * stddev, fill, name, 'band'))
+            bands.append(Curve(name, '± @', row.time, SIGMAS_95 * stddev, fill, name, 'band'))
         inside = slice(*np.searchsorted(row.status_time, [first, np.nextafter(last, np.inf)]))
         if len(row.status[inside]):
             offset = SPACING * (i / (len(rows) - 1) - 0.5) if len(rows) > 1 else 0.0
@@ -86,7 +86,7 @@ def lines(
 def around_the_worst(best: Row, rows: Sequence[Row]) -> tuple[Any, Any]:
     """Return the plot of every sample around the largest error of the best estimate, and lines."""
     worst = int(np.nanargmax(np.abs(best.estimate - best.truth)))
-    low, high = max(0, worst - AROUND), min(len(best.time), worst + AROUND)
+    low, high = max(0, worst - WORST_NEIGHBOURS), min(len(best.time), worst + WORST_NEIGHBOURS)
     window = best.time[low], best.time[high - 1]
     plot = figure('around the largest error: every sample', 'time [s]', 'velocity [rad/s]')
     plot.line(best.time[low:high], best.truth[low:high], **REFERENCE)

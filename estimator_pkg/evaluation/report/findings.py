@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import registry, streams
 from estimator_pkg.bags.series import Series
-from estimator_pkg.evaluation.checks.joint import FEWEST, checked
+from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked
 from estimator_pkg.evaluation.checks.readings import LEVELS, PASS, Readings
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.signals import cubic
@@ -22,11 +22,11 @@ from estimator_pkg.sensor.guard import WHY_DROPPED
 
 Array = NDArray[np.float64]
 
-DROPPED = ('repeated stamps', 'missing stamps')  # checks of samples that the guard drops
-NONE = 'no findings: no gaps, repeats or jitter, and no dominant cause of errors'
-MOSTLY = 0.7  # a cause explains most of an error if at most this ratio remains without the cause,
+DROPPED_CHECKS = ('repeated stamps', 'missing stamps')  # checks of samples that the guard drops
+NO_FINDINGS = 'no findings: no gaps, repeats or jitter, and no dominant cause of errors'
+MAIN_PART = 0.7  # a cause explains most of an error if at most this ratio remains without it,
 # or this ratio comes from it alone (of an rms, half of the squares)
-WITHHELD = 0.05  # a larger fraction of time without an estimate is reported
+WITHHELD_PART = 0.05  # a larger fraction of time without an estimate is reported
 
 
 def look(series: Series, start: int, period: float) -> Readings | None:
@@ -40,7 +40,7 @@ def look(series: Series, start: int, period: float) -> Readings | None:
     nothing = np.full(len(series.position), np.nan)
     stamps = series.stamps_ns
     seen = Readings('', stamps, stamps, series.position, nothing, period, start)
-    return seen if len(seen.rows) >= FEWEST else None
+    return seen if len(seen.rows) >= FEWEST_READINGS else None
 
 
 def sentences(comparison: Comparison, of_readings: Mapping[str, list[str]]) -> list[str]:
@@ -64,6 +64,25 @@ def sentences(comparison: Comparison, of_readings: Mapping[str, list[str]]) -> l
     return found
 
 
+def grouped(findings: Iterable[str], joints: Collection[str]) -> list[str]:
+    """Return the findings, with those that are equal but for the joint in one sentence.
+
+    Parameters
+    ----------
+    findings : a finding on a joint begins with its name and a colon.
+    """
+    of: dict[str, list[str]] = {}
+    for finding in findings:
+        joint, colon, text = finding.partition(': ')
+        known = bool(colon) and joint in joints
+        of.setdefault(text if known else finding, []).extend([joint] if known else [])
+    every = f'all {len(joints)} joints'
+    return [
+        f'{every if len(names) == len(joints) > 1 else ", ".join(names)}: {text}' if names else text
+        for text, names in of.items()
+    ]
+
+
 def of_joint(comparison: Comparison, joint: str, seen: Readings) -> list[str]:
     """Return what the checks of `doctor` find, and one count; dropped samples have a finding."""
     sources = {row.source for row in comparison.rows if row.joint == joint}
@@ -72,7 +91,7 @@ def of_joint(comparison: Comparison, joint: str, seen: Readings) -> list[str]:
     found = []
     for each in sorted(checked(seen), key=lambda check: -LEVELS.index(check.level)):
         if (
-            each.check in DROPPED
+            each.check in DROPPED_CHECKS
             or each.value in refused
             or (each.level == PASS and not each.remedy)
         ):
@@ -97,7 +116,7 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
     rms, noise = row.velocity['rms'], row.velocity['noise']
     late = row.velocity['delay_s']
     if not refused and not row.reference_cannot_tell and len(row.time) > 8:
-        if late == late and late > 0.0 and _shifted(row, late) < MOSTLY * rms:
+        if late == late and late > 0.0 and _shifted(row, late) < MAIN_PART * rms:
             found.append(
                 f'{name}: most of its error comes from its delay of '
                 + interval(late * 1e3, row.velocity['delay_95_s'] * 1e3, 'ms')
@@ -107,7 +126,7 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
                     prefer="set 'prefer: fast'",
                 )
             )
-        elif noise == noise and noise > MOSTLY * rms:
+        elif noise == noise and noise > MAIN_PART * rms:
             found.append(
                 f'{name}: most of its error is noise'
                 + advice(
@@ -120,7 +139,7 @@ def _of_errors(row: Row, refused: bool) -> list[str]:
         seconds for kind, seconds in row.validity.items() if kind not in ('tracking', 'published')
     )
     total = sum(row.validity.values())
-    if total and away > WITHHELD * total:
+    if total and away > WITHHELD_PART * total:
         kinds = ', '.join(
             f'{kind} {seconds:.2f} s'
             for kind, seconds in row.validity.items()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator_pkg import destination, whole_file
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 
-LEVEL = 1  # compression level: one second more saves a third
+COMPRESSION = 1  # compression level: one second more saves a third
 
 
 class FullData:
@@ -69,7 +69,7 @@ def full_data(path: str) -> Iterator[FullData]:
     destination.check(path)
     with (
         whole_file.replacing(path) as temporary,
-        zipfile.ZipFile(temporary, 'w', zipfile.ZIP_DEFLATED, compresslevel=LEVEL) as file,
+        zipfile.ZipFile(temporary, 'w', zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as file,
     ):
         yield FullData(file)
 

@@ -17,12 +17,11 @@ from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, opening, tradeoff
-from estimator_pkg.evaluation.report.contradictions import contradictions, grouped
-from estimator_pkg.evaluation.report.findings import NONE, look, of_joint, sentences
+from estimator_pkg.evaluation.report.findings import NO_FINDINGS, grouped, look, of_joint, sentences
 from estimator_pkg.evaluation.report.tables import Overview, table, worth
+from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import escaped
 from estimator_pkg.progress import progress
-from estimator_pkg.streams.angle import AngleSettings
 from estimator_pkg.streams.drive import ELECTRICAL
 
 PER_ESTIMATE, SHARED = 4, 4  # numbers per instant: velocity, error, deviation, status; and others
@@ -34,7 +33,7 @@ USE = (
 )
 
 
-class Report:
+class ReportPage:
     """Collects bags and writes the page at the end of `written`.
 
     Parameters
@@ -51,12 +50,7 @@ class Report:
     """
 
     def __init__(
-        self,
-        path: str,
-        bags: int,
-        period: float,
-        data: str | None = None,
-        entries: Sequence[Entry] = (),
+        self, path: str, bags: int, period: float, data: str | None, entries: Sequence[Entry]
     ) -> None:
         self.path = Path(path)
         destination.check(path)
@@ -73,7 +67,7 @@ class Report:
         self._left_out = ''
 
     @contextmanager
-    def written(self) -> Iterator[Report]:
+    def written(self) -> Iterator[ReportPage]:
         """Write the page at the end, unless an error occurred."""
         yield self
         with progress(f'{self.path}: page', None):
@@ -96,9 +90,8 @@ class Report:
                         comparison.measurement[joint], comparison.starts[joint], self._period
                     )
                     if found is not None:
-                        quanta[joint] = found.quantum
+                        quanta[joint] = found.own_quantum
                         of_readings[joint] = of_joint(comparison, joint, found)
-                        del found  # its arrays are as long as the record
                 own = [row for row in comparison.rows if row.joint == joint]
                 raw_row = next((row for row in own if row.source == tradeoff.RAW), None)
                 if raw_row is None:
@@ -116,10 +109,7 @@ class Report:
                 for joint, each in rows.items()
             }
             self._know(rows, chosen)
-            findings = grouped(
-                [*contradictions(comparison, rows, chosen), *sentences(comparison, of_readings)],
-                joints,
-            ) or [NONE]
+            findings = grouped(sentences(comparison, of_readings), joints) or [NO_FINDINGS]
             parts = self._opening(comparison, rows, chosen, raw, quanta)
             ordered = [row for joint in joints for row in rows[joint]]
             parts += [
@@ -155,7 +145,7 @@ class Report:
             + (
                 ''
                 if any(map(opening.faulty, verdicts.values()))
-                else f'<div class="verdict"><p>Use {AngleSettings.observer} as it is.</p></div>'
+                else f'<div class="verdict"><p>Use {DEFAULT} as it is.</p></div>'
             )
             + ''.join(f'<p>{escaped(each)}</p>' for each in sentences)
         )
@@ -234,7 +224,7 @@ class Report:
         """Return the largest number of instants of a joint."""
         joints = len({row.joint for row in comparison.rows})
         numbers = PER_ESTIMATE * (len(comparison.rows) + joints) + SHARED * joints
-        return plots.NUMBERS // (self._bags * numbers)
+        return plots.MOST_NUMBERS // (self._bags * numbers)
 
     def _of_joint(
         self, comparison: Comparison, joint: str, rows: Sequence[Row], best: Row, instants: int

@@ -19,8 +19,8 @@ from estimator_pkg.printable import drawn
 
 Array = NDArray[np.float64]
 
-COLUMNS = 4
-POINTS = 20_000  # largest number of points of a line
+PANEL_COLUMNS = 4
+LINE_POINTS = 20_000  # largest number of points of a line
 
 
 def draw(comparisons: Sequence[Comparison], path: str) -> None:
@@ -43,7 +43,7 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
             (f'{Path(comparison.bag).name}: {joint}', reference, rows)
             for joint, rows in by_joint.items()
         ]
-    across = min(COLUMNS, len(panels))
+    across = min(PANEL_COLUMNS, len(panels))
     down = -(-len(panels) // across)
     figure = Figure(figsize=(max(9.0, 5.0 * across), 5.0 * down + 0.4), layout='constrained')
     axes = figure.subplots(2 * down, across, squeeze=False, height_ratios=[3, 2] * down)
@@ -97,6 +97,6 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
 
 def _line(axis: Any, time: Array, values: Array, **style: Any) -> Any:
     """Draw a line, thinned to the visible points and broken at gaps."""
-    at, drawn = broken(time, values, extremes(values, POINTS))
+    at, drawn = broken(time, values, extremes(values, LINE_POINTS))
     (line,) = axis.plot(at, drawn, **style)
     return line

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-WINDOW = 2048  # samples of a window of the spectrum, or a quarter of the record
+SPECTRUM_WINDOW = 2048  # samples of a window of the spectrum, or a quarter of the record
 BINS = 24  # of speed
-FEW = 5  # bins of speed with fewer samples are skipped
+BIN_FEWEST = 5  # bins of speed with fewer samples are skipped
 
 
 def density(time: Array, error: Array) -> tuple[Array, Array]:
@@ -37,7 +37,7 @@ def density(time: Array, error: Array) -> tuple[Array, Array]:
         even = error
     else:
         even = np.interp(time[0] + step * np.arange(count), time, error)
-    size = min(WINDOW, 1 << (len(even) // 4).bit_length() - 1)
+    size = min(SPECTRUM_WINDOW, 1 << (len(even) // 4).bit_length() - 1)
     size = max(size, 32)
     window = np.hanning(size)
     power: Array = np.zeros(size // 2 + 1)
@@ -55,11 +55,13 @@ def by_speed(truth: Array, error: Array) -> tuple[Array, Array]:
     """Return (speed, rms error) [rad/s] over bins of true speed, each of shape (k,)."""
     good = np.isfinite(truth) & np.isfinite(error)
     truth, error = truth[good], error[good]
-    if len(truth) < FEW:
+    if len(truth) < BIN_FEWEST:
         return np.zeros(0), np.zeros(0)
     order = np.argsort(truth, kind='stable')
     parts = [
-        part for part in np.array_split(order, min(BINS, max(1, len(order) // FEW))) if len(part)
+        part
+        for part in np.array_split(order, min(BINS, max(1, len(order) // BIN_FEWEST)))
+        if len(part)
     ]
     return (
         np.array([np.mean(truth[part]) for part in parts]),

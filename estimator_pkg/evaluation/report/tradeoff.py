@@ -18,7 +18,7 @@ from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.compare import metrics
-from estimator_pkg.evaluation.compare.comparison import Comparison, Kept, Row, coverage
+from estimator_pkg.evaluation.compare.comparison import Comparison, Row, coverage
 from estimator_pkg.evaluation.delay import measured
 from estimator_pkg.evaluation.entries import Entry, angle_observers
 from estimator_pkg.evaluation.plots import GREY, Style, figure
@@ -29,23 +29,21 @@ from estimator_pkg.printable import printable
 Array = NDArray[np.float64]
 
 RAW = 'finite_difference'  # what most users have today
-SAMPLES = 15_000  # of the record's middle, on which the curves rest
+CURVE_SAMPLES = 15_000  # of the record's middle, on which the curves rest
 FACTORS = (0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # of the default bandwidth
-BANDWIDTHS = (3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0)  # where the default is automatic [Hz]
-MAIN = ('bandwidth_hz', 'prefer')
-BEYOND = 2.0  # the picture shows curves up to this multiple of the points' range
+SWEEP_HZ = (3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0)  # where the default is automatic [Hz]
+MAIN_GAINS = ('bandwidth_hz', 'prefer')
+IN_VIEW = 2.0  # the picture shows curves up to this multiple of the points' range
 
 
 class Sweep(NamedTuple):
     """One estimate, and its observer's curve.
 
-    gain : name of the gain that varies; '' : none. values : its values.
-    delay [s], noise [rad/s] : shape (k,), of the curve; own : (delay, noise) of the estimate.
+    delay [s], noise [rad/s] : shape (k,), of the curve over its main gain.
+    own : (delay, noise) of the estimate.
     """
 
     source: str
-    gain: str
-    values: tuple[Any, ...]
     delay: Array
     noise: Array
     own: tuple[float, float]
@@ -83,8 +81,8 @@ def raw_difference(comparison: Comparison, joint: str, row: Row, period: float) 
         False,
         at,
         true,
-        Kept(estimate),
-        Kept(deviation),
+        estimate,
+        deviation,
         row.reference_noise,
         np.zeros(0),
         np.zeros(0, np.int8),
@@ -133,9 +131,9 @@ def sweeps(
     """
     series = comparison.measurement.get(joint)
     middle = rows[0].time
-    if len(middle) > SAMPLES:
-        first = (len(middle) - SAMPLES) // 2
-        middle = middle[first : first + SAMPLES]
+    if len(middle) > CURVE_SAMPLES:
+        first = (len(middle) - CURVE_SAMPLES) // 2
+        middle = middle[first : first + CURVE_SAMPLES]
     part = None
     if series is not None:
         low = comparison.starts[joint] + int((middle[0] - 1.0) * 1e9)  # a second to settle
@@ -166,7 +164,7 @@ def sweeps(
                 else late_and_noisy(time, at_times(time, run[0], run[1]), true)
             )
         late, noise = np.reshape(np.array(curve, float), (-1, 2)).T
-        found.append(Sweep(row.source, gain, values, late, noise, own))
+        found.append(Sweep(row.source, late, noise, own))
     return found
 
 
@@ -175,7 +173,7 @@ def _varied(entry: Entry | None) -> tuple[str, tuple[Any, ...]]:
     if entry is None or entry.observer not in angle_observers():
         return '', ()
     known = declared(observers.find(entry.observer).gains)
-    gain = next((name for name in MAIN if name in known), '')
+    gain = next((name for name in MAIN_GAINS if name in known), '')
     if not gain:
         return '', ()
     if known[gain].choices:
@@ -183,13 +181,13 @@ def _varied(entry: Entry | None) -> tuple[str, tuple[Any, ...]]:
     default = dict(entry.values).get(gain, known[gain].default)
     if isinstance(default, (int, float)) and default > 0.0:
         return gain, tuple(factor * float(default) for factor in FACTORS)
-    return gain, BANDWIDTHS
+    return gain, SWEEP_HZ
 
 
 def of_row(row: Row) -> tuple[float, float]:
     """Return the same of an estimate: its delay, and its noise in the middle of the record."""
-    first = max(0, (len(row.time) - SAMPLES) // 2)
-    part = slice(first, first + SAMPLES)
+    first = max(0, (len(row.time) - CURVE_SAMPLES) // 2)
+    part = slice(first, first + CURVE_SAMPLES)
     return late_and_noisy(
         row.time[part], row.estimate[part], row.truth[part], row.velocity['delay_s']
     )
@@ -235,7 +233,7 @@ def picture(found: Sequence[Sweep], styles: Mapping[str, Style]) -> Any:
         return None
     late = np.array([each.own[0] * 1e3 for each in there])
     noise = np.array([each.own[1] for each in there])
-    widest, top = BEYOND * max(float(late.max()), 1.0), BEYOND * max(float(noise.max()), 1e-12)
+    widest, top = IN_VIEW * max(float(late.max()), 1.0), IN_VIEW * max(float(noise.max()), 1e-12)
     plot = figure('noise against delay', 'delay [ms]', 'noise [rad/s]', 340, y_axis_type='log')
     best = front(
         [

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import streams
+from estimator_pkg.bags.log_file import Columns
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.evaluation.entries import Entry, angle_observers
@@ -17,7 +18,7 @@ from estimator_pkg.evaluation.ranking.choice import chosen as to_use
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.tuning.held_out import Compared, compared
 from estimator_pkg.evaluation.tuning.objective import costs, mean, measure
-from estimator_pkg.evaluation.tuning.records import Record
+from estimator_pkg.evaluation.tuning.records import TuningRecord
 from estimator_pkg.evaluation.tuning.settings import TuneSettings
 from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import AngleSettings
@@ -35,9 +36,9 @@ def linear() -> list[str]:
     ]
 
 
-def usual(path: str, unpack_limit: int) -> str:
+def usual(path: str, unpack_limit: int, columns: Columns | None) -> str:
     """Return the observer of the bag's measurement: that of a drive, else the default."""
-    with open_bag(path, unpack_limit) as bag:
+    with open_bag(path, unpack_limit, columns) as bag:
         topics, joints = bag.topics, bool(measured_topics(bag))
     for stream in streams.every():
         if stream.recognises(topics.__contains__, joints):
@@ -45,7 +46,7 @@ def usual(path: str, unpack_limit: int) -> str:
     return DEFAULT
 
 
-def best_linear(seen: Sequence[Record], tuning: TuneSettings) -> str:
+def best_linear(seen: Sequence[TuningRecord], tuning: TuneSettings) -> str:
     """Return the linear observer whose defaults cost least, relative to the default observer.
 
     Parameters
@@ -68,8 +69,8 @@ def best_linear(seen: Sequence[Record], tuning: TuneSettings) -> str:
 
 def against_default(
     tuned: Sequence[Mapping[str, Any]],
-    groups: Mapping[str, Sequence[Record]],
-    judged: Sequence[Record],
+    groups: Mapping[str, Sequence[TuningRecord]],
+    judged: Sequence[TuningRecord],
     tuning: TuneSettings,
 ) -> tuple[bool, dict[str, str]]:
     """Return whether the tuned observer replaces the default as it is, and why, by group.
@@ -82,7 +83,7 @@ def against_default(
     tuned : results of `seek`. groups : the records that have their own gains. judged : as in
         `seek`.
     """
-    pairs, said = [], {}
+    pairs, sentences = [], {}
     for each in tuned:
         joint = each['joint']
         chosen = [record for record in groups[joint] if not record.why]
@@ -92,18 +93,20 @@ def against_default(
         own = [record.seen for record in judged if not record.why and joint in ('', record.label)]
         parts = own or held or [record.seen for record in chosen]
         observer = tuning.entry.observer
-        if each['default_point'] is None:
-            said[joint] = f'the motion shows no delay, so {DEFAULT} stays, the default observer'
+        if not each['delay_known']:
+            sentences[joint] = (
+                f'the motion shows no delay, so {DEFAULT} stays, the default observer'
+            )
             continue
         pair = compared(parts, observer, each['gains'], tuning.weights, DEFAULT)
-        said[joint] = _sentence(observer, bool(each['gains']), pair)
+        sentences[joint] = _sentence(observer, bool(each['gains']), pair)
         pairs += [] if pair is None else [pair]
     if not pairs:
-        return False, said
+        return False, sentences
     ratios = [math.log(1.0 + pair.difference / 100.0) for pair in pairs]
     errors = {DEFAULT: math.exp(mean(ratios)), tuning.entry.observer: 1.0}
     sign = max(pair.sign for pair in pairs)
-    return to_use(errors, (DEFAULT,), lambda *_: sign) != DEFAULT, said
+    return to_use(errors, (DEFAULT,), lambda *_: sign) != DEFAULT, sentences
 
 
 def _sentence(observer: str, tuned: bool, pair: Compared | None) -> str:

@@ -12,39 +12,41 @@ from pathlib import Path
 from typing import Any
 
 from estimator_pkg import destination, interrupts, streams, whole_file
-from estimator_pkg.bags import unpacking
+from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
-from estimator_pkg.evaluation.image import check
 from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
+    PERIOD_KEY,
     SMOOTHER,
     TRUTH,
+    WRAP_PERIOD,
     Options,
-    angle_argument,
     joint_arguments,
     truth_argument,
+    window_arguments,
     worker_arguments,
+    wrap_periods,
 )
 from estimator_pkg.evaluation.text import started
-from estimator_pkg.evaluation.tuning import any_observer, live, output, picture
+from estimator_pkg.evaluation.tuning import any_observer, live, output
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
-from estimator_pkg.evaluation.tuning.records import Record, records
+from estimator_pkg.evaluation.tuning.records import TuningRecord, records
 from estimator_pkg.evaluation.tuning.seek import kept, seek
-from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
+from estimator_pkg.evaluation.tuning.settings import TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import show
 
-TRIALS = 40
+DEFAULT_TRIALS = 40
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument(
-        'bags', nargs='*', metavar='BAG', help='bags to tune on, or folders with bags in them'
+        'bags', nargs='*', metavar='BAG', help='bags to tune on, folders with bags in them, or logs'
     )
     parser.add_argument(
         '--live',
@@ -114,9 +116,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--trials',
         type=int,
-        default=TRIALS,
+        default=DEFAULT_TRIALS,
         metavar='N',
-        help=f'number of trials (default {TRIALS})',
+        help=f'number of trials (default {DEFAULT_TRIALS})',
     )
     parser.add_argument('--seed', type=int, default=0, help='random seed of the search (default 0)')
     parser.add_argument(
@@ -124,7 +126,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help=f"topic of the measurement (default {MEASUREMENT}, or the observer's own)",
     )
-    angle_argument(parser)
+    log_file.arguments(parser)
     truth_argument(parser)
     parser.add_argument(
         '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as in evaluate'
@@ -135,45 +137,36 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default=True,
         help="remove the truth's own lag and bias first (default)",
     )
+    window_arguments(parser)
     joint_arguments(parser)
-    parser.add_argument(
-        '--plot', metavar='FILE', help='draw noise against delay of every trial (PNG, SVG, PDF)'
-    )
     unpacking.arguments(parser)
     worker_arguments(parser)
-    parser.add_argument(
-        '--storage',
-        metavar='URL',
-        help='Optuna storage for the trials, for example sqlite:///study.db',
-    )
-    parser.add_argument(
-        '--study',
-        metavar='NAME',
-        help='name of the study in the --storage (default: velocity_estimator); an existing one '
-        'continues',
-    )
 
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Search, validate on held-out data, write; return the results."""
-    any_linear = parsed.observer is None and _usual(parsed) == any_observer.DEFAULT
+    columns = log_file.columns(parsed)
+    any_linear = parsed.observer is None and _usual(parsed, columns) == any_observer.DEFAULT
     tuning = tune_settings(parsed)
     out = Path(parsed.out)
     destination.check(out)
-    if parsed.plot:
-        check(parsed.plot)
     if parsed.apply:  # before anything is recorded or searched
         live.check(parsed.apply, parsed.observer)
+    period, own_periods = wrap_periods(parsed.wrap_period, [tuning.held])
     options = Options(
         parsed.measurement,
         parsed.truth,
         observers=(tuning.entry,),
-        wrap_period=parsed.wrap_period,
+        begin=parsed.begin,
+        end=parsed.end,
+        wrap_period=period,
         correct_reference=parsed.correct_reference,
         reference=parsed.reference,
         angle=parsed.angle,
         unpack_limit=parsed.unpack_limit,
         motion_hz=parsed.motion_hz,
+        columns=columns,
+        own_periods=own_periods,
     )
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
@@ -182,7 +175,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         held_out = 0.0 if parsed.judge else parsed.held_out
         left_out: list[LeftOut] = []
 
-        def of(paths: Sequence[str], held_out: float) -> list[Record]:
+        def of(paths: Sequence[str], held_out: float) -> list[TuningRecord]:
             more = tuning.entry, options, held_out, tuple(parsed.joint)
             parts = on_each(run_many, records, expanded(paths), *more, left_out=left_out)
             return [record for part in parts for record in part]
@@ -223,21 +216,16 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 tuning = tune_settings(parsed)
                 tuned = [kept(joint, groups[joint], text) for joint, text in results.items()]
                 notes.append(f'the file has {parsed.observer} as it is')
-    print(output.describe(chosen_results, notes, parsed.wrap_period))
+    print(output.describe(chosen_results, notes, period))
     wiring = seen[0].seen.recording.setup
-    held = _held(parsed, tuning, wiring)
+    held = _held(period, tuning, wiring)
     whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))
     node = streams.of_observer(tuning.entry.observer).NODE
     show(f'gains: {out}', *started(node, parsed.out, wiring.remaps))
-    if parsed.plot:
-        picture.draw(chosen_results, parsed.plot, sought)
-        show(f'noise against delay: {parsed.plot}')
     if parsed.apply:
         values = output.node_values(tuned)
         changed = live.apply(parsed.apply, values, tuning.gains, parsed.observer) if values else []
         show(f'set on {parsed.apply}: {", ".join(changed) or "nothing, the defaults stay"}')
-    for each in chosen_results:
-        each.pop('trials')
     return {
         'observer': parsed.observer,
         'sought': sought,
@@ -249,12 +237,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _usual(parsed: argparse.Namespace) -> str:
+def _usual(parsed: argparse.Namespace, columns: log_file.Columns | None) -> str:
     """Set the observer that is not named, and return it; raise UsageError."""
     bags = expanded(parsed.bags) if parsed.bags else []
     named = bags and not (parsed.angle or parsed.measurement)
     parsed.observer = (
-        any_observer.usual(bags[0].path, parsed.unpack_limit) if named else any_observer.DEFAULT
+        any_observer.usual(bags[0].path, parsed.unpack_limit, columns)
+        if named
+        else any_observer.DEFAULT
     )
     if parsed.observer == any_observer.DEFAULT and (parsed.search or parsed.params or parsed.apply):
         raise UsageError(
@@ -270,7 +260,7 @@ def _recorded(parsed: argparse.Namespace, tuning: TuneSettings) -> Any:
     return live.recorded((named,) if named else usual, parsed.truth or TRUTH, parsed.live)
 
 
-def _check_disjoint(seen: Sequence[Record], judged: Sequence[Record]) -> None:
+def _check_disjoint(seen: Sequence[TuningRecord], judged: Sequence[TuningRecord]) -> None:
     """Raise UsageError if a recording is used both for tuning and for validation."""
     both = {Path(record.bag).resolve() for record in seen} & {
         Path(record.bag).resolve() for record in judged
@@ -282,12 +272,12 @@ def _check_disjoint(seen: Sequence[Record], judged: Sequence[Record]) -> None:
 
 
 def _groups(
-    found: Sequence[Record], tuning: TuneSettings, per_joint: bool
-) -> dict[str, list[Record]]:
+    found: Sequence[TuningRecord], tuning: TuneSettings, per_joint: bool
+) -> dict[str, list[TuningRecord]]:
     """Return the groups of records that get separate gains, by joint; '': all joints."""
     if not per_joint:
         return {'': list(found)}
-    groups: dict[str, list[Record]] = {}
+    groups: dict[str, list[TuningRecord]] = {}
     for record in found:
         if record.label is None:
             raise UsageError(
@@ -303,7 +293,7 @@ def _groups(
     return groups
 
 
-def _of(judged: Sequence[Record], joint: str) -> list[Record]:
+def _of(judged: Sequence[TuningRecord], joint: str) -> list[TuningRecord]:
     """Return the records for validating a group; raise UserError if there are none."""
     found = [record for record in judged if not joint or record.label == joint]
     if judged and not found:
@@ -311,7 +301,7 @@ def _of(judged: Sequence[Record], joint: str) -> list[Record]:
     return [record for record in found if not record.why]
 
 
-def _notes(seen: Sequence[Record]) -> list[str]:
+def _notes(seen: Sequence[TuningRecord]) -> list[str]:
     """Return notes on the bags for the user."""
     found = [f'{record.bag}: not used: {record.why}' for record in seen if record.why]
     found += dict.fromkeys(f'{record.bag}: {note}' for record in seen for note in record.notes)
@@ -329,7 +319,7 @@ def _notes(seen: Sequence[Record]) -> list[str]:
     ]
 
 
-def _held(parsed: argparse.Namespace, tuning: TuneSettings, wiring: Setup) -> dict[str, Any]:
+def _held(period: float, tuning: TuneSettings, wiring: Setup) -> dict[str, Any]:
     """Return the fixed parameters, which the node needs too.
 
     Parameters
@@ -338,8 +328,8 @@ def _held(parsed: argparse.Namespace, tuning: TuneSettings, wiring: Setup) -> di
     """
     held = wiring.input | tuning.held
     wraps = streams.of_observer(tuning.entry.observer).WRAPS
-    if wraps and parsed.wrap_period != WRAP_PERIOD:
-        held.setdefault('wrap_period', parsed.wrap_period)
+    if wraps and period != WRAP_PERIOD:
+        held.setdefault(PERIOD_KEY, period)
     return held
 
 

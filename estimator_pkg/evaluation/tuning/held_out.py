@@ -5,24 +5,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.recording import Estimate
+from estimator_pkg.bags.recording import EstimateSeries
 from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.ranking.choice import chosen
-from estimator_pkg.evaluation.ranking.frequencies import Frequencies, rests_on
 from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.tuning.objective import (
-    FEWEST,
-    Known,
-    Part,
+    FEWEST_ESTIMATES,
+    Dataset,
+    JointTruth,
     Weights,
     averaged,
     settled,
@@ -37,14 +35,13 @@ class Compared(NamedTuple):
 
     sign : 1: the tuned gains are better (95 %), -1: worse, 0: not known. difference : by how much
     the weighted error of the defaults is larger [%]; resolution : the smallest difference that
-    would be declared [%]. motion_hz : the choice rests on motion up to this frequency [Hz].
+    would be declared [%].
     events : parts of the records that make half of the difference, if they are few; else 0.
     """
 
     sign: int
     difference: float
     resolution: float
-    motion_hz: float
     events: int = 0
 
     @property
@@ -55,7 +52,7 @@ class Compared(NamedTuple):
 
 
 def compared(
-    parts: Sequence[Part],
+    parts: Sequence[Dataset],
     observer: str,
     gains: Mapping[str, Any],
     weights: Weights,
@@ -71,7 +68,6 @@ def compared(
     other : the observer whose defaults are compared; '': the same.
     """
     found: list[list[tuple[Array, Array]]] = [[], []]
-    highest = math.nan
     for part in parts:
         try:
             ran = [part.recording.run(observer, gains), part.recording.run(other or observer, {})]
@@ -91,10 +87,6 @@ def compared(
                 unit = max(float(np.sum(scores[1])), 1e-300) / len(time)
                 count = np.bincount(block).astype(float)
                 sums.append(((scores[0] - scores[1]) / unit, count))
-            rate = 1.0 / float(np.median(np.diff(time)))
-            own = [Frequencies.of(each, known.velocity[rows], rate) for each in (tuned, default)]
-            own.sort(key=lambda each: each.square)
-            highest = float(np.fmax(highest, rests_on(own, rate)))
     tests = [pairs.of_sums(*map(list, zip(*each))) for each in found]
     signs = {each.sign for each in tests}
     mean = tests[0].mean  # of the squares, in units of the defaults: -1 if no error is left
@@ -102,13 +94,12 @@ def compared(
         signs.pop() if len(signs) == 1 else 0,
         100.0 * ((1.0 + min(max(mean, -0.999999), 1e6)) ** -0.5 - 1.0),
         50.0 * max(each.half for each in tests),
-        highest,
         len(pairs.events(np.concatenate([each for each, _ in found[0]]))),
     )
 
 
 def _velocities(
-    estimates: Sequence[Estimate | None], known: Known
+    estimates: Sequence[EstimateSeries | None], known: JointTruth
 ) -> tuple[Array, NDArray[np.int64], Array, Array] | None:
     """Return (time, rows of `known`, tuned, default) where both have an estimate."""
     columns = []
@@ -118,7 +109,7 @@ def _velocities(
         columns.append(at_stamps(known.stamps, each.stamps, each.velocity))
     elapsed = (known.stamps - known.stamps[0]) * 1e-9
     rows = np.flatnonzero(settled(elapsed) & np.isfinite(columns).all(axis=0))
-    if len(rows) < FEWEST:
+    if len(rows) < FEWEST_ESTIMATES:
         return None
     return elapsed[rows], rows, columns[0][rows], columns[1][rows]
 

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
@@ -37,11 +36,7 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
     with TemporaryDirectory(prefix='velocity_estimator_') as folder:
         path = str(Path(folder) / 'live')
         try:
-            record.run(
-                argparse.Namespace(
-                    topics=[*topics, truth], out=path, duration=seconds, recover=None
-                )
-            )
+            record.run(argparse.Namespace(topics=[*topics, truth], out=path, duration=seconds))
         except UserError:  # nothing arrived
             if interrupts.came():
                 raise KeyboardInterrupt from None
@@ -62,7 +57,7 @@ def _remote(node: str, observer: str) -> Iterator[RemoteParameters]:
 
         remote = RemoteParameters(here, node)
         runs = remote.get(['observer'])['observer']
-        if observer and runs not in (None, observer):  # others have gains of the same names
+        if runs not in (None, observer):  # others have gains of the same names
             raise UserError(
                 f"the node '{remote.name}' runs {runs}, and the gains are of {observer}: start it "
                 f"with 'observer: {observer}', or tune {runs}"
@@ -77,17 +72,14 @@ def check(node: str, observer: str) -> None:
 
 
 def apply(
-    node: str,
-    gains: Mapping[str, Any],
-    declared: Mapping[str, Parameter] = MappingProxyType({}),
-    observer: str = '',
+    node: str, gains: Mapping[str, Any], declared: Mapping[str, Parameter], observer: str
 ) -> list[str]:
     """Set parameters of a running node, whose state is kept.
 
     Parameters
     ----------
     gains : by the node's own parameter names. declared : what is declared of them, by plain name.
-    observer : whose gains they are; '': any.
+    observer : whose gains they are.
 
     Returns
     -------

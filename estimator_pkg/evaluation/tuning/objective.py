@@ -13,16 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.recording import Estimate, Recording
+from estimator_pkg.bags.recording import EstimateSeries, Recording
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.delay import measured
 
 Array = NDArray[np.float64]
 
-SETTLING = 0.5  # time at the beginning of a part that is ignored [s]
+SETTLING_TIME = 0.5  # time at the beginning of a part that is ignored [s]
 AVERAGE = 0.05  # moving-average window that separates noise from motion [s],
 AVERAGE_SAMPLES = 11  # or at least this many samples
-FEWEST = 10  # smallest number of estimates for a result
+FEWEST_ESTIMATES = 10  # smallest number of estimates for a result
 
 
 @dataclass(frozen=True)
@@ -47,31 +47,29 @@ PREFERENCES = {
 
 
 @dataclass(frozen=True)
-class Known:
+class JointTruth:
     """The truth of one joint at the stamps where an estimate is due.
 
     stamps : shape (n,), ascending. velocity : shape (n,). acceleration : rms [rad/s^2].
-    plain : shape (n,), the off-line reference without the vibration that was put back; None: there
+    plain : shape (n,), the off-line reference without the recovered vibration; None: there
         is no such question.
-    own : variance of the off-line reference [rad^2/s^2]; 0 for a truth.
     """
 
     stamps: NDArray[np.int64]
     velocity: Array
     acceleration: float
     plain: Array | None = None
-    own: float = 0.0
 
 
 @dataclass(frozen=True)
-class Part:
+class Dataset:
     """A part of a bag: the observer's input, and the truth by joint."""
 
     recording: Recording
-    known: dict[str, Known]
+    known: dict[str, JointTruth]
 
 
-class Result(NamedTuple):
+class JointErrors(NamedTuple):
     """Error [rad/s], delay [s] and noise [rad/s] of an observer on one joint of a part.
 
     delay is nan if no shift fits best. published : fraction of the samples with an estimate.
@@ -85,10 +83,10 @@ class Result(NamedTuple):
     half: float = math.nan
 
 
-Results = dict[str, Result]  # by joint
+ErrorsByJoint = dict[str, JointErrors]  # by joint
 
 
-def measure(part: Part, observer: str, values: Mapping[str, Any]) -> Results | None:
+def measure(part: Dataset, observer: str, values: Mapping[str, Any]) -> ErrorsByJoint | None:
     """Return the results of an observer with these values on a part; None if they do not work."""
     try:
         found = part.recording.run(observer, values)
@@ -103,7 +101,7 @@ def measure(part: Part, observer: str, values: Mapping[str, Any]) -> Results | N
     return results
 
 
-def _result(estimate: Estimate, known: Known) -> Result | None:
+def _result(estimate: EstimateSeries, known: JointTruth) -> JointErrors | None:
     elapsed = (known.stamps - known.stamps[0]) * 1e-9
     counted = settled(elapsed)
     at = np.minimum(np.searchsorted(known.stamps, estimate.stamps), len(known.stamps) - 1)
@@ -111,7 +109,7 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
     rows, first = np.unique(at[same], return_index=True)
     velocity = estimate.velocity[same][first]
     velocity, rows = velocity[counted[rows]], rows[counted[rows]]
-    if len(rows) < FEWEST:
+    if len(rows) < FEWEST_ESTIMATES:
         return None
     time, true = elapsed[rows], known.velocity[rows]
     error = velocity - true
@@ -120,7 +118,7 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
     width = averaged(time)
     noise = (velocity - smooth(time, velocity))[width:-width]
     late = measured(time, velocity, true)
-    return Result(
+    return JointErrors(
         float(np.sqrt(np.mean(error**2))),
         late.late,
         float(np.sqrt(np.mean(noise**2))),
@@ -131,10 +129,10 @@ def _result(estimate: Estimate, known: Known) -> Result | None:
 
 def settled(elapsed: Array) -> NDArray[np.bool_]:
     """Return True for each sample, shape (n,), after the settling of a part; elapsed [s]."""
-    return elapsed >= min(SETTLING, 0.25 * float(elapsed[-1]))
+    return elapsed >= min(SETTLING_TIME, 0.25 * float(elapsed[-1]))
 
 
-def cost(result: Result, known: Known, weights: Weights) -> float:
+def cost(result: JointErrors, known: JointTruth, weights: Weights) -> float:
     """Return the weighted sum [rad/s]; samples without an estimate increase it.
 
     An unknown delay counts as if it caused the whole error.
@@ -144,7 +142,7 @@ def cost(result: Result, known: Known, weights: Weights) -> float:
     return total / max(result.published, 1e-3)
 
 
-def costs(results: Results | None, part: Part, weights: Weights) -> dict[str, float]:
+def costs(results: ErrorsByJoint | None, part: Dataset, weights: Weights) -> dict[str, float]:
     """Return costs by joint; inf if the values do not work."""
     if results is None:
         return dict.fromkeys(part.known, math.inf)

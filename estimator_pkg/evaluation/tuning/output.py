@@ -15,7 +15,7 @@ from estimator_pkg.evaluation.tuning.settings import TuneSettings, single
 from estimator_pkg.parameters import Parameter, declared
 from estimator_pkg.yaml_text import scalar
 
-HEADER = ('joint', '', 'gains', 'error', 'delay ms', 'noise', 'cost')  # [rad/s]
+TABLE_HEADER = ('joint', '', 'gains', 'error', 'delay ms', 'noise', 'cost')  # [rad/s]
 
 
 def node_values(tuned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -106,11 +106,11 @@ def as_yaml(
 
 def _table(rows: Sequence[Sequence[str]]) -> str:
     """Return the rows as a table; gains that do not fit it have lines of their own below."""
-    whole = table(HEADER, rows, left=3)
+    whole = table(TABLE_HEADER, rows, left=3)
     if max(map(len, whole.split('\n'))) <= WIDTH:
         return whole
-    gains = HEADER.index('gains')
-    narrow = [[*row[:gains], *row[gains + 1 :]] for row in [HEADER, *rows]]
+    gains = TABLE_HEADER.index('gains')
+    narrow = [[*row[:gains], *row[gains + 1 :]] for row in [TABLE_HEADER, *rows]]
     below = [f'{row[0]}, {row[1]}: {row[gains]}' for row in rows if row[gains]]
     lines = [each for line in below for each in wrapped(line)]
     return '\n'.join([table(narrow[0], narrow[1:], left=2, width=WIDTH), *lines])
@@ -178,11 +178,6 @@ def founded(each: Mapping[str, Any]) -> list[str]:
         found.append(f'Few events decide: half of the difference is in {parts} of the record.')
     if each['cautions'] and pair is not None and pair['resolution'] > 0.0:
         found.append('Judged without ground truth.')
-        if math.isfinite(pair['motion_hz']):
-            hz = number(pair['motion_hz'], 2)
-            found.append(
-                f'This rests on motion up to {hz} Hz. If the joint is slower, set --motion-hz.'
-            )
     if each.get('against'):
         found.append(f'{each["against"]}.')
     return found + [text[:1].upper() + text[1:] + '.' for text in each['cautions']]
@@ -243,5 +238,5 @@ def describe(
         lines += [f'{of}: {text}' for text in founded(each)]
     if any(each['interrupted'] for each in tuned):
         lines.append('interrupted: these are the best gains so far')
-    said = [each for line in [*lines, *notes] for each in wrapped(units(line, period))]
-    return '\n'.join([units(head, period), _table(rows), *said])
+    below = [each for line in [*lines, *notes] for each in wrapped(units(line, period))]
+    return '\n'.join([units(head, period), _table(rows), *below])

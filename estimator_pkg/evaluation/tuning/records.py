@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.recording import Estimate, Recording
+from estimator_pkg.bags.recording import EstimateSeries, Recording
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.sources import measured, recording
@@ -20,17 +20,17 @@ from estimator_pkg.evaluation.compare.truth import Truth, check_common, listed, 
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
-from estimator_pkg.evaluation.ranking.cautions import cautions
-from estimator_pkg.evaluation.reference.motion import Motion
+from estimator_pkg.evaluation.ranking.cautions import cautions, unseen
+from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.signals import slopes
-from estimator_pkg.evaluation.tuning.objective import Known, Part, averaged
+from estimator_pkg.evaluation.tuning.objective import Dataset, JointTruth, averaged
 
-SHORTEST = 20  # smallest number of samples of a part with a truth
+FEWEST_TRUTH_SAMPLES = 20  # smallest number of samples of a part with a truth
 
 
 @dataclass(frozen=True)
-class Record:
+class TuningRecord:
     """A part of a bag that can have its own gains: a joint, or joints estimated together.
 
     label : the joint; None if there is no choice. seen : data of the search; it knows no joint if
@@ -41,8 +41,8 @@ class Record:
 
     bag: str
     label: str | None
-    seen: Part
-    held_out: Part | None
+    seen: Dataset
+    held_out: Dataset | None
     quanta: dict[str, float]
     cautions: tuple[str, ...]
     why: str = ''
@@ -56,7 +56,7 @@ class Record:
 
 def records(
     path: str, entry: Entry, options: Options, held_out: float, joints: Sequence[str] = ()
-) -> list[Record]:
+) -> list[TuningRecord]:
     """Return the records of a bag on which the observer can be tuned.
 
     Parameters
@@ -69,9 +69,9 @@ def records(
     UserError, UsageError : the bag lacks an input of the observer, a parameter is wrong, or there
         is neither truth nor measured position.
     """
-    with open_bag(path, options.unpack_limit) as bag:
+    with open_bag(path, options.unpack_limit, options.columns) as bag:
         measurement = measured(bag, options)
-        whole = recording(entry, bag, measurement, options)
+        whole = recording(entry, bag, measurement, options).between(options.begin, options.end)
         true = truth(bag, path, measurement, options)
     by_label = whole.by_joint()
     names = [label for label in by_label if label is not None]
@@ -92,7 +92,7 @@ def records(
         of = tuple(true.motions or true.series) if label is None else (label,)
         why = {joint: _unfit(true, joint) for joint in of}
         usable = {joint: true.series[joint] for joint, reason in why.items() if not reason}
-        first, rest = each.split(held_out)
+        first, rest = each.of_stamps(*true.parts.get(label or '', (0, 2**62))).split(held_out)
         seen = _part(first, entry, usable, true, options)
         after = None
         if seen is not None and held_out > 0.0:
@@ -100,17 +100,24 @@ def records(
         reasons = [f'{joint}: {reason}' for joint, reason in why.items() if reason]
         moved = [true.motions[joint] for joint in usable if joint in true.motions]
         found.append(
-            Record(
+            TuningRecord(
                 path,
                 label,
-                seen or Part(first, {}),
+                seen or Dataset(first, {}),
                 after,
                 {joint: quanta[joint] for joint in of if joint in quanta},
-                tuple(dict.fromkeys(each for one in moved if one for each in cautions(one))),
+                tuple(
+                    dict.fromkeys(
+                        [
+                            *(true.caveats[joint] for joint in usable if joint in true.caveats),
+                            *(each for one in moved if one for each in cautions(one)),
+                        ]
+                    )
+                ),
                 ''
                 if seen is not None
                 else '; '.join(reasons)
-                or f'fewer than {SHORTEST} samples with a truth, too few for tuning',
+                or f'fewer than {FEWEST_TRUTH_SAMPLES} samples with a truth, too few for tuning',
                 true.notes,
             )
         )
@@ -132,7 +139,7 @@ def _unfit(true: Truth, joint: str) -> str:
         return 'it moves too little: record a longer or faster motion'
     if moved.constant:
         return 'it moves at constant speed only: record a motion that accelerates'
-    return ''
+    return unseen(moved)
 
 
 def _part(
@@ -141,8 +148,8 @@ def _part(
     usable: Mapping[str, Series],
     true: Truth,
     options: Options,
-    after: Part | None = None,
-) -> Part | None:
+    after: Dataset | None = None,
+) -> Dataset | None:
     """Return the part with its truth; None for too few samples.
 
     Parameters
@@ -158,36 +165,35 @@ def _part(
         if joint not in usable:
             continue
         seen = after.known[joint].stamps if after is not None and joint in after.known else None
-        one = _known(estimate, usable[joint], true.motions.get(joint), options.wrap_period, seen)
+        one = _known(estimate, usable[joint], true.motions.get(joint), options.period(joint), seen)
         if one is not None:
             known[joint] = one
-    return Part(part, known) if known else None
+    return Dataset(part, known) if known else None
 
 
 def _known(
-    estimate: Estimate,
+    estimate: EstimateSeries,
     true: Series,
-    moved: Motion | None,
+    moved: ReferenceMotion | None,
     period: float,
     seen: NDArray[np.int64] | None,
-) -> Known | None:
+) -> JointTruth | None:
     due = np.unique(estimate.due)
     if seen is not None:
         due = due[due > seen[-1]]
-    if len(due) < SHORTEST:
+    if len(due) < FEWEST_TRUTH_SAMPLES:
         return None
     at = match(due, true.stamps_ns, true.velocity, true.position, period)
     good = np.isfinite(at.velocity)
     stamps, velocity = due[at.rows[good]], at.velocity[good]
     plain = None
-    if moved is not None and moved.put_back:
+    if moved is not None and moved.vibrates:
         plain = match(due, true.stamps_ns, moved.plain[moved.firm], true.position, period).velocity
         plain = plain[good]
-    if len(stamps) < SHORTEST:
+    if len(stamps) < FEWEST_TRUTH_SAMPLES:
         return None
     time = (stamps - stamps[0]) * 1e-9
     width = averaged(time)
     smooth = np.convolve(velocity, np.ones(width) / width, 'valid')
     turns = slopes(time[: len(smooth)], smooth) if len(smooth) > 2 else np.zeros(1)
-    own = 0.0 if moved is None else moved.stddev**2
-    return Known(stamps, velocity, float(np.sqrt(np.mean(turns**2))), plain, own)
+    return JointTruth(stamps, velocity, float(np.sqrt(np.mean(turns**2))), plain)

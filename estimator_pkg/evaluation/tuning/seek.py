@@ -15,31 +15,31 @@ from estimator_pkg import interrupts
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.evaluation.tuning.held_out import Compared, compared
 from estimator_pkg.evaluation.tuning.objective import (
-    Part,
-    Result,
-    Results,
+    Dataset,
+    ErrorsByJoint,
+    JointErrors,
     Weights,
     costs,
     mean,
     measure,
 )
 from estimator_pkg.evaluation.tuning.output import written
-from estimator_pkg.evaluation.tuning.records import Record
-from estimator_pkg.evaluation.tuning.search import Search, Trial, Value, search
+from estimator_pkg.evaluation.tuning.records import TuningRecord
+from estimator_pkg.evaluation.tuning.search import GainValue, Search, Trial, search
 from estimator_pkg.evaluation.tuning.settings import TuneSettings
 from estimator_pkg.evaluation.workers import Map
 from estimator_pkg.progress import progress
 
-ALIKE = 0.01  # quanta of a joint in several bags agree within this fraction
-SAME = 1e-6  # errors this close are equal [relative, or rad/s]
+QUANTUM_TOLERANCE = 0.01  # quanta of a joint in several bags agree within this fraction
+ERROR_TOLERANCE = 1e-6  # errors this close are equal [relative, or rad/s]
 
-Details = Sequence[Results | None]  # of a trial, by part
+Details = Sequence[ErrorsByJoint | None]  # of a trial, by part
 
 
 def seek(
     joint: str,
-    chosen: Sequence[Record],
-    judged: Sequence[Record],
+    chosen: Sequence[TuningRecord],
+    judged: Sequence[TuningRecord],
     tuning: TuneSettings,
     run_many: Map,
 ) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def seek(
         for result, part in zip(first, seen)
     ]
 
-    def judge(batch: list[dict[str, Value]]) -> list[tuple[float, Any]]:
+    def judge(batch: list[dict[str, GainValue]]) -> list[tuple[float, Any]]:
         results = list(
             run_many(measure, [(part, observer, values) for values in batch for part in seen])
         )
@@ -79,10 +79,7 @@ def seek(
             judge,
             tuning.trials,
             tuning.seed,
-            tuning.storage,
-            f'{tuning.study}/{joint}' if joint else tuning.study,
             lambda count, so_far: advance(count, f'{label}{_so_far(so_far)}'),
-            about=_about(chosen, tuning),
             same=lambda one, other: _alike([one, other]),
         )
     best = found.best
@@ -111,7 +108,6 @@ def seek(
     )
     pair = compared(parts, observer, gains, weights)
     why = _why(pair, default, better, bool(held or judged))
-    points = _points([first, *(trial.details for trial in found.trials)])
     return {
         **kept(joint, chosen, why, found),
         'gains': {} if why else gains,
@@ -121,20 +117,17 @@ def seek(
             name: value for name, value in tuning.defaults().items() if name not in idle
         },
         'idle': idle,
-        'default_point': points[0],
+        'delay_known': _delay_known([first, *(trial.details for trial in found.trials)]),
         'relative_cost': best.cost,
         'held_out': bool(held or judged),
         'judged_on': sorted({record.bag for record in judged}),
         'default': default,
         'best': better,
-        'trials': [
-            (trial.values, trial.cost, point) for trial, point in zip(found.trials, points[1:])
-        ],
     }
 
 
 def kept(
-    joint: str, chosen: Sequence[Record], why: str, found: Search | None = None
+    joint: str, chosen: Sequence[TuningRecord], why: str, found: Search | None = None
 ) -> dict[str, Any]:
     """Return the result where the defaults stay without a comparison; keys as those of `seek`."""
     found = found or Search()
@@ -148,9 +141,9 @@ def kept(
         'quanta': _quanta(chosen),
         'default_gains': {},
         'idle': [],
-        'default_point': None,
+        'delay_known': False,
         'relative_cost': 1.0,
-        'evaluations': found.asked,
+        'evaluations': len(found.trials),
         'interrupted': found.interrupted,
         'held_out': False,
         'judged_on': [],
@@ -158,7 +151,6 @@ def kept(
         'best': None,
         'bags': sorted({record.bag for record in chosen}),
         'joints': sorted({joint for record in chosen for joint in record.joints}),
-        'trials': [(trial.values, trial.cost, None) for trial in found.trials],
     }
 
 
@@ -175,7 +167,7 @@ def _so_far(found: Search) -> str:
     return f': best cost {found.best.cost:.3f} of that of the defaults: {gains}'
 
 
-def _quanta(chosen: Sequence[Record]) -> dict[str, float]:
+def _quanta(chosen: Sequence[TuningRecord]) -> dict[str, float]:
     """Return the quantum of each joint's readings [rad]; a joint whose bags differ has none."""
     found: dict[str, list[float]] = {}
     for record in chosen:
@@ -184,7 +176,7 @@ def _quanta(chosen: Sequence[Record]) -> dict[str, float]:
     return {
         joint: rounded(values[0])
         for joint, values in found.items()
-        if 0.0 < max(values) <= (1.0 + ALIKE) * min(values)
+        if 0.0 < max(values) <= (1.0 + QUANTUM_TOLERANCE) * min(values)
     }
 
 
@@ -216,16 +208,11 @@ def _why(
     return f'the tuned gains do not beat the defaults {where}'
 
 
-def _about(chosen: Sequence[Record], tuning: TuneSettings) -> str:
-    """Return everything but the gains that the costs depend on, for a storage."""
-    parts = [f'{record.bag}:{record.label}:{record.seen.recording.size()}' for record in chosen]
-    return (
-        f'{tuning.entry.observer} {sorted(tuning.held.items())} {tuning.weights} {" ".join(parts)}'
-    )
-
-
 def _total(
-    results: Details, parts: Sequence[Part], weights: Weights, units: Sequence[Mapping[str, float]]
+    results: Details,
+    parts: Sequence[Dataset],
+    weights: Weights,
+    units: Sequence[Mapping[str, float]],
 ) -> float:
     """Return the mean over records and joints of the cost over that of the defaults; inf if one
     fails.
@@ -239,7 +226,7 @@ def _total(
     )
 
 
-def _summary(results: Details, parts: Sequence[Part], weights: Weights) -> dict[str, Any] | None:
+def _summary(results: Details, parts: Sequence[Dataset], weights: Weights) -> dict[str, Any] | None:
     """Return error, delay, noise and cost over all parts and joints, and by joint."""
     if any(result is None for result in results):
         return None
@@ -266,25 +253,20 @@ def _of(pairs: Sequence[tuple[Any, float]]) -> dict[str, float]:
     }
 
 
-def _points(trials: Sequence[Details | None]) -> list[tuple[float, float] | None]:
-    """Return (delay, noise) of each trial over its records; None without a delay.
+def _delay_known(trials: Sequence[Details | None]) -> bool:
+    """Return True if the motion determines the delay of the first trial.
 
-    A record that never has a delay (constant speed) is ignored.
+    A record on which no trial has a delay (constant speed) is ignored.
     """
     every = [_flat(details) for details in trials]
-    delays = np.array([[abs(one.delay) for one in results] for results in every if results])
-    telling = np.isfinite(delays).any(axis=0) if delays.size else np.zeros(0, bool)
-    found: list[tuple[float, float] | None] = []
-    for results in every:
-        late = np.array([abs(one.delay) for one in results])[telling] if results else np.zeros(0)
-        if not len(late) or not np.isfinite(late).all():
-            found.append(None)
-        else:
-            found.append((float(np.mean(late)), math.sqrt(mean([one.noise**2 for one in results]))))
-    return found
+    if not every[0]:
+        return False
+    known = np.isfinite([[one.delay for one in results] for results in every if results])
+    telling = known.any(axis=0)
+    return bool(telling.any() and known[0][telling].all())
 
 
-def _flat(details: Details | None) -> list[Result]:
+def _flat(details: Details | None) -> list[JointErrors]:
     """Return the results of all records and joints; none if one is missing."""
     if not details or None in details:
         return []
@@ -298,4 +280,4 @@ def _alike(trials: Sequence[Trial]) -> bool:
         return False
     errors = np.array([[one.error for one in results] for results in every])
     low, high = np.min(errors, axis=0), np.max(errors, axis=0)
-    return bool(np.all(high - low <= SAME * np.maximum(high, 1.0)))
+    return bool(np.all(high - low <= ERROR_TOLERANCE * np.maximum(high, 1.0)))

@@ -16,12 +16,11 @@ from estimator_pkg.driver.configuration import SELECT_OBSERVER
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.options import check_joints
+from estimator_pkg.evaluation.options import check_joints, check_window
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
-from estimator_pkg.evaluation.tuning.search import Ranges, Value, moved
+from estimator_pkg.evaluation.tuning.search import GainValue, Ranges, moved
 from estimator_pkg.parameters import Parameter, declared
 
-WRAP_PERIOD = 2.0 * math.pi
 LARGEST_SEED = 2**32 - 1  # of NumPy
 
 
@@ -31,7 +30,7 @@ class TuneSettings:
 
     entry : the observer with its fixed parameters. weights : of error, delay, noise. preference :
     the name of the weights. ranges : of the searched gains, by name. trials : their number. seed :
-    of the search. storage, study : the URL of Optuna's storage, and the name of the study in it.
+    of the search.
     """
 
     entry: Entry
@@ -40,8 +39,6 @@ class TuneSettings:
     ranges: Ranges
     trials: int
     seed: int
-    storage: str | None
-    study: str
 
     @property
     def held(self) -> dict[str, Any]:
@@ -53,9 +50,9 @@ class TuneSettings:
         """The observer's parameters by name."""
         return declared(observers.find(self.entry.observer).gains)
 
-    def start(self) -> dict[str, Value]:
+    def start(self) -> dict[str, GainValue]:
         """Return the start values: the defaults if inside the range, else its middle."""
-        found: dict[str, Value] = {}
+        found: dict[str, GainValue] = {}
         for name, default in self.defaults().items():
             gain = self.ranges[name]
             if default is None or isinstance(default, str):
@@ -64,7 +61,7 @@ class TuneSettings:
                 found[name] = min(max(default, gain.low), gain.high)
         return found
 
-    def defaults(self) -> dict[str, Value | None]:
+    def defaults(self) -> dict[str, GainValue | None]:
         """Return the defaults of the searched gains; None: computed from other parameters."""
         return {name: single(self.gains[name].default) for name in self.ranges}
 
@@ -88,10 +85,9 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         raise UsageError(f'--trials is {parsed.trials}: it must be 1 or more')
     if not 0 <= parsed.seed <= LARGEST_SEED:
         raise UsageError(f'--seed is {parsed.seed}: it must be from 0 to {LARGEST_SEED}')
-    if parsed.study is not None and parsed.storage is None:
-        raise UsageError('--study needs --storage: name where to keep it, as in sqlite:///study.db')
     check_joints(parsed)
-    if parsed.observer == requested.ALL:
+    check_window(parsed)
+    if parsed.observer == requested.ALL_OBSERVERS:
         raise UsageError("--observer is 'all', but tuning needs one: name it")
     (entry,) = requested.entries([parsed.observer], parsed.params, parsed.set)
     known = declared(observers.find(entry.observer).gains)
@@ -105,8 +101,6 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
         _ranges(entry.observer, known, parsed.search, dict(entry.values)),
         parsed.trials,
         parsed.seed,
-        parsed.storage,
-        parsed.study or 'velocity_estimator',
     )
 
 
@@ -125,10 +119,13 @@ def _weights(parsed: argparse.Namespace) -> Weights:
 
 
 def _ranges(
-    observer: str, known: Mapping[str, Parameter], wanted: Sequence[str], held: Mapping[str, Any]
+    observer: str,
+    known: Mapping[str, Parameter],
+    assignments: Sequence[str],
+    held: Mapping[str, Any],
 ) -> Ranges:
     found: Ranges = {}
-    for text in wanted:
+    for text in assignments:
         name, _, ends = text.partition('=')
         if name not in known:
             hint = observers.instead(name, known, observers.find(observer), SELECT_OBSERVER)
@@ -136,7 +133,7 @@ def _ranges(
                 f"unknown parameter '{name}' of {observer}: {hint or suggestion(name, known)}"
             )
         found[name] = _searched(known[name], ends, text)
-    if not wanted:
+    if not assignments:
         found = {
             name: _range(*(each.search or (0.0, 1.0)), each.among)
             for name, each in known.items()

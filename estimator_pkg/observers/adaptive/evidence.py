@@ -10,7 +10,7 @@ The observer sums, over the samples that it learnt from,
 where psi multiplies the free parameters and the target is the value that psi theta must equal.
 slow_e is the innovation, which predicts each sample before it is used. slow_bend is the
 acceleration. Both pass the observer's filters and one more low-pass. This module cuts the sums into
-blocks of equal learning time and keeps only the blocks: at most MOST, then neighbours merge.
+blocks of equal learning time and keeps only the blocks: at most MOST_BLOCKS, then neighbours merge.
 
 The standard deviation is that of the delete-one-block jackknife. It includes errors that are
 correlated within a block (quantisation, friction, the motion itself), which the formula for
@@ -31,20 +31,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.observers.adaptive.state import Sums
+from estimator_pkg.observers.adaptive.state import LearningSums
 from estimator_pkg.observers.maths.vectors import whole
 
 Array = NDArray[np.float64]
 
-SHORTEST = 0.25  # shortest learning time of a block [s], ...
+BLOCK_TIME = 0.25  # shortest learning time of a block [s], ...
 MEMORIES = 4.0  # ... and in time constants of the slowest filter
-MOST = 64  # number of blocks at which neighbours merge
-FEWEST = 8  # smallest number of blocks for a standard deviation
-OLD = 4.0  # memories of least squares after which a block is forgotten
+MERGING_BLOCKS = 64  # number of blocks at which neighbours merge
+EVIDENCE_BLOCKS = 8  # smallest number of blocks for a standard deviation
+OLDEST_BLOCK = 4.0  # memories of least squares after which a block is forgotten
 SINGULAR = 1e-13  # reciprocal condition of the scaled matrix below which it counts as singular
 
 
-class Block(NamedTuple):
+class LearningBlock(NamedTuple):
     """Sums over an interval of learning; shapes (m, m), (m,), (3,)."""
 
     matrix: Array
@@ -66,14 +66,14 @@ class Evidence:
     """
 
     def __init__(self, slowest: float, memory: float = 0.0) -> None:
-        self.shortest = self.length = max(SHORTEST, MEMORIES / slowest)
+        self.shortest = self.length = max(BLOCK_TIME, MEMORIES / slowest)
         self.memory = memory
-        self.blocks: list[Block] = []
+        self.blocks: list[LearningBlock] = []
         self._until = 0.0
-        self._last: Block | None = None
+        self._last: LearningBlock | None = None
         self._answer: _Answer | None = None
 
-    def look(self, adapted: float, sums: Sums) -> None:
+    def look(self, adapted: float, sums: LearningSums) -> None:
         """Take the observer's sums after a learning time of `adapted` [s]."""
         if adapted < self._until:  # the observer started again
             self.length, self.blocks, self._until, self._last = self.shortest, [], 0.0, None
@@ -81,7 +81,7 @@ class Evidence:
         if adapted - self._until < self.length:
             return
         self._answer = None
-        newest = Block(
+        newest = LearningBlock(
             whole(sums.matrix),
             np.array(sums.vector),
             np.array((sums.count, sums.of_e, sums.of_bend)),
@@ -90,16 +90,16 @@ class Evidence:
         self._until, self._last = adapted, newest
         self.blocks.append(block)
         if self.memory > 0.0:
-            keep = math.ceil(OLD * self.memory / self.length)
+            keep = math.ceil(OLDEST_BLOCK * self.memory / self.length)
             del self.blocks[:-keep]
-        if len(self.blocks) >= MOST:
+        if len(self.blocks) >= MERGING_BLOCKS:
             self.blocks = _merged(self.blocks)
             self.length *= 2.0
 
     @property
     def enough(self) -> bool:
         """True if there are enough blocks for a standard deviation."""
-        return len(self.blocks) >= FEWEST
+        return len(self.blocks) >= EVIDENCE_BLOCKS
 
     def answer(self) -> _Answer | None:
         """Return the least-squares solution of all blocks; None if the matrix is singular.
@@ -124,7 +124,7 @@ class _Answer(NamedTuple):
     slow_bend: float
 
 
-def _answer(blocks: list[Block], weights: Array) -> _Answer | None:
+def _answer(blocks: list[LearningBlock], weights: Array) -> _Answer | None:
     matrices = weights[:, None, None] * np.array([block.matrix for block in blocks])
     vectors = weights[:, None] * np.array([block.vector for block in blocks])
     total = matrices.sum(axis=0)
@@ -144,7 +144,7 @@ def _answer(blocks: list[Block], weights: Array) -> _Answer | None:
     )
 
 
-class Verdict(NamedTuple):
+class Assessment(NamedTuple):
     """The assessment of the free parameters."""
 
     covariance: Array  # of theta, shape (m, m), including bias, sampling error and distance
@@ -158,7 +158,7 @@ class Verdict(NamedTuple):
 
 def judge(
     evidence: Evidence, theta: Array, bias: Array, sampling: Array, noise: float, doubt: float
-) -> Verdict | None:
+) -> Assessment | None:
     """Return the assessment of `theta`; None if the blocks do not determine it.
 
     Parameters
@@ -179,7 +179,7 @@ def judge(
     noise_only = slow_e <= doubt * noise
     unexplained = 0.0 if noise_only else slow_e
     size = np.sqrt(np.diag(np.linalg.inv(inverse)))
-    return Verdict(
+    return Assessment(
         covariance,
         np.sqrt(unexplained * samples * np.diag(inverse)),
         np.sqrt(slow_bend * samples) / size,
@@ -191,7 +191,7 @@ def judge(
 def _largest(matrices: Array, vectors: Array) -> Array:
     """Return the jackknife's covariance at the block length where it is largest."""
     best = _jackknife(matrices, vectors)
-    while len(matrices) >= 2 * FEWEST:
+    while len(matrices) >= 2 * EVIDENCE_BLOCKS:
         odd = len(matrices) % 2  # the oldest block is not merged
         matrices = np.concatenate([matrices[:odd], matrices[odd::2] + matrices[odd + 1 :: 2]])
         vectors = np.concatenate([vectors[:odd], vectors[odd::2] + vectors[odd + 1 :: 2]])
@@ -213,12 +213,12 @@ def _jackknife(matrices: Array, vectors: Array) -> Array:
     return (count - 1.0) / count * away.T @ away
 
 
-def _merged(blocks: list[Block]) -> list[Block]:
+def _merged(blocks: list[LearningBlock]) -> list[LearningBlock]:
     return [
-        Block(a.matrix + b.matrix, a.vector + b.vector, a.sums + b.sums)
+        LearningBlock(a.matrix + b.matrix, a.vector + b.vector, a.sums + b.sums)
         for a, b in zip(blocks[::2], blocks[1::2])
     ]
 
 
-def _minus(a: Block, b: Block) -> Block:
-    return Block(a.matrix - b.matrix, a.vector - b.vector, a.sums - b.sums)
+def _minus(a: LearningBlock, b: LearningBlock) -> LearningBlock:
+    return LearningBlock(a.matrix - b.matrix, a.vector - b.vector, a.sums - b.sums)

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 from estimator_pkg.observers.maths.vectors import dot
 
-ENOUGH = 1e-18  # the series ends when its terms are smaller than this, relative to the first
+SERIES_TOLERANCE = 1e-18  # the series ends at terms smaller than this, relative to the first
 
 
 def after(row: Sequence[float], a: Sequence[float]) -> list[float]:
@@ -55,7 +55,7 @@ def series(
     f = power
     g, q = [h * x for x in power], [0.5 * h * x for x in power]
     j, term = 1.0, 1.0
-    while term > ENOUGH:
+    while term > SERIES_TOLERANCE:
         t = h / j
         term *= size * t
         power = [t * x for x in after(power, a)]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from operator import add
 
-from estimator_pkg.observers.adaptive.state import Design, State, Sums
+from estimator_pkg.observers.adaptive.state import Design, LearningSums, State
 from estimator_pkg.observers.maths.least_squares import update
 from estimator_pkg.observers.maths.vectors import exceeds, multiply, quadratic
 from estimator_pkg.sensor.scatter import Scatter
@@ -17,8 +17,8 @@ INIT = 0  # the filters settle
 ADAPTING = 1
 GATED = 2  # too little excitation to determine the parameters
 FROZEN = 3  # by the user
-PHASES = ('INIT', 'ADAPTING', 'GATED', 'FROZEN')
-REASONS = (
+PHASE_NAMES = ('INIT', 'ADAPTING', 'GATED', 'FROZEN')
+PHASE_TEXTS = (
     'the filters settle after a start',
     'the signals determine the parameters',
     'the signals do not determine the parameters: too little excitation',
@@ -26,7 +26,7 @@ REASONS = (
 )
 PAUSED = 'paused: a knock, or slower than moving_above'
 
-REGULAR = 1.0 - 1e-9  # on the diagonal: a matrix that only rounding makes regular is singular
+LEAST_REGULAR = 1.0 - 1e-9  # on the diagonal: a matrix that only rounding makes regular is singular
 
 
 def adapt(
@@ -67,13 +67,13 @@ def judged(state: State, design: Design, h: float) -> int:
     if design.gated:
         keep, noise = 1.0, 1.0
         if design.noise_gate:
-            keep, noise = REGULAR, h * variance(state.scatter, design)
+            keep, noise = LEAST_REGULAR, h * variance(state.scatter, design)
         if not exceeds(state.information, keep, noise, design.floor):
             return GATED
     return ADAPTING
 
 
-def gather(sums: Sums, state: State, psi: list[float], target: float) -> None:
+def gather(sums: LearningSums, state: State, psi: list[float], target: float) -> None:
     """Add one more sample to the sums of `evidence`."""
     matrix, vector = sums.matrix, sums.vector
     for i, x in enumerate(psi):

@@ -81,15 +81,15 @@ from estimator_pkg.sensor.convention import begin_convention, follow_convention,
 from estimator_pkg.sensor.scatter import begin_scatter, follow_scatter, resume_scatter
 
 SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
-SAMPLED, PAPER = 'sampled', 'paper'
+SAMPLED_FORM, PUBLISHED_FORM = 'sampled', 'paper'
 GRADIENT, LEAST_SQUARES = 'gradient', 'least_squares'
-SETTLED = 5.0  # time constants of the slowest pole until the filters have settled
-LOOK = 20  # samples between two checks of excitation and trust
-DOUBT = 9.0  # largest power of the slow innovation relative to that of the noise, ...
-CLOSE = 2e-4  # ... or relative to that of the motion: then the velocity is right to 3 %
-SHORTEST = 0.5  # shortest time over which both are averaged [s]
-FRESH = 10.0  # factor by which they are averaged faster after a start
-SURPRISE = 25.0  # a square is clamped to this multiple of the usual one
+FILTER_SETTLING = 5.0  # time constants of the slowest pole until the filters have settled
+CHECK_SAMPLES = 20  # samples between two checks of excitation and trust
+SLOW_POWER_RATIO = 9.0  # largest power of the slow innovation relative to that of the noise, ...
+MOTION_POWER_RATIO = 2e-4  # ... or to that of the motion: then the velocity is right to 3 %
+LEAST_AVERAGE = 0.5  # shortest time over which both are averaged [s]
+START_SPEEDUP = 10.0  # factor by which they are averaged faster after a start
+SQUARE_CLIP = 25.0  # a square is clamped to this multiple of the usual one
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ class Gains:
         equation='(1), observable canonical form',
     )
     form: str = structural(
-        SAMPLED,
-        choices=(SAMPLED, PAPER),
+        SAMPLED_FORM,
+        choices=(SAMPLED_FORM, PUBLISHED_FORM),
         description='sampled: filters exact for the sample time and a step that is stable for '
         'every gain; paper: (11) to (13) by forward Euler, whose damping b/J has an error of '
         'dt k/J',
@@ -276,7 +276,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     """
     structured, made = structure(gains), Design()
     made.order = n = gains.order
-    made.is_paper, made.is_gradient = gains.form == PAPER, gains.law == GRADIENT
+    made.is_paper, made.is_gradient = gains.form == PUBLISHED_FORM, gains.law == GRADIENT
     if made.is_paper and not made.is_gradient:
         raise UsageError(
             f"form 'paper' does not have the law '{gains.law}': set law to 'gradient', or form to "
@@ -290,8 +290,8 @@ def design(gains: Gains, circle: Circle) -> Design:
     made.full, made.load, made.gravity = gains.velocity == 'full', gains.load, gains.gravity
     made.gated, made.noise_gate = gains.gate != 'none', gains.gate == 'noise'
     set_numbers(made, structured, gains)
-    made.average = max(SHORTEST, SETTLED / made.slowest)
-    made.settle = SETTLED / made.slowest if gains.settle is None else float(gains.settle)
+    made.average = max(LEAST_AVERAGE, FILTER_SETTLING / made.slowest)
+    made.settle = FILTER_SETTLING / made.slowest if gains.settle is None else float(gains.settle)
     made.young = made.settle + 2.0 * made.average
     made.memory, made.keep = float(gains.memory), float(gains.excitation_memory)
     made.watched, made.knock = gains.knock > 0.0, float(gains.knock * gains.knock)
@@ -338,7 +338,7 @@ def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     coefficients.columns = [list(column) for column in zip(*coefficients.f)]
     coefficients.h = dt
     coefficients.weight = -math.expm1(-dt / design.average)
-    coefficients.slow_weight = -math.expm1(-LOOK * dt / design.average)
+    coefficients.slow_weight = -math.expm1(-CHECK_SAMPLES * dt / design.average)
     coefficients.keep = math.exp(-dt / design.keep)
     coefficients.forget = kept(dt, design.memory)
     coefficients.low_pass = -math.expm1(-dt * design.slowest)
@@ -410,7 +410,7 @@ def step(
         if design.is_paper and state.plant != was:  # the last term of (13), which ends with the law
             change_of = [now - then for now, then in zip(state.plant, was)]
             follow_parameters(state, before, design, change_of)
-    if state.tick >= LOOK:
+    if state.tick >= CHECK_SAMPLES:
         state.tick = 0
         if state.phase != INIT:
             check(state, coefficients, design)
@@ -459,7 +459,7 @@ def learn(
             state.adapted += h
     recent = coefficients.weight
     if state.age < design.young:  # while theta converges
-        recent = FRESH * recent if FRESH * recent < 1.0 else 1.0
+        recent = START_SPEEDUP * recent if START_SPEEDUP * recent < 1.0 else 1.0
     state.power += (e * e - state.power) * recent
     state.slow_power += (state.slow_e * state.slow_e - state.slow_power) * recent
 
@@ -472,13 +472,13 @@ def pause(state: State, design: Design, e: float, weight: float) -> None:
     """
     square, above, n = e * e, design.moving_above, design.order
     if above > 0.0 and -above < -design.a_k[n - 1] * state.of_y[n - 2] < above:
-        state.paused = SETTLED / design.slowest
+        state.paused = FILTER_SETTLING / design.slowest
     elif design.watched:
         if state.adapted > design.average:
             if square > design.knock * state.usual:
-                state.paused = SETTLED / design.slowest
-            if square > SURPRISE * state.usual:
-                square = SURPRISE * state.usual
+                state.paused = FILTER_SETTLING / design.slowest
+            if square > SQUARE_CLIP * state.usual:
+                square = SQUARE_CLIP * state.usual
         state.usual += (square - state.usual) * weight
 
 
@@ -488,8 +488,8 @@ def check(state: State, coefficients: Coefficients, design: Design) -> None:
     state.phase = judged(state, design, h)
     _, _, speed = states(state, design)
     state.speed_power += (speed * speed - state.speed_power) * coefficients.slow_weight
-    most = DOUBT * expected(state, design, h) * low_pass / (2.0 - low_pass)
-    close = CLOSE * state.speed_power / (design.pace * design.pace)
+    most = SLOW_POWER_RATIO * expected(state, design, h) * low_pass / (2.0 - low_pass)
+    close = MOTION_POWER_RATIO * state.speed_power / (design.pace * design.pace)
     if slow_power > 4.0 * most and slow_power > 4.0 * close:
         state.trusted = False
     elif (slow_power <= most or slow_power <= close) and (

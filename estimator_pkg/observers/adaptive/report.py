@@ -11,19 +11,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.observers.adaptive.evidence import Evidence, Verdict, judge
-from estimator_pkg.observers.adaptive.law import ADAPTING, PAUSED, PHASES, REASONS, variance
-from estimator_pkg.observers.adaptive.observer import DOUBT, PAPER, Gains, prepare
+from estimator_pkg.observers.adaptive.evidence import Assessment, Evidence, judge
+from estimator_pkg.observers.adaptive.law import (
+    ADAPTING,
+    PAUSED,
+    PHASE_NAMES,
+    PHASE_TEXTS,
+    variance,
+)
+from estimator_pkg.observers.adaptive.observer import (
+    PUBLISHED_FORM,
+    SLOW_POWER_RATIO,
+    Gains,
+    prepare,
+)
 from estimator_pkg.observers.adaptive.state import Coefficients, Design, State
 from estimator_pkg.observers.adaptive.structure import Structure, physical, structure
 
 Array = NDArray[np.float64]
 
 EXPLAINED = 0.9  # smallest predicted part of the acceleration's power for a trusted model
-SMALL = 0.1  # largest error of a trusted parameter, relative to its value, ...
-LITTLE = 0.05  # ... or to the value at which it alone would cause the acceleration: it is about 0
+SMALL_ERROR = 0.1  # largest error of a trusted parameter, relative to its value, ...
+ZERO_ERROR = 0.05  # ... or to the value at which it alone would cause the acceleration
 CURVED = 8.0  # between 12, for a parabola's mean height, and the value observed for b/J
-SURELY = 2.0  # standard deviations from which a sign is certain
+SIGN_SIGMAS = 2.0  # standard deviations from which a sign is certain
 
 
 class Identified(NamedTuple):
@@ -33,10 +44,10 @@ class Identified(NamedTuple):
     value: float
     stddev: float  # 0 if the user has set the value
     unit: str
-    trusted: bool = True  # the value can be used; see `Report.trusted`
+    trusted: bool = True  # the value can be used; see `IdentificationReport.trusted`
 
 
-class Report(NamedTuple):
+class IdentificationReport(NamedTuple):
     """The state of the identification.
 
     It is trusted if, for every free parameter, standard deviation and hidden error are small
@@ -77,7 +88,7 @@ class _Free(NamedTuple):
     @property
     def is_known(self) -> bool:
         error = math.hypot(self.stddev, self.hidden)
-        return bool(error <= SMALL * abs(self.value) or error <= LITTLE * self.scale)
+        return bool(error <= SMALL_ERROR * abs(self.value) or error <= ZERO_ERROR * self.scale)
 
 
 def report(
@@ -87,7 +98,7 @@ def report(
     dt: float,
     evidence: Evidence | None = None,
     origin: Origin | None = None,
-) -> Report:
+) -> IdentificationReport:
     """Return the report on a state of the observer.
 
     Parameters
@@ -133,9 +144,9 @@ def report(
     if ratios and gains.torque_constant is not None:
         parameters += _masses(gains.torque_constant, theta, covariance, made, known)
     phase = state.phase
-    reason = PAUSED if phase == ADAPTING and state.paused > 0.0 else REASONS[phase]
-    return Report(
-        PHASES[phase],
+    reason = PAUSED if phase == ADAPTING and state.paused > 0.0 else PHASE_TEXTS[phase]
+    return IdentificationReport(
+        PHASE_NAMES[phase],
         f'{reason}; not trusted: {why_not}' if why_not else reason,
         tuple(parameters),
         made.names,
@@ -149,7 +160,7 @@ def report(
 
 
 def excitation(gains: Gains, design: Design, state: State, dt: float) -> float:
-    """Return the value that the gate compares with its threshold; see `Report`."""
+    """Return the value that the gate compares with its threshold; see `IdentificationReport`."""
     matrix, floor = np.array(state.information), np.array(design.floor)
     scale, threshold = 1.0, gains.excitation
     if gains.gate != 'gamma':
@@ -169,7 +180,7 @@ def _verdict(
     state: State,
     dt: float,
     evidence: Evidence,
-) -> Verdict | None:
+) -> Assessment | None:
     """Return the assessment of theta, including errors by noise in the filters and by sampling."""
     n, coefficients = gains.order, Coefficients()
     prepare(coefficients, design, dt)
@@ -187,7 +198,7 @@ def _verdict(
         bias[free],
         _sampling(gains, made, theta, dt)[free],
         slow,
-        DOUBT,
+        SLOW_POWER_RATIO,
     )
 
 
@@ -200,7 +211,7 @@ def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> A
     n = gains.order
     plant = np.array(theta)
     plant[:n] += made.model
-    if gains.form != PAPER:
+    if gains.form != PUBLISHED_FORM:
         pace = (-made.observer[-1]) ** (1.0 / n)
         return (pace * dt) ** 2 / CURVED * np.abs(plant)
     a = np.diag(np.ones(n - 1), 1)
@@ -212,7 +223,7 @@ def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> A
 
 
 def _whole(
-    made: Structure, verdict: Verdict | None, supplied: bool, origin: Origin | None
+    made: Structure, verdict: Assessment | None, supplied: bool, origin: Origin | None
 ) -> Array:
     """Return the covariance of theta; infinite variances for unknown parameters."""
     covariance = np.zeros((len(made.names), len(made.names)))
@@ -235,7 +246,7 @@ def _plant_name(name: str, ratios: dict, place: int) -> str:
 
 
 def _free(
-    made: Structure, theta: list[float], sigma: Array, ratios: dict, verdict: Verdict | None
+    made: Structure, theta: list[float], sigma: Array, ratios: dict, verdict: Assessment | None
 ) -> list[_Free]:
     found = []
     for k, place in enumerate(made.free):
@@ -255,7 +266,7 @@ def _free(
     return found
 
 
-def _fits(verdict: Verdict) -> bool:
+def _fits(verdict: Assessment) -> bool:
     return verdict.noise_only or verdict.explained >= EXPLAINED
 
 
@@ -264,7 +275,7 @@ def _doubt(
     observer_trusts: bool,
     adapted: float,
     supplied: bool,
-    verdict: Verdict | None,
+    verdict: Assessment | None,
     free: list[_Free],
 ) -> str:
     """Return why the parameters are not trusted; '' if they are."""
@@ -281,13 +292,13 @@ def _doubt(
         )
     by_name = {own.name: own for own in free}
     damping, gain = by_name.get('b/J'), by_name.get('Kv/J')
-    if damping and damping.value < -SURELY * damping.stddev - LITTLE * damping.scale:
+    if damping and damping.value < -SIGN_SIGMAS * damping.stddev - ZERO_ERROR * damping.scale:
         return 'the damping b/J is negative'
-    if gain and gains.torque_constant is not None and gain.value <= SURELY * gain.stddev:
+    if gain and gains.torque_constant is not None and gain.value <= SIGN_SIGMAS * gain.stddev:
         return 'the inertia may be negative: does the input have the right sign?'
     vague = [own.name for own in free if not own.is_known]
     if vague:
-        return f'the error of {", ".join(vague)} may be larger than {100.0 * SMALL:.0f} %'
+        return f'the error of {", ".join(vague)} may be larger than {100.0 * SMALL_ERROR:.0f} %'
     return ''
 
 

@@ -77,7 +77,7 @@ class Coefficients:
 
 
 @record
-class Sums:
+class LearningSums:
     """What `evidence` needs, summed over the samples that the observer learnt from."""
 
     matrix: list[list[float]]  # psi psi', its lower triangle
@@ -115,4 +115,4 @@ class State:
     phase: int  # see `law`
     trusted: bool  # the innovation is no larger than noise explains, or small
     tick: int  # samples since the last check
-    sums: Sums
+    sums: LearningSums

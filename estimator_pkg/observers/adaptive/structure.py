@@ -17,7 +17,7 @@ from estimator_pkg.errors import UsageError, suggestion
 
 _CONSTRAINT = re.compile(r'\s*([\w/]+)\s*(=|>=|<=)\s*(\S+)\s*')
 
-Matrix = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Structure:
     start: tuple[float, ...]  # initial values of the free parameters, shape (m,)
     low: tuple[float, ...]  # their bounds
     high: tuple[float, ...]
-    gamma: Matrix  # Gamma, shape (m, m)
+    gamma: Array  # Gamma, shape (m, m)
     variance: tuple[float, ...]  # diagonal of the initial P of least squares, shape (m,)
     slowest: float  # magnitude of the slowest observer pole [1/s]
     fastest: float  # of the fastest
@@ -116,7 +116,7 @@ def _distinct_poles(pole: float, count: int) -> tuple[float, ...]:
     return tuple(pole * 1.1 ** (i - 0.5 * (count - 1)) for i in range(count))
 
 
-def _gamma(values: tuple[float, ...], names: list[str]) -> Matrix:
+def _gamma(values: tuple[float, ...], names: list[str]) -> Array:
     """Return the matrix Gamma of the free parameters; raises UsageError."""
     m = len(names)
     if len(values) == 1:

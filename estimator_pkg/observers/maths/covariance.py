@@ -21,12 +21,12 @@ from estimator_pkg.record import record
 
 # Prior variance of the acceleration at a start, in noise variances / dt^4. Three samples determine
 # it to 6 of these, so from the fourth sample on the prior has no influence.
-VAGUE = 1e4
+PRIOR_ACCELERATION = 1e4
 
 # If a measurement reduces the speed's variance below this part, the difference has few digits left.
 # The state was unknown then: P is that of a start. A measurement without noise reduces the
 # position's variance as far, but leaves a part of the speed's that the process noise has added.
-BLIND = 1e-9
+CANCELLATION = 1e-9
 
 
 @record
@@ -79,9 +79,9 @@ def set_line_3(p: Covariance, dt: float) -> None:
     p.p00 = 1.0
     p.p01 = 1.0 / dt
     p.p02 = 0.0
-    p.p11 = (2.0 + 0.25 * VAGUE) / square
-    p.p12 = 0.5 * VAGUE / (square * dt)
-    p.p22 = VAGUE / (square * square)
+    p.p11 = (2.0 + 0.25 * PRIOR_ACCELERATION) / square
+    p.p12 = 0.5 * PRIOR_ACCELERATION / (square * dt)
+    p.p22 = PRIOR_ACCELERATION / (square * square)
 
 
 def update_2(p: Covariance, q: Covariance, dt: float, scale: float) -> tuple[float, float]:
@@ -98,7 +98,7 @@ def update_2(p: Covariance, q: Covariance, dt: float, scale: float) -> tuple[flo
     of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
     K1 = n01 * of_s
     left = n11 - K1 * n01
-    if left < BLIND * n11:
+    if left < CANCELLATION * n11:
         set_line_2(p, dt)
         return 1.0 / dt, of_s
     p.p00, p.p01, p.p11 = n00 * of_s, K1, left
@@ -118,7 +118,7 @@ def update_3(p: Covariance, q: Covariance, dt: float, scale: float) -> tuple[flo
     of_s = 1.0 / (1.0 + n00)  # 1/S = 1 - K0
     K1, K2 = n01 * of_s, n02 * of_s
     left = n11 - K1 * n01
-    if left < BLIND * n11:
+    if left < CANCELLATION * n11:
         set_line_3(p, dt)
         return 1.0 / dt, 0.0, of_s
     p.p00, p.p01, p.p02, p.p11 = n00 * of_s, K1, K2, left

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-POINTS = 200  # quantiles of half a Gaussian, over which the injections are averaged
+QUANTILES = 200  # quantiles of half a Gaussian, over which the injections are averaged
 
 
 class Describing(NamedTuple):
@@ -35,7 +35,7 @@ class Describing(NamedTuple):
 def _half() -> tuple[float, ...]:
     """Return the quantiles of the positive half of a Gaussian: the injections are odd."""
     inverse = NormalDist().inv_cdf
-    return tuple(inverse(0.5 + 0.5 * (k + 0.5) / POINTS) for k in range(POINTS))
+    return tuple(inverse(0.5 + 0.5 * (k + 0.5) / QUANTILES) for k in range(QUANTILES))
 
 
 def describing(inject: Callable[[float], tuple[float, float]], size: float) -> Describing:

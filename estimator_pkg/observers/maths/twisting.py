@@ -8,7 +8,7 @@ Forward Euler chatters with amplitude h a; the implicit step does not:
     e+ + h g sqrt|e+| sgn e+ + h^2 a sgn e+ = e,   sgn 0 anything in [-1, 1]
 
 where e is the error of the prediction, g and a the gains of the two injections. While |e| <= h^2 a
-it slides: the error becomes zero within the step. `super_twisting`, `switched` and `smo` use it.
+it slides: the error becomes zero within the step. `switched` and `smo` use it.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ acted from the previous sample to this one. An observer adds two functions, and 
     advance(model, state, coefficients, design, measurement, known_input)
         Set `work.after`, the core state after one sample: `before` is the previous measurement,
         `work.moved` the wrapped change since then. Return False where the model is not valid.
-    carry(model, core, work, design, at)
+    propagate(model, core, work, design, at)
         Set the velocities v at the positions `at` after samples without input or measurement.
 
 and SLIDING: the innovation is d of its core state, not e. `plan` of its module is ordinary Python.
@@ -28,17 +28,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.circle import wrap
-from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.models.mechanics import Mechanics, Vector
 from estimator_pkg.observers.mechanism.algebra import is_beyond, is_finite
 from estimator_pkg.observers.mechanism.gains import longest_euler, longest_exact, slowest_pole
-from estimator_pkg.observers.mechanism.noise import Noise, NoiseGains
+from estimator_pkg.observers.mechanism.noise import NoiseGains, StandardDeviations
 from estimator_pkg.observers.mechanism.parameters import (
-    EXACT,
+    AT_MEASUREMENT,
+    EXACT_FORM,
     LINEAR,
-    MEASUREMENT,
-    PAPER,
+    PAPER_FORM,
     MechanicalGains,
     circles_of,
     per_joint,
@@ -49,14 +48,14 @@ from estimator_pkg.sensor.convention import begin_convention, follow_convention,
 
 Array = NDArray[np.float64]
 
-OUTSIDE = 0.125  # an innovation beyond this part of a turn is not noise: the lock is in doubt
-LOST_AFTER = 0.5  # s in doubt after which the observer starts again
+OUTSIDE_PART = 0.125  # an innovation beyond this part of a turn is not noise: the lock is in doubt
+DOUBT_LIMIT = 0.5  # s in doubt after which the observer starts again
 COAST = 0.2  # s without input or outside the domain after which the state is not observable
-MEMORY = 400.0  # samples over which the innovation's power is averaged
+POWER_MEMORY = 400.0  # samples over which the innovation's power is averaged
 DRIFT_MEMORY = 20.0  # slowest time constants over which the power of its slow part is averaged
-SETTLED = 4.0  # time constants of the slowest pole until a start has settled
+START_SETTLING = 4.0  # time constants of the slowest pole until a start has settled
 
-NO_TROUBLE = 0
+NO_REASON = 0
 OUT_OF_DOMAIN = 1
 NO_INPUT = 2
 FAR_OFF = 3  # the innovation is too large
@@ -67,7 +66,7 @@ DRIVEN = True
 
 
 @record
-class Estimate:
+class MechanismEstimate:
     """The newest estimate of a mechanism."""
 
     position: Vector  # [rad or m], in the convention of the measurement
@@ -77,11 +76,11 @@ class Estimate:
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     """Set what follows from dt [s]."""
-    corner = SETTLED * dt / design.settle  # of the slow part: the slowest pole
+    corner = START_SETTLING * dt / design.settle  # of the slow part: the slowest pole
     coefficients.dt = dt
     coefficients.inverse_dt = 1.0 / dt
     coefficients.drift = corner / (1.0 + corner)
-    coefficients.memory = max(MEMORY * dt, DRIFT_MEMORY * design.settle / SETTLED)
+    coefficients.memory = max(POWER_MEMORY * dt, DRIFT_MEMORY * design.settle / START_SETTLING)
 
 
 def is_reading(measurement: Vector) -> bool:
@@ -91,20 +90,20 @@ def is_reading(measurement: Vector) -> bool:
 
 def start(observer: Any, state: State, design: Design, measurement: Vector) -> None:
     """Set every field, after the first sample."""
-    begin_core(observer.model, state, INITIALISING, NO_TROUBLE)
+    begin_core(observer.model, state, INITIALISING, NO_REASON)
     for i in range(observer.model.JOINTS):
         state.before[i] = measurement[i]
         begin_convention(state.conventions[i], measurement[i])
         state.squares[i] = state.drift[i] = state.drift_squares[i] = 0.0
 
 
-def begin_core(model: Any, state: State, status: int, trouble: int) -> None:
+def begin_core(model: Any, state: State, status: int, reason: int) -> None:
     """Begin at rest at the measurement."""
     core = state.core
     for i in range(model.JOINTS):
         core.e[i] = core.x[i] = core.d[i] = core.v[i] = 0.0
-    state.status, state.trouble = status, trouble
-    state.clear = state.astray = 0.0
+    state.status, state.invalid_reason = status, reason
+    state.valid_time = state.invalid_time = 0.0
 
 
 def step(
@@ -120,38 +119,38 @@ def step(
     for i in range(n):
         work.moved[i] = wrap(measurement[i] - state.before[i], design.periods[i])
         follow_convention(state.conventions[i], measurement[i], design.periods[i])
-    trouble = NO_TROUBLE
+    reason = NO_REASON
     if not is_finite(observer.model.INPUTS, known_input):
-        trouble = NO_INPUT
+        reason = NO_INPUT
     elif not observer.advance(
         observer.model, state, coefficients, design, measurement, known_input
     ):
-        trouble = OUT_OF_DOMAIN
+        reason = OUT_OF_DOMAIN
     elif not (is_finite(n, work.after.e) and is_finite(n, work.after.v)):
         begin_core(observer.model, state, INITIALISING, NOT_FINITE)
-        trouble = NOT_FINITE
+        reason = NOT_FINITE
     else:
         core.take(work.after)
         if is_beyond(n, core.e, design.outside):
-            trouble = FAR_OFF
-    if trouble == NO_TROUBLE:
+            reason = FAR_OFF
+    if reason == NO_REASON:
         settle(observer, state, coefficients, design)
-    elif trouble != NOT_FINITE:
-        stray(observer, state, coefficients, design, measurement, trouble)
+    elif reason != NOT_FINITE:
+        update_fault_status(observer, state, coefficients, design, measurement, reason)
     for i in range(n):
         state.before[i] = measurement[i]
 
 
 def settle(observer: Any, state: State, coefficients: Coefficients, design: Design) -> None:
-    """Follow the status and the power of the innovation after a sample without trouble."""
+    """Follow the status and the power of the innovation after a valid sample."""
     dt = coefficients.dt
-    state.clear += dt
-    if state.clear >= design.settle:
+    state.valid_time += dt
+    if state.valid_time >= design.settle:
         state.status = TRACKING
-        state.astray = 0.0
-    state.trouble = NO_TROUBLE
-    weight = dt / state.clear if state.clear < MEMORY * dt else 1.0 / MEMORY
-    since = max(state.clear - design.settle, 0.0) + dt
+        state.invalid_time = 0.0
+    state.invalid_reason = NO_REASON
+    weight = dt / state.valid_time if state.valid_time < POWER_MEMORY * dt else 1.0 / POWER_MEMORY
+    since = max(state.valid_time - design.settle, 0.0) + dt
     slowly = dt / min(since, coefficients.memory)
     for i in range(observer.model.JOINTS):
         innovation = state.core.e[i]
@@ -164,20 +163,20 @@ def settle(observer: Any, state: State, coefficients: Coefficients, design: Desi
             state.drift_squares[i] += slowly * (drift * drift - state.drift_squares[i])
 
 
-def stray(
+def update_fault_status(
     observer: Any,
     state: State,
     coefficients: Coefficients,
     design: Design,
     measurement: Vector,
-    trouble: int,
+    reason: int,
 ) -> None:
-    """Follow the status after a sample in trouble."""
-    state.astray += coefficients.dt
-    state.trouble = trouble
-    if trouble == FAR_OFF:
-        state.clear = 0.0
-        if state.astray > design.lost_after:
+    """Follow the status after a sample that is not valid."""
+    state.invalid_time += coefficients.dt
+    state.invalid_reason = reason
+    if reason == FAR_OFF:
+        state.valid_time = 0.0
+        if state.invalid_time > design.lost_after:
             begin_core(observer.model, state, INITIALISING, FAR_OFF)
         elif state.status == TRACKING or state.status == COASTING:
             state.status = COASTING
@@ -185,28 +184,28 @@ def stray(
             state.status = INITIALISING
         return
     # no update: keep the velocity, take the position from the measurement
-    hold(observer, state, design, measurement)
-    if state.astray > COAST:
-        state.clear = 0.0
+    coast(observer, state, design, measurement)
+    if state.invalid_time > COAST:
+        state.valid_time = 0.0
         state.status = NOT_OBSERVABLE
     elif state.status == TRACKING:
         state.status = COASTING
 
 
-def hold(observer: Any, state: State, design: Design, measurement: Vector) -> None:
+def coast(observer: Any, state: State, design: Design, measurement: Vector) -> None:
     """Take the position from the measurement, and keep the motion."""
     for i in range(observer.model.JOINTS):
         state.core.e[i] = 0.0
-    observer.carry(observer.model, state.core, state.work, design, measurement)
+    observer.propagate(observer.model, state.core, state.work, design, measurement)
 
 
-def keep(model: Any, core: Core, work: Work, design: Design, at: Vector) -> None:
-    """Keep the velocities: `carry` of an observer whose state they are."""
+def keep_velocities(model: Any, core: Core, work: Work, design: Design, at: Vector) -> None:
+    """Keep the velocities: `propagate` of an observer whose state they are."""
 
 
 def estimate(
     observer: Any,
-    out: Estimate,
+    out: MechanismEstimate,
     state: State,
     coefficients: Coefficients,
     design: Design,
@@ -227,19 +226,19 @@ def resume(
     observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Vector
 ) -> None:
     """Go on after a gap: position from the measurement, motion kept."""
-    hold(observer, state, design, measurement)
+    coast(observer, state, design, measurement)
     go_on(observer.model, state, design, measurement)
     if state.status == TRACKING:
         state.status = COASTING
-    state.trouble = NO_TROUBLE
-    state.clear = state.astray = 0.0
+    state.invalid_reason = NO_REASON
+    state.valid_time = state.invalid_time = 0.0
 
 
 def restart(
     observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Vector
 ) -> None:
     """Start again after an outage; the turns that were counted stay."""
-    begin_core(observer.model, state, INITIALISING, NO_TROUBLE)
+    begin_core(observer.model, state, INITIALISING, NO_REASON)
     go_on(observer.model, state, design, measurement)
 
 
@@ -260,56 +259,6 @@ def place(model: Any, state: State, design: Design) -> None:
             work.at[i] = state.before[i] + 0.5 * work.moved[i]
         else:
             work.at[i] = state.before[i]
-
-
-def walk(
-    observer: Any,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    count: int,
-    measured: NDArray[np.float64],
-    inputs: NDArray[np.float64],
-    parts: int,
-    single: bool,
-    velocities: NDArray[np.float64],
-) -> None:
-    """Advance over `count` samples of positions that do not wrap, without status: for studies.
-
-    Parameters
-    ----------
-    measured, velocities : shape (count, n), flat. Row k of the velocities is the estimate before
-        y_k is injected.
-    inputs : shape (count, max(1, m)), flat; row k acts from sample k to k + 1.
-    parts : steps per sample, with a constant measurement; the coefficients are those of dt/parts.
-    single : the state is stored in single precision.
-    """
-    n, m = observer.model.JOINTS, max(1, observer.model.INPUTS)
-    core, work = state.core, state.work
-    for i in range(n):
-        velocities[i] = core.v[i]
-    for k in range(1, count):
-        for i in range(m):
-            work.given[i] = inputs[(k - 1) * m + i]
-        for part in range(parts):
-            for i in range(n):
-                state.before[i] = measured[(k - 1) * n + i]
-                work.now[i] = measured[k * n + i] if part == parts - 1 else state.before[i]
-                work.moved[i] = work.now[i] - state.before[i]
-            if observer.advance(observer.model, state, coefficients, design, work.now, work.given):
-                core.take(work.after)
-        for i in range(n):
-            if single:
-                core.e[i] = in_single(core.e[i])
-                core.x[i] = in_single(core.x[i])
-                core.d[i] = in_single(core.d[i])
-            velocities[k * n + i] = core.v[i]
-
-
-def in_single(x: float) -> float:
-    """Return x rounded to the 24 digits of single precision (Veltkamp's splitting)."""
-    wide = 536870913.0 * x
-    return wide - (wide - x)
 
 
 def limits(design: Design, dt: float) -> str | None:
@@ -358,7 +307,7 @@ class Plan:
     mechanics: Mechanics
     module: ModuleType
     design: Design
-    deviations: Noise
+    deviations: StandardDeviations
     linear: Callable[[Array, Array], tuple[Array, Array]]
     describe: Callable[[float], dict[str, Any]]
 
@@ -370,62 +319,25 @@ class Plan:
         """Return a state with room for all positions."""
         return enlarge(State(), self.mechanics.degrees)
 
-    def velocities(
-        self,
-        state: State,
-        measured: Array,
-        inputs: Array,
-        dt: float,
-        parts: int = 1,
-        single: bool = False,
-    ) -> Array:
-        """Return the velocities of `walk`, shape (N, n); the state goes on."""
-        given = np.zeros((len(measured), max(1, self.mechanics.inputs)))
-        given[:, : self.mechanics.inputs] = inputs
-        coefficients = Coefficients()
-        prepare(coefficients, self.design, dt / parts)
-        rows, out = np.ascontiguousarray(measured, float), np.zeros(np.shape(measured))
-        compiled = functions_of(self.module)
-        if compiled is None:
-            walk(
-                self.module,
-                state,
-                coefficients,
-                self.design,
-                len(rows),
-                rows.ravel().tolist(),
-                given.ravel().tolist(),
-                parts,
-                single,
-                out.ravel(),
-            )
-            return out
-        records = [Memory(type(each), each) for each in (state, coefficients, self.design)]
-        pointers = [each.pointer for each in records]
-        columns = [each.ctypes.data for each in (rows, given)]
-        compiled.walk(*pointers, len(rows), *columns, parts, single, out.ctypes.data)
-        state.take(State.read(records[0].array[0]))
-        return out
-
     def why(self, state: State) -> str:
         """Return why the estimate is not published, in words, or ''."""
         model, complaint = self.mechanics.name, self.mechanics.complaint()
-        if state.trouble == OUT_OF_DOMAIN:
+        if state.invalid_reason == OUT_OF_DOMAIN:
             return f"outside the domain of model '{model}': the last velocity is kept" + (
                 f' ({complaint})' if complaint else ''
             )
-        if state.trouble == NO_INPUT:
+        if state.invalid_reason == NO_INPUT:
             needed = ', '.join(self.mechanics.joints[index] for index in self.mechanics.actuated)
             return f"no effort for {needed}, which model '{model}' needs"
-        if state.trouble == FAR_OFF:
+        if state.invalid_reason == FAR_OFF:
             return 'the positions are far from those that the model predicts with these inputs'
-        if state.trouble == NOT_FINITE:
+        if state.invalid_reason == NOT_FINITE:
             return f"model '{model}' is not finite at these positions" + (
                 f': {complaint}' if complaint else ''
             )
         if state.status == INITIALISING:
             return (
-                f'settling: {state.clear:.2g} s of {self.design.settle:.3g} s, four times the '
+                f'settling: {state.valid_time:.2g} s of {self.design.settle:.3g} s, four times the '
                 'slowest time constant'
             )
         return ''
@@ -458,21 +370,21 @@ def made_plan(
     made: Design = enlarge(Design(), n)
     for index, value in enumerate(mechanics.values):
         made.values[index] = float(value)
-    made.paper = gains.form == PAPER
-    made.at_measurement = gains.schedule == MEASUREMENT
-    made.linear_hold = gains.hold == LINEAR and gains.form == EXACT
+    made.paper = gains.form == PAPER_FORM
+    made.at_measurement = gains.schedule == AT_MEASUREMENT
+    made.linear_hold = gains.hold == LINEAR and gains.form == EXACT_FORM
     made.damped, made.dry = mechanics.damped, mechanics.speed_matters
     made.resisted = mechanics.damped or (mechanics.speed_matters and not made.paper)
     for index, each in enumerate(circles_of(mechanics, circle)):
         made.periods[index], made.unwrap[index] = float(each.period), bool(each.unwrap)
-        made.outside[index] = OUTSIDE * each.period if each.period > 0.0 else math.inf
+        made.outside[index] = OUTSIDE_PART * each.period if each.period > 0.0 else math.inf
         made.one[index][index] = 1.0
     made.longest, made.lag = math.inf, float(lag)
     if systems is not None:
         slowest = slowest_pole(systems[0])
         made.longest = longest_euler(systems) if made.paper else longest_exact(systems, n)
-    made.settle = float(SETTLED / slowest) if slowest > 0.0 else math.inf
-    made.lost_after = max(LOST_AFTER, min(made.settle, 10.0 * LOST_AFTER))
+    made.settle = float(START_SETTLING / slowest) if slowest > 0.0 else math.inf
+    made.lost_after = max(DOUBT_LIMIT, min(made.settle, 10.0 * DOUBT_LIMIT))
     for name, value in fields.items():
         if isinstance(value, np.ndarray):
             for index, row in enumerate(value.tolist()):
@@ -482,7 +394,7 @@ def made_plan(
                     getattr(made, name)[index] = row
         else:
             setattr(made, name, value)
-    deviations = Noise(
+    deviations = StandardDeviations(
         mechanics,
         per_joint('noise', gains.noise, n),
         per_joint('quantum', gains.quantum, n),

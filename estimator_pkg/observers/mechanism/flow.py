@@ -28,7 +28,7 @@ from estimator_pkg.observers.mechanism.state import Core, Design, Work
 LARGEST_PART = 3.0  # largest dt (|L| + sqrt(trace K)) of a step in one part
 MOST_PARTS = 1000.0  # gains that need more parts are refused: they do not fit the sample rate
 NEGLIGIBLE = 1e-17  # the series ends when its terms are smaller than this, relative to the sum
-LAST = 60.0  # number of the last term
+LAST_TERM = 60.0  # number of the last term
 
 
 def flow(
@@ -93,7 +93,7 @@ def advance_one(
     z = -(g * e) * h
     u, v, q = x, y, z
     k = 2.0
-    while k <= LAST:
+    while k <= LAST_TERM:
         c = h / k
         x, y, z = (m * y - l0 * x) * c, (-(b0 * x + w * y) + s * z) * c, -(g * x) * c
         u += x
@@ -134,7 +134,7 @@ def advance_two(
     y0, y1 = (y0 + work.f[0]) * h, (y1 + work.f[1]) * h
     t0, t1, u0, u1, v0, v1 = x0, x1, y0, y1, z0, z1  # the sums
     k = 2.0
-    while k <= LAST:
+    while k <= LAST_TERM:
         c = h / k
         a0, a1 = b00 * x0 + b01 * x1, b10 * x0 + b11 * x1
         if resisted:
@@ -217,7 +217,7 @@ def advance_all(
         z[i] = z[i] * h if design.disturbed else 0.0
         sum_x[i], sum_y[i], sum_z[i] = x[i], y[i], z[i]
     k = 2.0
-    while k <= LAST:
+    while k <= LAST_TERM:
         c = h / k
         set_rates(n, next_x, next_y, next_z, x, y, z, calm, psi, b, work.w, design)
         of_x, of_y, of_z, all_x, all_y, all_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

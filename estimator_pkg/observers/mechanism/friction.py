@@ -16,7 +16,7 @@ from typing import Any
 from estimator_pkg.models.mechanics import Vector
 from estimator_pkg.observers.mechanism.state import Design, Work
 
-MOST = 30.0  # largest viscous decay per sample: with more, the joint is at rest all the same
+MOST_DECAY = 30.0  # largest viscous decay per sample: with more, the joint is at rest all the same
 
 
 def may_stop(force: float, free: float, v: float, inertia: float, dt: float) -> bool:
@@ -46,7 +46,7 @@ def stopping(
         return force, 0.0
     if abs(inertia * v + dt * free) > dt * abs(free - late):
         return force, 0.0  # the driving forces are larger than the friction
-    lost, most = abs(free - force), MOST * inertia / dt
+    lost, most = abs(free - force), MOST_DECAY * inertia / dt
     return free, lost / abs(v) if lost < most * abs(v) else most
 
 

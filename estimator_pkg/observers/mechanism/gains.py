@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 GUARANTEED_SPEED = 1.0  # of each position, for the guaranteed rate [rad/s or m/s]
 
 
-class Tuning(NamedTuple):
+class GesoGains(NamedTuple):
     """Gains of GESO: qh' = calM ph + L e, ph' = ... + Gamma calM^T P0 e, d' = E e."""
 
     L: Array
@@ -74,7 +74,7 @@ def lyapunov_weight(L: Array) -> Array:
     return 0.5 * (weight + weight.T)
 
 
-def error_matrix(mechanics: Mechanics, tuning: Tuning, q: Array, disturbed: bool) -> Array:
+def error_matrix(mechanics: Mechanics, tuning: GesoGains, q: Array, disturbed: bool) -> Array:
     """Return A of (e, p, d)' = A (e, p, d), with the configuration frozen at q [rad or m].
 
     Its shape is (3 n, 3 n) if `disturbed`, else (2 n, 2 n).
@@ -185,7 +185,7 @@ def describe_loop(L: Array, K: Array, matrices: list[Array], dt: float) -> dict[
 
 
 def describe(
-    mechanics: Mechanics, tuning: Tuning, point: Array, dt: float, *, disturbed: bool
+    mechanics: Mechanics, tuning: GesoGains, point: Array, dt: float, *, disturbed: bool
 ) -> dict[str, Any]:
     """Return properties of GESO's gains by name; `MEANINGS` has their titles and units.
 

@@ -40,7 +40,7 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     EDGES,
     SINGLE_ANGLE,
     TURNS,
-    Estimate,
+    MechanismEstimate,
     Plan,
     estimate,
     group_delay,
@@ -53,11 +53,10 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     resume,
     start,
     step,
-    walk,
 )
 from estimator_pkg.observers.mechanism.flow import flow
 from estimator_pkg.observers.mechanism.friction import resist
-from estimator_pkg.observers.mechanism.gains import Tuning
+from estimator_pkg.observers.mechanism.gains import GesoGains
 from estimator_pkg.observers.mechanism.parameters import (
     LoopGains,
     MechanicalGains,
@@ -99,7 +98,7 @@ class Gains(MechanicalGains, LoopGains):
     )
 
 
-def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
+def tune(gains: Gains, mechanics: Mechanics, point: Array) -> GesoGains:
     """Return the gain matrices, shape (n, n), that these parameters request at `point`, (n,).
 
     Raises
@@ -141,7 +140,7 @@ def tune(gains: Gains, mechanics: Mechanics, point: Array) -> Tuning:
     else:
         product = foreseen * slow
     E = mechanics.inertia(point) @ product
-    return Tuning(L, Gamma, P0, E)
+    return GesoGains(L, Gamma, P0, E)
 
 
 def advance(
@@ -238,7 +237,7 @@ def move_by_euler(model: Any, state: State, dt: float, design: Design, known_inp
         after.x[i] = core.x[i] + dt * work.f[i]
 
 
-def carry(model: Any, core: Core, work: Work, design: Design, at: Vector) -> None:
+def propagate(model: Any, core: Core, work: Work, design: Design, at: Vector) -> None:
     """Keep the momenta: without forces they are constant at all positions."""
     if not model.admits(design.values, at):
         return

@@ -95,7 +95,7 @@ def course(
             positions[(k + 1) * n + i], velocities[(k + 1) * n + i] = plant.q[i], plant.v[i]
 
 
-class Motion:
+class MechanismSimulation:
     """A mechanism that is moved by its inputs.
 
     Parameters

@@ -24,7 +24,7 @@ from estimator_pkg.observers.mechanism.state import Coefficients, State
 Array = NDArray[np.float64]
 
 GRID = 0.03  # relative spacing of the cached variances in position, dt and innovation
-KEPT = 4096  # largest number of cached variances
+CACHE_SIZE = 4096  # largest number of cached variances
 
 
 def exponential(matrix: Array) -> Array:
@@ -132,7 +132,7 @@ def variances(rows: Array, covariance: Array) -> Array:
     return found
 
 
-class Noise:
+class StandardDeviations:
     """Standard deviations of an observer's estimates.
 
     The variances per noise depend on configuration and dt, and on the size of the innovation if the
@@ -164,7 +164,7 @@ class Noise:
         self._floor = np.array(quantum) ** 2 / 12.0
         self._variance = np.array(noise) ** 2 + self._floor
         self._spacing = [GRID * each for each in mechanics.reach]
-        self._gains = lru_cache(KEPT)(self._found)
+        self._gains = lru_cache(CACHE_SIZE)(self._found)
 
     def _variances(self, at: Array, sizes: tuple[int, ...], dt: float) -> NoiseGains:
         if self._of_size is not None:

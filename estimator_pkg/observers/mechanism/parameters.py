@@ -20,9 +20,9 @@ from estimator_pkg.parameters import build, parameter, structural
 
 Array = NDArray[np.float64]
 
-EXACT, PAPER = 'exact', 'paper'
+EXACT_FORM, PAPER_FORM = 'exact', 'paper'
 LINEAR, PREVIOUS = 'linear', 'previous'
-MEASUREMENT, ESTIMATE = 'measurement', 'estimate'
+AT_MEASUREMENT, AT_ESTIMATE = 'measurement', 'estimate'
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class MechanicalGains:
         "'damping=0.01']; 'velocity_estimator identify' estimates them",
     )
     form: str = structural(
-        EXACT,
-        choices=(EXACT, PAPER),
+        EXACT_FORM,
+        choices=(EXACT_FORM, PAPER_FORM),
         description='exact: the step is exact for the time between samples; paper: forward Euler, '
         'which is unstable unless dt K is well below L',
     )
@@ -54,8 +54,8 @@ class MechanicalGains:
         'previous sample (half a sample more delay)',
     )
     schedule: str = structural(
-        MEASUREMENT,
-        choices=(MEASUREMENT, ESTIMATE),
+        AT_MEASUREMENT,
+        choices=(AT_MEASUREMENT, AT_ESTIMATE),
         description='where the model is evaluated: at the measurement, as the proof requires, or '
         'at the estimated position, which is less noisy with a noisy encoder',
     )

@@ -37,7 +37,7 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     EDGES,
     SINGLE_ANGLE,
     TURNS,
-    Estimate,
+    MechanismEstimate,
     Plan,
     estimate,
     group_delay,
@@ -50,13 +50,12 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     resume,
     start,
     step,
-    walk,
 )
-from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
+from estimator_pkg.observers.mechanism.core import keep_velocities as propagate  # noqa: F401
 from estimator_pkg.observers.mechanism.noise import NoiseGains, per_noise, variances
 from estimator_pkg.observers.mechanism.parameters import (
     LINEAR,
-    PAPER,
+    PAPER_FORM,
     MechanicalGains,
     model_of,
     per_joint,
@@ -165,8 +164,8 @@ def noise_variances(
 
 
 SUPER_TWISTING, UNIFORM = 'super_twisting', 'uniform'
-FIRST, SECOND = 1.5, 1.1  # of (22)
-SMALLEST = 1e-18  # smallest mean squared innovation for the describing functions [rad^2 or m^2]
+POSITION_GAIN, VELOCITY_GAIN = 1.5, 1.1  # of (22)
+LEAST_POWER = 1e-18  # smallest mean squared innovation for the describing functions [rad^2 or m^2]
 
 
 @dataclass(frozen=True)
@@ -262,13 +261,13 @@ def plan(gains: Gains, circle: Any) -> Plan:
     design.uniform = gains.variant == UNIFORM
     if not design.uniform:
         mu = np.array(per_joint('mu', gains.mu, n))
-        first, second = FIRST * np.sqrt(mu), SECOND * mu
+        first, second = POSITION_GAIN * np.sqrt(mu), VELOCITY_GAIN * mu
         acceleration_limit = second
     else:
         first = np.array(per_joint('k1', gains.k1, n))
         second = np.array(per_joint('k2', gains.k2, n))
         acceleration_limit = second * 0.5 * gains.mu1**2
-    paper = gains.form == PAPER
+    paper = gains.form == PAPER_FORM
     linear_hold = gains.hold == LINEAR and not paper
 
     def described(power: Array, dt: float) -> list[Describing]:
@@ -278,7 +277,7 @@ def plan(gains: Gains, circle: Any) -> Plan:
             of_one = partial(inject, design=design, first=a, second=b)
             if dt > 0.0:
                 of_one = partial(step_implicitly, h=dt, design=design, first=a, second=b)
-            pairs.append(describing(of_one, math.sqrt(max(square, SMALLEST))))
+            pairs.append(describing(of_one, math.sqrt(max(square, LEAST_POWER))))
         return pairs
 
     def noise(at: Array, power: Array, dt: float) -> NoiseGains:

@@ -44,8 +44,8 @@ class Design:
     periods: Vector  # wrap period of each position [rad]; 0: none
     unwrap: Annotated[list[bool], JOINTS]  # turns of the position are counted
     outside: Vector  # innovations [rad or m] beyond which the lock is in doubt
-    settle: float  # time without trouble until the estimate is valid [s]
-    lost_after: float  # time in trouble after which the observer starts again [s]
+    settle: float  # time of valid samples until the estimate is valid [s]
+    lost_after: float  # time without a valid sample after which the observer starts again [s]
     longest: float  # sample time from which on the gains cannot work [s]
     lag: float  # delay at low frequency of motion that the model does not predict [s]
 
@@ -75,8 +75,6 @@ class Work:
     """What a step computes on its way; nothing in it lasts."""
 
     after: Core  # the state after the step
-    now: Vector  # a measurement of `walk`, and its input
-    given: Vector
     moved: Vector  # the change of the measurement since the last sample, wrapped
     at: Vector  # where the model is evaluated
     nothing: Vector  # zeros
@@ -117,9 +115,9 @@ class State:
     drift: Vector  # its slow part
     drift_squares: Vector  # mean squares of the slow part
     status: int
-    clear: float  # time since the last trouble [s]
-    astray: float  # time in trouble [s]
-    trouble: int  # see `core`
+    valid_time: float  # since the last sample that was not valid [s]
+    invalid_time: float  # of samples that are not valid [s]
+    invalid_reason: int  # see `core`
     work: Work
 
 

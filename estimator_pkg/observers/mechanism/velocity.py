@@ -24,7 +24,7 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     EDGES,
     SINGLE_ANGLE,
     TURNS,
-    Estimate,
+    MechanismEstimate,
     Plan,
     estimate,
     group_delay,
@@ -37,9 +37,8 @@ from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functio
     resume,
     start,
     step,
-    walk,
 )
-from estimator_pkg.observers.mechanism.core import keep as carry  # noqa: F401
+from estimator_pkg.observers.mechanism.core import keep_velocities as propagate  # noqa: F401
 from estimator_pkg.observers.mechanism.flow import flow
 from estimator_pkg.observers.mechanism.friction import resist
 from estimator_pkg.observers.mechanism.parameters import model_of, operating_point

@@ -16,11 +16,11 @@ from __future__ import annotations
 
 from estimator_pkg.record import record
 
-LARGEST = 1e6  # A and V: a sample whose vector is longer is garbage
+LARGEST_VECTOR = 1e6  # A and V: a sample whose vector is longer is garbage
 
 
 @record
-class Sample:
+class DriveSample:
     """What one row of a drive holds, in the stator frame."""
 
     i_alpha: float  # current at the stamp [A]
@@ -38,7 +38,7 @@ class Electrical:
     flux: float  # flux linkage [Wb]
     valid: float  # 1: angle and speed are valid; else 0
     status: int
-    reasons: int  # bits of `watch.REASONS`
+    reasons: int  # bits of `watch.REASON_TEXTS`
 
 
 @record
@@ -50,12 +50,12 @@ class ElectricalDeviation:
     flux: float  # [Wb]
 
 
-def is_reading(measurement: Sample) -> bool:
-    """Return False if a component is NaN or infinite, or the vector is longer than `LARGEST`."""
+def is_reading(measurement: DriveSample) -> bool:
+    """Return False if a component is not finite, or the vector is longer than `LARGEST_VECTOR`."""
     i_alpha, i_beta = measurement.i_alpha, measurement.i_beta
     u_alpha, u_beta = measurement.u_alpha, measurement.u_beta
     # false for nan too; one comparison costs half as much as four
     return (
         i_alpha * i_alpha + i_beta * i_beta + u_alpha * u_alpha + u_beta * u_beta
-        < LARGEST * LARGEST
+        < LARGEST_VECTOR * LARGEST_VECTOR
     )

@@ -16,7 +16,7 @@ from __future__ import annotations
 from estimator_pkg.observers.pmsm.state import Design, Registers
 
 CHORD = 0.3  # smallest rotation between ticks, as a chord of the unit circle (rms)
-REST = 0.25  # largest residual of the fit, relative to |X|^2
+FIT_RESIDUAL = 0.25  # largest residual of the fit, relative to |X|^2
 
 
 def shift(
@@ -97,6 +97,6 @@ def credible(
             return False
     return (
         travelled >= CHORD * CHORD * scale
-        and rest <= REST * travelled
+        and rest <= FIT_RESIDUAL * travelled
         and design.xi_low <= abs(found) <= design.xi_high
     )

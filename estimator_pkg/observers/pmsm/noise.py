@@ -15,7 +15,7 @@ import math
 
 from estimator_pkg.observers.pmsm.state import Design, Scheme
 
-ROUNDING = 1e-30  # smallest innovation variance, where the estimate equals each measurement
+LEAST_INNOVATION = 1e-30  # smallest innovation variance, where the estimate equals each measurement
 DAMPING = 0.46  # of the low-pass on the speed: little delay for its noise and -3 dB frequency
 
 
@@ -57,7 +57,7 @@ def noise_gains(design: Design, scheme: Scheme, omega: float) -> tuple[float, fl
         e11, e12, e21, e22, b1 * b1 + j1 * j1, b1 * b2 + j1 * j2, b2 * b2 + j2 * j2
     )
     of_h = p22 + (c2 * c2 + d2 * d2)
-    of_innovation = max(p11 + ((1.0 - c1) * (1.0 - c1) + d1 * d1), ROUNDING)
+    of_innovation = max(p11 + ((1.0 - c1) * (1.0 - c1) + d1 * d1), LEAST_INNOVATION)
     # integral of h = L (i - h kp/ki) + a slow part
     ratio = design.k_p / design.k_i
     x11, x12, x22 = p11 + (c1 * c1 + d1 * d1), p12 + (c1 * c2 + d1 * d2), of_h

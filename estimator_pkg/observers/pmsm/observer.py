@@ -28,10 +28,14 @@ from estimator_pkg.observers.contract import (
 from estimator_pkg.observers.contract import never_late as lateness  # noqa: F401
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401  (see `DriveJoint.why`)
 from estimator_pkg.observers.maths.tracking import natural_frequency
-from estimator_pkg.observers.pmsm.drive import Electrical, ElectricalDeviation, Sample, is_reading  # noqa: F401
+from estimator_pkg.observers.pmsm.drive import (  # noqa: F401  (is_reading: of the observer)
+    DriveSample,
+    Electrical,
+    ElectricalDeviation,
+    is_reading,
+)
 from estimator_pkg.observers.pmsm.equations import flux_linkage, rotor_angle
 from estimator_pkg.observers.pmsm.noise import DAMPING, deviations, low_pass_weight, noise_gains
-from estimator_pkg.observers.pmsm.ripple import NARROW, RIPPLE_MEMORY, ripple_variances
 from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
 from estimator_pkg.observers.pmsm.step import coast, restart, resume, start, step  # noqa: F401  (functions of the observer)
@@ -52,11 +56,11 @@ DRIVEN = False
 EPSILON = 85e-6  # s; Table 1's gains are those of (17) at this epsilon
 EPSILON_SPEED = 0.374  # epsilon times the top electrical speed in Table 1's motor
 EMF_SPEED = 75.0  # electrical rad/s: the smallest usable back-EMF is the one at this speed
-FLUX_RANGE = 2.5  # the flux linkage is estimated within this factor of the nominal one
+FLUX_FACTOR = 2.5  # the flux linkage is estimated within this factor of the nominal one
 NOISE_GUESS = 0.002  # current noise per flux/inductance until it is measured
-SETTLES = 5.0  # settling time of the fast part in units of epsilon
-FAST = 1e-3  # s, averages of the back-EMF
-SLOW = 5e-3  # s, averages of speeds; also how long the rotation is observed before locking on
+EMF_SETTLING = 5.0  # settling time of the fast part in units of epsilon
+EMF_AVERAGE = 1e-3  # s, averages of the back-EMF
+SPEED_AVERAGE = 5e-3  # s, averages of speeds; so long the rotation is observed before locking on
 NOISE_MEMORY = 0.03  # s, average of the innovation's power
 TURN = 2.0 * math.pi
 
@@ -177,15 +181,6 @@ class Gains(MotorData):
         'voltage does not include it: dc voltage x dead time x carrier frequency; it is '
         'subtracted with the signs of the phase currents',
     )
-    pwm_frequency: float | None = parameter(
-        None,
-        unit='Hz',
-        range=(1.0, 1e7),
-        advanced=True,
-        description='carrier frequency of the drive: within a period the voltage is constant while '
-        'the rotor turns, so the current deviates from the line between its samples; this is '
-        'corrected if the frequency is known (angle: omega R/(12 L f^2)); automatic: not known',
-    )
     initial_flux: float | None = parameter(
         None,
         unit='Wb',
@@ -248,7 +243,7 @@ class Gains(MotorData):
     )
 
 
-class Tuning(NamedTuple):
+class PaperGains(NamedTuple):
     """The gains in the paper's symbols, and epsilon [s]."""
 
     epsilon: float
@@ -258,7 +253,7 @@ class Tuning(NamedTuple):
     gamma: float
 
 
-def tuning(gains: Gains) -> Tuning:
+def tuning(gains: Gains) -> PaperGains:
     """Return epsilon, kp, ki, k_eta and gamma; automatic ones from motor data and bandwidth.
 
     Raises
@@ -282,23 +277,23 @@ def tuning(gains: Gains) -> Tuning:
             f'{inductance / resistance:g} s: set it below twice that'
         )
     epsilon = 2.0 / (resistance / inductance + k_p)
-    if gains.clock_rate * SETTLES * epsilon > 1.0:
+    if gains.clock_rate * EMF_SETTLING * epsilon > 1.0:
         raise UsageError(
             f'clock_rate = {gains.clock_rate:g} /s is too fast: the back-EMF needs '
-            f'{SETTLES * epsilon:g} s to settle between ticks; '
-            f'set at most {1.0 / (SETTLES * epsilon):g} /s'
+            f'{EMF_SETTLING * epsilon:g} s to settle between ticks; '
+            f'set at most {1.0 / (EMF_SETTLING * epsilon):g} /s'
         )
     low, high = flux_range(gains)
     if not low < high:
         raise UsageError(f'flux_min = {low:g} Wb is not below flux_max = {high:g} Wb: set it below')
-    return Tuning(epsilon, k_p, k_i, k_eta, gamma)
+    return PaperGains(epsilon, k_p, k_i, k_eta, gamma)
 
 
 def flux_range(gains: Gains) -> tuple[float, float]:
     """Return the smallest and the largest credible flux linkage [Wb]."""
     nominal = float(gains.flux or 0.0)
-    low = gains.flux_min if gains.flux_min is not None else nominal / FLUX_RANGE
-    high = gains.flux_max if gains.flux_max is not None else nominal * FLUX_RANGE
+    low = gains.flux_min if gains.flux_min is not None else nominal / FLUX_FACTOR
+    high = gains.flux_max if gains.flux_max is not None else nominal * FLUX_FACTOR
     return low, high
 
 
@@ -338,9 +333,7 @@ def _set_voltage(made: Design, gains: Gains) -> None:
     made.part = gains.voltage_delay - made.late
     made.kept = made.late + 1 if made.part > 0.0 else made.late
     made.dead_time = gains.dead_time_voltage
-    if gains.pwm_frequency:
-        made.standing = made.resistance / (12.0 * made.inductance * gains.pwm_frequency**2)
-    made.corrects = made.kept > 0 or made.dead_time > 0.0 or made.standing > 0.0
+    made.corrects = made.kept > 0 or made.dead_time > 0.0
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
@@ -348,13 +341,12 @@ def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     scheme, natural = coefficients.scheme, design.natural
     prepare_scheme(scheme, design.resistance, design.inductance, design.k_p, design.k_i, dt)
     of_h, of_innovation, of_integral = noise_gains(design, scheme, 0.0)
-    fast = max(FAST, 5.0 * design.epsilon)
-    coefficients.window = max(SLOW, 5.0 * fast)
+    fast = max(EMF_AVERAGE, 5.0 * design.epsilon)
+    coefficients.window = max(SPEED_AVERAGE, 5.0 * fast)
     coefficients.dt, coefficients.pace = dt, design.clock_rate * dt
     coefficients.fast = low_pass_weight(1.0 / fast, dt)
     coefficients.slow = low_pass_weight(1.0 / coefficients.window, dt)
     coefficients.memory = low_pass_weight(1.0 / NOISE_MEMORY, dt)
-    coefficients.of_ripple = low_pass_weight(min(1.0 / RIPPLE_MEMORY, natural / NARROW), dt)
     coefficients.known_power = design.noise_power * of_innovation
     coefficients.emf_of_noise = LEAST_EMF * math.sqrt(of_h / of_innovation)
     coefficients.fastest = HALF_TURN * math.pi / dt
@@ -378,7 +370,7 @@ def estimate(
     state: State,
     coefficients: Coefficients,
     design: Design,
-    measurement: Sample,
+    measurement: DriveSample,
     known_input: float,
 ) -> None:
     """Set the mechanical estimate."""
@@ -406,12 +398,9 @@ def electrical_deviation(
 ) -> None:
     """Set one standard deviation of angle, speed and flux."""
     level, x = state.watch.level, state.core.x
-    of_angle, of_speed, of_xi = deviations(design, coefficients.scheme, state.watch.power, level, x)
-    of_angle_ripple, of_speed_ripple = ripple_variances(
-        state.ripples, abs(level * x), design.natural
+    out.angle, out.speed, of_xi = deviations(
+        design, coefficients.scheme, state.watch.power, level, x
     )
-    out.angle = math.sqrt(of_angle * of_angle + of_angle_ripple)
-    out.speed = math.sqrt(of_speed * of_speed + of_speed_ripple)
     if state.watch.reasons & BLIND != 0:
         # angle unknown: uniform over a turn; speed uniform within its bound
         bound = speed_bound(state, coefficients, design)

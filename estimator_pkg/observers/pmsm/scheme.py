@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.drive import DriveSample
 from estimator_pkg.observers.pmsm.state import Core, Scheme
 
-FASTEST = 1e6  # rad/s: the frame speed saturates here, so that a diverging frame stays finite
+FRAME_SPEED_LIMIT = 1e6  # rad/s: the frame speed saturates here, so that it stays finite
 SMALLEST_SINC = 0.2  # the voltage's mean is corrected for rotation down to this sin(a)/a
 LARGEST_STRETCH = 1.0 / SMALLEST_SINC
 
@@ -78,7 +78,13 @@ def half_turn(angle: float) -> tuple[float, float, float]:
 
 
 def advance(
-    core: Core, scheme: Scheme, acting: Sample, x: float, k_eta: float, gamma: float, turning: float
+    core: Core,
+    scheme: Scheme,
+    acting: DriveSample,
+    x: float,
+    k_eta: float,
+    gamma: float,
+    turning: float,
 ) -> tuple[float, float]:
     """Advance i, h and z by one more sample; return (x after it, frame speed).
 
@@ -100,8 +106,8 @@ def advance(
     end1, end2 = z1 * i_alpha + z2 * i_beta, z1 * i_beta - z2 * i_alpha
     drive1, drive2 = z1 * u_alpha + z2 * u_beta, z1 * u_beta - z2 * u_alpha
     first = abs(complex(h1, h2)) * x + k_eta * h1 + turning
-    if not -FASTEST < first < FASTEST:
-        first = FASTEST if first > 0.0 else -FASTEST
+    if not -FRAME_SPEED_LIMIT < first < FRAME_SPEED_LIMIT:
+        first = FRAME_SPEED_LIMIT if first > 0.0 else -FRAME_SPEED_LIMIT
     lean = x + half_gain * h1
     # in the frame the current goes from s to m = end, turned back: the terms with s are the same in
     # both passes, those with m are not
@@ -117,8 +123,8 @@ def advance(
     p2 = base2 + hu * mean * u2 + hdd * m2 - first * (w * s1 + hdw * m1)
     size = abs(complex(p1, p2))
     speed = 0.5 * (first + size * (lean + half_gain * p1) + k_eta * p1 + turning)
-    if not -FASTEST < speed < FASTEST:
-        speed = FASTEST if speed > 0.0 else -FASTEST
+    if not -FRAME_SPEED_LIMIT < speed < FRAME_SPEED_LIMIT:
+        speed = FRAME_SPEED_LIMIT if speed > 0.0 else -FRAME_SPEED_LIMIT
     # second pass
     cosine, sine, mean = half_turn(speed * half_dt)
     turn1, turn2 = cosine * cosine - sine * sine, cosine * sine + sine * cosine

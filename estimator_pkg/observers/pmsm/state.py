@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.drive import DriveSample
 from estimator_pkg.record import record
 
 PERIODS = 16  # clock periods that the identifier fits, at most
 TICKS = PERIODS + 1
-DELAYED = 9  # voltages that are kept, at most
+VOLTAGES_KEPT = 9  # voltages that are kept, at most
 
 
 @record
@@ -57,7 +57,6 @@ class Design:
     late: int  # its delay, in whole samples
     part: float  # and the rest
     kept: int  # samples that this needs
-    standing: float  # apparent lag of a voltage that is constant within a PWM period [s]
     dead_time: float  # phase voltage lost by dead time [V]
 
 
@@ -92,7 +91,6 @@ class Coefficients:
     fast: float  # weight of the newest sample in averages of the back-EMF
     slow: float  # in averages of speeds
     memory: float  # in the innovation's power
-    of_ripple: float  # in the ripples
     window: float  # how long the rotation is observed before locking on [s]
     known_power: float  # innovation variance [A^2] if the noise is a parameter; 0: it is estimated
     emf_of_noise: float  # back-EMF required per standard deviation of the innovation [V/A]
@@ -155,7 +153,7 @@ class Watch:
     power: float  # innovation variance [A^2]
     idle: float  # time of zero voltage or equal currents [s]
     calm: float  # time in order [s]
-    reasons: int  # bits of `watch.REASONS`
+    reasons: int  # bits of `watch.REASON_TEXTS`
 
 
 @record
@@ -168,21 +166,11 @@ class Out:
 
 
 @record
-class Found:
+class Rotation:
     """How long and how far y turned since it became large enough."""
 
     time: float  # [s]
     angle: float  # [rad]
-
-
-@record
-class Ripples:
-    """Half the complex amplitudes of the speed's ripple [rad/s]."""
-
-    once1: float  # at the electrical frequency
-    once2: float
-    twice1: float  # at twice that
-    twice2: float
 
 
 @record
@@ -194,8 +182,9 @@ class State:
     registers: Registers
     watch: Watch
     out: Out
-    found: Found
-    acting: Sample  # the newest sample, with the voltage that acted
-    u_alpha: Annotated[list[float], DELAYED]  # the last reported voltages, the newest last [V]
-    u_beta: Annotated[list[float], DELAYED]
-    ripples: Ripples
+    rotation: Rotation
+    acting: DriveSample  # the newest sample, with the voltage that acted
+    u_alpha: Annotated[
+        list[float], VOLTAGES_KEPT
+    ]  # the last reported voltages, the newest last [V]
+    u_beta: Annotated[list[float], VOLTAGES_KEPT]

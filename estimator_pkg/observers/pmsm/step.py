@@ -13,20 +13,26 @@ import math
 from typing import Any
 
 from estimator_pkg.circle import wrap
-from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.drive import DriveSample
 from estimator_pkg.observers.pmsm.equations import align, emf, phase_signs, reflect, rotor_angle
 from estimator_pkg.observers.pmsm.identifier import credible, shift, solve
-from estimator_pkg.observers.pmsm.ripple import follow_ripples
 from estimator_pkg.observers.pmsm.scheme import advance, turned_emf
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
-from estimator_pkg.observers.pmsm.watch import BLIND, RESET, SEARCHING, begin_watch, least_emf, look
+from estimator_pkg.observers.pmsm.watch import (
+    BLIND,
+    FRAME_RESET,
+    SEARCHING,
+    begin_watch,
+    least_emf,
+    look,
+)
 
 SPEED_CLIP = 2e4  # rad/s, electrical: a back-EMF that turns faster is noise
-BEYOND = 1e15  # V and 1/Wb: larger states have diverged
+LARGEST_STATE = 1e15  # V and 1/Wb: larger states have diverged
 TURN = 2.0 * math.pi
 
 
-def start(observer: Any, state: Any, design: Design, measurement: Sample) -> None:
+def start(observer: Any, state: Any, design: Design, measurement: DriveSample) -> None:
     """Set the state after the first sample."""
     blank = State()
     state.take(blank)
@@ -36,18 +42,26 @@ def start(observer: Any, state: Any, design: Design, measurement: Sample) -> Non
     core.z1, core.x = 1.0, design.xi_start
     state.ticks.span = 1.0
     begin_watch(state.watch, design.noise_guess)
-    state.found.time = design.dead
+    state.rotation.time = design.dead
 
 
 def restart(
-    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Sample
+    observer: Any,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: DriveSample,
 ) -> None:
     """Start again after an outage or a jump of the clock."""
     start(observer, state, design, measurement)
 
 
 def resume(
-    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Sample
+    observer: Any,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: DriveSample,
 ) -> None:
     """Go on after a gap: keep flux and speed, search the rotor again."""
     core, watch, ticks = state.core, state.watch, state.ticks
@@ -60,7 +74,7 @@ def resume(
     ticks.span, ticks.count = 1.0, 0
     watch.calm, watch.reasons = 0.0, watch.reasons | SEARCHING
     state.out.slope = 0.0
-    state.found.time, state.found.angle = design.dead, 0.0
+    state.rotation.time, state.rotation.angle = design.dead, 0.0
 
 
 def coast(state: State, gap: float) -> None:
@@ -73,12 +87,14 @@ def step(
     state: State,
     coefficients: Coefficients,
     design: Design,
-    measurement: Sample,
+    measurement: DriveSample,
     known_input: float,
 ) -> None:
     """Take one sample."""
     core, watch, ticks, out = state.core, state.watch, state.ticks, state.out
-    if not design.robust and not (abs(core.x) < BEYOND and abs(complex(core.h1, core.h2)) < BEYOND):
+    if not design.robust and not (
+        abs(core.x) < LARGEST_STATE and abs(complex(core.h1, core.h2)) < LARGEST_STATE
+    ):
         start(observer, state, design, measurement)  # the printed equations do not bound xi_hat
         return
     acting, dt, last = state.acting, coefficients.dt, watch.reasons
@@ -110,12 +126,12 @@ def step(
     size = abs(complex(core.h1, core.h2))
     speed = size * core.x  # omega_hat
     if not searching:
-        follow_speed(state, coefficients, design, frame, speed)
+        follow_speed(state, coefficients, frame, speed)
     look(watch, coefficients, design, core, acting, event, size, speed, turned / dt, square)
     core.i_alpha, core.i_beta = acting.i_alpha, acting.i_beta
 
 
-def act(state: State, design: Design, measurement: Sample) -> None:
+def act(state: State, design: Design, measurement: DriveSample) -> None:
     """Set the current of a sample, and the voltage that acted before it."""
     core, acting, scale = state.core, state.acting, design.scale
     acting.i_alpha, acting.i_beta = scale * measurement.i_alpha, scale * measurement.i_beta
@@ -134,12 +150,11 @@ def act(state: State, design: Design, measurement: Sample) -> None:
         of_alpha, of_beta = phase_signs(core.i_alpha + acting.i_alpha, core.i_beta + acting.i_beta)
         u_alpha -= design.dead_time * of_alpha
         u_beta -= design.dead_time * of_beta
-    lag = -design.standing * state.out.speed
-    acting.u_alpha, acting.u_beta = u_alpha - u_beta * lag, u_alpha * lag + u_beta
+    acting.u_alpha, acting.u_beta = u_alpha, u_beta
 
 
 def tick(state: State, coefficients: Coefficients, design: Design, searching: bool) -> int:
-    """Run the jump of (16) at a clock tick; return RESET if it changed frame or flux, else 0."""
+    """Run the jump of (16) at a clock tick; return FRAME_RESET if frame or flux changed, else 0."""
     core, watch, ticks, out, event = state.core, state.watch, state.ticks, state.out, 0
     scale = 1.0 / abs(complex(core.z1, core.z2))
     core.z1, core.z2 = core.z1 * scale, core.z2 * scale
@@ -152,7 +167,7 @@ def tick(state: State, coefficients: Coefficients, design: Design, searching: bo
         if design.identifies:
             event = identify(state, coefficients, design)
         if design.resets and reflect(core):
-            event = RESET
+            event = FRAME_RESET
         if design.robust and core.x != x:  # the averages belong to the old frame: reset them
             watch.mean_h1, watch.mean_h2, watch.slip = 0.0, -watch.level, 0.0
         out.travel += wrap(rotor_angle(core) - out.travel, TURN)
@@ -170,7 +185,7 @@ def register(state: State, design: Design, y_alpha: float, y_beta: float) -> Non
 
 
 def identify(state: State, coefficients: Coefficients, design: Design) -> int:
-    """Replace xi_hat by that of the identifier (26) if they differ; return RESET if it did."""
+    """Replace xi_hat by that of the identifier (26) if they differ; return FRAME_RESET then."""
     core, ticks, periods = state.core, state.ticks, design.periods
     y_alpha, y_beta = emf(core)
     register(state, design, y_alpha, y_beta)
@@ -189,7 +204,7 @@ def identify(state: State, coefficients: Coefficients, design: Design) -> int:
     core.x = found
     if design.robust:  # flux and direction are credible
         align(core, core.h1, core.h2)
-    return RESET
+    return FRAME_RESET
 
 
 def search(
@@ -202,23 +217,23 @@ def search(
     turned : the angle by which y turned [rad]; before the back-EMF has settled it is replaced by
         that of the speed before a gap, which is 0 after a standstill.
     """
-    out, found = state.out, state.found
+    out, rotation = state.out, state.rotation
     out.slope = 0.0
     if state.watch.reasons & BLIND != 0:
         out.speed = 0.0
-        found.time, found.angle = design.dead, 0.0
+        rotation.time, rotation.angle = design.dead, 0.0
         return SEARCHING, turned
-    settled = found.time >= 0.0
+    settled = rotation.time >= 0.0
     if not settled:
         turned = out.speed * coefficients.dt
     out.travel += turned
-    found.angle = found.angle + turned if settled else 0.0
-    found.time += coefficients.dt
-    if found.time < coefficients.window:
+    rotation.angle = rotation.angle + turned if settled else 0.0
+    rotation.time += coefficients.dt
+    if rotation.time < coefficients.window:
         return SEARCHING, turned
     lock_on(state, design)
-    found.time, found.angle = design.dead, 0.0
-    return RESET, turned
+    rotation.time, rotation.angle = design.dead, 0.0
+    return FRAME_RESET, turned
 
 
 def lock_on(state: State, design: Design) -> None:
@@ -231,26 +246,21 @@ def lock_on(state: State, design: Design) -> None:
         most = abs(core.x)
         if most > design.xi_high:  # xi has diverged: take its initial value
             most = design.xi_start if design.xi_start > 0.0 else design.xi_high
-        core.x = most if state.found.angle > 0.0 else -most
+        core.x = most if state.rotation.angle > 0.0 else -most
         watch.mean_h1, watch.mean_h2 = 0.0, -size
     out.speed = abs(complex(core.h1, core.h2)) * core.x
     out.travel += wrap(rotor_angle(core) - out.travel, TURN)
 
 
-def follow_speed(
-    state: State, coefficients: Coefficients, design: Design, frame: float, speed: float
-) -> None:
+def follow_speed(state: State, coefficients: Coefficients, frame: float, speed: float) -> None:
     """Set the speed output from that of the frame, or from omega_hat without a low-pass [rad/s].
 
     Its integral is the angle, so that the current noise in it is above the low-pass.
     """
-    out, watch = state.out, state.watch
+    out = state.out
     if coefficients.f21 == 0.0:
         out.speed = speed
         return
     lag, slope = out.speed - frame, out.slope
     out.speed = frame + coefficients.f11 * lag + coefficients.f12 * slope
     out.slope = coefficients.f21 * lag + coefficients.f22 * slope
-    if watch.reasons == 0 and watch.calm >= design.hold:  # a start is no ripple
-        weight, core = coefficients.of_ripple, state.core
-        follow_ripples(state.ripples, weight, frame - out.speed, core.y_alpha, core.y_beta)

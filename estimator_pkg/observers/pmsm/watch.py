@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.pmsm.drive import Sample
+from estimator_pkg.observers.pmsm.drive import DriveSample
 from estimator_pkg.observers.pmsm.state import Coefficients, Core, Design, Watch
 
 # Reasons, as bits. An estimate is valid once no reason has been present for the hold time.
@@ -19,17 +19,18 @@ LOW_EMF = 1  # back-EMF too small compared with noise, resistance drop or emf_mi
 MISALIGNED = 2  # the back-EMF does not have the direction that the frame requires
 INCONSISTENT = 4  # the estimated speed is not the speed at which the back-EMF turns
 FLUX_RANGE = 8  # the flux linkage is outside its credible range
-RESET = 16  # the frame or the flux was reset at this sample
+FRAME_RESET = 16  # the frame or the flux was reset at this sample
 SEARCHING = 32  # after a start or a gap, or the rotor has just become observable
 NO_VOLTAGE = 64  # all voltages are exactly zero: not connected
-TOO_FAST = 128  # the rotor turns about half a turn per sample, or more
-STUCK = 256  # the current repeats exactly while the back-EMF turns
-BLIND = LOW_EMF | NO_VOLTAGE | TOO_FAST | STUCK
+ALIASING = 128  # the rotor turns about half a turn per sample, or more
+CURRENTS_STUCK = 256  # the current repeats exactly while the back-EMF turns
+BLIND = LOW_EMF | NO_VOLTAGE | ALIASING | CURRENTS_STUCK
 
-REASONS = {
+REASON_TEXTS = {
     NO_VOLTAGE: 'all voltages are zero: is the voltage connected?',
-    STUCK: 'the currents do not change while the rotor turns: is the current still measured?',
-    TOO_FAST: 'the rotor turns about half an electrical turn per sample or more: '
+    CURRENTS_STUCK: 'the currents do not change while the rotor turns: '
+    'is the current still measured?',
+    ALIASING: 'the rotor turns about half an electrical turn per sample or more: '
     'use a higher sample rate, or check the units of current, voltage and motor data '
     '(the estimate is valid again after standstill or ~/reset)',
     LOW_EMF: 'back-EMF too small (slow or at rest; if it turns, check motor data and units): '
@@ -39,20 +40,20 @@ REASONS = {
     'inductance or voltage?)',
     INCONSISTENT: 'the estimated speed is not the speed at which the back-EMF turns (wrong flux?)',
     SEARCHING: 'finding the rotor',
-    RESET: 'frame or flux was reset',
+    FRAME_RESET: 'frame or flux was reset',
 }
 
 ALIGNED = math.tan(math.radians(8.0))  # largest angle between frame and back-EMF
 CONSISTENT = 0.05  # largest relative disagreement of the two speeds
 LEAST_DISAGREEMENT = 0.05  # added to it, of the speed at the smallest back-EMF
-SIGMAS = 0.9  # noise allowed in the disagreement, relative to the noise in the required back-EMF
-TINY = 1e-300  # keeps a quotient finite
+NOISE_SIGMAS = 0.9  # noise allowed in the disagreement, over that in the required back-EMF
+LEAST_DIVISOR = 1e-300  # keeps a quotient finite
 LEAST_EMF = 5.0  # standard deviations of h that the back-EMF must exceed
 LEAVES = 2.0  # hysteresis: factor on the required back-EMF to leave LOW_EMF
 HALF_TURN = 0.85  # of half a turn per sample: faster is too near to aliasing
 RUN_AWAY = 4.0  # xi_hat has diverged beyond this multiple of its upper limit
 UNCONNECTED = 0.010  # s of exactly zero voltage, or of exactly equal currents
-TURN = 2.0 * math.pi  # the rotor has turned this far during equal currents [rad]
+STUCK_TURN = 2.0 * math.pi  # the rotor has turned this far during equal currents [rad]
 CLIP = 16.0  # a squared innovation is clamped to this multiple of the variance
 
 
@@ -110,7 +111,7 @@ def look(
     coefficients: Coefficients,
     design: Design,
     core: Core,
-    acting: Sample,
+    acting: DriveSample,
     event: int,
     size: float,
     speed: float,
@@ -122,7 +123,7 @@ def look(
     Parameters
     ----------
     core : with the current of the sample before. acting : the sample.
-    event : reasons from the step itself (RESET, SEARCHING).
+    event : reasons from the step itself (FRAME_RESET, SEARCHING).
     size, speed : |h| [V] and omega_hat = |h| x [rad/s].
     turning : speed at which y turned during the sample [rad/s].
     square : power of the innovation, of each component [A^2].
@@ -142,15 +143,15 @@ def look(
     if watch.idle > UNCONNECTED:
         if silent:
             reasons |= NO_VOLTAGE | blind
-        elif abs(watch.rate) * watch.idle > TURN:
-            reasons |= STUCK | blind
+        elif abs(watch.rate) * watch.idle > STUCK_TURN:
+            reasons |= CURRENTS_STUCK | blind
     fastest = coefficients.fastest
-    if before & TOO_FAST != 0 and watch.level > design.emf_min:
+    if before & ALIASING != 0 and watch.level > design.emf_min:
         # beyond half a turn per sample the samples are also those of a slower rotor that turns
         # backwards: only at rest is it certain that the speed is low again
-        reasons |= TOO_FAST
+        reasons |= ALIASING
     elif not -fastest < watch.rate < fastest:
-        reasons |= TOO_FAST
+        reasons |= ALIASING
     elif not -fastest < speed < fastest:
         reasons |= INCONSISTENT
     if not abs(watch.mean_h1) <= -ALIGNED * watch.mean_h2:
@@ -160,7 +161,7 @@ def look(
         if x > RUN_AWAY * design.xi_high:
             reasons |= blind
     allowed = CONSISTENT * abs(speed) + LEAST_DISAGREEMENT * design.emf_min * x
-    allowed += SIGMAS / coefficients.window * least / (watch.level + TINY)
+    allowed += NOISE_SIGMAS / coefficients.window * least / (watch.level + LEAST_DIVISOR)
     if not -allowed < watch.slip < allowed:
         reasons |= INCONSISTENT
     watch.calm = watch.calm + coefficients.dt if reasons == 0 else 0.0
@@ -169,4 +170,4 @@ def look(
 
 def describe(reasons: int) -> str:
     """Return the most telling reason in words; '' if there is none."""
-    return next((text for bit, text in REASONS.items() if reasons & bit), '')
+    return next((text for bit, text in REASON_TEXTS.items() if reasons & bit), '')

@@ -21,8 +21,7 @@ from estimator_pkg.observers.switched.velocity import move_observers, moved_chai
 def discrete(state: State, design: Design) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
     """Return (Z, its standard deviations, converged); Z is the prediction until it converges."""
     if not design.regression:
-        known = state.fitted or not design.inversion
-        return tuple(state.predicted), (math.nan,) * len(state.z), known
+        return tuple(state.predicted), (math.nan,) * len(state.z), state.fitted
     if not settled(state, design) or state.forgetting > 0.0:
         return tuple(state.predicted), (math.inf,) * len(state.z), False
     return tuple(state.z), sigmas(state), certain(state)
@@ -51,14 +50,13 @@ def jump(observer: Any, state: State, design: Design, mode: str, v: tuple[float,
         del state.history[: -(design.steps + 1)]
         a, beta = np.array(state.history[-1].a), np.array(state.history[-1].beta)
         old, state.fitted = np.array(shown), False
-        if design.inversion:
+        if not design.regression:
             old, state.fitted = inverted(state, design, old)
         carry(state, design)
         state.predicted = (a @ old + beta).tolist()
         state.z[:] = (a @ np.array(state.z) + beta).tolist()
         state.p = (a @ np.array(state.p) @ a.T).tolist()
-        if design.resets:
-            move(model, state, design, tuple(old.tolist()), tuple(state.predicted))
+        move(model, state, design, tuple(old.tolist()), tuple(state.predicted))
     state.age = 0.0
     state.y_at[:] = state.y
 

@@ -4,15 +4,13 @@
 """Hybrid observer: velocities of a system whose dynamics switch at known events.
 
 Step-by-step super-twisting (22) estimates the outputs' derivatives and the last derivative of each
-chain without knowing Z. From them the discrete state Z follows in one of three ways (`discrete`):
+chain without knowing Z. From them the discrete state Z follows in one of two ways (`discrete`):
 
     inversion   (25), (28), (29): at each event, from the last N + 1 intervals; for exact outputs
     regression  within an interval, from filtered signals and least squares: for noisy encoders
-    copy        Z+ = A_d Z + beta_d only
 
-`jump` is called at each event. Each stage is discretised implicitly, in closed form, or by forward
-Euler (`form: explicit`), which chatters. The functions run in Python with numpy, because users
-write the model; they find it as `observer.model`.
+`jump` is called at each event. Each stage is discretised implicitly, in closed form. The functions
+run in Python with numpy, because users write the model; they find it as `observer.model`.
 
 Files: `state` the records, `system` the model, `stages` the continuous part, `velocity` the
 published velocity, `events` and `regression` the discrete part.
@@ -30,7 +28,7 @@ from typing import Any
 
 from estimator_pkg.circle import Circle, is_angle, wrap
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.switched import OWN
+from estimator_pkg.models.switched import OUR_MODELS
 from estimator_pkg.observers.adaptive.filter import rows, series
 from estimator_pkg.observers.angle.shared import variance_floor
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
@@ -40,8 +38,8 @@ from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.observers.maths.least_squares import kept
 from estimator_pkg.observers.switched.events import discrete, jump  # noqa: F401
 from estimator_pkg.observers.switched.regression import (
-    FORGOTTEN,
-    VAGUE,
+    FILTER_MEMORY,
+    UNKNOWN_VARIANCE,
     begin_signals,
     forget,
     learn,
@@ -51,9 +49,9 @@ from estimator_pkg.observers.switched.stages import climb, gates_open
 from estimator_pkg.observers.switched.state import (
     Coefficients,
     Design,
-    Deviation,
-    Estimate,
-    Filter,
+    OutputDeviations,
+    OutputEstimates,
+    RegressionFilter,
     Stage,
     State,
     is_sound,
@@ -73,10 +71,10 @@ from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter,
 SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
 LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
 LOCKED = 0.3  # longest settling time of the stages after a start [s]
-OUTSIDE = 0.125  # a reading beyond this part of a turn is no motion: the encoder was stuck or reset
+LARGEST_JUMP = 0.125  # of a turn: a larger one is no motion, the encoder was stuck or reset
 FADED = 20.0  # time constants of the extended observers until the start has no influence
 
-Reading = Sequence[float]  # one number per output [rad or m]
+OutputReadings = Sequence[float]  # one number per output [rad or m]
 
 
 @dataclass(frozen=True)
@@ -85,14 +83,14 @@ class Gains:
 
     model: str = structural(
         'gripper',
-        choices=(*OWN, 'package.module:name'),
+        choices=(*OUR_MODELS, 'package.module:name'),
         description='the system: a built-in model, or your own SwitchedModel',
     )
     discrete: str = structural(
         'regression',
-        choices=('regression', 'inversion', 'copy'),
+        choices=('regression', 'inversion'),
         description='how Z is estimated: regression for noisy encoders; inversion as in the paper, '
-        'for exact outputs only; copy: predicted with A_d and beta_d only',
+        'for exact outputs only',
         equation='(28), (29)',
     )
     velocity: str = structural(
@@ -110,12 +108,6 @@ class Gains:
         search=(1.0, 500.0),
         description='-3 dB frequency from true to estimated velocity for motion that the model '
         'does not predict; velocity filtered only',
-    )
-    form: str = structural(
-        'implicit',
-        choices=('implicit', 'explicit'),
-        description='discretisation of super-twisting; explicit chatters, it is there for '
-        'comparison',
     )
     gate: float = parameter(
         1e-3,
@@ -146,9 +138,9 @@ class Gains:
     )
     reset: str = structural(
         'all',
-        choices=('all', 'states', 'none'),
+        choices=('all', 'states'),
         description='what (13) resets at an event. states: the states of both chains; all: the '
-        'last derivative of each chain too; none: nothing',
+        'last derivative of each chain too',
     )
     filter_rate: float = structural(
         25.0,
@@ -204,10 +196,8 @@ def design(gains: Gains, circle: Circle) -> Design:
             f"model '{gains.model}': 'orders' = {model.orders} has an entry that is too large: "
             'each must be 0, or 1 where the chain is longer than 1'
         )
-    made.implicit, made.filtered = gains.form == 'implicit', gains.velocity == 'filtered'
-    made.regression = gains.discrete == 'regression'
-    made.inversion = gains.discrete == 'inversion'
-    made.resets, made.resets_ends = gains.reset != 'none', gains.reset == 'all'
+    made.filtered, made.regression = gains.velocity == 'filtered', gains.discrete == 'regression'
+    made.resets_ends = gains.reset == 'all'
     scale, rate = gains.bound_scale, gains.filter_rate
     made.stages = [[stage(scale, bound) for bound in own] for own in model.bounds]
     made.bounds = [scale * own[0] for own in model.bounds]
@@ -218,8 +208,8 @@ def design(gains: Gains, circle: Circle) -> Design:
     made.faded = FADED / min(made.poles)
     made.gate, made.steps, made.singular_value = gains.gate, gains.steps, gains.singular_value
     made.settle, made.locked = gains.settle, min(gains.settle, LOCKED)
-    made.filter_rate, made.forget, made.memory = rate, FORGOTTEN / rate, gains.memory
-    made.vague = [VAGUE] * model.size
+    made.filter_rate, made.forget, made.memory = rate, FILTER_MEMORY / rate, gains.memory
+    made.vague = [UNKNOWN_VARIANCE] * model.size
     made.period, made.unwrap = float(circle.period), bool(circle.unwrap)
     made.floor = variance_floor(gains.quantum)
     made.noise = gains.noise * gains.noise + made.floor if gains.noise is not None else 0.0
@@ -238,7 +228,7 @@ def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     coefficients.dt, coefficients.keep = dt, kept(dt, design.memory)
     coefficients.filters = []
     for column in design.columns:
-        made = Filter()
+        made = RegressionFilter()
         f, made.g0, made.g1 = series(column, design.filter_rate, dt)
         made.columns = [list(each) for each in zip(*rows(f, column))]
         coefficients.filters.append(made)
@@ -247,12 +237,12 @@ def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     ]
 
 
-def is_reading(measurement: Reading) -> bool:
+def is_reading(measurement: OutputReadings) -> bool:
     """Return False if an output is no angle."""
     return all(map(is_angle, measurement))
 
 
-def start(observer: Any, state: State, design: Design, measurement: Reading) -> None:
+def start(observer: Any, state: State, design: Design, measurement: OutputReadings) -> None:
     """Set every field, after the first sample."""
     begin_motion(observer, state, design, measurement)
     state.conventions = [Convention() for _ in measurement]
@@ -260,7 +250,7 @@ def start(observer: Any, state: State, design: Design, measurement: Reading) -> 
         begin_convention(convention, float(reading))
 
 
-def begin_motion(observer: Any, state: State, design: Design, measurement: Reading) -> None:
+def begin_motion(observer: Any, state: State, design: Design, measurement: OutputReadings) -> None:
     """Set everything that depends on motion and Z, both unknown."""
     model, y = observer.model, tuple(map(float, measurement))
     indices, m, u = model.indices, model.size, (0.0,) * len(model.probe(0.0))
@@ -289,7 +279,7 @@ def step(
     state: State,
     coefficients: Coefficients,
     design: Design,
-    measurement: Reading,
+    measurement: OutputReadings,
     known_input: Sequence[float],
 ) -> None:
     """Take one sample: the stages, the extended observers, then least squares."""
@@ -325,16 +315,16 @@ def step(
 def is_torn(state: State, jumps: list[float], h: float, period: float) -> bool:
     """Return True if an output changed by more than its speed explains."""
     speeds = (each[1] if len(each) > 2 else 0.0 for each in state.observed)
-    return any(abs(a - v * h) > OUTSIDE * period for a, v in zip(jumps, speeds))
+    return any(abs(a - v * h) > LARGEST_JUMP * period for a, v in zip(jumps, speeds))
 
 
 def estimate(
     observer: Any,
-    out: Estimate,
+    out: OutputEstimates,
     state: State,
     coefficients: Coefficients,
     design: Design,
-    measurement: Reading,
+    measurement: OutputReadings,
     known_input: Sequence[float],
 ) -> None:
     """Set the estimate of all outputs at the last measurement."""
@@ -355,7 +345,7 @@ def estimate(
 
 def deviation(
     observer: Any,
-    out: Deviation,
+    out: OutputDeviations,
     state: State,
     coefficients: Coefficients,
     design: Design,
@@ -371,7 +361,11 @@ def deviation(
 
 
 def resume(
-    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Reading
+    observer: Any,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: OutputReadings,
 ) -> None:
     """Continue after a gap: positions from the measurement; keep speeds and Z."""
     old, shown = State(), discrete(state, design)[0]
@@ -391,7 +385,11 @@ def resume(
 
 
 def restart(
-    observer: Any, state: State, coefficients: Coefficients, design: Design, measurement: Reading
+    observer: Any,
+    state: State,
+    coefficients: Coefficients,
+    design: Design,
+    measurement: OutputReadings,
 ) -> None:
     """Start again; the turns that were counted stay."""
     begin_motion(observer, state, design, measurement)
@@ -414,8 +412,7 @@ class SwitchedObserver(Observer):
         ------
         UsageError : the model is invalid.
         """
-        steps = None if gains.discrete == 'copy' else gains.steps
-        return bound(self.module, gains.model, steps)
+        return bound(self.module, gains.model, gains.steps)
 
 
 OBSERVER = SwitchedObserver(

@@ -17,12 +17,18 @@ from estimator_pkg.observers.adaptive.filter import after, feed
 from estimator_pkg.observers.maths.least_squares import update
 from estimator_pkg.observers.maths.vectors import dot
 from estimator_pkg.observers.switched.stages import chains
-from estimator_pkg.observers.switched.state import Coefficients, Design, Filter, Signals, State
+from estimator_pkg.observers.switched.state import (
+    Coefficients,
+    Design,
+    RegressionFilter,
+    Signals,
+    State,
+)
 from estimator_pkg.observers.switched.system import signals
 
-VAGUE = 1e8  # variance of an unknown Z, in variances of the measurement noise
+UNKNOWN_VARIANCE = 1e8  # variance of an unknown Z, in variances of the measurement noise
 CERTAIN = 0.1  # a standard deviation below this part of Z counts as converged
-FORGOTTEN = 8.0  # time constants of the filter until it has forgotten its start
+FILTER_MEMORY = 8.0  # time constants of the filter until it has forgotten its start
 
 
 def resting(design: Design, i: int, value: float) -> list[float]:
@@ -76,7 +82,12 @@ def learn(
 
 
 def filtered(
-    state: State, design: Design, i: int, jump: float, before: list[float], filter_of: Filter
+    state: State,
+    design: Design,
+    i: int,
+    jump: float,
+    before: list[float],
+    filter_of: RegressionFilter,
 ) -> tuple[list[float], float]:
     """Return (row of Lambda, target that the row times Z must equal) of output i."""
     columns, g0, g1 = filter_of.columns, filter_of.g0, filter_of.g1

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from estimator_pkg.observers.maths.twisting import implicit_step, injections
+from estimator_pkg.observers.maths.twisting import implicit_step
 from estimator_pkg.observers.switched.state import Design, State
 
 
@@ -14,19 +14,12 @@ def climb(state: State, design: Design, i: int, jump: float, h: float) -> None:
 
     A stage runs while the errors of all stages before it are within the gate, (23).
     """
-    zh, zt, before = state.zh[i], state.zt[i], state.y[i]
-    signal = before + jump
+    zh, zt, signal = state.zh[i], state.zt[i], state.y[i] + jump
     for j, stage in enumerate(design.stages[i]):
-        if design.implicit:
-            ahead = zh[j] + h * zt[j]
-            left, push = implicit_step(signal - ahead, h, stage.gain, stage.alpha)
-            zt[j] += h * push
-            zh[j] = signal - left
-        else:
-            left, before = before - zh[j], zt[j]
-            first, second = injections(left, stage.gain, stage.alpha)
-            zh[j] += h * (zt[j] + first)
-            zt[j] += h * second
+        ahead = zh[j] + h * zt[j]
+        left, push = implicit_step(signal - ahead, h, stage.gain, stage.alpha)
+        zt[j] += h * push
+        zh[j] = signal - left
         state.errors[i][j] = left
         if abs(left) >= design.gate:
             break

@@ -13,7 +13,7 @@ from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention
 from estimator_pkg.sensor.scatter import Scatter
 
-LARGEST = 1e15  # largest derivative or parameter, in its own unit
+LARGEST_DERIVATIVE = 1e15  # largest derivative or parameter, in its own unit
 
 
 @record
@@ -28,12 +28,9 @@ class Stage:
 class Design:
     """Everything that follows from gains and model."""
 
-    implicit: bool  # the stages are discretised implicitly
     filtered: bool  # the extended observers give the published velocity
-    regression: bool  # least squares estimates Z
-    inversion: bool  # the last intervals give Z
-    resets: bool  # (13) resets the states of the chains at an event
-    resets_ends: bool  # and their last derivatives
+    regression: bool  # least squares estimates Z; else the last intervals give it
+    resets_ends: bool  # (13) resets the last derivatives of the chains too at an event
     stages: list[list[Stage]]
     columns: list[list[float]]  # first columns of the regression filters
     orders: list[list[int]]  # those of the model; zeros if it has none
@@ -56,7 +53,7 @@ class Design:
 
 
 @record
-class Filter:
+class RegressionFilter:
     """A regression filter at a sample time: columns of F, responses to a constant and a ramp."""
 
     columns: list[list[float]]
@@ -78,7 +75,7 @@ class Coefficients:
     """Everything that follows from the sample time."""
 
     dt: float  # [s]
-    filters: list[Filter]
+    filters: list[RegressionFilter]
     corrections: list[Correction]
     keep: float  # part of the information that least squares keeps over a sample
 
@@ -139,7 +136,7 @@ class State:
 
 
 @record
-class Estimate:
+class OutputEstimates:
     """The newest estimate of all outputs."""
 
     position: list[float]  # [rad or m], in the convention of the measurement
@@ -149,7 +146,7 @@ class Estimate:
 
 
 @record
-class Deviation:
+class OutputDeviations:
     """One standard deviation of each output."""
 
     position: list[float]
@@ -157,9 +154,9 @@ class Deviation:
 
 
 def is_sound(state: State) -> bool:
-    """Return False if an estimate is NaN or beyond `LARGEST`: the state has diverged."""
-    return all(-LARGEST < x < LARGEST for x in state.z) and all(
-        -LARGEST < x < LARGEST
+    """Return False if an estimate is NaN or beyond `LARGEST_DERIVATIVE`: the state has diverged."""
+    return all(-LARGEST_DERIVATIVE < x < LARGEST_DERIVATIVE for x in state.z) and all(
+        -LARGEST_DERIVATIVE < x < LARGEST_DERIVATIVE
         for chains in (state.zh, state.zt, state.observed)
         for chain in chains
         for x in chain

@@ -13,7 +13,7 @@ from estimator_pkg.observers.maths.vectors import dot
 
 
 @lru_cache(maxsize=16)
-def bound(module: ModuleType, name: str, steps: int | None) -> ModuleType:
+def bound(module: ModuleType, name: str, steps: int) -> ModuleType:
     """Return the observer's module with the model of this name in it, as `model`.
 
     The model is checked once, because that takes half a second.

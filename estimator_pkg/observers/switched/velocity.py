@@ -30,9 +30,9 @@ from estimator_pkg.observers.switched.stages import chains
 from estimator_pkg.observers.switched.state import Coefficients, Correction, Design, State
 from estimator_pkg.observers.switched.system import ending
 
-SMALLEST, LARGEST, POINTS = 1e-4, 20.0, 65  # grid of pole times dt for the table of variances
-PLACES = np.linspace(math.log(SMALLEST), math.log(LARGEST), POINTS, dtype=np.float64)
-FORGET = 0.02  # weight of the newest sample in the innovation's mean square
+GRID_FROM, GRID_TO, GRID_POINTS = 1e-4, 20.0, 65  # grid of pole times dt for the table of variances
+LOG_GRID = np.linspace(math.log(GRID_FROM), math.log(GRID_TO), GRID_POINTS, dtype=np.float64)
+INNOVATION_WEIGHT = 0.02  # weight of the newest sample in the innovation's mean square
 
 
 def pole(length: int, bandwidth_hz: float) -> float:
@@ -58,7 +58,7 @@ def correction(length: int, pole: float, dt: float) -> Correction:
     made.factors = [dt**i / math.factorial(i) for i in range(n)]
     place = np.log(pole * dt)
     position, velocity, innovation = (
-        math.exp(np.interp(place, PLACES, noise[:, c])) for c in range(3)
+        math.exp(np.interp(place, LOG_GRID, noise[:, c])) for c in range(3)
     )
     made.noise = [position, velocity / (dt * dt), innovation]
     return made
@@ -69,7 +69,7 @@ def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
     """Return what n integrators with n equal poles need at dt = 1.
 
     weights : shape (n, n): row j belongs to (1 - exp(-pole dt))^(j + 1) in the gains.
-    noise : log of the (position, velocity, innovation) variances at unit noise, (POINTS, 3).
+    noise : log of the (position, velocity, innovation) variances at unit noise, (GRID_POINTS, 3).
     """
     a = np.array(
         [[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(n)] for i in range(n)]
@@ -81,7 +81,7 @@ def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
         for j in range(1, n + 1)
     ]
     noise = []
-    for place in np.exp(PLACES):
+    for place in np.exp(LOG_GRID):
         gain = sum((1.0 - math.exp(-place)) ** (j + 1) * weights[j] for j in range(n))
         noise.append(steady_variances(a, np.asarray(gain)))
     return tuple(tuple(row.tolist()) for row in weights), np.log(noise)
@@ -128,7 +128,7 @@ def observe(
         ahead[-1] = rest
         error = y[i] - ahead[0]
         x[:] = [a + k * error for a, k in zip(ahead, made.gains)]
-        state.powers[i] += FORGET * (error * error / made.noise[2] - state.powers[i])
+        state.powers[i] += INNOVATION_WEIGHT * (error * error / made.noise[2] - state.powers[i])
         state.noises[i][:] = made.noise
     state.used[:] = z
 
@@ -188,7 +188,7 @@ def of_cascade(
 ) -> list[tuple[float, float, float]]:
     """Return the motions from the auxiliary states.
 
-    In sliding mode an implicit stage gives the mean derivative over the last interval. Half an
+    In sliding mode a stage gives the mean derivative over the last interval. Half an
     interval of acceleration moves it to the newest sample.
     """
     endings = ending(model, chains(state)[0], tuple(state.u), z)
@@ -199,8 +199,7 @@ def of_cascade(
             found.append((state.zh[i][0], own[0], math.nan))
             continue
         acceleration = endings[i] if k == 2 and converged else own[1]
-        carried = 0.5 * state.dt * acceleration if design.implicit else 0.0
-        found.append((state.zh[i][0], own[0] + carried, acceleration))
+        found.append((state.zh[i][0], own[0] + 0.5 * state.dt * acceleration, acceleration))
     return found
 
 

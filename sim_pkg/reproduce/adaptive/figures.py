@@ -43,8 +43,8 @@ def estimation() -> Figure:
 def identification() -> Figure:
     """Return Figure 2: the parameters, and the identified model next to the plant."""
     run = identified()
-    inputs = random_input(IDENTIFICATION, STEP, 100.0, seed=999)
-    plant = response(IDENTIFICATION, inputs, STEP)
+    inputs = random_input(IDENTIFICATION, 100.0, seed=999)
+    plant = response(IDENTIFICATION, inputs)
     model = parallel(run.theta[run.at(400.0)], inputs)
     time = np.arange(len(plant)) * STEP
     figure = Figure(figsize=(8.0, 9.0), layout='constrained')

@@ -9,9 +9,7 @@ from sim_pkg.reproduce.contract import Reproduction, parts
 REPRODUCTION = Reproduction(
     name='adaptive',
     summary='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers',
-    parts=parts(
-        'adaptive', {'A1': examples.a1_values, 'A2': examples.a2_values, 'A6': examples.a6_values}
-    ),
+    parts=parts('adaptive', {'A1': examples.a1_values, 'A2': examples.a2_values}),
     figures='sim_pkg.reproduce.adaptive.figures',
     reasons=(
         (

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from sim_pkg.joints import profiles
 from sim_pkg.reproduce.hybrid_angle.continuous import FOUR, MARGIN, STEP, Trace, figure_4, figure_5
 from sim_pkg.reproduce.hybrid_angle.observer import injection
-from sim_pkg.reproduce.hybrid_angle.sampled import PERIOD, QUANTUM, algorithm_1, samples, wrapped
+from sim_pkg.reproduce.hybrid_angle.sampled import DECAY, PERIOD, algorithm_1, samples, wrapped
 
 # As in the paper: sin blue, tan red, saw green, sat purple.
 COLOURS = {'sin': '#1f6fb4', 'tan': '#d1342f', 'saw': '#2a9d4a', 'sat': '#8a4fbf'}
@@ -31,6 +31,7 @@ TRUTH: dict[str, Any] = {
     'linestyle': (0, (5, 2)),
     'label': 'true',
 }
+QUANTUM = 2.0 * math.pi / 2**14  # of the paper's encoder [rad]
 GREY = '#cfcfcf'
 SOFT = '#555555'
 BAND = '#e9e4d8'  # of the jump set J2
@@ -132,10 +133,11 @@ def sampled() -> Figure:
     The measurement is simulated: 14 bits, uniform noise of +-2 mrad. The run-down is fast enough
     (3000 rad/s^2) to separate the injections. The dirty derivative is that of the unwrapped angle.
     """
-    time, velocity, exact = samples(profiles.figure_6(0.05), 8.0)
-    angles = wrapped(exact + np.random.default_rng(1).uniform(-0.002, 0.002, len(time)), QUANTUM)
+    time, velocity, exact = samples(profiles.figure_6(DECAY), 8.0)
+    noisy = exact + np.random.default_rng(1).uniform(-0.002, 0.002, len(time))
+    angles = wrapped(QUANTUM * np.round(noisy / QUANTUM))
     dirty = np.diff(np.unwrap(angles), prepend=angles[0]) / PERIOD
-    estimates = {name: algorithm_1(name, angles).velocity for name in FOUR}
+    estimates = {name: algorithm_1(name, angles) for name in FOUR}
     figure = Figure(figsize=(9.0, 7.0), layout='constrained')
     whole, *parts = figure.subplot_mosaic([['whole'] * 3, ['up', 'steady', 'down']]).values()
     for axes in (whole, *parts):

@@ -23,14 +23,6 @@ from estimator_pkg.observers.angle.hybrid.injections import SAT, SIN, TAN
 TURN = 2.0 * math.pi
 
 
-def observer_gains(k1: float, k2: float, epsilon: float) -> tuple[float, float]:
-    """Return L = (k1/epsilon [1/s], k2/epsilon^2 [1/s^2]).
-
-    k1 is the paper's k_v and k2 its k_p: the error polynomial of (3) is s^2 + l1 s + l2.
-    """
-    return k1 / epsilon, k2 / (epsilon * epsilon)
-
-
 def injection(kind: int, error: float, limit: float) -> float:
     """Return the injection of an error, both [rad]: case studies 1 to 4."""
     if kind == SIN:

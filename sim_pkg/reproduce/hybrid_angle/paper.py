@@ -21,12 +21,6 @@ REPRODUCTION = Reproduction(
         },
     ),
     figures='sim_pkg.reproduce.hybrid_angle.figures',
-    reasons=(
-        (
-            r'F4 gains exchanged',
-            'a variant of ours with k1 and k2 exchanged: with the printed order the gain is slight',
-        ),
-    ),
     notes=(
         'The paper prints curves and words, and only one number (150 rad/s). The noise of Figure 5 '
         'and the motor of Figure 6 are ours.',

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.circle import Circle
-from estimator_pkg.models.switched import SwitchedModel, load, trajectory
+from estimator_pkg.models.switched import load, trajectory
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.observers.switched.stages import chains
-from estimator_pkg.observers.switched.state import Coefficients, Estimate, State
+from estimator_pkg.observers.switched.state import Coefficients, OutputEstimates, State
 
 Array = NDArray[np.floating[Any]]
 
@@ -61,9 +61,9 @@ class Observed:
         found = self.module.model.state(chains(self.state)[0], self.discrete()[0])
         return found
 
-    def estimate(self) -> Estimate:
+    def estimate(self) -> OutputEstimates:
         """Return the estimate of all outputs."""
-        out = Estimate()
+        out = OutputEstimates()
         self.module.estimate(self.module, out, self.state, self.coefficients, self.design, (), ())
         return out
 
@@ -105,23 +105,13 @@ class Run(NamedTuple):
         return np.abs(self.z_hat - self.z).max(axis=1)
 
 
-@lru_cache(maxsize=4)
-def plant(dt: float, events: int = EVENTS) -> tuple[SwitchedModel, Array, Array, Array]:
-    """Return (model, times, states, Z) of the example, sampled every dt [s].
-
-    The arrays have shape (n,) [s], (n, 4) and (n, 3).
-    """
+@lru_cache
+def example(dt: float, events: int = EVENTS) -> Run:
+    """Run the observer on the example, sampled every dt [s]."""
     model = load('example')
-    return (model, *trajectory(model, events, step=dt))
-
-
-@lru_cache(maxsize=8)
-def example(dt: float, events: int = EVENTS, **changes: Any) -> Run:
-    """Run the observer on the example, with these gains changed."""
-    model, times, states, z = plant(dt, events)
-    measured = states[:, [0, 2]]
-    rows = [tuple(row) for row in measured.tolist()]
-    gains = Gains(model='example', settle=0.0, **{'discrete': 'inversion', **changes})
+    times, states, z = trajectory(model, events, step=dt)
+    rows = [tuple(row) for row in states[:, [0, 2]].tolist()]
+    gains = Gains(model='example', settle=0.0, discrete='inversion', reset='states')
     observed = Observed(gains, Circle(0.0), dt, rows[0])
     per_period = round(model.period / dt)
     errors, state_errors, zeta_hats, zetas = [], [], [], []

@@ -114,9 +114,6 @@ def largest_accelerations(amplitude: float) -> Array:
 
 def values() -> Values:
     """Rows D."""
-    q = truth('nominal')[0]
-    for joint in (0, 1):
-        yield f'D1.2463.q{joint + 1}', q[-1, joint]
     for index, amplitude in enumerate((AMPLITUDE, 1.25)):
         for joint, value in enumerate(largest_accelerations(amplitude)):
             yield f'D2.{2 * index + joint + 1}', value
@@ -125,16 +122,3 @@ def values() -> Values:
             if (scenario, name) != ('HPM', 'GESO80'):
                 for metric, value in zip(THREE, three(case, scenario)):
                     yield f'D3.{scenario}.{name}.{metric}', value
-    yield 'D5', diverges()
-
-
-def diverges() -> float:
-    """Return 1 if GESO with the printed gains diverges by forward Euler at a true 112 Hz."""
-    q, _, inputs = truth('nominal')
-    gains = {**CASES['GESO'][1], 'form': 'paper', 'hold': 'previous'}
-    with np.errstate(all='ignore'):
-        found = observe(
-            make('geso', 'cart_pendulum', KNOWN, **gains),
-            measured(q, 'LPM', 0)[::2], inputs[::2], 2.0 * DT,
-        )  # fmt: skip
-    return float(not np.max(np.abs(found)) < 1e6)

@@ -1,23 +1,16 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The paper on observers of mechanisms: Tables 1, 2, 5, 6, 7, Figures 2 to 13."""
+"""The paper on observers of mechanisms: Tables 1, 2, 5, 6, Figures 2 to 13."""
 
 from __future__ import annotations
 
-import time
-
-from estimator_pkg.observers.mechanism.state import Coefficients
-from sim_pkg.reproduce.claims import layout
 from sim_pkg.reproduce.contract import Reproduction, Table, parts
-from sim_pkg.reproduce.mechanical import cart, gain_rows, lab, leg, loop
-from sim_pkg.reproduce.mechanical.runs import METRICS, OF_FIRST, cart_of, make
+from sim_pkg.reproduce.mechanical import cart, lab, leg, loop
+from sim_pkg.reproduce.mechanical.runs import METRICS, OF_FIRST
 
-PRINTED_7 = {'GESO': 466.0, 'SMO-BL': 551.0, 'EHGO-BL': 472.0}  # us on an Arduino Nano
-STEPS, REPEATS = 400, 5
 PRECISION = {'HPM': 'high', 'LPM': 'low'}
 FIVE = ('GESO', 'SMO-BL', 'EHGO-BL', 'SMO-CV', 'EHGO-CV')
-LOOPS = {'HPM': ('GESO', 'SMO-BL'), 'LPM': ('GESO',)}
 
 
 def _table(title: str, stem: str, columns: tuple[str, ...], names: tuple[str, ...]) -> Table:
@@ -42,34 +35,9 @@ TABLES = (
             ('mean|q1|e2', 'mean q1^2 e4'),
             {name: [f'E2.{name}.{scenario}', f'E3.{name}.{scenario}'] for name in names},
         )
-        for scenario, names in LOOPS.items()
+        for scenario, names in loop.PRINTED.items()
     ),
 )
-
-
-def table_7() -> list[str]:
-    """Return Table 7, the cost of a forward Euler step relative to GESO's, in plain Python."""
-    cost = {}
-    for name in PRINTED_7:
-        observer, gains = lab.CASES[name] if name != 'GESO' else cart.CASES[name]
-        plan = make(observer, 'cart_pendulum', cart_of(), **gains)
-        state, coefficients, module = plan.state(), Coefficients(), plan.module
-        module.prepare(coefficients, plan.design, 1e-3)
-        state.before[:2], state.work.moved[:2] = (0.1, 0.2), (1e-3, 1e-3)
-        given = state, coefficients, plan.design, [0.1, 0.2], [0.1]
-        times = []
-        for _ in range(REPEATS):
-            begun = time.perf_counter()
-            for _ in range(STEPS):
-                module.advance(module.model, *given)
-            times.append(time.perf_counter() - begun)
-        cost[name] = min(times)
-    ratios = [
-        f'{cost[name] / cost["GESO"]:.2f} ({PRINTED_7[name] / PRINTED_7["GESO"]:.2f})'
-        for name in PRINTED_7
-    ]
-    title = 'Table 7: one forward Euler step, GESO = 1 (measured, no row)'
-    return ['', *layout(title, list(PRINTED_7), {'relative cost': ratios})]
 
 
 REPRODUCTION = Reproduction(
@@ -77,18 +45,10 @@ REPRODUCTION = Reproduction(
     summary='Aranovskiy, Ortega, Romero, Sokolov: A globally exponentially stable speed observer '
     'for a class of mechanical systems (2019)',
     parts=parts(
-        'mechanical',
-        {
-            'A': gain_rows.values,
-            'B': cart.values,
-            'C': leg.values,
-            'D': lab.values,
-            'E': loop.values,
-        },
+        'mechanical', {'B': cart.values, 'C': leg.values, 'D': lab.values, 'E': loop.values}
     ),
     figures='sim_pkg.reproduce.mechanical.figures',
     tables=TABLES,
-    extra=table_7,
     reasons=(
         (
             r'B4.HGOprinted',

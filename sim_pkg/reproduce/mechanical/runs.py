@@ -3,13 +3,13 @@
 
 """Runs of observers of mechanisms over simulated motions, for the rows of the table.
 
-Every run steps the package's own observers (`core.walk`). Features of the paper alone,
-such as a start away from the measurement, are added here.
+Every run steps the package's own observers, without their status and guard. Positions do not wrap.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.models import cart_pendulum, robotic_leg
 from estimator_pkg.models.mechanics import Mechanics
 from estimator_pkg.observers.mechanism.core import Plan
-from estimator_pkg.observers.mechanism.motion import Motion
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation
+from estimator_pkg.observers.mechanism.state import Coefficients, State
 from estimator_pkg.parameters import build
 
 Array = NDArray[np.float64]
@@ -72,7 +73,40 @@ def observe(
     state = plan.state()
     if start is not None:
         state.core.e[: measured.shape[1]] = (np.asarray(start, float) - measured[0]).tolist()
-    return plan.velocities(state, measured, inputs, dt, 1, single)
+    return walk(plan, state, measured, inputs, dt, single)
+
+
+def walk(
+    plan: Plan, state: State, measured: Array, inputs: Array, dt: float, single: bool = False
+) -> Array:
+    """Return estimated velocities, shape (N, n); the state goes on.
+
+    Parameters
+    ----------
+    measured : shape (N, n). Row k of the result is the estimate before y_k is injected.
+    inputs : shape (N, m); row k acts from sample k to k + 1.
+    single : the state is stored in single precision.
+    """
+    module, core, work, n = plan.module, state.core, state.work, plan.mechanics.degrees
+    coefficients = Coefficients()
+    module.prepare(coefficients, plan.design, dt)
+    rows, found = measured.tolist(), [core.v[:n]]
+    for (before, now), given in zip(pairwise(rows), inputs.tolist()):
+        state.before[:n] = before
+        work.moved[:n] = [new - old for new, old in zip(now, before)]
+        if module.advance(module.model, state, coefficients, plan.design, now, given):
+            core.take(work.after)
+        if single:
+            for each in (core.e, core.x, core.d):
+                each[:n] = map(in_single, each[:n])
+        found.append(core.v[:n])
+    return np.array(found)
+
+
+def in_single(x: float) -> float:
+    """Return x rounded to the 24 digits of single precision (Veltkamp's splitting)."""
+    wide = 536870913.0 * x
+    return wide - (wide - x)
 
 
 def move(
@@ -80,7 +114,9 @@ def move(
 ) -> tuple[Array, Array]:
     """Return (positions, velocities), shape (N, n): row k at sample k; input k acts from it on."""
     count = len(inputs) - 1
-    return Motion(mechanics, q, v).run(inputs[:count], np.full(count, dt), np.full(count, parts))
+    return MechanismSimulation(mechanics, q, v).run(
+        inputs[:count], np.full(count, dt), np.full(count, parts)
+    )
 
 
 def metrics(errors: Array) -> list[float]:

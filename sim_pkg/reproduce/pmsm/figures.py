@@ -1,12 +1,11 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Figures 1 and 2 of the sensorless-motor paper, and the drive on the observer's own estimates."""
+"""Figures 1 and 2 of the sensorless-motor paper, drawn with matplotlib."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,12 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from sim_pkg.pmsm.drive import Drive
-from sim_pkg.pmsm.parameters import PmsmParameters
-from sim_pkg.pmsm.profiles import Profile
-from sim_pkg.pmsm.sensorless import RUNNING, Sensorless
 from sim_pkg.reproduce.pmsm.motor import FLUX, POLE_PAIRS, errors
-from sim_pkg.reproduce.pmsm.observer import ROBUST, design_of
 from sim_pkg.reproduce.pmsm.paper import figure_2
 
 BLUE, RED, GREY, SOFT = '#1f6fb4', '#d1342f', '#cfcfcf', '#555555'
@@ -149,87 +143,4 @@ def transients() -> Figure:
     return figure
 
 
-class Loop(NamedTuple):
-    """A drive on the observer's own angle and speed, one row per ms, shape (n,).
-
-    angle_error [deg], speed_error [%], speed and its reference [rpm], i_q [A]; running: True when
-    the observer controls the drive.
-    """
-
-    angle_error: NDArray[np.float64]
-    speed_error: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    reference: NDArray[np.float64]
-    i_q: NDArray[np.float64]
-    running: NDArray[np.bool_]
-
-
-# name: forced start, speed at the start [rpm], profile, time of the load step [s]
-LOOPS: dict[str, tuple[bool, float, Profile, float]] = {
-    'spinning 1000 rpm': (False, 1000.0, Profile([(1.0, 1000, 1000)]), 0.5),
-    'spinning 4000 rpm': (False, 4000.0, Profile([(1.0, 4000, 4000)]), 0.5),
-    'forced to 1500 rpm': (
-        True,
-        0.0,
-        Profile([(0.3, 700, 700), (0.2, 700, 1500), (0.5, 1500, 1500)]),
-        0.7,
-    ),
-}
-
-
-def closed_loop(name: str) -> Loop:
-    """Run one of LOOPS, with 0.1 A of noise and a load step of half the rated torque."""
-    forced, start, profile, step_time = LOOPS[name]
-    rated = PmsmParameters().rated_torque
-    parameters = PmsmParameters(current_noise=0.1, load_step=0.5 * rated, load_step_time=step_time)
-    feedback = Sensorless(design_of(**ROBUST), parameters, forced=forced)
-    drive = Drive(parameters, 3, feedback=feedback, profile=profile, start_speed=start / RPM)
-    per_row = round(1e-3 * 20000.0)
-    rows = []
-    for _ in range(round(profile.duration * 1e3)):
-        truth = drive.run(per_row).truth[-1]
-        wrong = math.degrees(math.remainder(feedback.angle - truth[1], 2.0 * math.pi))
-        speed = feedback.omega / parameters.pole_pairs
-        rows.append(
-            (
-                wrong,
-                100.0 * (speed / truth[0] - 1.0) if truth[0] else 0.0,
-                truth[0] * RPM,
-                truth[4] * RPM,
-                truth[3],
-                float(feedback.mode == RUNNING),
-            )
-        )
-    table = np.array(rows).T
-    return Loop(table[0], table[1], table[2], table[3], table[4], table[5] > 0.5)
-
-
-def loops() -> Figure:
-    """Speed and errors of a drive on the observer's own angle and speed, with a load step."""
-    figure = Figure(figsize=(8.0, 6.0), layout='constrained')
-    panels = figure.subplots(3, len(LOOPS), sharex='col')
-    for column, name in enumerate(LOOPS):
-        loop = closed_loop(name)
-        time = 1e-3 * np.arange(1, len(loop.speed) + 1)
-        top, middle, bottom = panels[:, column]
-        top.plot(time, loop.reference, color=GREY, linewidth=1.5, label='reference')
-        top.plot(time, loop.speed, color=BLUE, linewidth=1.0, label='true')
-        estimate = np.where(loop.running, loop.speed * (1.0 + 0.01 * loop.speed_error), np.nan)
-        top.plot(time, estimate, color=RED, linewidth=1.0, label='estimate, once it leads')
-        top.set_title(f'{name},\nload step at {LOOPS[name][3]:g} s', fontsize=9)
-        middle.plot(
-            time, np.where(loop.running, loop.angle_error, np.nan), color=BLUE, linewidth=0.9
-        )
-        bottom.plot(
-            time, np.where(loop.running, loop.speed_error, np.nan), color=BLUE, linewidth=0.9
-        )
-        bottom.set_xlabel('time [s]')
-        for axes in (top, middle, bottom):
-            tidy(axes)
-    panels[0][0].legend(fontsize=8, frameon=False)
-    for axes, text in zip(panels[:, 0], ('speed [rpm]', 'angle error [deg]', 'speed error [%]')):
-        axes.set_ylabel(text)
-    return figure
-
-
-FIGURES = {'pmsm_figure_1': phase_portrait, 'pmsm_figure_2': transients, 'pmsm_closed_loop': loops}
+FIGURES = {'pmsm_figure_1': phase_portrait, 'pmsm_figure_2': transients}

@@ -26,21 +26,15 @@ RESISTANCE, INDUCTANCE, FLUX, POLE_PAIRS = 0.06, 33.75e-6, 1.9e-3, 7
 INERTIA, LOAD = 2.5e-5, 2.5e-7  # kg m^2; N m s^2 (quadratic, ours: the paper names none)
 K_P, K_I, K_ETA, GAMMA, CLOCK, PERIODS = 2.18e4, 9.34e3, 95.7, 4582.0, 200.0, 2
 
-CONTINUOUS, HYBRID, ID_PRE, ID_POST, ID_EARLY = range(5)
-OBSERVERS = ('cont', 'hyb', 'id_pre', 'id_post', 'id_early')
+CONTINUOUS, HYBRID, IDENTIFIER = 'continuous', 'hybrid', 'identifier'
 
 # name: (direction, eta0 [deg], xi0 [1/Wb])
-STARTS = {
-    'A': (1, 0.0, 0.0),
-    'C': (1, 90.0, -526.3158),
-    'D': (-1, 179.0, 526.3158),
-    'G': (1, -90.0, 2500.0),
-}
+STARTS = {'A': (1, 0.0, 0.0), 'C': (1, 90.0, -526.3158), 'D': (-1, 179.0, 526.3158)}
 
 THRESHOLD = 4.0 * math.sqrt(GAMMA)  # a larger error of x is replaced [1/Wb]
 LOG, FINE = 20000, 100000  # Hz: rows of a run; grid on which the signals are interpolated
 TOLERANCE = 1e-5  # relative, of the solver
-DURATION = 0.70  # s
+DURATION, LAST, LEAST = 0.70, 0.1, 0.020  # of a run, of its end, to count as settled [s]
 
 
 class Signals(NamedTuple):
@@ -123,53 +117,39 @@ def flow(i, h, z, x, current, voltage, resistance, inductance, k_p, k_i, k_eta, 
 
 
 class Run(NamedTuple):
-    """A run: truth and estimates at the log times, numbers of reflections and replacements."""
+    """A run: truth and estimates at the log times."""
 
     truth: Signals
     h: NDArray[np.complex128]
     z: NDArray[np.complex128]
     x: NDArray[np.float64]
-    jumps: int
-    fires: int
 
 
 class Clock:
-    """The jumps (16) and (25), (26) at the clock's ticks.
+    """The jumps (16), (25), (26) at the clock's ticks; (26) decides after the registers shift."""
 
-    (26) can be read in three ways: id_post decides after the registers shift, id_pre before (and
-    counts one tick less), id_early as id_post but one tick earlier.
-    """
-
-    def __init__(self, kind: int) -> None:
-        self.kind, self.registers = kind, Registers()
-        self.count = self.jumps = self.fires = 0
+    def __init__(self, variant: str) -> None:
+        self.variant, self.registers, self.count = variant, Registers(), 0
 
     def tick(
         self, i: complex, h: complex, z: complex, x: float, area: complex
     ) -> tuple[complex, complex, complex, float]:
         """Return (i, h, z, x) after a tick; `area` is the integral of the back-EMF before it."""
         self.count += 1
-        count, registers = self.count, self.registers
-        if self.kind >= ID_PRE:
-            before, _, _, _ = solve(registers, PERIODS)
+        if self.variant == IDENTIFIER:
             y = emf(h, z)
-            shift(registers, PERIODS, y.real, y.imag, abs(h), area.real, area.imag)
-            found, _, _, _ = solve(registers, PERIODS)
-            if self.kind == ID_PRE:
-                found, count = before, count - 1
-            late = count > PERIODS + (0 if self.kind == ID_EARLY else 1)
-            if late and abs(x - found) > THRESHOLD:
+            shift(self.registers, PERIODS, y.real, y.imag, abs(h), area.real, area.imag)
+            found = solve(self.registers, PERIODS)[0]
+            if self.count > PERIODS + 1 and abs(x - found) > THRESHOLD:
                 x = found
-                self.fires += 1
         core = core_of(i, h, z)
-        if self.kind >= HYBRID and reflect(core):
-            self.jumps += 1
+        if self.variant != CONTINUOUS and reflect(core):
             i, h, z = vectors_of(core)
         return i, h, z, x
 
 
-def continuous_run(kind: int, direction: int, eta0_deg: float, xi0: float) -> Run:
-    """Run one of OBSERVERS in continuous time: scipy's Runge-Kutta between the clock's ticks."""
+def continuous_run(variant: str, direction: int, eta0_deg: float, xi0: float) -> Run:
+    """Run an observer in continuous time: scipy's Runge-Kutta between the clock's ticks."""
     exact = signals(np.arange(round(DURATION * FINE) + 1) / FINE, direction)
     back = np.exp(-1j * exact.theta)  # in the rotor's frame the signals change slowly
     table = np.column_stack((exact.theta, exact.current * back, exact.voltage * back))
@@ -188,7 +168,7 @@ def continuous_run(kind: int, direction: int, eta0_deg: float, xi0: float) -> Ru
         return [*found, emf(h, z)]
 
     z, x = start_frame(exact.theta[0], exact.omega[0], eta0_deg), float(xi0)
-    i, h, clock, logs = z.conjugate() * complex(exact.current[0]), 0j, Clock(kind), []
+    i, h, clock, logs = z.conjugate() * complex(exact.current[0]), 0j, Clock(variant), []
     times = np.arange(round(DURATION * LOG) + 1) / LOG
     for part in np.split(times[:-1], round(DURATION * CLOCK)):
         span = float(part[0]), float(part[0]) + 1.0 / CLOCK
@@ -199,7 +179,7 @@ def continuous_run(kind: int, direction: int, eta0_deg: float, xi0: float) -> Ru
         i, h, z, x = clock.tick(i, h, z / abs(z), end.real, area)
     found_h, found_z, found_x = np.concatenate(logs, axis=1)
     truth = signals(times[:-1], direction)
-    return Run(truth, found_h, found_z, found_x.real, clock.jumps, clock.fires)
+    return Run(truth, found_h, found_z, found_x.real)
 
 
 class Errors(NamedTuple):
@@ -232,12 +212,10 @@ def errors(run: Run) -> Errors:
     )
 
 
-def settling(
-    times: NDArray[np.float64], error: NDArray[np.float64], bound: float, least: float = 0.020
-) -> float:
+def settling(times: NDArray[np.float64], error: NDArray[np.float64], bound: float) -> float:
     """Return the first log time [ms] from which |error| <= bound to the end; nan: never.
 
-    nan also if that is less than `least` [s] before the end.
+    nan also if that is less than LEAST before the end.
 
     Parameters
     ----------
@@ -247,7 +225,7 @@ def settling(
     with np.errstate(invalid='ignore'):
         outside = np.flatnonzero(~(np.abs(error) <= bound))
     first = 0 if len(outside) == 0 else outside[-1] + 1
-    if first >= len(times) or times[-1] - times[first] < least:
+    if first >= len(times) or times[-1] - times[first] < LEAST:
         return math.nan
     return 1e3 * float(times[first])
 
@@ -263,9 +241,9 @@ def settle_times(run: Run) -> dict[str, float]:
     }
 
 
-def final_errors(run: Run, seconds: float = 0.1) -> dict[str, float]:
+def final_errors(run: Run) -> dict[str, float]:
     """Return the largest errors at the end: speed [%], angle [deg], xi [%], back-EMF [%]."""
-    found, late = errors(run), slice(-round(seconds * LOG), None)
+    found, late = errors(run), slice(-round(LAST * LOG), None)
     return {
         'speed': 100.0 * float(np.abs(found.speed[late]).max()),
         'angle': math.degrees(float(np.abs(found.angle[late]).max())),

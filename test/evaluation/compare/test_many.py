@@ -6,34 +6,24 @@
 import html
 import json
 import math
-import shlex
 import shutil
 
 import pytest
+from joint_bags import write_bag
 
-from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
-from estimator_pkg.messages.joint_state import TYPE, Encoder
 
 pytest.importorskip('optuna', reason='not run: Optuna is not installed')
 
 
-def write_bag(path, seconds, rate=500.0):
+def swing(path, seconds, rate=500.0):
     """A joint that swings at 1 Hz, with its truth."""
-    states, true = Encoder(), Encoder()
-    with BagWriter(path) as bag:
-        for topic in ('/joint_states', '/ground_truth/joint_states'):
-            bag.add_topic(topic, TYPE)
-        for k in range(1, int(seconds * rate)):
-            turned = 2.0 * math.pi * k / rate
-            stamp, angle = round(k / rate * 1e9), -0.8 * math.cos(turned)
-            read = math.floor(angle * 652.0) / 652.0
-            bag.write('/joint_states', stamp, states.encode(stamp, '', ('a',), [read]))
-            bag.write(
-                '/ground_truth/joint_states',
-                stamp,
-                true.encode(stamp, '', ('a',), [angle], [0.8 * 2.0 * math.pi * math.sin(turned)]),
-            )
+    stamps = [round(k / rate * 1e9) for k in range(1, int(seconds * rate))]
+    angles = [-0.8 * math.cos(2e-9 * math.pi * stamp) for stamp in stamps]
+    speeds = [1.6 * math.pi * math.sin(2e-9 * math.pi * stamp) for stamp in stamps]
+    read = [(s, ('a',), [math.floor(y * 652.0) / 652.0], ()) for s, y in zip(stamps, angles)]
+    true = [(s, ('a',), [y], [v]) for s, y, v in zip(stamps, angles, speeds)]
+    write_bag(path, {'/joint_states': read, '/ground_truth/joint_states': true})
 
 
 @pytest.fixture
@@ -41,8 +31,8 @@ def mixed(tmp_path):
     """A folder with a good bag, one too short to say anything, and one that is none."""
     folder = tmp_path / 'mixed'
     folder.mkdir()
-    write_bag(folder / 'good', 2.0)
-    write_bag(folder / 'short', 0.012)
+    swing(folder / 'good', 2.0)
+    swing(folder / 'short', 0.012)
     (folder / 'torn').mkdir()
     (folder / 'torn' / 'metadata.yaml').write_text('torn: [')
     return folder
@@ -52,10 +42,8 @@ def mixed(tmp_path):
 @pytest.mark.parametrize('jobs', ['1', '2'])
 def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys, jobs):
     result, page = tmp_path / 'result.json', tmp_path / 'page.html'
-    assert (
-        main(f'evaluate {mixed} --observer pll --jobs {jobs} --html {page} --json {result}'.split())
-        == 0
-    )
+    words = f'{mixed} --observer pll --jobs {jobs} --json {result}'.split()
+    assert main(['evaluate', *words, '--html', str(page)]) == 0
     warned = capsys.readouterr().err.splitlines()
     bad = [str(mixed / 'short'), str(mixed / 'torn')]
     assert [line.split()[1] for line in warned if 'is skipped' in line] == bad
@@ -64,22 +52,7 @@ def test_bags_of_a_folder_that_say_nothing_are_left_out(mixed, tmp_path, capsys,
     assert list(found['left_out']) == bad
     assert 'no valid estimate' in found['left_out'][str(mixed / 'short')]
     assert all(html.escape(why) in page.read_text() for why in found['left_out'].values())
-    assert (
-        main(
-            [
-                'tune',
-                str(mixed),
-                *shlex.split('--observer pll --trials 8'),
-                '--jobs',
-                jobs,
-                '--out',
-                str(tmp_path / 'gains.yaml'),
-                '--json',
-                str(result),
-            ]
-        )
-        == 0
-    )
+    assert main(['tune', *words, '--trials', '8', '--out', str(tmp_path / 'gains.yaml')]) == 0
     found = json.loads(result.read_text())
     assert found['tuned'][0]['bags'] == [str(mixed / 'good')]
     assert list(found['left_out']) == [str(mixed / 'torn')]

@@ -4,7 +4,6 @@
 """Drives with the truth of every sample in the bag are judged and tuned sample by sample."""
 
 import json
-import shlex
 
 import numpy as np
 import pytest
@@ -26,30 +25,10 @@ SAMPLES = '/ground_truth/samples'
 def drive(tmp_path_factory):
     """0.15 s at 20 kHz: fifteen batches; and the same with its estimates."""
     folder = tmp_path_factory.mktemp('per_sample')
-    assert (
-        main(
-            [
-                *shlex.split('simulate pmsm --duration 0.15 --seed 1 --set current_noise=0.05'),
-                '--out',
-                str(folder / 'bag'),
-            ]
-        )
-        == 0
-    )
-    assert (
-        main(
-            [
-                'replay',
-                str(folder / 'bag'),
-                *MOTOR,
-                '--observer',
-                'pmsm',
-                '--out',
-                str(folder / 'out'),
-            ]
-        )
-        == 0
-    )
+    bag, out = str(folder / 'bag'), str(folder / 'out')
+    simulated = 'simulate pmsm --duration 0.15 --seed 1 --set current_noise=0.05 --out'
+    assert main([*simulated.split(), bag]) == 0
+    assert main(['replay', bag, *MOTOR, '--observer', 'pmsm', '--out', out]) == 0
     return folder
 
 
@@ -106,24 +85,9 @@ def test_another_truth_is_taken_as_it_is(drive, tmp_path):
 def test_a_short_drive_can_be_tuned(drive, tmp_path):
     pytest.importorskip('optuna', reason='not run: Optuna is not installed')
     out = tmp_path / 'out.json'
-    assert (
-        main(
-            [
-                'tune',
-                str(drive / 'bag'),
-                '--observer',
-                'pmsm',
-                *MOTOR,
-                '--trials',
-                '4',
-                '--out',
-                str(tmp_path / 'gains.yaml'),
-                '--json',
-                str(out),
-            ]
-        )
-        == 0
-    )
+    words = [str(drive / 'bag'), '--observer', 'pmsm', *MOTOR, '--trials', '4']
+    words += ['--out', str(tmp_path / 'gains.yaml'), '--json', str(out)]
+    assert main(['tune', *words]) == 0
     (each,) = json.loads(out.read_text())['tuned']
     assert list(each['best']['by_joint']) == ['motor_electrical']
     assert each['held_out'] and each['best']['by_joint']['motor_electrical']['published'] > 0.9

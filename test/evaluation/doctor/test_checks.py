@@ -72,15 +72,38 @@ def test_clean_readings_pass(case):
     assert named(look(*clean(**CLEAN[case]))) == set()
 
 
-def rate_change(s, a, y):
-    kept = np.r_[0:3000, 3000 : len(s) : 2]
-    return s[kept], a[kept], y[kept]
+COUNTED = round(RATE * SECONDS)
 
 
-def lying(s, a, y):
-    """Stamps that err by 1 ms, half of the sample time."""
-    wrong = np.random.default_rng(3).normal(0.0, 1e6, len(s)).astype(np.int64)
-    return s + wrong, a, y
+def picked(rows):
+    """Only these samples."""
+    return lambda s, a, y: (s[rows], a[rows], y[rows])
+
+
+def stamped(change):
+    """Other stamps."""
+    return lambda s, a, y: (change(s.copy()), a, y)
+
+
+def read(change):
+    """Other readings."""
+    return lambda s, a, y: (s, a, change(y.copy()))
+
+
+def put(rows, value):
+    def change(values):
+        values[rows] = value
+        return values
+
+    return change
+
+
+def add(rows, value):
+    return lambda values: put(rows, values[rows] + value)(values)
+
+
+def noise(seed, size):
+    return np.random.default_rng(seed).normal(0.0, size, COUNTED)
 
 
 def arrival_stamps(s, a, y):
@@ -89,176 +112,91 @@ def arrival_stamps(s, a, y):
     return np.maximum.accumulate(s + late), a + 5_000_000, y
 
 
-def holes(s, a, y):
-    kept = np.r_[0:2000, 2060:4000, 4030 : len(s)]
-    return s[kept], a[kept], y[kept]
-
-
-def lost(s, a, y):
-    kept = np.random.default_rng(4).random(len(s)) > 0.03
-    return s[kept], a[kept], y[kept]
-
-
-def repeated_stamps(s, a, y):
-    s = s.copy()
-    s[100::50] = s[99::50][: len(s[100::50])]
-    return s, a, y
-
-
 def out_of_order(s, a, y):
     order = np.arange(len(s))
     order[200::100], order[201::100] = order[201::100].copy(), order[200::100].copy()
     return s[order], a, y[order]
 
 
-def looping(s, a, y):
-    s = s.copy()
-    s[3000:] -= 5_000_000_000
-    return s, a, y
-
-
-def stray(s, a, y):
-    s = s.copy()
-    s[2500] += 3600 * 10**9
-    return s, a, y
-
-
-def unstamped(s, a, y):
-    s = s.copy()
-    s[::7] = 0
-    return s, a, y
-
-
-def drifting(s, a, y):
-    return START + ((s - START) * 1.02).astype(np.int64), a, y
-
-
-def ahead(s, a, y):
-    return s + 40_000_000, a, y
-
-
-def late(s, a, y):
-    return s, a + 120_000_000, y
-
-
-def not_finite(s, a, y):
-    y = y.copy()
-    y[700:720] = np.nan
-    return s, a, y
-
-
-def repeated_readings(s, a, y):
-    return s, a, y[np.arange(len(y)) // 3 * 3]
-
-
-def some_repeated(s, a, y):
-    y = y.copy()
+def some_repeated(y):
     again = np.flatnonzero(np.random.default_rng(5).random(len(y)) < 0.03)[1:]
-    y[again] = y[again - 1]
-    return s, a, y
+    return put(again, y[again - 1])(y)
 
 
-def sticking(s, a, y):
-    y = y.copy()
+def sticking(y):
     for at in range(500, len(y) - 50, 1000):
         y[at : at + 25] = y[at]
-    return s, a, y
+    return y
 
 
-def flip(s, a, y):
-    y = y.copy()
-    y[2600:2700] += 3.1
-    return s, a, (y + math.pi) % TURN - math.pi
+def flip(y):
+    return (add(slice(2600, 2700), 3.1)(y) + math.pi) % TURN - math.pi
 
 
-def outliers(s, a, y):
-    y = y.copy()
-    y[[800, 1700, 4100]] += 0.5
-    return s, a, y
-
-
-def slipped(s, a, y):
-    y = y.copy()
-    y[3500:] += 0.2
-    return s, a, y
-
-
-def degrees(s, a, y):
-    return s, a, np.degrees(y)
-
-
-def other_wrap(s, a, y):
-    """A sensor behind a gear of 1 to 2, which wraps each half turn."""
-    return s, a, np.mod(y, math.pi)
-
-
-def rest(s, a, y):
-    return s, a, y[0] + COUNT * (np.arange(len(y)) % 97 == 0)
-
-
-def coarse(s, a, y):
-    return s, a, np.round(y / (TURN / 90)) * (TURN / 90)
-
-
-def noisy(s, a, y):
-    return s, a, y + 0.02 * np.random.default_rng(6).standard_normal(len(y))
-
-
-def two_sources(s, a, y):
-    y = y.copy()
-    y[1::2] = 0.3
-    return s, a, y
-
-
-def slow_second_source(s, a, y):
-    y = y.copy()
-    y[3::7] = 2.5
-    return s, a, y
-
-
-FAULTS = {  # the check that names it, and others that may
-    rate_change: ('rate', set()),
-    lying: ('lying stamps', {'jitter', 'order of stamps', 'repeated stamps', 'holes'}),
-    arrival_stamps: ('lying stamps', {'jitter', 'repeated stamps'}),
-    holes: ('holes', set()),
-    lost: ('holes', set()),
-    repeated_stamps: ('repeated stamps', {'holes'}),
-    out_of_order: ('order of stamps', set()),
-    looping: ('order of stamps', {'clock', 'jumps'}),
-    stray: ('order of stamps', set()),
-    unstamped: ('missing stamps', {'holes', 'rate'}),
-    drifting: ('clock', set()),
-    ahead: ('clock', set()),
-    late: ('clock', set()),
-    not_finite: ('finite readings', {'holes'}),
-    repeated_readings: ('repeated readings', set()),
-    some_repeated: ('repeated readings', set()),
-    sticking: ('sticking sensor', set()),
-    flip: ('jumps', set()),
-    outliers: ('jumps', set()),
-    slipped: ('jumps', set()),
-    degrees: ('wrap', {'jumps'}),
-    other_wrap: ('wrap', {'jumps'}),
-    rest: ('motion', set()),
-    coarse: ('resolution', set()),
-    noisy: ('resolution', set()),
-    two_sources: ('jumps', {'wrap', 'resolution', 'repeated readings'}),
-    slow_second_source: ('jumps', {'wrap', 'resolution', 'repeated readings'}),
+SOURCES = {'wrap', 'resolution', 'repeated readings'}
+FAULTS = {  # what is planted, the check that names it, and others that may
+    'rate change': (picked(np.r_[0:3000, 3000:COUNTED:2]), 'rate', set()),
+    'stamps that err by half of the sample time': (
+        stamped(lambda s: s + noise(3, 1e6).astype(np.int64)),
+        'lying stamps',
+        {'jitter', 'order of stamps', 'repeated stamps', 'holes'},
+    ),
+    'stamps of arrival': (arrival_stamps, 'lying stamps', {'jitter', 'repeated stamps'}),
+    'holes': (picked(np.r_[0:2000, 2060:4000, 4030:COUNTED]), 'holes', set()),
+    'lost': (
+        picked(np.flatnonzero(np.random.default_rng(4).random(COUNTED) > 0.03)),
+        'holes',
+        set(),
+    ),
+    'repeated stamps': (
+        stamped(lambda s: put(slice(100, None, 50), s[99:-1:50])(s)),
+        'repeated stamps',
+        {'holes'},
+    ),
+    'out of order': (out_of_order, 'order of stamps', set()),
+    'a loop': (
+        stamped(add(slice(3000, None), -5_000_000_000)),
+        'order of stamps',
+        {'clock', 'jumps'},
+    ),
+    'a stray stamp': (stamped(add(2500, 3600 * 10**9)), 'order of stamps', set()),
+    'no stamp': (stamped(put(slice(None, None, 7), 0)), 'missing stamps', {'holes', 'rate'}),
+    'drift': (stamped(lambda s: START + ((s - START) * 1.02).astype(np.int64)), 'clock', set()),
+    'stamps ahead': (stamped(lambda s: s + 40_000_000), 'clock', set()),
+    'late arrival': (lambda s, a, y: (s, a + 120_000_000, y), 'clock', set()),
+    'not finite': (read(put(slice(700, 720), np.nan)), 'finite readings', {'holes'}),
+    'each three times': (
+        read(lambda y: y[np.arange(COUNTED) // 3 * 3]),
+        'repeated readings',
+        set(),
+    ),
+    'some repeated': (read(some_repeated), 'repeated readings', set()),
+    'sticking': (read(sticking), 'sticking sensor', set()),
+    'flip': (read(flip), 'jumps', set()),
+    'outliers': (read(add([800, 1700, 4100], 0.5)), 'jumps', set()),
+    'slipped': (read(add(slice(3500, None), 0.2)), 'jumps', set()),
+    'degrees': (read(np.degrees), 'wrap', {'jumps'}),
+    'behind a gear of 1 to 2': (read(lambda y: np.mod(y, math.pi)), 'wrap', {'jumps'}),
+    'rest': (read(lambda y: y[0] + COUNT * (np.arange(COUNTED) % 97 == 0)), 'motion', set()),
+    'coarse': (read(lambda y: np.round(y / (TURN / 90)) * (TURN / 90)), 'resolution', set()),
+    'noisy': (read(lambda y: y + noise(6, 0.02)), 'resolution', set()),
+    'two sources': (read(put(slice(1, None, 2), 0.3)), 'jumps', SOURCES),
+    'a slow second source': (read(put(slice(3, None, 7), 2.5)), 'jumps', SOURCES),
 }
 
 
-@pytest.mark.parametrize('fault', FAULTS, ids=lambda each: each.__name__)
+@pytest.mark.parametrize('fault', FAULTS)
 @pytest.mark.long
 def test_a_planted_fault_is_named(fault):
-    check, others = FAULTS[fault]
-    found = look(*fault(*clean()))
+    plant, check, others = FAULTS[fault]
+    found = look(*plant(*clean()))
     assert check in named(found)
     assert named(found) <= {check, 'encoder'} | others
     assert found[check].remedy
 
 
 def test_the_times_of_a_flip_are_named():
-    found = look(*flip(*clean()))['jumps']
+    found = look(*read(flip)(*clean()))['jumps']
     assert found.level == FAIL
     assert found.numbers['times_s'] == pytest.approx([5.2, 5.4])
     assert '5.20 s' in found.value and '5.40 s' in found.value
@@ -282,9 +220,10 @@ def test_true_stamps_of_irregular_readings_do_not_lie():
 
 
 def test_the_wrap_period_is_found():
-    found = look(*other_wrap(*clean()))['wrap']
+    plant, *_ = FAULTS['behind a gear of 1 to 2']
+    found = look(*plant(*clean()))['wrap']
     assert found.numbers['wrap_period'] == pytest.approx(math.pi, rel=0.01)
-    assert 'degrees' in look(*degrees(*clean()))['wrap'].remedy
+    assert 'degrees' in look(*read(np.degrees)(*clean()))['wrap'].remedy
 
 
 @pytest.mark.parametrize('digit', (0.001, 0.0001, 0.01, 0.0005, 0.0015, 0.002, 0.005))

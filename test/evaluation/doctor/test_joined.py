@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags in which the stamps jump back: a loop that was recorded, and two recordings joined."""
+"""Joints whose stamps jump back: a loop that was recorded, and two recordings joined."""
 
 import json
 import math
@@ -11,14 +11,12 @@ import pytest
 
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
-from estimator_pkg.messages import drive_samples, joint_state, vector3
+from estimator_pkg.messages import joint_state, vector3
 
 TURN = 2.0 * math.pi
 START = 1_700_000_000_000_000_000
 RATE, SECONDS = 200.0, 6.0
 ANGLE = '/imu/tilt:vector.x'
-MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
-DATA = [word for name, value in MOTOR.items() for word in ('--set', f'{name}={value}')]
 
 
 def slow(t):
@@ -121,53 +119,3 @@ def test_estimates_are_compared_with_the_run_that_they_are_of_and_not_ranked(tmp
     assert 0.05 < own < 0.1  # [rad/s]; against the other run it is above 1
     assert found['verdict']['elbow']['why'].startswith('the clock jumps back 1 time')
     assert found['verdict']['elbow']['rms'] == {}
-
-
-def signals(seconds, speed, rate=5000.0):
-    """Stamps and rows of a motor at this electrical speed [rad/s], with 10 A along q."""
-    t = np.arange(int(seconds * rate)) / rate
-    theta = speed * t + 20.0 * np.sin(TURN * 2.0 * t)
-    current = 10j * np.exp(1j * theta)
-    linkage = MOTOR['flux'] * np.exp(1j * theta) + MOTOR['inductance'] * current
-    mean = 0.5 * (current[1:] + current[:-1])
-    voltage = np.r_[0.0, np.diff(linkage) * rate + MOTOR['resistance'] * mean]
-    noise = np.random.default_rng(0).normal(0.0, 0.02, (len(t), 2)) @ [1.0, 1j]
-    stamps = START + np.rint(1e9 * t).astype(np.int64)
-    return stamps, np.column_stack([current + noise, voltage]).view(float)
-
-
-def drive(path, parts, batches=True):
-    """A bag of drives one after another, as batches or as pairs of messages."""
-    topics = ['/drive_samples'] if batches else ['/current', '/voltage']
-    with BagWriter(path) as bag:
-        for topic in topics:
-            bag.add_topic(topic, drive_samples.TYPE if batches else vector3.TYPE)
-        log = START
-        for stamps, rows in parts:
-            for first in range(0, len(stamps), 50):
-                log += 10_000_000
-                part = slice(first, first + 50)
-                if batches:
-                    raw = drive_samples.encode(stamps[part], rows[part])
-                    bag.write(topics[0], log, raw)
-                    continue
-                for stamp, row in zip(stamps[part].tolist(), rows[part].tolist()):
-                    bag.write(topics[0], log, vector3.encode(stamp, '', *row[:2]))
-                    bag.write(topics[1], log, vector3.encode(stamp, '', *row[2:]))
-    return str(path)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('batches', [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_runs_of_a_drive_are_not_mixed(batches, tmp_path):
-    parts = [signals(0.4, -1500.0), signals(0.8, 2500.0)]
-    code, whole = doctor(tmp_path, drive(tmp_path / 'bag', parts, batches), *DATA)
-    found = checks(whole, 'motor_electrical')
-    assert code == 1 and found['order of stamps']['clock_jumps'] == 1
-    assert {name for name, each in found.items() if each['level'] != 'PASS'} == {'order of stamps'}
-    assert found['flux linkage']['flux'] == pytest.approx(MOTOR['flux'], rel=0.02)
-    assert ('input: ' in whole['parameters']) != batches  # the node's default is batches
-    code, alone = doctor(tmp_path, drive(tmp_path / 'alone', parts[1:], batches), *DATA)
-    assert code == 0
-    rms = [each['joints']['motor_electrical']['verdict']['rms']['pmsm'] for each in (whole, alone)]
-    assert rms[0] == pytest.approx(rms[1], rel=0.1)

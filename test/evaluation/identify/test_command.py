@@ -16,7 +16,7 @@ from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.identify.fit import fit
 from estimator_pkg.evaluation.identify.model import unknowns
-from estimator_pkg.evaluation.identify.pieces import Recording
+from estimator_pkg.evaluation.identify.pieces import MechanismSamples
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.models.load import load
 from estimator_pkg.parameters import build
@@ -72,7 +72,7 @@ def recorded(blocks, periods, actuated):
     for column, period in enumerate(periods):
         if period:
             positions[:, column] = np.unwrap(positions[:, column])
-    return Recording(
+    return MechanismSamples(
         np.array([row[0] for row in rows]),
         positions,
         np.array([row[2] for row in rows])[:, list(actuated)],
@@ -150,7 +150,7 @@ def test_true_numbers_lie_within_the_stated_deviations(of, seeds, crane):
 def test_a_delay_of_the_inputs_is_found():
     """Efforts that are reported 7 ms after they acted."""
     known = recorded(pendulum.generate(pendulum.Parameters(), 8.0, 2), (1,), (0,))
-    late = Recording(
+    late = MechanismSamples(
         known.time,
         known.positions,
         np.interp(known.time + 0.007, known.time, known.inputs[:, 0])[:, None],

@@ -50,11 +50,11 @@ def test_a_sample_of_motions_is_ranked_as_by_truth():
 
 
 @pytest.mark.long
-def test_without_the_vibration_put_back_the_wrong_one_is_best(monkeypatch):
+def test_without_the_recovered_vibration_the_wrong_one_is_best(monkeypatch):
     """Two answers and the question; with the user's number, one answer."""
     name, entries = SAMPLE[0], [SIX[0], Entry('kalman', 'kalman')]
     asked, found = ranked(name, entries)
-    assert found.put_back and asked.best == 'edge_adaptive' and asked.other.best == 'kalman'
+    assert found.vibrates and asked.best == 'edge_adaptive' and asked.other.best == 'kalman'
     assert 26.0 <= asked.question_hz <= 32.0
     hz = f'{asked.question_hz:.0f}'
     question = f'kalman is best if the {hz} Hz are sensor noise, edge_adaptive if they are motion'

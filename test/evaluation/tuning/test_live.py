@@ -42,7 +42,7 @@ def test_a_request_whose_answer_is_lost_is_made_again(monkeypatch):
         return lost.pop() if lost else future
 
     monkeypatch.setattr(AsyncParameterClient, 'get_parameters', first_lost)
-    monkeypatch.setattr(remote_parameters, 'PATIENCE', 2.0)
+    monkeypatch.setattr(remote_parameters, 'ANSWER_WAIT', 2.0)
     with dds.NodeProcess('estimator_pkg.nodes.executables joint_observer') as process:
         process.prints(' estimates ')
         assert parameter('/joint_observer', 'timeout') == 0.5
@@ -94,7 +94,7 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path, monkeypatch, capfd)
         with dds.NodeProcess('estimator_pkg.cli', *words, '--apply', 'joint_observer') as tuning:
             tuning.prints('set on joint_observer: bandwidth_hz: 7 -> ')  # not from the default
         with pytest.raises(UserError, match=r"runs pll, and .* start it with 'observer: kalman'"):
-            apply('joint_observer', {'bandwidth_hz': 5.0}, observer='kalman')
+            apply('joint_observer', {'bandwidth_hz': 5.0}, {}, 'kalman')
         monkeypatch.setattr('estimator_pkg.bags.record.run', never)
         other = [*words[:3], '--observer', 'kalman', *words[5:], '--apply', 'joint_observer']
         capfd.readouterr()

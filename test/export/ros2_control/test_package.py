@@ -286,7 +286,6 @@ OF = '--ros2-control --name joint_velocity'
         (f"kalman {OF} --joint 'my elbow'", "joint 'my elbow' cannot be in the name of an interf"),
         (f"kalman {OF} --joint 'a\"b'", "joint 'a\"b' cannot be in the name of an interface: use"),
         (f'pmsm {OF}', "observer 'pmsm' needs more than the angle of a joint: choose one of joint"),
-        (f'geso {OF}', "observer 'geso' needs more than the angle of a joint: choose one of joint"),
         (f'adaptive {OF}', "'adaptive' cannot be exported: a header is for observers of one angle"),
         (f'kalmann {OF}', "unknown observer 'kalmann'"),
         (f'kalman {OF} --set bandwith=3', "unknown parameter 'bandwith': did you mean 'bandw"),

@@ -32,13 +32,7 @@ FORMS = {
         {'model': 'constant_velocity', 'bandwidth_hz': 45.0},
     ],
     'pll': [{'damping': 0.7}],
-    'super_twisting': [
-        {'order': 1},
-        {'order': 3},
-        {'order': 1, 'form': 'implicit'},
-        {'form': 'taylor'},
-        {'form': 'explicit'},
-    ],
+    'super_twisting': [{'order': 1}, {'order': 3}, {'form': 'explicit'}],
 }
 CASES = [(name, gains) for name in angle_observers() for gains in ({}, *FORMS.get(name, ()))]
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from observer_cases import label, make, stamps, tunable_variants, variants, wrapped
 
-from estimator_pkg.estimate import Estimate
 from estimator_pkg.observers.angle.shared import low_speed_bound
 
 QUANTUM = 2.0 * math.pi / 4096
@@ -83,23 +82,6 @@ def test_creep_is_held_to_a_quantum_over_the_time_since_the_edge(variant, known)
     assert np.sum((out.velocity - speed)[creep] ** 2) < np.sum((free.velocity - speed)[creep] ** 2)
     go = ~creep & (np.arange(len(speed)) > 500)
     assert np.mean(out.velocity[go]) == pytest.approx(np.mean(free.velocity[go]), rel=0.01)
-
-
-@each_variant
-def test_a_cell_wider_than_a_quantum_allows_a_larger_speed(variant):
-    """The known input says by how much, where a map of the sensor's errors has wider cells."""
-    joint = with_gains(slow(variant), True)
-    at = stamps(540)
-    joint.run(at, read(1.0 + 2.0 * DT * np.minimum(np.arange(540), 500)))
-    module, track, out = joint.module, joint.channel.track, Estimate()
-    since = since_change(read(1.0 + 2.0 * DT * np.minimum(np.arange(540), 500)))[-1] * DT
-    for wider in (0.0, 0.5 * QUANTUM):
-        module.estimate(module, out, track.state, track.coefficients, joint.design, 2.0, wider)
-        velocity = abs(out.velocity)
-        assert 1.0 <= velocity * since / (QUANTUM + wider) < 2.01
-        if wider == 0.0:
-            bound = velocity
-    assert velocity == pytest.approx(bound + 0.5 * QUANTUM / since)
 
 
 @each_variant

@@ -3,7 +3,6 @@
 
 """geso, hgo, ehgo and smo: steps, frequency response, motion at speed, the driver."""
 
-import dataclasses
 import itertools
 import math
 import re
@@ -17,10 +16,8 @@ from mechanism_runs import FAST, MODELS, NAMES, driven, made, motion
 from estimator_pkg import observers
 from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
 from estimator_pkg.estimate import TRACKING
-from estimator_pkg.models.load import load
 from estimator_pkg.observers.mechanism.algebra import solve
 from estimator_pkg.observers.mechanism.flow import flow
-from estimator_pkg.observers.mechanism.motion import Motion
 from estimator_pkg.observers.mechanism.noise import discrete
 from estimator_pkg.observers.mechanism.state import Core, Work, enlarge
 from estimator_pkg.parameters import build
@@ -82,16 +79,24 @@ def test_algebra_solves(size):
 
 
 STEPS = [
-    each
+    (*each, ())
     for each in itertools.product(NAMES, (*MODELS, 'two_links'), ('exact', 'paper'))
     if each[:2] != ('geso', 'two_links')
 ]
+STUCK = ('inertia=0.01', 'coulomb=0.5')  # 50 rad/s^2: half a rad/s within a sample of 10 ms
+STOPPED = [  # by friction
+    ('geso', 'single_joint', 'exact', ('coulomb=0.5', 'damping=0.1')),
+    ('hgo', 'single_joint', 'exact', STUCK),
+    ('geso', 'cart_pendulum', 'exact', ('friction_forward=4.0',)),
+]
 
 
-@pytest.mark.parametrize('name, model, form', STEPS)
-def test_plain_and_engine_are_equal(name, model, form):
+@pytest.mark.parametrize('name, model, form, numbers', STEPS + STOPPED)
+def test_plain_and_engine_are_equal(name, model, form, numbers):
     """Bit for bit, over a gap, a reading of NaN, an unknown input and readings far off."""
-    values = {'model': model, 'form': form, **({} if name == 'smo' else {'bandwidth_hz': 3.0})}
+    values = {'model': model, 'form': form, 'model_parameters': numbers}
+    if name != 'smo':
+        values['bandwidth_hz'] = 3.0
     settings, record = MechanismSettings(), observers.find(name)
     joints = [
         Mechanism('m', record, build(record.gains, values), settings, 'joint_states')
@@ -251,17 +256,11 @@ def test_exact_step_is_of_second_order_in_fast_motion():
 
 @lru_cache
 def with_friction(dt, rate, count=500):
-    """(assignments of its model, torques, positions, velocities) of a joint driven by a sine."""
+    """(numbers of its model, torques, positions, velocities) of a joint driven by a sine."""
     assignments = ('inertia=0.01', f'damping={0.01 * rate}')
     torque = [(math.sin(math.pi * dt * k),) for k in range(count)]
-    mechanics = load('single_joint', assignments)
-    plant = Motion(mechanics, (0.0,), (0.0,))
-    q, v, readings, speeds = (0.0,), (0.0,), [], []
-    for u in torque:
-        readings.append(q)
-        speeds.append(v[0])
-        q, v = plant.step(u, dt, 200)
-    return assignments, torque, readings, speeds
+    moved = motion('single_joint', assignments, (0.0,), (0.0,), dt, count, torque, parts=200)
+    return assignments, torque, *moved
 
 
 @pytest.mark.long
@@ -275,7 +274,7 @@ def test_friction_that_stops_a_joint_within_a_sample_makes_none_unstable(name, d
     count = len(readings)
     plan = made(name, model='single_joint', model_parameters=list(assignments))
     velocities, _, _ = driven(plan, dt, count, readings, torque)
-    error = velocities[:, 0] - np.array(speeds[1:])
+    error = velocities - speeds[1:]
     assert np.max(np.abs(error[count // 2 :])) < 0.02 * np.max(np.abs(speeds)) + 0.03
 
 
@@ -313,8 +312,6 @@ def test_a_mass_that_vanishes_gives_no_numbers_instead_of_an_exception():
 
 # Dry friction
 
-STUCK = ('inertia=0.01', 'coulomb=0.5')  # 50 rad/s^2: half a rad/s within a sample of 10 ms
-
 
 @pytest.mark.parametrize(
     'name, most', (('geso', 0.01), ('hgo', 0.01), ('ehgo', 0.01), ('smo', 0.08))
@@ -336,35 +333,8 @@ def test_dry_friction_at_200_hz_through_both_directions(name):
     """A quarter of a rad/s is what friction takes within a sample, and was the error."""
     dt, count = 5e-3, 600
     torque = [(1.2 * math.sin(2.0 * math.pi * 0.7 * dt * k),) for k in range(count)]
-    mechanics = load('single_joint', STUCK)
-    plant = Motion(mechanics, (0.0,), (0.0,))
-    q, v, readings, speeds = (0.0,), (0.0,), [], []
-    for u in torque:
-        readings.append(q)
-        speeds.append(v[0])
-        q, v = plant.step(u, dt, 100)
+    readings, speeds = motion('single_joint', STUCK, (0.0,), (0.0,), dt, count, torque, parts=100)
     plan = made(name, model='single_joint', model_parameters=list(STUCK))
     velocities, _, _ = driven(plan, dt, count, readings, torque)
-    error = np.abs(velocities[:, 0] - speeds[1:])[100:]
+    error = np.abs(velocities - speeds[1:])[100:]
     assert np.max(np.abs(speeds)) > 20.0 and np.max(error) < 0.06
-
-
-@pytest.mark.parametrize(
-    'name, model, numbers',
-    (
-        ('geso', 'single_joint', ['coulomb=0.5', 'damping=0.1']),
-        ('hgo', 'single_joint', STUCK),
-        ('smo', 'two_links', ()),
-        ('geso', 'cart_pendulum', ['friction_forward=4.0']),
-    ),
-)
-def test_plain_and_engine_are_equal_where_friction_stops_a_joint(name, model, numbers):
-    plan, random = made(name, model=model, model_parameters=list(numbers)), np.random.default_rng(1)
-    count, n = 200, plan.mechanics.degrees
-    readings = np.array(plan.mechanics.centre) + random.normal(0.0, 1e-4, (count, n))
-    inputs = np.full((count, plan.mechanics.inputs), 0.1)
-    found = plan.velocities(plan.state(), readings, inputs, 0.01)
-    module = types.ModuleType('unknown to the engine')
-    vars(module).update({**vars(plan.module), '__name__': 'unknown to the engine'})
-    plain = dataclasses.replace(plan, module=module)
-    np.testing.assert_array_equal(plain.velocities(plan.state(), readings, inputs, 0.01), found)

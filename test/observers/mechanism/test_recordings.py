@@ -58,21 +58,9 @@ QUICK = (3, 4)  # the others take long, and run with the slow ones
 def test_errors_stay_within_two_sided_bounds(recording, observer, values, bounds, tmp_path):
     path, common = recording
     words = [word for value in (*common, *values) for word in ('--set', value)]
-    assert (
-        cli.main(
-            [
-                'replay',
-                str(BAGS / path),
-                '--observer',
-                observer,
-                *words,
-                '--out',
-                str(tmp_path / 'out'),
-            ]
-        )
-        == 0
-    )
-    with open_bag(tmp_path / 'out') as bag:
+    out = str(tmp_path / 'out')
+    assert cli.main(['replay', str(BAGS / path), '--observer', observer, *words, '--out', out]) == 0
+    with open_bag(out) as bag:
         found = joint_series(bag, '/mechanical_observer/estimate')
         truth = joint_series(bag, '/ground_truth/joint_states')
     assert len(found) == len(bounds)

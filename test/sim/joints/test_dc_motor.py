@@ -1,22 +1,16 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The simulator dc_motor: physics, voltages, effort; the adaptive observer on its bags."""
+"""The simulator dc_motor: physics, voltages, effort."""
 
 import math
 
 import numpy as np
 import pytest
-from observer_cases import STRUCTURES, angle_observers
 from scipy.linalg import expm
 
-from estimator_pkg.cli import main
-from estimator_pkg.driver.adaptive import AdaptiveJoint
-from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages.joint_state import Decoder
-from estimator_pkg.observers import find
-from estimator_pkg.parameters import build, declared
+from estimator_pkg.parameters import build
 from sim_pkg.joints.dc_motor import SIMULATOR, Motor, MotorParameters
 from sim_pkg.joints.driven import _Motion, advance
 
@@ -65,70 +59,17 @@ def test_the_effort_acted_since_the_sample_before():
 def test_coulomb_friction_stops_and_holds():
     motor = Motor(build(MotorParameters, {'coulomb': 0.2, 'stiffness': 0.0}), 1)
     motion = _Motion(0.0, 3.0)
-    for i in range(2000):
-        motion = advance(motor, motion, 1e-3 * i, 1e-3, 0.0)
+    for _ in range(2000):
+        motion = advance(motor, motion, 1e-3, 0.0)
     assert motion.w == 0.0
     # 3 rad/s against 0.2 N m and 0.04 N m s: rest after J/b log(1 + b w / F)
     stopped = 0.5 * math.log1p(0.04 * 3.0 / 0.2)
     assert motion.q == pytest.approx(3.0 * 0.5 - 0.2 / 0.04 * stopped, abs=0.01)
-    assert advance(motor, motion, 0.0, 1e-3, 0.3).w == 0.0  # 0.18 N m do not move it
-    assert advance(motor, motion, 0.0, 1e-3, 0.5).w > 0.0
+    assert advance(motor, motion, 1e-3, 0.3).w == 0.0  # 0.18 N m do not move it
+    assert advance(motor, motion, 1e-3, 0.5).w > 0.0
 
 
 def test_the_same_seed_gives_the_same_run():
     for a, b in zip(run(0.5, seed=4), run(0.5, seed=4)):
         assert np.array_equal(a, b)
     assert not np.array_equal(run(0.5, seed=4)[2], run(0.5, seed=5)[2])
-
-
-def settings_of(name):
-    """Gains from slow to fast of an observer that works from the angle alone."""
-    known = declared(find(name).gains)
-    if 'bandwidth_hz' in known:
-        gains = [{'bandwidth_hz': hz} for hz in (5.0, 10.0, 20.0, 40.0)]
-    elif 'bound' in known:
-        gains = [
-            {'order': order, 'bound': bound}
-            for order, bound in ((1, 300.0), (1, 1000.0), (2, 5e3), (2, 5e4), (2, 5e5), (3, 1e6))
-        ]
-    else:
-        gains = [{}]  # it finds its bandwidth by itself
-    return gains + [{**own, **gains[1]} for own in STRUCTURES.get(name, ()) if len(gains) > 1]
-
-
-@pytest.mark.slow
-def test_velocity_of_an_unknown_motor_beats_every_angle_only_observer():
-    stamps, angles, efforts, _, velocities = run(20.0, sampling_jitter=2e-4)
-    quantum = 2.0 * math.pi / 4096
-
-    def rms(name, given, **gains):
-        observer = find(name)
-        kind = AdaptiveJoint if name == 'adaptive' else Joint
-        joint = kind(
-            observer, build(observer.gains, {'quantum': quantum, **gains}), JointSettings()
-        )
-        out = joint.run(stamps, angles, given)
-        return joint, np.sqrt(np.mean((out.velocity - velocities)[10000:] ** 2))
-
-    joint, adaptive = rms('adaptive', efforts)
-    names = angle_observers()
-    assert {'pll', 'kalman', 'hybrid_angle', 'finite_difference', 'super_twisting'} <= set(names)
-    angle_only = {
-        (name, *gains.items()): rms(name, None, **gains)[1]
-        for name in names
-        for gains in settings_of(name)
-    }
-    assert adaptive < 0.05 * min(angle_only.values())
-    said = joint.report()
-    found = {item.name: item.value for item in said.parameters}
-    assert said.trusted
-    for name, value in (('b/J', 2.0), ('k/J', 5.0), ('Kv/J', 30.0)):
-        assert found[name] == pytest.approx(value, rel=0.01)
-
-
-def test_in_a_bag(tmp_path, capsys):
-    assert main(['simulate', 'dc_motor', '--out', str(tmp_path / 'bag'), '--duration', '0.2']) == 0
-    assert '/joint_states  200 messages' in capsys.readouterr().out
-    assert (
-        main(f'simulate dc_motor --out {tmp_path / "b2"} --set convention=raw_counts'.split()) == 2
-    )

@@ -155,13 +155,6 @@ def test_random_motion_keeps_to_its_band_and_rms():
         assert part == pytest.approx(0.25, abs=0.05)
 
 
-def test_random_motion_follows_from_its_seed():
-    time = np.linspace(0.0, 5.0, 100)
-    same = [motion('random', seed=4)(time)[0] for _ in range(2)]
-    np.testing.assert_array_equal(*same)
-    assert np.abs(motion('random', seed=5)(time)[0] - same[0]).max() > 0.1
-
-
 def test_every_profile_parameter_matters():
     """A declared parameter that no profile reads would be a lie."""
     time = np.linspace(0.1, 30.0, 500)

@@ -288,11 +288,6 @@ def test_lower_edge_of_signed_is_exactly_minus_pi():
         assert written(np.array([counts / 2]), counts, 'signed')[0] == -math.pi
 
 
-def test_raising_a_rate_keeps_the_samples_that_were_struck():
-    few, many = carry(dropped=0.02)[3] == 0, carry(dropped=0.1)[3] == 0
-    assert many[few].all()
-
-
 def test_episode_is_at_least_one_sample():
     ends = Episodes(np.random.default_rng(1), 0.01, 0.0, 0.001).ends(0, 10_000)
     assert (ends > 0).mean() == pytest.approx(0.1, abs=0.02)

@@ -11,22 +11,19 @@ import numpy as np
 import pytest
 import yaml
 from drive_status import judge
+from motors import Motor
 from scipy.integrate import solve_ivp
 
-from estimator_pkg.circle import Circle
 from estimator_pkg.engine import calls
 from estimator_pkg.errors import UsageError
-from estimator_pkg.estimate import TRACKING
 from estimator_pkg.observers.pmsm import observer
 from estimator_pkg.parameters import build, declared
 from sim_pkg.pmsm.control import speed_control
 from sim_pkg.pmsm.drive import Drive
-from sim_pkg.pmsm.inverter import dead_time_error, edges, switch
+from sim_pkg.pmsm.inverter import dead_time_error
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.plant import electric, move, resisting
-from sim_pkg.pmsm.profiles import NAMES, P1, Profile, named
-from sim_pkg.pmsm.sensorless import RUNNING, Sensorless
-from sim_pkg.reproduce.pmsm.observer import design_of, first_state, run_log
+from sim_pkg.pmsm.profiles import NAMES, Profile, named
 
 RPM = math.pi / 30.0
 PLANT = PmsmParameters(viscous=1e-5).plant()
@@ -81,31 +78,9 @@ def test_a_load_does_not_drive_a_rotor_at_rest():
     assert speed == 0.0 and theta == 0.3
 
 
-def test_the_bridge_makes_the_mean_voltage():
-    """The current after a switched period is that of the mean voltage, but for the ripple."""
-    voltage = 4.0 + 3.0j
-    _, theta, speed = 0j, 0.2, 100.0
-    mean = move(1j, voltage, theta, speed, 0.0, PLANT, 5e-5)
-    switched = switch(1j, theta, speed, 0.0, PLANT, voltage, 24.0, 0.0, 5e-5, 0.0, 1.0)
-    assert abs(switched[0] - mean[0]) < 0.02 * abs(voltage) * 5e-5 / PLANT.inductance
-    parts = switch(1j, theta, speed, 0.0, PLANT, voltage, 24.0, 0.0, 5e-5, 0.0, 0.37)
-    parts = switch(*parts, 0.0, PLANT, voltage, 24.0, 0.0, 5e-5, 0.37, 1.0)
-    assert abs(parts[0] - switched[0]) < 1e-4
-
-
-def test_dead_time_takes_the_same_from_edges_and_mean():
-    voltage, current, part = 4.0 + 3.0j, 5.0 - 2.0j, 0.02
-    with_it = edges(voltage, current, 24.0, part)
-    without = edges(voltage, current, 24.0, 0.0)
-    lost = [
-        24.0 * ((without[k + 1] - without[k]) - (with_it[k + 1] - with_it[k])) for k in (0, 2, 4)
-    ]
-    a, b, c = lost
-    assert dead_time_error(current, 24.0, part) == pytest.approx(
-        complex((2 * a - b - c) / 3.0, (b - c) / math.sqrt(3.0))
-    )
+def test_dead_time_takes_from_each_phase_against_its_current():
     # i_a > 0 > i_b, i_c: 4/3 of V_dc t_d/T along a
-    assert dead_time_error(5.0 + 0j, 24.0, part) == pytest.approx(24.0 * part * 4.0 / 3.0)
+    assert dead_time_error(5.0 + 0j, 24.0, 0.02) == pytest.approx(24.0 * 0.02 * 4.0 / 3.0)
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -144,14 +119,8 @@ def test_the_controller_follows_p1():
     assert np.abs(record.truth[:, 3]).max() < 20.0
 
 
-@pytest.mark.parametrize(
-    'plant',
-    [{}, {'inverter': 'switched', 'dead_time': 1e-6, 'sampling_offset': 0.1, 'voltage_delay': 1}],
-)
-def test_one_seed_gives_one_run_in_whatever_chunks(plant):
-    parameters = PmsmParameters(
-        current_noise=0.1, temperature_rise=50.0, temperature_time=0.05, **plant
-    )
+def test_one_seed_gives_one_run_in_whatever_chunks():
+    parameters = PmsmParameters(current_noise=0.1, dead_time=1e-6, voltage_delay=1)
     whole = Drive(parameters, 7).run(700)
     drive = Drive(parameters, 7)
     parts = [drive.run(size) for size in (1, 199, 333, 167)]
@@ -162,11 +131,8 @@ def test_one_seed_gives_one_run_in_whatever_chunks(plant):
 
 
 @pytest.mark.skipif(not calls.available(), reason='no engine was built')
-@pytest.mark.parametrize('inverter', ['average', 'switched'])
-def test_plain_and_compiled_are_equal(inverter, monkeypatch):
-    parameters = PmsmParameters(
-        inverter=inverter, current_noise=0.1, dead_time=1e-6, sampling_offset=0.1
-    )
+def test_plain_and_compiled_are_equal(monkeypatch):
+    parameters = PmsmParameters(current_noise=0.1, dead_time=1e-6)
     compiled = Drive(parameters, 3).run(600)
     monkeypatch.setattr(calls, 'load', lambda: (None, ''))
     plain = Drive(parameters, 3).run(600)
@@ -193,55 +159,17 @@ def test_the_reported_voltage_is_the_one_of_the_interval():
         assert np.abs(reported[k + 1 - delay] - u).max() < 0.05
 
 
-def test_warming_changes_resistance_and_flux():
-    parameters = PmsmParameters(temperature_rise=100.0, temperature_time=10.0, resistance_error=0.1)
-    cold, warm = parameters.plant(0.0), parameters.plant(100.0)
-    assert cold.resistance == pytest.approx(0.066)
-    assert warm.resistance == pytest.approx(0.066 * 1.39, rel=1e-3)
-    assert warm.flux == pytest.approx(1.9e-3 * 0.89, rel=1e-3)
-
-
 def test_the_servo_of_the_configuration_runs_and_is_tracked():
     """Another size of motor with the same tuning: half a reversal."""
     with open(SERVO, encoding='utf-8') as file:
         nodes = yaml.safe_load(file)
     parameters = build(PmsmParameters, nodes['pmsm_sim']['ros__parameters'])
     gains = build(observer.Gains, nodes['pmsm_observer']['ros__parameters'])
-    design = observer.design(gains, Circle())
     profile = Profile([(0.1, 3000.0, 3000.0), (0.15, 3000.0, -3000.0), (0.1, -3000.0, -3000.0)])
     record = Drive(parameters, 1, profile=profile).run(7000)
     assert np.abs(record.truth[:, 0] - record.truth[:, 4]).max() < 150.0 * RPM
-    log = run_log(design, record.samples, 5e-5, first_state(design, record.samples[0]))
-    found = judge(log, record.truth[1:, 1], record.truth[1:, 0], 5e-5)
+    found = judge(Motor(gains), record)
     assert found.wrong == 0.0 and found.withheld < 40.0 and found.tracking > 290.0
-
-
-@pytest.mark.parametrize('forced', [False, True])
-def test_the_controller_runs_on_the_observer(forced):
-    parameters = PmsmParameters(current_noise=0.1)
-    design = design_of(resistance=0.06, inductance=33.75e-6, flux=1.9e-3, pole_pairs=7)
-    feedback = Sensorless(design, parameters, forced=forced)
-    speed = 1500.0 if not forced else 700.0
-    drive = Drive(
-        parameters,
-        3,
-        feedback=feedback,
-        profile=Profile([(1.0, speed, speed)]),
-        start_speed=0.0 if forced else 1500 * RPM,
-    )
-    drive.run(4000)
-    assert feedback.mode == RUNNING
-    errors = []
-    for _ in range(40):
-        truth = drive.run(10).truth[-1]
-        errors.append(math.remainder(feedback.angle - truth[1], 2.0 * math.pi))
-    assert np.abs(errors).max() < math.radians(2.0)
-    assert truth[0] == pytest.approx(speed * RPM, rel=0.03)
-    assert feedback.seen.status == TRACKING
-
-
-def test_p1_is_that_of_the_specification():
-    assert sum(part for part, _, _ in P1) == pytest.approx(0.70)
 
 
 def test_speed_control_stops_integrating_at_the_limit():

@@ -24,14 +24,20 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.reference.smoother.steps import Motion, get, narrow, predict, put
+from estimator_pkg.evaluation.reference.smoother.steps import (
+    SmootherState,
+    get,
+    narrow,
+    predict,
+    put,
+)
 
 Array = NDArray[np.float64]
 
-FAR = -20.0  # beyond this many standard deviations outside the cell, a series is used
+FAR_OUTSIDE = -20.0  # beyond this many standard deviations outside the cell, a series is used
 ROOT_2 = math.sqrt(2.0)
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
-SURE = 1e-12  # smallest fraction of a variance that remains
+LEAST_PART = 1e-12  # smallest fraction of a variance that remains
 
 
 def site(
@@ -49,7 +55,7 @@ def site(
     per = math.sqrt(known)  # inverse of the standard deviation of position plus blur
     low, high = (-half - sign * mean) * per, (half - sign * mean) * per
     log_z = 0.0
-    if high < FAR:  # one-sided: the far end is out of reach
+    if high < FAR_OUTSIDE:  # one-sided: the far end is out of reach
         h = -high
         ratio = h + 1.0 / h - 2.0 / (h * h * h)
         d, f = -ratio, ratio * (ratio + high)
@@ -65,12 +71,12 @@ def site(
         if counted:
             log_z = math.log(z)
     f = min(max(f, 0.0), 1.0)
-    precision = f * known / max(1.0 - variance * known * f, SURE)
+    precision = f * known / max(1.0 - variance * known * f, LEAST_PART)
     shift = sign * d * per
     return precision, precision * (mean + variance * shift) + shift, log_z
 
 
-def _absorb(x: Motion, centre: float, precision: float, pull: float) -> None:
+def _absorb(x: SmootherState, centre: float, precision: float, pull: float) -> None:
     """Correct the state by a site."""
     kept = 1.0 / (1.0 + precision * x.p00)
     e = (pull + precision * (centre - x.q)) * kept
@@ -80,7 +86,7 @@ def _absorb(x: Motion, centre: float, precision: float, pull: float) -> None:
     narrow(x, kept, precision * kept)
 
 
-def _together(x: Motion, y: Motion) -> tuple[float, float]:
+def _together(x: SmootherState, y: SmootherState) -> tuple[float, float]:
     """Return (mean, variance) of the position from the messages `x` and `y` together.
 
     The variance is the first element of P_x (P_x + P_y)^-1 P_y; `y` is of the reversed record.
@@ -89,17 +95,17 @@ def _together(x: Motion, y: Motion) -> tuple[float, float]:
     s11, s12, s22 = x.p11 + y.p11, x.p12 - y.p12, x.p22 + y.p22
     r0 = 1.0 / s00  # s = l d l', with r = 1 / d
     l10, l20 = s01 * r0, s02 * r0
-    r1 = 1.0 / max(s11 - l10 * s01, SURE * s11)
+    r1 = 1.0 / max(s11 - l10 * s01, LEAST_PART * s11)
     d21 = s12 - l20 * s01
     l21 = d21 * r1
-    r2 = 1.0 / max(s22 - l20 * s02 - l21 * d21, SURE * s22)
+    r2 = 1.0 / max(s22 - l20 * s02 - l21 * d21, LEAST_PART * s22)
     b1 = x.p01 - l10 * x.p00
     w2 = (x.p02 - l20 * x.p00 - l21 * b1) * r2
     w1 = b1 * r1 - l21 * w2
     w0 = x.p00 * r0 - l10 * w1 - l20 * w2
     variance = w0 * y.p00 - w1 * y.p01 + w2 * y.p02
     mean = x.q + w0 * (y.q - x.q) + w1 * (-y.v - x.v) + w2 * (y.a - x.a)
-    return mean, max(variance, SURE * min(x.p00, y.p00))
+    return mean, max(variance, LEAST_PART * min(x.p00, y.p00))
 
 
 def _scale(mean: float, variance: float, precision: float, pull: float) -> float:
@@ -112,7 +118,7 @@ def _scale(mean: float, variance: float, precision: float, pull: float) -> float
 
 
 def sweep(
-    x: Motion,
+    x: SmootherState,
     way: int,
     count: int,
     gaps: Array,
@@ -142,7 +148,7 @@ def sweep(
         this direction.
     """
     log_z = 0.0
-    y = Motion()
+    y = SmootherState()
     for k in range(count):
         i = k if way > 0 else count - 1 - k
         predict(x, gaps[i] if way > 0 else gaps[i + 1], jerk)
@@ -162,7 +168,7 @@ def sweep(
 
 
 def along(
-    start: Motion,
+    start: SmootherState,
     count: int,
     gaps: Array,
     centres: Array,
@@ -184,7 +190,7 @@ def along(
     gaps, centres, sites, messages : shape (count + 1,), (count,), (2 count,), (9 count,).
     """
     log_z, way = 0.0, -1
-    x = Motion()
+    x = SmootherState()
     for turn in range(passes):
         x.take(start)
         x.q = centres[0] if way > 0 else centres[count - 1]
@@ -197,7 +203,7 @@ def along(
 
 
 def filtered(
-    start: Motion,
+    start: SmootherState,
     count: int,
     gaps: Array,
     centres: Array,
@@ -215,7 +221,7 @@ def filtered(
     gaps, centres, sites : shape (count + 1,), (count,), (2 count,).
     """
     log_z = 0.0
-    x = Motion()
+    x = SmootherState()
     x.take(start)
     for i in range(count):
         predict(x, gaps[i], jerk)

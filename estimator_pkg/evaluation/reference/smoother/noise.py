@@ -17,17 +17,17 @@ from estimator_pkg.engine.calls import available, run
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, start, stretches
 from estimator_pkg.evaluation.reference.smoother.sites import Stretch
-from estimator_pkg.evaluation.reference.smoother.steps import Sums, likelihood
+from estimator_pkg.evaluation.reference.smoother.steps import LikelihoodSums, likelihood
 
 Array = NDArray[np.float64]
 
-STRETCH = 4000  # the likelihood is evaluated on stretches of this many readings,
+STRETCH_READINGS = 4000  # the likelihood is evaluated on stretches of this many readings,
 STRETCHES = 12  # at most this many of them, evenly over the record
 RATIOS = (-16.0, 6.0)  # search range of log10 of qc h^5 / r
-TINY = 1e-10  # rounding error of a large reading, as a fraction of it,
-USUAL = 0.99  # where large is the reading above this fraction of all, to ignore outliers
-LEAST = 1e-60  # variance of readings that are all 0
-FAST = 100.0  # speed at a start of the likelihood [standard deviations per sample time]
+READING_ROUNDING = 1e-10  # rounding error of a large reading, as a fraction of it,
+USUAL_PART = 0.99  # where large is the reading above this fraction of all, to ignore outliers
+LEAST_VARIANCE = 1e-60  # variance of readings that are all 0
+START_SPEED = 100.0  # speed at a start of the likelihood [standard deviations per sample time]
 CELL_READINGS = 24_000  # the probability of cells is evaluated on about this many readings
 PLAIN_READINGS = 3_000  # (without the engine), in stretches of
 CELL_STRETCH = 1500  # this many readings or, if that is longer, with this many
@@ -35,18 +35,18 @@ CHANGES = 20  # changes of the reading; in a short record, it is
 SHORT_STRETCH, PARTS = 400, 3  # at least this many readings or this fraction of the record
 LIKELY = 2  # this many blurs of the rough search are compared again
 SOME = 3  # the first coarse search uses every third stretch, not only the first
-COARSE = 4.0  # noise of more quanta than this hides the cells
+HIDDEN_CELLS = 4.0  # noise of more quanta than this hides the cells
 SHARP = 0.01  # smallest blur of the cells' edges, in quanta
-BLURS = (SHARP, 0.1, 0.3, 0.7, 1.5, COARSE)
-CLOSE = 0.15  # width of the golden section that a parabola ends [decades]
-FIRST, LAST = 0.3, 0.1  # differences of the searches for both [decades]
-MOST, GAIN = 8, 0.5  # steps of it, and the smallest gain that is worth another one,
-NEAR = 2.0  # or that a step promises
+BLURS = (SHARP, 0.1, 0.3, 0.7, 1.5, HIDDEN_CELLS)
+GOLDEN_WIDTH = 0.15  # width of the golden section that a parabola ends [decades]
+FIRST_STEP, LAST_STEP = 0.3, 0.1  # differences of the searches for both [decades]
+MOST_STEPS, LEAST_GAIN = 8, 0.5  # steps of it, and the smallest gain that is worth another one,
+NEAR_GAIN = 2.0  # or that a step promises
 FARTHEST = 0.6  # longest step [decades]
 STEEP = 9  # the search for the jerk covers this many decades below that of white noise
 
 
-class Noise(NamedTuple):
+class ReadingNoise(NamedTuple):
     """The most likely noise of the readings and jerk of the motion.
 
     reading : one standard deviation of a reading [rad].
@@ -74,30 +74,26 @@ class Noise(NamedTuple):
         return min(1.0, self.quantum**2 / 12.0 / self.reading**2)
 
 
-def white(
-    parts: list[Piece], readings: Array, period: float, reading: float | None = None
-) -> Noise | None:
+def white(parts: list[Piece], readings: Array, period: float) -> ReadingNoise | None:
     """Return noise and jerk intensity of readings, shape (n,), by maximum likelihood, or None.
 
     With all variances in units of the readings' one, the latter follows in closed form, so one
     search over the ratio of both is enough. If it is below that of the quantisation, it is fixed
-    there and only the intensity is searched; a given `reading` is fixed likewise.
+    there and only the intensity is searched.
     """
-    chosen = stretches(parts, STRETCH, STRETCHES)
+    chosen = stretches(parts, STRETCH_READINGS, STRETCHES)
     if not chosen:
         return None
     step = float(np.median(np.concatenate([part.steps[1:] for part in chosen])))
-    size = float(np.quantile(np.abs(readings), USUAL)) if len(readings) else 0.0
+    size = float(np.quantile(np.abs(readings), USUAL_PART)) if len(readings) else 0.0
     count = quantum(readings)
-    floor = max(count * count / 12.0, (TINY * size) ** 2, LEAST)
-    if reading is not None:
-        floor = reading * reading
+    floor = max(count * count / 12.0, (READING_ROUNDING * size) ** 2, LEAST_VARIANCE)
 
     def sums(r: float, qc: float) -> tuple[float, float, int]:
-        found = Sums()
+        found = LikelihoodSums()
         unit = r + qc * step**5  # so the start is the same for every scale of the variances
         for part in chosen:
-            first = start(part.readings[0], unit, FAST * math.sqrt(unit) / step, step)
+            first = start(part.readings[0], unit, START_SPEED * math.sqrt(unit) / step, step)
             columns = part.steps, part.readings
             run(likelihood, found, first, len(part.rows), *columns, r, qc, period)
         return found.logs, found.squares, found.count
@@ -111,22 +107,21 @@ def white(
         # scaling every variance by `squares / number` makes this the likelihood's maximum
         return logs + number * math.log(max(squares, 1e-300) / max(number, 1))
 
-    if reading is None:
-        best = _lowest(free, *RATIOS, CLOSE)
-        _, squares, number = at_floor(best)
-        r = floor * squares / max(number, 1)
-        if r > floor:
-            return Noise(math.sqrt(r), r * 10.0**best / step**5, count, False)
+    best = _lowest(free, *RATIOS, GOLDEN_WIDTH)
+    _, squares, number = at_floor(best)
+    r = floor * squares / max(number, 1)
+    if r > floor:
+        return ReadingNoise(math.sqrt(r), r * 10.0**best / step**5, count, False)
 
     def held(ratio: float) -> float:
         logs, squares, _ = at_floor(ratio)
         return logs + squares
 
-    best = _lowest(held, *RATIOS, CLOSE)
-    return Noise(math.sqrt(floor), floor * 10.0**best / step**5, count, True)
+    best = _lowest(held, *RATIOS, GOLDEN_WIDTH)
+    return ReadingNoise(math.sqrt(floor), floor * 10.0**best / step**5, count, True)
 
 
-def in_cells(parts: list[Piece], rough: Noise) -> Noise:
+def in_cells(parts: list[Piece], rough: ReadingNoise) -> ReadingNoise:
     """Return the same for readings as cells: the most probable blur and jerk.
 
     Parameters
@@ -169,12 +164,12 @@ def in_cells(parts: list[Piece], rough: Noise) -> Noise:
     _, part, power = min(map(start_of, likely))
     size, least = math.log10(part), math.log10(SHARP)
     for among, step in (
-        (some, FIRST),
-        (chosen, LAST),
+        (some, FIRST_STEP),
+        (chosen, LAST_STEP),
     ):  # a third of the stretches is enough far from the optimum
         power, size = _newton(partial(rarity, among), power, size, least, step)
     blur = count * 10.0**size
-    return Noise(
+    return ReadingNoise(
         math.sqrt(count * count / 12.0 + blur * blur), 10.0**power, count, blur < 0.1 * count, blur
     )
 
@@ -238,7 +233,7 @@ def _newton(
     The search ends where a step promises little: half the product of the gradient and the step.
     """
     before, most = (math.inf, x, y), FARTHEST / step
-    for _ in range(MOST):
+    for _ in range(MOST_STEPS):
         y = least if y < least + 0.5 * step else max(y, least + step)
         here = function(x, y)
         if here > before[0]:  # too far: half the way
@@ -259,8 +254,8 @@ def _newton(
                 dy = _bounded(hxy * gx - hxx * gy, det, most)
             else:
                 dx, dy = _bounded(-gx, hxx, most), _bounded(-gy, hyy, most)
-        near = max(abs(dx), abs(dy)) < 1.0 or -0.5 * (gx * dx + gy * dy) < NEAR
-        slow = here > before[0] - GAIN
+        near = max(abs(dx), abs(dy)) < 1.0 or -0.5 * (gx * dx + gy * dy) < NEAR_GAIN
+        slow = here > before[0] - LEAST_GAIN
         before = here, x, y
         if near or not slow:
             x, y = x + step * dx, y + step * dy

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.matching import pieces
-from estimator_pkg.evaluation.reference.smoother.steps import Motion
+from estimator_pkg.evaluation.reference.smoother.steps import SmootherState
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-HOLE = 0.2  # a longer gap [s] cuts the record, or, if that is longer, one of
+HOLE_SECONDS = 0.2  # a longer gap [s] cuts the record, or, if that is longer, one of
 HOLE_STEPS = 10.0  # this many median sample times
-FEWEST = 12  # pieces with fewer readings are ignored
-LOOSE = 100.0  # variances at the start of a piece are this multiple of the usual ones
-USUAL = 0.9  # the usual speed of a piece is above this fraction of all its speeds
-WITHIN = 10.0  # an acceleration changes the usual speed by as much in this many sample times
+FEWEST_IN_PIECE = 12  # pieces with fewer readings are ignored
+START_VARIANCE = 100.0  # variances at the start of a piece are this multiple of the usual ones
+USUAL_SPEED = 0.9  # the usual speed of a piece is above this fraction of all its speeds
+SPEED_STEPS = 10.0  # an acceleration changes the usual speed by as much in this many sample times
 
 
 class Piece(NamedTuple):
@@ -46,7 +46,7 @@ class Piece(NamedTuple):
         known = np.isfinite(self.readings)
         time = np.cumsum(self.steps)[known]
         speeds = np.abs(np.diff(self.readings[known]) / np.diff(time))
-        return float(np.quantile(speeds, USUAL)) if len(speeds) else 0.0
+        return float(np.quantile(speeds, USUAL_SPEED)) if len(speeds) else 0.0
 
     def part(self, first: int, count: int) -> Piece:
         """Return at most `count` readings from the `first` on."""
@@ -61,9 +61,9 @@ def cut(stamps: Stamps, position: Array) -> list[Piece]:
         steps = np.diff(stamps[run]) * 1e-9
         if not len(steps):
             continue
-        longest = max(HOLE, HOLE_STEPS * float(np.median(steps)))
+        longest = max(HOLE_SECONDS, HOLE_STEPS * float(np.median(steps)))
         for rows in np.split(run, np.flatnonzero(steps > longest) + 1):
-            if len(rows) >= FEWEST:
+            if len(rows) >= FEWEST_IN_PIECE:
                 between = np.diff(stamps[rows], prepend=stamps[rows[0]]) * 1e-9
                 found.append(Piece(rows, between, position[rows]))
     return found
@@ -74,7 +74,7 @@ def stretches(parts: list[Piece], length: int, most: int) -> list[Piece]:
     found = [
         part.part(at, length)
         for part in parts
-        for at in range(0, max(1, len(part.rows) - FEWEST), length)
+        for at in range(0, max(1, len(part.rows) - FEWEST_IN_PIECE), length)
     ]
     found = [part for part in found if np.isfinite(part.readings[0])]
     if len(found) <= most:
@@ -82,7 +82,7 @@ def stretches(parts: list[Piece], length: int, most: int) -> list[Piece]:
     return [found[round(at)] for at in np.linspace(0, len(found) - 1, most)]
 
 
-def start(reading: float, variance: float, speed: float, step: float) -> Motion:
+def start(reading: float, variance: float, speed: float, step: float) -> SmootherState:
     """Return the state before a piece: near its first reading, speed and acceleration unknown.
 
     Its variances are in proportion to the readings, so their unit does not matter. Larger ones
@@ -92,8 +92,8 @@ def start(reading: float, variance: float, speed: float, step: float) -> Motion:
     ----------
     variance : of a reading. speed, step : of the piece, see `Piece`.
     """
-    fast = LOOSE * (speed**2 + variance / step**2)
-    change = fast / (WITHIN * step) ** 2
-    x = Motion()
-    x.q, x.p00, x.p11, x.p22 = float(reading), LOOSE * variance, fast, change
+    fast = START_VARIANCE * (speed**2 + variance / step**2)
+    change = fast / (SPEED_STEPS * step) ** 2
+    x = SmootherState()
+    x.q, x.p00, x.p11, x.p22 = float(reading), START_VARIANCE * variance, fast, change
     return x

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 SWEEPS = 3  # forward and backward: the sites converge after two
 OF_A_RUN = 15.0  # number of used cells in a run of equal readings, and its last,
-DRIFT = 0.25  # or more, if the motion can drift by this many quanta between them
+DRIFT_QUANTA = 0.25  # or more, if the motion can drift by this many quanta between them
 
 
 class Stretch:
@@ -50,7 +50,7 @@ class Stretch:
     def _choose(self, jerk: float) -> tuple[NDArray[np.int64], Array, Array]:
         """Return (rows, gaps, centres) of the cells that are used."""
         # white jerk drifts by sqrt(jerk t^5 / 20) in a time t
-        drift = (20.0 * (DRIFT * self._quantum) ** 2 / jerk) ** 0.2 / self._step
+        drift = (20.0 * (DRIFT_QUANTA * self._quantum) ** 2 / jerk) ** 0.2 / self._step
         drift = min(drift, self._longest)  # above it, it does not matter
         if drift != self._drift:
             self._drift = drift
@@ -123,9 +123,7 @@ class Stretch:
         return result
 
 
-def find_sites(
-    part: Piece, quantum: float, blur: float, jerk: float, sweeps: int = SWEEPS
-) -> tuple[Array, float]:
+def find_sites(part: Piece, quantum: float, blur: float, jerk: float) -> tuple[Array, float]:
     """Return (sites, log of the probability) of a stretch of n cells; see `smoother.cells.sweep`.
 
     The sites have shape (n, 2) [1/rad^2, 1/rad]; they are 0 for cells that are not used.
@@ -137,5 +135,5 @@ def find_sites(
     jerk : intensity of the white jerk [rad^2/s^5].
     """
     stretch = Stretch(part, quantum)
-    log_z = stretch.probability(blur, jerk, sweeps)
+    log_z = stretch.probability(blur, jerk, SWEEPS)
     return stretch.sites(), log_z

@@ -25,14 +25,19 @@ from numpy.typing import NDArray
 
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.engine.calls import run
-from estimator_pkg.evaluation.reference.smoother.noise import COARSE, Noise, in_cells, white
+from estimator_pkg.evaluation.reference.smoother.noise import (
+    HIDDEN_CELLS,
+    ReadingNoise,
+    in_cells,
+    white,
+)
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.residual import unexplained
 from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.steps import (
     SIZE,
     Adjoint,
-    Motion,
+    SmootherState,
     backward,
     forward,
 )
@@ -42,10 +47,10 @@ Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 CHUNK = 65536  # number of readings whose filter states are in memory at a time
-BLOCK, MARGIN = 50_000, 5_000  # cells are processed in blocks of readings, overlapping by a margin
-OUTLIER = 8.0  # readings beyond this many robust deviations from the smoothed are ignored
-COUNTS = 2.0  # if their error is at least this many quanta, and this many times that of
-ALONE = 3.0  # both neighbours: a jump of the acceleration affects neighbours too
+CELL_BLOCK, MARGIN = 50_000, 5_000  # cells are processed in blocks of readings with a margin
+OUTLIER_SPREAD = 8.0  # readings beyond this many robust deviations from the smoothed are ignored
+OUTLIER_QUANTA = 2.0  # if their error is at least this many quanta, and this many times that of
+OUTLIER_ALONE = 3.0  # both neighbours: a jump of the acceleration affects neighbours too
 FEWEST_CHANGES = 40  # smallest number of changes of a counted reading that shows the motion
 LOOSER = 3.0  # a larger multiple of the median standard deviation marks the ends of a piece
 CONTRADICTS = 5.0  # a fitted noise above this multiple of the readings' scatter is wrong
@@ -70,7 +75,7 @@ class Smoothed(NamedTuple):
     velocity: Array
     position_stddev: Array
     velocity_stddev: Array
-    noise: Noise
+    noise: ReadingNoise
     outliers: int
     unexplained: float
     changes: int = -1
@@ -108,12 +113,7 @@ class Smoothed(NamedTuple):
 
 
 def smooth(
-    stamps: Stamps,
-    position: Array,
-    period: float,
-    *,
-    noise: Noise | None = None,
-    reading: float | None = None,
+    stamps: Stamps, position: Array, period: float, *, noise: ReadingNoise | None = None
 ) -> Smoothed:
     """Return the smoothed motion of a record of positions.
 
@@ -123,11 +123,10 @@ def smooth(
     position : shape (n,) [rad or m]; values outside the range of any encoder are ignored.
     period : wrap period [rad]; 0: none.
     noise : None: estimated by maximum likelihood.
-    reading : standard deviation of a reading, if only the jerk is to be estimated.
     """
     good = np.flatnonzero((np.abs(position) < LARGEST) & (stamps > 0))
     parts = cut(stamps[good], position[good])
-    found = noise or white(parts, position[good], period, reading)
+    found = noise or white(parts, position[good], period)
     if found is None:
         return _nothing()
     result = [_as_numbers(part, found, period) for part in parts]
@@ -137,13 +136,13 @@ def smooth(
         ignored = sum(count for _, count in cleaned)
         if ignored:
             parts = [part for part, _ in cleaned]
-            found = white(parts, position[good], period, reading) or found
+            found = white(parts, position[good], period) or found
             result = [_as_numbers(part, found, period) for part in parts]
     rows = good[np.concatenate([part.rows for part in parts])]
     rest = [_rest(part, out, period) for part, out in zip(parts, result)]
     weights = [_weights(part, found) for part in parts]
-    counted = 0.0 < found.reading < COARSE * found.quantum
-    if found.cells or (counted and noise is None and reading is None):
+    counted = 0.0 < found.reading < HIDDEN_CELLS * found.quantum
+    if found.cells or (counted and noise is None):
         cells = [
             part._replace(readings=out[:, 0] + left) for part, out, left in zip(parts, result, rest)
         ]
@@ -167,25 +166,25 @@ def smooth(
     )
 
 
-def _weights(part: Piece, noise: Noise) -> Array:
+def _weights(part: Piece, noise: ReadingNoise) -> Array:
     """Return one over the variance of each reading; 0 without a reading."""
     return np.where(np.isfinite(part.readings), 1.0 / noise.reading**2, 0.0)
 
 
-def _as_numbers(part: Piece, noise: Noise, period: float) -> Array:
+def _as_numbers(part: Piece, noise: ReadingNoise, period: float) -> Array:
     """Return shape (n, 4), see `steps.backward`; every reading has the same variance."""
     return _smooth(part, _weights(part, noise), noise, period)
 
 
-def _as_cells(part: Piece, noise: Noise) -> tuple[Array, Array, Array]:
+def _as_cells(part: Piece, noise: ReadingNoise) -> tuple[Array, Array, Array]:
     """Return (as `_as_numbers`, residuals of the sites, their weights) for cells."""
     count = len(part.rows)
     sites = np.empty((count, 2))
-    for at in range(0, count, BLOCK):
+    for at in range(0, count, CELL_BLOCK):
         first = max(0, at - MARGIN)
-        stretch = part.part(first, at + BLOCK + MARGIN - first)
+        stretch = part.part(first, at + CELL_BLOCK + MARGIN - first)
         found, _ = find_sites(stretch, noise.quantum, noise.blur, noise.jerk)
-        sites[at : at + BLOCK] = found[at - first : at - first + BLOCK]
+        sites[at : at + CELL_BLOCK] = found[at - first : at - first + CELL_BLOCK]
     weights = sites[:, 0]
     weights[weights < NO_NEWS / noise.reading**2] = 0.0
     known = weights > 0.0
@@ -195,7 +194,7 @@ def _as_cells(part: Piece, noise: Noise) -> tuple[Array, Array, Array]:
     return smoothed, equivalent - smoothed[:, 0], weights
 
 
-def _smooth(part: Piece, weights: Array, noise: Noise, period: float) -> Array:
+def _smooth(part: Piece, weights: Array, noise: ReadingNoise, period: float) -> Array:
     """Filter forward once, storing the state before each chunk; then smooth backward chunk by
     chunk, each filtered again, so that memory does not grow with the record.
     """
@@ -206,7 +205,7 @@ def _smooth(part: Piece, weights: Array, noise: Noise, period: float) -> Array:
     first = float(part.readings[known[0]]) if len(known) else 0.0
     state, entered = start(first, noise.reading**2, part.speed, part.step), []
 
-    def filter_chunk(at: int, state: Motion) -> tuple[slice, int]:
+    def filter_chunk(at: int, state: SmootherState) -> tuple[slice, int]:
         here = slice(at, at + CHUNK)
         columns = part.steps[here], part.readings[here], weights[here]
         size, found = len(columns[0]), (states, innovations)
@@ -226,7 +225,7 @@ def _smooth(part: Piece, weights: Array, noise: Noise, period: float) -> Array:
 
 
 def _without_outliers(
-    part: Piece, smoothed: Array, noise: Noise, period: float
+    part: Piece, smoothed: Array, noise: ReadingNoise, period: float
 ) -> tuple[Piece, int]:
     """Return the piece without outliers, and their number."""
     far = outliers(_rest(part, smoothed, period), noise.quantum)
@@ -245,8 +244,8 @@ def outliers(rest: Array, quantum: float) -> NDArray[np.bool_]:
     """
     spread = 1.4826 * float(np.nanmedian(np.abs(rest)))
     size = np.nan_to_num(np.abs(rest))
-    far = size > max(OUTLIER * spread, COUNTS * quantum, 1e-12)
-    far[1:-1] &= size[1:-1] > ALONE * np.maximum(size[:-2], size[2:])
+    far = size > max(OUTLIER_SPREAD * spread, OUTLIER_QUANTA * quantum, 1e-12)
+    far[1:-1] &= size[1:-1] > OUTLIER_ALONE * np.maximum(size[:-2], size[2:])
     return far
 
 
@@ -282,7 +281,7 @@ def _nothing() -> Smoothed:
         none,
         none,
         none,
-        Noise(math.nan, math.nan, 0.0, False),
+        ReadingNoise(math.nan, math.nan, 0.0, False),
         0,
         math.nan,
     )

@@ -30,7 +30,7 @@ SIZE = 9  # numbers of a state
 
 
 @record
-class Motion:
+class SmootherState:
     """A state and its covariance."""
 
     q: float
@@ -60,7 +60,7 @@ class Adjoint:
 
 
 @record
-class Sums:
+class LikelihoodSums:
     """Over innovations e with variance S."""
 
     logs: float  # of log S
@@ -68,7 +68,7 @@ class Sums:
     count: int
 
 
-def put(states: Array, row: int, x: Motion) -> None:
+def put(states: Array, row: int, x: SmootherState) -> None:
     """Write a state to a row."""
     at = SIZE * row
     states[at], states[at + 1], states[at + 2] = x.q, x.v, x.a
@@ -76,7 +76,7 @@ def put(states: Array, row: int, x: Motion) -> None:
     states[at + 6], states[at + 7], states[at + 8] = x.p11, x.p12, x.p22
 
 
-def get(x: Motion, states: Array, row: int) -> None:
+def get(x: SmootherState, states: Array, row: int) -> None:
     """Read the state of a row."""
     at = SIZE * row
     x.q, x.v, x.a = states[at], states[at + 1], states[at + 2]
@@ -84,7 +84,7 @@ def get(x: Motion, states: Array, row: int) -> None:
     x.p11, x.p12, x.p22 = states[at + 6], states[at + 7], states[at + 8]
 
 
-def predict(x: Motion, h: float, qc: float) -> None:
+def predict(x: SmootherState, h: float, qc: float) -> None:
     """Move the state by `h` seconds."""
     k = 0.5 * h * h
     a1 = x.p01 + h * x.p11 + k * x.p12
@@ -100,7 +100,7 @@ def predict(x: Motion, h: float, qc: float) -> None:
     x.p22 = x.p22 + qc * h
 
 
-def correct(x: Motion, e: float, weight: float) -> None:
+def correct(x: SmootherState, e: float, weight: float) -> None:
     """Correct the state by a reading with innovation `e`."""
     kept = 1.0 / (1.0 + weight * x.p00)
     g = weight * kept
@@ -110,7 +110,7 @@ def correct(x: Motion, e: float, weight: float) -> None:
     narrow(x, kept, g)
 
 
-def narrow(x: Motion, kept: float, g: float) -> None:
+def narrow(x: SmootherState, kept: float, g: float) -> None:
     """Correct the covariance by a reading that leaves a fraction `kept` of P00."""
     x.p11 = x.p11 - g * x.p01 * x.p01
     x.p12 = x.p12 - g * x.p01 * x.p02
@@ -128,8 +128,8 @@ def _wrap(e: float, period: float) -> float:
 
 
 def likelihood(
-    sums: Sums,
-    start: Motion,
+    sums: LikelihoodSums,
+    start: SmootherState,
     count: int,
     steps: Array,
     readings: Array,
@@ -145,7 +145,7 @@ def likelihood(
     steps : shape (count,), time since the previous reading [s]; the first is not used.
     readings : shape (count,); nan: no reading.
     """
-    x = Motion()
+    x = SmootherState()
     x.take(start)
     logs, squares = 0.0, 0.0
     for i in range(1, count):
@@ -164,7 +164,7 @@ def likelihood(
 
 
 def forward(
-    state: Motion,
+    state: SmootherState,
     count: int,
     steps: Array,
     readings: Array,
@@ -182,7 +182,7 @@ def forward(
     states : shape (count, SIZE), filled with the state after each reading.
     innovations : shape (count, 2), filled with (e / S, 1 / S), S being the innovation's variance.
     """
-    x = Motion()
+    x = SmootherState()
     x.take(state)
     for i in range(count):
         predict(x, steps[i], qc)
@@ -213,7 +213,7 @@ def backward(
     ----------
     smoothed : shape (count, 4), filled with position, velocity and the standard deviation of each.
     """
-    x = Motion()
+    x = SmootherState()
     l0, l1, l2 = adjoint.l0, adjoint.l1, adjoint.l2
     m00, m01, m02 = adjoint.m00, adjoint.m01, adjoint.m02
     m11, m12, m22 = adjoint.m11, adjoint.m12, adjoint.m22

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Gains of the matching form of super-twisting; what noise makes of them, and of the implicit form.
+"""Gains of the matching form of super-twisting, and what noise makes of them.
 
 With s = dt (L/|e|)^(1/(n+1)), dt times the speed of the error dynamics at an innovation e, the
 gains are those of a Taylor chain whose eigenvalues are exp(s p_i); p_i are the roots of the
@@ -12,32 +12,22 @@ from __future__ import annotations
 
 import cmath
 import math
-from functools import lru_cache, partial
 from typing import Annotated
 
 import numpy as np
 
 from estimator_pkg.observers.angle.shared import SharedDesign
-from estimator_pkg.observers.maths.describing import describing
-from estimator_pkg.observers.maths.steady_noise import steady_covariance, steady_variances
+from estimator_pkg.observers.maths.steady_noise import steady_variances
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
-from estimator_pkg.observers.maths.twisting import implicit_step
 from estimator_pkg.record import record
 
 # c_1 .. c_{n+1} for a bound of 1; larger ones converge faster and are noisier.
 COEFFICIENTS = {1: (1.5, 1.1), 2: (2.0, 2.12, 1.1), 3: (3.0, 4.16, 3.06, 1.1)}
 
-SMALLEST = 1e-150  # innovations below this are zero: no power of them overflows
+ZERO_INNOVATION = 1e-150  # innovations below this are zero: no power of them overflows
 TABLE = 48  # points of the noise table
 TABLE_FROM = -3.0  # log10 of the smallest speed of the error dynamics in it
 TABLE_STEP = 0.1
-
-
-MATCHING = 0  # forms: how the differentiator is sampled
-IMPLICIT = 1
-TAYLOR = 2
-EXPLICIT = 3
-FORMS = ('matching', 'implicit', 'taylor', 'explicit')
 
 
 @record
@@ -56,7 +46,7 @@ class Design:
     """What the gains imply whatever the sample time is."""
 
     shared: SharedDesign
-    form: int
+    explicit: bool  # sampled by forward Euler; else with matched eigenvalues
     order: int  # n
     scale: float  # L^(1/(n+1))
     c1: float  # of the differentiator; those beyond n + 1 are 0
@@ -64,8 +54,8 @@ class Design:
     c3: float
     c4: float
     roots: Roots
-    table: Annotated[list[list[float]], TABLE, 3]  # logarithms of noise gains, if needed
-    longest_dt: float  # [s] beyond which the form chatters over more than an eighth of a turn
+    table: Annotated[list[list[float]], TABLE, 3]  # logarithms of noise gains (order 3)
+    longest_dt: float  # [s] beyond which it chatters over more than an eighth of a turn
 
 
 def matched(order: int, s: float, roots: Roots) -> tuple[float, float, float, float]:
@@ -106,11 +96,11 @@ def noise_gains_at(power: float, dt: float, design: Design) -> tuple[float, floa
     ----------
     power : mean square innovation [rad^2].
     """
-    if power < SMALLEST:
-        power = SMALLEST
+    if power < ZERO_INNOVATION:
+        power = ZERO_INNOVATION
     # dt times the speed of the error dynamics
     s = dt * design.scale / math.pow(power, 0.5 / (design.order + 1.0))
-    if design.form == IMPLICIT or design.order == 3:
+    if design.order == 3:
         return tabled(s, dt, design)
     k0, k1, k2, k3 = matched(design.order, s, design.roots)
     if design.order == 1:
@@ -119,7 +109,7 @@ def noise_gains_at(power: float, dt: float, design: Design) -> tuple[float, floa
 
 
 def tabled(s: float, dt: float, design: Design) -> tuple[float, float, float]:
-    """Return the noise gains where there is no short closed form, from the table."""
+    """Return the noise gains of order 3, which have no short closed form, from the table."""
     at = (math.log10(s) - TABLE_FROM) / TABLE_STEP
     if at < 0.0:
         at = 0.0
@@ -164,33 +154,3 @@ def noise_table(roots: Roots) -> tuple[tuple[float, ...], ...]:
         )
         for point in range(TABLE)
     )
-
-
-@lru_cache
-def implicit_table() -> tuple[tuple[float, ...], ...]:
-    """Return the same as `noise_table`, of the implicit form of order 1.
-
-    It is found by statistical linearisation, see `maths.describing`. While the form slides it is
-    the backward difference, however small the innovation is.
-    """
-    first, second = COEFFICIENTS[1]
-    chain = np.array([[1.0, 1.0], [0.0, 1.0]])
-    turned = np.diag([-1.0, 1.0])  # what is left of an error has not moved the position
-
-    rows = []
-    for point in range(TABLE):
-        s = 10.0 ** (TABLE_FROM + TABLE_STEP * point)
-        inject = partial(implicit_step, h=1.0, gain=first * s, alpha=second * s * s)
-        found = describing(inject, 1.0)
-        gain = np.array([1.0 - found.position, found.velocity])
-        kept = np.eye(2)
-        kept[:, 0] -= gain
-        of_noise = steady_covariance(kept @ chain, np.outer(gain, gain))
-        of_remnant = steady_covariance(kept @ chain, turned @ found.remnant @ turned)
-        by_noise, by_remnant = (
-            float((chain @ each @ chain.T)[0, 0]) for each in (of_noise, of_remnant)
-        )
-        innovation = (1.0 + by_noise) / max(1.0 - by_remnant, 1e-3)
-        whole = of_noise + innovation * of_remnant
-        rows.append(tuple(math.log(each) for each in (whole[0, 0], whole[1, 1], innovation)))
-    return tuple(rows)

@@ -7,7 +7,7 @@ The continuous differentiator of order n bounds its error by L, the bound of der
 
     z_j' = z_{j+1} + c_{j+1} L^{(j+1)/(n+1)} |e|^{(n-j)/(n+1)} sgn e,   e = y - z_0,  j = 0..n
 
-What matters in practice is how it is sampled (`form`). Every form is written here as a prediction
+What matters in practice is how it is sampled (`form`). Both forms are written here as a prediction
 over the true dt and a correction by the wrapped innovation, so that the estimate belongs to the
 newest sample. The published predictor forms (correction first, then the step) are the same
 filters: their gain is A times ours.
@@ -22,12 +22,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator_pkg.circle import Circle, wrap
-from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
     DRIVEN,
     EDGES,
     LAG_3,
-    OUTSIDE,
+    OUTSIDE_PART,
     SINGLE_ANGLE,
     AngleGains,
     State,
@@ -43,14 +42,8 @@ from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions
 )
 from estimator_pkg.observers.angle.super_twisting.gains import (
     COEFFICIENTS,
-    EXPLICIT,
-    FORMS,
-    IMPLICIT,
-    MATCHING,
-    SMALLEST,
-    TAYLOR,
+    ZERO_INNOVATION,
     Design,
-    implicit_table,
     matched,
     noise_gains_at,
     noise_table,
@@ -58,16 +51,15 @@ from estimator_pkg.observers.angle.super_twisting.gains import (
 )
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
-from estimator_pkg.observers.maths.twisting import implicit_step
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
 
 TURNS = False  # its position is wrapped
-PACE = 0.55  # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
+ERROR_DECAY = 0.55  # of (L/|e|)^(1/(n+1)): its slowest error decays so fast
 REFRESH = 8  # samples after which the noise gains are computed again
-NEWEST = 0.15  # weight of the mean square of the newest REFRESH samples: 50 samples in all
-CALM = 16.0  # times less than the mean square: a transient is over, ...
-HALVED = 0.5  # ... and is forgotten by this factor every REFRESH samples
+POWER_WEIGHT = 0.15  # weight of the mean square of the newest REFRESH samples: 50 samples in all
+TRANSIENT_RATIO = 16.0  # times less than the mean square: a transient is over, ...
+TRANSIENT_DECAY = 0.5  # ... and is forgotten by this factor every REFRESH samples
 
 
 @dataclass(frozen=True)
@@ -91,10 +83,9 @@ class Gains(AngleGains):
     )
     form: str = structural(
         'matching',
-        choices=FORMS,
-        description='sampling: matching (eigenvalues matched to dt), implicit (order 1 only), '
-        'taylor (explicit with Taylor terms), explicit (Euler; chatters by dt times '
-        'the gain, kept to show why not)',
+        choices=('matching', 'explicit'),
+        description='sampling: matching (eigenvalues matched to dt), explicit (Euler; chatters by '
+        'dt times the gain, kept to show why not)',
     )
 
 
@@ -109,7 +100,7 @@ class Coefficients:
 
 
 @record
-class Chain:
+class Derivatives:
     """Position and its derivatives."""
 
     x: float  # [rad]
@@ -125,7 +116,7 @@ class Core:
     position: float  # as in the chain [rad]
     velocity: float  # [rad/s]
     acceleration: float  # [rad/s^2]; order 1: nan
-    chain: Chain
+    chain: Derivatives
     ticks: int  # samples since the noise gains were computed; 0: only one sample has come
     total: float  # sum of the squared innovations of these samples [rad^2]
     power: float  # mean square innovation [rad^2]
@@ -170,12 +161,10 @@ def correct(core: Core, coefficients: Coefficients, design: Design, measurement:
         restart_noise(core, 0.0, dt, design)
         show_chain(core, design)
         return 0.0
-    if design.form == MATCHING:
-        innovation = match(chain, coefficients, design, measurement)
-    elif design.form == IMPLICIT:
-        innovation = step_implicit(chain, dt, design, measurement)
-    else:
+    if design.explicit:
         innovation = step_explicit(chain, dt, design, measurement)
+    else:
+        innovation = match(chain, coefficients, design, measurement)
     if not -period <= chain.x + chain.x < period:
         chain.x = wrap(chain.x, period)
     show_chain(core, design)
@@ -198,12 +187,14 @@ def averaged(power: float, total: float) -> float:
     What noise makes of the gains follows from it, so a transient must not stay in it for long.
     """
     mean = total / REFRESH
-    if CALM * mean < power:
-        return HALVED * power
-    return power + NEWEST * (mean - power)
+    if TRANSIENT_RATIO * mean < power:
+        return TRANSIENT_DECAY * power
+    return power + POWER_WEIGHT * (mean - power)
 
 
-def match(chain: Chain, coefficients: Coefficients, design: Design, measurement: float) -> float:
+def match(
+    chain: Derivatives, coefficients: Coefficients, design: Design, measurement: float
+) -> float:
     """Take a measurement with eigenvalues exp(dt (L/|e|)^(1/(n+1)) p_i) of the error; see `gains`.
 
     Returns
@@ -215,7 +206,7 @@ def match(chain: Chain, coefficients: Coefficients, design: Design, measurement:
     if not -period <= innovation + innovation < period:
         innovation = wrap(innovation, period)
     size = abs(innovation)
-    if size > SMALLEST:
+    if size > ZERO_INNOVATION:
         s = coefficients.dt * design.scale / math.pow(size, 1.0 / (design.order + 1.0))
         k0, k1, k2, k3 = matched(design.order, s, design.roots)
         chain.x += k0 * innovation
@@ -225,7 +216,7 @@ def match(chain: Chain, coefficients: Coefficients, design: Design, measurement:
     return innovation
 
 
-def advance(chain: Chain, dt: float) -> None:
+def advance(chain: Derivatives, dt: float) -> None:
     """Move the chain on by dt [s], the highest derivative constant."""
     v, a, j = chain.v, chain.a, chain.j
     chain.x += dt * (v + dt * (0.5 * a + dt * j / 6.0))
@@ -233,10 +224,10 @@ def advance(chain: Chain, dt: float) -> None:
     chain.a += dt * j
 
 
-def step_explicit(chain: Chain, dt: float, design: Design, measurement: float) -> float:
-    """Take a measurement with Taylor terms, or by forward Euler as printed in textbooks.
+def step_explicit(chain: Derivatives, dt: float, design: Design, measurement: float) -> float:
+    """Take a measurement by forward Euler, as printed in textbooks.
 
-    The corrections come after the step of the published predictor forms; before it they are
+    The corrections come after the step of the published predictor form; before it they are
     A^-1 of them.
 
     Returns
@@ -244,54 +235,25 @@ def step_explicit(chain: Chain, dt: float, design: Design, measurement: float) -
     The innovation [rad].
     """
     v, a, j = chain.v, chain.a, chain.j
-    if design.form == TAYLOR:
-        chain.x += dt * (v + dt * (0.5 * a + dt * (j / 6.0)))
-        chain.v += dt * (a + 0.5 * dt * j)
-    else:
-        chain.x += dt * v
-        chain.v += dt * a
+    chain.x += dt * v
+    chain.v += dt * a
     chain.a += dt * j
     innovation = wrap(measurement - chain.x, design.shared.period)
     size = abs(innovation)
-    if size < SMALLEST:
+    if size < ZERO_INNOVATION:
         return innovation
     signed = dt * size if innovation > 0.0 else -dt * size
     pace = design.scale / math.pow(size, 1.0 / (design.order + 1.0))  # (L/|e|)^(1/(n+1)) [1/s]
     fast = pace * signed
     k0, k1 = design.c1 * fast, design.c2 * pace * fast
     k2, k3 = design.c3 * pace * pace * fast, design.c4 * pace * pace * pace * fast
-    if design.form == TAYLOR:
-        back = -dt
-        k0 += back * (k1 + back * (0.5 * k2 + back * (k3 / 6.0)))
-        k1 += back * (k2 + 0.5 * back * k3)
-        k2 += back * k3
-    else:
-        k2 -= dt * k3
-        k1 -= dt * k2
-        k0 -= dt * k1
+    k2 -= dt * k3
+    k1 -= dt * k2
+    k0 -= dt * k1
     chain.x += k0
     chain.v += k1
     chain.a += k2
     chain.j += k3
-    return innovation
-
-
-def step_implicit(chain: Chain, dt: float, design: Design, measurement: float) -> float:
-    """Take a measurement by the implicit Euler form of order 1, in closed form.
-
-    In sliding it is the backward difference; outside it the change of the velocity is clipped to
-    dt alpha.
-
-    Returns
-    -------
-    The innovation [rad].
-    """
-    chain.x += dt * chain.v
-    innovation = wrap(measurement - chain.x, design.shared.period)
-    root = design.scale  # sqrt(L)
-    left, slope = implicit_step(innovation, dt, design.c1 * root, design.c2 * root * root)
-    chain.x += innovation - left
-    chain.v += dt * slope
     return innovation
 
 
@@ -305,35 +267,22 @@ def noise_gains(
 def pace(observer: Any, core: Core, coefficients: Coefficients, design: Design, dt: float) -> float:
     """Return how fast errors decay [1/s]: the slower, the larger the innovation is."""
     power = core.total if core.total > core.power else core.power  # of a transient, from its begin
-    if power < SMALLEST:
-        power = SMALLEST
+    if power < ZERO_INNOVATION:
+        power = ZERO_INNOVATION
     # one neper per sample: dead beat is no faster
-    return min(PACE * design.scale / math.pow(power, 0.5 / (design.order + 1.0)), 1.0 / dt)
+    return min(ERROR_DECAY * design.scale / math.pow(power, 0.5 / (design.order + 1.0)), 1.0 / dt)
 
 
 def design(gains: Gains, circle: Circle) -> Design:
-    """Return what follows from the gains whatever the sample time is.
-
-    Raises
-    ------
-    UsageError : the implicit form with another order than 1 (naive ones bias or chatter).
-    """
+    """Return what follows from the gains whatever the sample time is."""
     order, made = gains.order, Design()
-    if gains.form == 'implicit' and order != 1:
-        raise UsageError(
-            "form 'implicit' exists for order 1 only (of higher order it would bias "
-            "or chatter): use 'matching'"
-        )
-    made.form, made.order = FORMS.index(gains.form), order
+    made.explicit, made.order = gains.form == 'explicit', order
     made.scale = gains.bound ** (1.0 / (order + 1))
     made.c1, made.c2, made.c3, made.c4 = COEFFICIENTS[order] + (0.0,) * (3 - order)
     made.roots = roots_of(order)
-    if made.form == IMPLICIT or order == 3:
-        made.table = [
-            list(row) for row in (implicit_table() if order == 1 else noise_table(made.roots))
-        ]
-    explicit = made.form == TAYLOR or made.form == EXPLICIT
-    widest = OUTSIDE * circle.period if circle.period > 0.0 and explicit else math.inf
+    if order == 3:
+        made.table = [list(row) for row in noise_table(made.roots)]
+    widest = OUTSIDE_PART * circle.period if circle.period > 0.0 and made.explicit else math.inf
     made.longest_dt = (widest / gains.bound) ** (1.0 / (order + 1))
     # Convergence from an error that one sample can hide: about the time that the bound needs to
     # make a speed of its own scale.
@@ -347,7 +296,7 @@ def limits(design: Design, dt: float) -> str | None:
     if dt <= design.longest_dt:
         return None
     return (
-        f"form '{FORMS[design.form]}' chatters over more than an eighth of a turn at a sample time "
+        f"form 'explicit' chatters over more than an eighth of a turn at a sample time "
         f'of {dt:.3g} s: it needs less than {design.longest_dt:.3g} s, or a lower bound; '
         "'matching' does not chatter"
     )

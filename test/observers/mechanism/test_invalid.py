@@ -11,8 +11,6 @@ from mechanism_runs import FAST, begun, driven, made, motion, shown, stepped
 
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 
-# Trouble
-
 
 def leg(**values):
     """An observer of the leg."""

@@ -21,20 +21,23 @@ from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
 
 Array = NDArray[np.float64]
 
-WINDOW = 128  # readings in a window of the spectrum
-CLEAR = 1.5  # a power above this multiple of the white level is motion
-SEEN = 0.5  # least fraction of the uncertainty that `unexplained` must be,
-ROOM = 12.0**-0.5  # and least noise besides the quantisation, in quanta: else the residual is tones
+SPECTRUM_WINDOW = 128  # readings in a window of the spectrum
+CLEAR_POWER = 1.5  # a power above this multiple of the white level is motion
+UNEXPLAINED_PART = 0.5  # least fraction of the uncertainty that `unexplained` must be,
+LEAST_NOISE = 12.0**-0.5  # and least noise beyond the quantisation, in quanta: else it is tones
 
 
 def needed(smoothed: Smoothed) -> bool:
     """Return True if the residual has a motion that is not the quantiser's own tones."""
     noise = smoothed.noise
     room = math.sqrt(max(noise.reading**2 - noise.quantum**2 / 12.0, 0.0))
-    return smoothed.unexplained > SEEN * smoothed.uncertainty and room >= ROOM * noise.quantum
+    return (
+        smoothed.unexplained > UNEXPLAINED_PART * smoothed.uncertainty
+        and room >= LEAST_NOISE * noise.quantum
+    )
 
 
-def put_back(smoothed: Smoothed, rest: Array) -> tuple[Array, float]:
+def recover_vibration(smoothed: Smoothed, rest: Array) -> tuple[Array, float]:
     """Return (the velocity in the residual [rad/s], shape (n,), its mean frequency [Hz]).
 
     The frequency is nan if nothing stands out.
@@ -44,13 +47,15 @@ def put_back(smoothed: Smoothed, rest: Array) -> tuple[Array, float]:
     rest : shape (n,), readings minus smoothed positions [rad]; 0 for an outlier.
     """
     velocity = np.zeros(len(rest))
-    hop = WINDOW // 2
-    window = np.sqrt(np.hanning(WINDOW + 1)[:WINDOW])  # twice: halves that overlap add up to one
+    hop = SPECTRUM_WINDOW // 2
+    window = np.sqrt(
+        np.hanning(SPECTRUM_WINDOW + 1)[:SPECTRUM_WINDOW]
+    )  # twice: halves that overlap add up to one
     jobs, powers = [], []
     for part in cut(smoothed.stamps, rest):
-        padded = np.concatenate([np.zeros(hop), part.readings, np.zeros(WINDOW + hop)])
+        padded = np.concatenate([np.zeros(hop), part.readings, np.zeros(SPECTRUM_WINDOW + hop)])
         starts = np.arange(0, len(part.readings) + hop, hop)
-        spectra = np.fft.rfft(window * padded[starts[:, None] + np.arange(WINDOW)])
+        spectra = np.fft.rfft(window * padded[starts[:, None] + np.arange(SPECTRUM_WINDOW)])
         jobs.append((part, spectra))
         powers.append(np.abs(spectra) ** 2)
     if not jobs:
@@ -58,14 +63,14 @@ def put_back(smoothed: Smoothed, rest: Array) -> tuple[Array, float]:
     power = np.concatenate(powers).mean(axis=0)
     quantised = smoothed.noise.quantum**2 / 12.0 * float(np.sum(window * window))
     white = max(float(np.median(power[1:])), quantised)
-    gain = np.where(power > CLEAR * white, 1.0 - white / np.maximum(power, 1e-300), 0.0)
+    gain = np.where(power > CLEAR_POWER * white, 1.0 - white / np.maximum(power, 1e-300), 0.0)
     gain[0] = gain[-1] = 0.0
     for part, spectra in jobs:
-        omega = 2.0 * math.pi * np.fft.rfftfreq(WINDOW, float(np.median(part.steps[1:])))
-        pieces = window * np.fft.irfft(spectra * (1j * omega * gain), WINDOW)
-        found = np.zeros(len(part.readings) + WINDOW + 2 * hop)
+        omega = 2.0 * math.pi * np.fft.rfftfreq(SPECTRUM_WINDOW, float(np.median(part.steps[1:])))
+        pieces = window * np.fft.irfft(spectra * (1j * omega * gain), SPECTRUM_WINDOW)
+        found = np.zeros(len(part.readings) + SPECTRUM_WINDOW + 2 * hop)
         for number, piece in enumerate(pieces):
-            found[number * hop : number * hop + WINDOW] += piece
+            found[number * hop : number * hop + SPECTRUM_WINDOW] += piece
         velocity[part.rows] = found[hop : hop + len(part.readings)]
     weight = gain * power * omega**2
     total = float(np.sum(weight))

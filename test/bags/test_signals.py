@@ -1,0 +1,206 @@
+# Copyright 2026 velocity_estimator contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A signal ends a command, which keeps what it has; none is lost, and none gives a traceback."""
+
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import dds
+import pytest
+from bag_making import STATES, opened_by_others
+
+from estimator_pkg import cli
+
+FAULTS = Path(__file__).resolve().parents[2] / 'bags' / 'simulated' / 'random_with_faults'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_simulate_ends_with_what_it_has(number, tmp_path):
+    with dds.NodeProcess(
+        *shlex.split('estimator_pkg.cli simulate encoder --duration 100000'),
+        '--out',
+        str(tmp_path / 'bag'),
+        '--json',
+        str(tmp_path / 'j'),
+    ) as process:
+        assert dds.until(
+            lambda: any(file.stat().st_size > 100_000 for file in tmp_path.glob('.bag.*/*'))
+        )
+        process.signal(number)
+        process.signal(signal.SIGTERM)  # a launcher may send several
+        assert process.ends() == 128 + number, process.output
+    assert 'interrupted: 100000 s were requested' in process.output
+    assert sorted(each.name for each in tmp_path.iterdir()) == ['bag', 'j']
+    assert len(opened_by_others(tmp_path / 'bag')) > 1000
+
+
+@pytest.fixture(scope='module')
+def long_bag(tmp_path_factory):
+    """Long enough to be interrupted, and too short to be compiled for."""
+    path = tmp_path_factory.mktemp('signals') / 'long'
+    assert cli.main(['simulate', 'encoder', '--duration', '300', '--out', str(path)]) == 0
+    return path
+
+
+@pytest.mark.parametrize(
+    'number', [signal.SIGINT, signal.SIGHUP, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
+def test_replay_ends_with_what_it_has(number, long_bag, tmp_path):
+    with dds.NodeProcess(
+        'estimator_pkg.cli',
+        'replay',
+        str(long_bag),
+        '--observer',
+        'kalman',
+        '--out',
+        str(tmp_path / 'out'),
+    ) as process:
+        assert dds.until(
+            lambda: (
+                not process.alive
+                or any(file.stat().st_size > 100_000 for file in tmp_path.glob('.out.*/*'))
+            )
+        )
+        process.signal(number)
+        assert process.ends() == 128 + number, process.output
+    assert 'interrupted' in process.output and 'Traceback' not in process.output
+    assert [each.name for each in tmp_path.iterdir()] == ['out']
+    topics = {topic for topic, _, _ in opened_by_others(tmp_path / 'out')}
+    assert '/joint_observer/estimate' in topics and STATES in topics
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_evaluate_writes_the_bags_that_it_has(number, tmp_path):
+    for name in range(40):
+        shutil.copytree(FAULTS, tmp_path / 'bags' / f'b{name:02}')
+    page = tmp_path / 'page.html'
+    with dds.NodeProcess(
+        'estimator_pkg.cli',
+        'evaluate',
+        str(tmp_path / 'bags'),
+        '--observer',
+        'pll',
+        '--html',
+        str(page),
+        '--json',
+        str(tmp_path / 'j'),
+    ) as process:
+        process.prints('bags/b00')
+        process.signal(number)
+        assert process.ends() == 128 + number, process.output
+    assert 'interrupted' in process.output and 'Traceback' not in process.output
+    assert 'page.html' in process.output and '/bags/b00' in page.read_text()
+    assert sorted(each.name for each in tmp_path.iterdir()) == ['bags', 'j', 'page.html']
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['evaluate', 'BAG', '--observer', 'all', '--html', 'OUT'],
+        ['tune', 'BAG', '--observer', 'pll', '--out', 'OUT'],
+        ['identify', 'BAG', '--out', 'OUT'],
+    ],
+)
+def test_nothing_is_left_of_what_had_nothing(number, words, long_bag, tmp_path):
+    at = {'BAG': str(long_bag), 'OUT': str(tmp_path / 'out')}
+    with dds.NodeProcess('estimator_pkg.cli', *(at.get(word, word) for word in words)) as process:
+        time.sleep(1.0)
+        process.signal(number)
+        assert process.ends() in (128 + number, -number, 1), process.output
+    assert 'Traceback' not in process.output
+    assert list(tmp_path.iterdir()) == []
+
+
+LOST = {
+    'a callback of a weak reference': """
+class Thing: pass
+thing = Thing()
+seen = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGHUP))
+del thing
+""",
+    '__del__': """
+class Thing:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGHUP)
+Thing()
+""",
+    'an import that catches everything': """
+sys.path.insert(0, '.')
+import greedy
+""",
+    'an except that catches everything': """
+import contextlib
+with contextlib.suppress(BaseException):
+    os.kill(os.getpid(), signal.SIGHUP)
+""",
+}
+GREEDY = """
+import os, signal
+try:
+    os.kill(os.getpid(), signal.SIGHUP)
+except BaseException:
+    pass
+"""
+
+
+@pytest.mark.parametrize('lost', LOST)
+def test_an_interrupt_that_would_be_lost_comes_again(lost, tmp_path):
+    """What is raised in these places is dropped by Python or by a library."""
+    (tmp_path / 'greedy.py').write_text(GREEDY)
+    body = textwrap.indent(LOST[lost] + 'time.sleep(20.0)', '    ')
+    script = (
+        'import os, signal, sys, time, weakref\n'
+        'from estimator_pkg import cli\n'
+        f"def work():\n{body}\nsys.exit(cli.guarded(work, 'here'))"
+    )
+    ended = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=15, cwd=tmp_path
+    )
+    assert (ended.returncode, ended.stderr) == (128 + signal.SIGHUP, 'here: interrupted\n')
+
+
+def test_nohup_keeps_a_command_running(tmp_path):
+    script = (
+        'import os, signal, sys\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n'
+        'from estimator_pkg import cli, interrupts\n'
+        'with interrupts.handled():\n'
+        '    os.kill(os.getpid(), signal.SIGHUP)\n'
+        '    sys.exit(interrupts.came())'
+    )
+    assert subprocess.run([sys.executable, '-c', script], timeout=60, check=False).returncode == 0
+
+
+def test_a_terminal_that_goes_away_takes_nothing_along(tmp_path):
+    """Output to a terminal that was closed fails; the bag is finished all the same."""
+    import pty
+
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            *shlex.split('-m estimator_pkg.cli simulate encoder --duration 100000'),
+            '--out',
+            str(tmp_path / 'bag'),
+        ],
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        start_new_session=True,
+    )
+    os.close(slave)
+    assert dds.until(
+        lambda: any(file.stat().st_size > 100_000 for file in tmp_path.glob('.bag.*/*'))
+    )
+    os.close(master)
+    process.send_signal(signal.SIGHUP)
+    assert process.wait(60) == 128 + signal.SIGHUP
+    assert len(opened_by_others(tmp_path / 'bag')) > 1000
