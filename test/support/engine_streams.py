@@ -25,14 +25,14 @@ from estimator_pkg.engine.load import PACKAGE, load
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.angles import faults_of
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth
-from estimator_pkg.observers.maths.informing import ACCELERATION, ANGLE, RATE
-from estimator_pkg.observers.mechanism.motion import Motion
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation
 from estimator_pkg.parameters import build
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
-from sim_pkg.reproduce.pmsm.observer import ROBUST, design_of, first_state, run_states
+from sim_pkg.reproduce.pmsm.observer import run_states
 
 COUNT = 300
+MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
 BAD = [math.nan, math.inf, -math.inf, 1e300, -1e10, 5e-324, -0.0]
 STEPS_NS = [10**6] * 40 + [10**5, 10**7, 0, 1, -(10**6), 4 * 10**8, 10**10, -(10**10)]
 
@@ -102,8 +102,8 @@ def angle(name, random):
     joint.run(stamps, readings[:, 0])
     for value in (*BAD, *random.normal(0.0, 3.0, 20)) if hasattr(joint.compiled, 'inform') else ():
         joint.update(joint.stamp_ns + 10**6, float(random.normal()))
-        kind = int(random.choice([ANGLE, RATE, ACCELERATION]))
-        joint.compiled.inform(joint.memory.pointer, kind, value, 10.0 ** random.uniform(-9.0, 3.0))
+        kind, variance = int(random.integers(3)), 10.0 ** random.uniform(-9.0, 3.0)
+        joint.compiled.inform(joint.memory.pointer, kind, value, variance)
     line = Line('abc', joints)
     for stamp, row in zip(stamps.tolist(), readings.tolist()):
         line.take(stamp, row)
@@ -112,11 +112,10 @@ def angle(name, random):
 
 def drive(name, random):
     stamps, readings = drawn_stream(random, 4, 10**5)
-    joint = made(DriveJoint, name, random, **ROBUST)
+    joint = made(DriveJoint, name, random, **MOTOR)
     run(joint, stamps, readings)
     joint.take(stamps, readings)
-    design = design_of(**ROBUST)
-    run_states(design, readings, 1e-4, first_state(design, readings[0]))
+    run_states(joint.design, readings, 1e-4, joint.state)
 
 
 def mechanism(name, random):
@@ -130,9 +129,7 @@ def mechanism(name, random):
         positions, efforts = readings[:, :n] + mechanics.centre, readings[:, n:]
         run(joint, stamps, positions, efforts)
         joint.run(stamps, positions, efforts)
-        start = joint.plan.state()
-        joint.plan.velocities(start, positions, efforts, 1e-3, 2, bool(random.integers(2)))
-        moved = Motion(mechanics, mechanics.centre, np.zeros(n))
+        moved = MechanismSimulation(mechanics, mechanics.centre, np.zeros(n))
         moved.run(efforts, np.full(COUNT, 1e-3), np.full(COUNT, 2, np.int64))
 
 
