@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator_pkg.errors import UsageError
-    from estimator_pkg.estimator import Estimate, EstimateArrays, VelocityEstimator
+    from estimator_pkg.estimator import Estimate, EstimateArrays, VelocityEstimator, differentiate
 
-__all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
+__all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator', 'differentiate']
 
 __version__ = '0.1.0'
 

@@ -13,6 +13,7 @@ import argparse
 import contextlib
 import json
 import math
+import shlex
 import signal
 import sys
 import textwrap
@@ -172,6 +173,7 @@ def run(command: Command, words: Sequence[str], prog: str) -> int:
     """Parse the arguments of a command and run it; returns the exit code."""
     parser = parser_of(command, prog)
     parsed = parser.parse_args(words)
+    parsed.line = f'{prog} {shlex.join(words)}'
     _check_filled(parser, parsed)
     to_stdout = parsed.json == STDOUT
     destination.check_distinct(parsed)

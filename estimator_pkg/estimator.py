@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import operator
+import reprlib
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -22,12 +23,13 @@ from numpy.typing import ArrayLike, NDArray
 from estimator_pkg import observers
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.errors import UsageError
+from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, STATUS_NAMES
 from estimator_pkg.estimate import VALID as PUBLISHED
 from estimator_pkg.sensor.guard import DUPLICATE, UNSTABLE_GAINS, VERDICTS
+from estimator_pkg.stamps import MOST_NS, stamps_of
 
-__all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator']
+__all__ = ['Estimate', 'EstimateArrays', 'UsageError', 'VelocityEstimator', 'differentiate']
 
 VALID = tuple(STATUS_NAMES[status] for status in PUBLISHED)
 NAN = math.nan
@@ -68,7 +70,8 @@ class Estimate(NamedTuple):
 class EstimateArrays(NamedTuple):
     """The estimates of n samples: the fields of `Estimate` as arrays of shape (n,).
 
-    Row i is what `VelocityEstimator.update` returns for sample i.
+    Row i is what `VelocityEstimator.update` returns for sample i. Of several joints the shape is
+    (n, joints).
     """
 
     stamp_ns: NDArray[np.int64]
@@ -83,7 +86,7 @@ class EstimateArrays(NamedTuple):
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """True where the velocity can be used, shape (n,): the status is tracking or coasting."""
+        """True where the velocity can be used: the status is tracking or coasting."""
         return np.isin(self.status, VALID)
 
 
@@ -107,8 +110,12 @@ class VelocityEstimator:
     """
 
     def __init__(self, observer: str = observers.DEFAULT, **parameters: Any) -> None:
-        self._observer = observers.find(str(observer))
         kind = observers.find(observers.DEFAULT).kind
+        try:
+            self._observer = observers.find(str(observer))
+        except UsageError as error:  # which suggests observers of every kind
+            known = suggestion(str(observer), observers.of_kind(kind))
+            raise UsageError(f"unknown observer '{observer}': {known}") from error
         if self._observer.kind != kind:
             raise UsageError(
                 f"observer '{observer}' needs more inputs than an angle: use its node "
@@ -132,14 +139,17 @@ class VelocityEstimator:
 
         Raises
         ------
-        UsageError : a stamp that is not an integer, or an angle that is not a number.
+        UsageError : a stamp that is not an integer of 64 bits, or an angle that is not a number.
         """
         try:
             stamp_ns, angle = operator.index(stamp_ns), float(angle)
-        except (TypeError, ValueError) as error:
+            if not -MOST_NS <= stamp_ns <= MOST_NS:
+                raise OverflowError('the stamp is beyond 64 bits')
+        except (TypeError, ValueError, OverflowError) as error:
             raise UsageError(
                 'update needs an integer stamp [ns] and a number [rad or m], not '
-                f'{stamp_ns!r} and {angle!r}: round(1e9 * seconds) makes a stamp'
+                f'{reprlib.repr(stamp_ns)} and {reprlib.repr(angle)} ({error}): '
+                'round(1e9 * seconds) makes a stamp'
             ) from error
         joint = self._joint
         if joint.update(stamp_ns, angle):
@@ -162,24 +172,27 @@ class VelocityEstimator:
             self._last = self._last._replace(used=False, dropped=why)
         return self._last
 
-    def run(self, stamps_ns: ArrayLike, angles: ArrayLike) -> EstimateArrays:
+    def run(self, times: ArrayLike, angles: ArrayLike) -> EstimateArrays:
         """Take many samples and return all estimates, the same as those of `update`.
 
         Parameters
         ----------
-        stamps_ns : shape (n,), integer times [ns], in the order in which the samples came.
-        angles : shape (n,), measured positions [rad or m].
+        times : shape (n,), in the order in which the samples came: integers [ns], floating-point
+            seconds or datetime64. A time of 0 or less is no stamp.
+        angles : shape (n,), measured positions [rad or m]. Of shape (n, joints), each column goes
+            through a new estimator with the parameters of this one, which takes no sample.
 
         Raises
         ------
-        UsageError : arrays of other shapes or types.
+        UsageError : arrays of other shapes or types, or times too coarse for the sample time.
         """
-        stamps = _array(stamps_ns, np.int64, 'iu', 'stamps_ns must be integers [ns]')
-        positions = _array(angles, np.float64, 'iuf', 'angles must be numbers [rad or m]')
-        if stamps.ndim != 1 or stamps.shape != positions.shape:
-            raise UsageError(
-                f'run needs two arrays of one shape (n,), not {stamps.shape} and {positions.shape}'
-            )
+        stamps, positions = _samples(times, angles)
+        if positions.ndim == 2:
+            joints = [
+                VelocityEstimator(self.observer, **self._configuration.common).run(stamps, column)
+                for column in positions.T
+            ]
+            return EstimateArrays._make(np.stack(columns, axis=1) for columns in zip(*joints))
         found = self._joint.run(stamps, positions)
         verdict = found.verdict
         answered = (verdict < DUPLICATE) | (verdict == UNSTABLE_GAINS)
@@ -258,6 +271,15 @@ class VelocityEstimator:
         """Why the status is what it is, in words; '' where there is nothing to say."""
         return self._joint.why()
 
+    def __getstate__(self) -> tuple[Any, ...]:
+        return self.observer, self._configuration.common, self._joint.numbers(), self._last
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        observer, parameters, numbers, last = state
+        self.__init__(observer, **parameters)  # type: ignore[misc]
+        self._joint.set_numbers(numbers)
+        self._last = last
+
     def __repr__(self) -> str:
         values = ''.join(
             f', {name}={value!r}' for name, value in self._configuration.common.items()
@@ -274,14 +296,72 @@ class VelocityEstimator:
         return joint
 
 
-def _array(values: ArrayLike, dtype: type, kinds: str, what: str) -> NDArray[Any]:
-    """`values` as an array of this dtype; raises UsageError where a value would change."""
+def differentiate(
+    times: ArrayLike,
+    angles: ArrayLike,
+    observer: str = observers.DEFAULT,
+    *,
+    smooth: bool = False,
+    **parameters: Any,
+) -> NDArray[np.float64]:
+    """Return the velocity of recorded angles [rad/s or m/s]; NaN where it cannot be used.
+
+    Parameters
+    ----------
+    times, angles : as for `VelocityEstimator.run`; times may begin at 0 or before.
+    observer, parameters : as for `VelocityEstimator`.
+    smooth : use later readings as well, which no robot has live: the off-line smoother. Its only
+        parameter is `wrap_period`.
+
+    Returns
+    -------
+    The shape of `angles`.
+
+    Raises
+    ------
+    UsageError : as for `VelocityEstimator` and its `run`.
+    """
+    estimator = VelocityEstimator(observer, **parameters)
+    stamps, positions = _samples(times, angles, after_zero=True)
+    if not smooth:
+        found = estimator.run(stamps, positions)
+        return np.where(found.valid & found.used, found.velocity, NAN)
+    others = sorted(set(parameters) - {'wrap_period'})
+    if observer != observers.DEFAULT or others:
+        raise UsageError('smooth=True runs no observer: its only parameter is wrap_period')
+    from estimator_pkg.bags.series import at_stamps
+    from estimator_pkg.evaluation.reference.motion import motion
+
+    def smoothed(column: NDArray[np.float64]) -> NDArray[np.float64]:
+        moved = motion(stamps, column, estimator.parameters['wrap_period'])
+        if moved is None:
+            return np.full(len(stamps), NAN)
+        return at_stamps(stamps, moved.stamps, moved.velocity)
+
+    return np.apply_along_axis(smoothed, 0, positions)
+
+
+def _samples(
+    times: ArrayLike, angles: ArrayLike, after_zero: bool = False
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return (stamps, positions): NaN where an angle is masked; raise UsageError."""
+    when, values = _array(times, 'times'), _array(angles, 'angles')
+    if values.size and values.dtype.kind not in 'iuf':
+        raise UsageError(f'angles must be numbers [rad or m] (not {values.dtype})')
+    if when.ndim != 1 or when.shape != values.shape[:1] or values.ndim > 2 or 0 in values.shape[1:]:
+        raise UsageError(
+            'times must have the shape (n,) and angles (n,) or (n, joints), not '
+            f'{when.shape} and {values.shape}'
+        )
+    stamps = stamps_of(when, 's' if when.dtype.kind == 'f' else 'ns', after_zero)
+    return stamps, np.ma.filled(values.astype(np.float64), NAN)
+
+
+def _array(values: ArrayLike, what: str) -> NDArray[Any]:
+    """Return values as an array, with its mask if it has one; raise UsageError."""
+    if isinstance(values, np.ma.MaskedArray):
+        return values
     try:
-        array = np.asarray(values)
-        if array.size and array.dtype.kind not in kinds:
-            raise TypeError(f'not {array.dtype}')
-        if array.dtype.kind == 'u' and array.size and array.max() > np.iinfo(np.int64).max:
-            raise OverflowError('beyond 64 bits')
-        return array.astype(dtype)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise UsageError(f'{what} ({error})') from error
+        return np.asarray(values)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f'{what} must be an array of numbers ({error})') from error

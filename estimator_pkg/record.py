@@ -80,7 +80,11 @@ class _RecordClass(type):
 
     def read(cls, element: Any) -> Any:
         """Return a new record with the values of an element of an array of `dtype`."""
-        return _made(cls, element.tolist())
+        return cls.made(element.tolist())
+
+    def made(cls, values: Any) -> Any:
+        """Return a new record with these values, as the function `values` returns them."""
+        return _made(cls, values)
 
     def view(cls, element: Any) -> Any:
         """Return a `View` of an element of an array of `dtype`."""

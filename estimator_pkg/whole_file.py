@@ -15,6 +15,19 @@ from pathlib import Path
 NOT_A_FILE = 'it is a pipe, socket or device: name a file'
 
 
+def broken_link(path: Path) -> str:
+    """Return to what a link leads that leads to no file, as text; '' if it is no such link."""
+    if not path.is_symlink() or path.exists():
+        return ''
+    target = path.readlink()
+    try:
+        path.stat()
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            return 'a link to itself'
+    return f'a link to {target}, which does not exist'
+
+
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """Yield a new file next to `path`, which replaces `path` when the context ends without error.

@@ -3,7 +3,9 @@
 
 """The library, `VelocityEstimator`: the driver's estimates by name, bit for bit, without ROS."""
 
+import copy
 import math
+import pickle
 import re
 import subprocess
 import sys
@@ -13,7 +15,15 @@ import numpy as np
 import pytest
 
 import estimator_pkg
-from estimator_pkg import Estimate, EstimateArrays, UsageError, VelocityEstimator, observers
+from estimator_pkg import (
+    Estimate,
+    EstimateArrays,
+    UsageError,
+    VelocityEstimator,
+    differentiate,
+    observers,
+)
+from estimator_pkg.driver import joint as driver
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import STATUS_NAMES
@@ -21,6 +31,8 @@ from estimator_pkg.estimate import STATUS_NAMES
 PAGE = Path(__file__).resolve().parent.parent / 'docs/library.md'
 QUANTUM = 2.0 * math.pi / 4096.0
 ANGLE_OBSERVERS = observers.of_kind('angle')
+KNOWN = ', '.join(ANGLE_OBSERVERS)
+TIME = np.arange(600) * 2e-3  # [s]
 
 
 def samples(count=600, rate=500.0, period=2.0 * math.pi):
@@ -176,8 +188,9 @@ def test_reset_starts_again_and_keeps_counting():
         (('hybrid_angle',), {'bandwidth_hz': math.nan}, 'must be finite'),
         ((), {'bandwidth_hz': 20.0}, "does not: use observer='hybrid_angle'"),
         ((), {'observer': 'hybrid_angel'}, "did you mean 'hybrid_angle'"),
-        (('pmsm',), {}, 'needs more inputs than an angle'),
-        ((3,), {}, 'unknown observer'),
+        (('pmsm',), {}, f'needs more inputs than an angle: use its node or one of {KNOWN}'),
+        (('pmsn',), {}, f"unknown observer 'pmsn': known: {KNOWN}"),
+        ((3,), {}, f"unknown observer '3': known: {KNOWN}"),
     ],
 )
 def test_errors_when_it_is_made(words, parameters, said):
@@ -187,7 +200,18 @@ def test_errors_when_it_is_made(words, parameters, said):
 
 @pytest.mark.parametrize(
     ('stamp', 'reading'),
-    [(1.5, 0.0), (None, 0.0), ('1', 0.0), (1, None), (1, 'a'), (1, (0.0,)), (1, 1j)],
+    [
+        (1.5, 0.0),
+        (None, 0.0),
+        ('1', 0.0),
+        (2**63, 0.0),
+        (-(2**63), 0.0),
+        (1, None),
+        (1, 'a'),
+        (1, (0.0,)),
+        (1, 1j),
+        (1, 10**400),
+    ],
 )
 def test_a_sample_that_is_no_sample_is_refused(stamp, reading):
     estimator = VelocityEstimator()
@@ -201,12 +225,19 @@ def test_a_sample_that_is_no_sample_is_refused(stamp, reading):
 @pytest.mark.parametrize(
     ('stamps', 'angles', 'said'),
     [
-        ([1.5], [0.0], 'integers'),
         ([2**63], [0.0], '64 bits'),
-        ([1, 2], [0.0], 'one shape'),
-        (1, 0.0, 'one shape'),
+        ([1e10], [0.0], '64 bits'),
+        (np.array(['9999-01-01'], 'datetime64[D]'), [0.0], '64 bits'),
+        ([1, 2], [0.0], 'the shape'),
+        (1, 0.0, 'the shape'),
+        ([1], [[[0.0]]], 'the shape'),
+        ([1], [[]], 'the shape'),
+        (['1'], [0.0], 'times must be numbers or datetime64'),
         ([1], ['a'], 'numbers'),
         ([1, 2], [[1], [1, 2]], 'numbers'),
+        (np.float32(1.7e9 + TIME), TIME, 'a resolution of 1.3e.02 s as float32'),
+        (np.float32(3e3 + TIME), TIME, 'a resolution of 0.00024 s as float32'),
+        (np.round(TIME, 1), TIME, '587 of 600 times equal the one before'),
     ],
 )
 def test_arrays_that_are_no_samples_are_refused(stamps, angles, said):
@@ -226,6 +257,115 @@ def test_numpy_numbers_and_lists_serve_as_well():
         assert type(found.stamp_ns) is int and type(found.velocity) is float
     assert len(numpy.run([], []).velocity) == 0
     assert numpy.run([10**8, 10**8], [0.5, 0.5]).dropped.tolist() == ['', 'duplicate']
+
+
+@pytest.mark.parametrize(
+    'times',
+    [
+        7.0 + TIME,
+        np.float32(7.0 + TIME),
+        np.timedelta64(7, 's') + (TIME * 1e6).round().astype('timedelta64[us]'),
+    ],
+    ids=['seconds', 'float32', 'timedelta'],
+)
+def test_times_in_other_units_give_the_same_estimates(times):
+    stamps = 7 * 10**9 + (TIME * 1e9).round().astype(np.int64)
+    found, wanted = (VelocityEstimator().run(each, np.sin(TIME)) for each in (times, stamps))
+    assert np.abs(found.stamp_ns - stamps).max() <= (480 if times.dtype == np.float32 else 0)
+    assert np.allclose(found.velocity, wanted.velocity, atol=1e-2, equal_nan=True)
+
+
+def test_dates_and_seconds_since_1970_are_the_same_stamps():
+    dates = np.datetime64('2024-05-01T12:00:00.25') + (TIME * 1e9).astype('timedelta64[ns]')
+    stamps = VelocityEstimator().run(dates, TIME).stamp_ns
+    assert stamps[0] == 1_714_564_800_250_000_000
+    seconds = VelocityEstimator().run(1714564800.25 + TIME, TIME).stamp_ns
+    assert np.abs(seconds - stamps).max() <= 120
+
+
+def test_missing_times_and_angles_are_dropped_and_counted():
+    missing, angle = np.arange(600) % 100 == 50, np.sin(TIME)
+    where = np.flatnonzero(missing)
+    for times, angles, reason in (
+        (np.where(missing, np.nan, 1.0 + TIME), angle, 'zero_stamp'),
+        (
+            np.where(missing, np.datetime64('NaT'), np.arange(1, 601).astype('M8[ms]')),
+            angle,
+            'zero_stamp',
+        ),
+        (np.ma.array(1.0 + TIME, mask=missing), angle, 'zero_stamp'),
+        (np.ma.array(np.arange(1, 601) * 10**6, mask=missing), angle, 'zero_stamp'),
+        (1.0 + TIME, np.ma.array(angle, mask=missing), 'non_finite'),
+        (1.0 + TIME, np.ma.array(np.zeros(600, int), mask=missing), 'non_finite'),
+    ):
+        found = VelocityEstimator().run(times, angles)
+        assert np.flatnonzero(found.dropped == reason).tolist() == where.tolist()
+
+
+def test_each_joint_has_an_estimator_of_its_own():
+    angles = np.stack([np.sin(5.0 * TIME), np.cos(3.0 * TIME), np.full(600, np.nan)], axis=1)
+    estimator = VelocityEstimator('kalman', quantum=QUANTUM)
+    found = estimator.run(1.0 + TIME, angles)
+    assert found.velocity.shape == found.valid.shape == found.stamp_ns.shape == (600, 3)
+    assert estimator.received == 0
+    for column, angle in enumerate(angles.T):
+        alone = VelocityEstimator('kalman', quantum=QUANTUM).run(1.0 + TIME, angle)
+        assert_same_arrays([each[:, column] for each in found], alone)
+
+
+def test_velocities_in_one_line():
+    angles = np.stack([np.sin(5.0 * TIME), np.mod(3.0 * TIME, 2.0 * math.pi)], axis=1)
+    angles = np.floor(angles / QUANTUM) * QUANTUM
+    true = np.stack([5.0 * np.cos(5.0 * TIME), np.full(600, 3.0)], axis=1)
+    errors = []
+    for smooth in (False, True):
+        found = differentiate(TIME, angles, smooth=smooth)
+        shifted = differentiate(TIME - 0.6, angles[:, 0], smooth=smooth)
+        assert np.allclose(shifted, found[:, 0], atol=1e-5, equal_nan=True)
+        assert found.shape == angles.shape and np.isnan(found).sum() < 20
+        errors.append(np.nanstd(found - true, axis=0))
+    live = VelocityEstimator().run(1.0 + TIME, angles[:, 0])
+    found = differentiate(TIME, angles[:, 0])
+    assert same(found[live.valid], live.velocity[live.valid]) and np.isnan(found[~live.valid]).all()
+    assert np.all(errors[1] < 0.5 * errors[0]) and np.all(errors[0] < 0.2)
+    assert same(differentiate(TIME, np.full(600, np.nan), smooth=True), np.full(600, np.nan))
+    metres = differentiate(TIME, 8.0 * TIME, 'kalman', wrap_period=0.0)
+    assert metres[-1] == pytest.approx(8.0)
+    for words in ({'observer': 'kalman'}, {'prefer': 'fast'}):
+        with pytest.raises(UsageError, match='only parameter is wrap_period'):
+            differentiate(TIME, TIME, smooth=True, **words)
+
+
+@pytest.mark.parametrize('name', ANGLE_OBSERVERS)
+@pytest.mark.parametrize('engines', [(True, True), (False, False), (True, False), (False, True)])
+def test_copies_continue_on_their_own(name, engines, monkeypatch):
+    """deepcopy and pickle, also between a machine with the engine and one without."""
+    compiled = driver.functions_of
+    use = {True: compiled, False: lambda module: None}
+    stamps, angle = samples(250)
+    monkeypatch.setattr(driver, 'functions_of', use[engines[0]])
+    estimator = VelocityEstimator(name, gap_max=0.1)
+    estimator.run(stamps[:200], angle[:200])
+    estimator.set(gap_max=0.15)
+    monkeypatch.setattr(driver, 'functions_of', use[engines[1]])
+    copies = copy.deepcopy(estimator), pickle.loads(pickle.dumps(estimator))
+    wanted = estimator.run(stamps[200:], angle[200:])
+    for each in copies:
+        assert each.estimate != estimator.estimate and each.received == 200
+        assert repr(each) == repr(estimator) and each.parameters == estimator.parameters
+        assert_same_arrays(each.run(stamps[200:], angle[200:]), wanted)
+        assert (each.dropped, each.why) == (estimator.dropped, estimator.why)
+
+
+@pytest.mark.parametrize('name', ANGLE_OBSERVERS)
+@pytest.mark.parametrize('tiny', [5e-324, 1e-310, 1e-160])
+def test_a_reading_that_hardly_differs_from_zero_leaves_no_sigma_of_zero(name, tiny):
+    stamps = np.arange(1, 1001) * 2_000_000
+    for angle in (np.arange(1000) >= 200, np.arange(1000) % 2, np.arange(1000)):
+        found = VelocityEstimator(name).run(stamps, tiny * angle)
+        assert found.valid[-1]
+        sigma = np.concatenate([found.velocity_stddev, found.position_stddev])
+        assert np.all(sigma[np.tile(found.valid, 2)] > 0.0)
 
 
 def test_it_needs_no_ros_and_the_package_alone_no_numpy():

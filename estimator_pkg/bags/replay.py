@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg import interrupts
-from estimator_pkg.bags import unpacking
+from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.bags.feeding import answers, in_order
 from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.wiring import Setup, parameters, requested, wired
@@ -90,7 +90,7 @@ NODE_NAME = re.compile(r'/?([A-Za-z_]\w*/)*[A-Za-z_]\w*', re.ASCII)
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file')
+    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap or .db3 file, or a log')
     parser.add_argument(
         '--out',
         metavar='BAG',
@@ -123,13 +123,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help='topic of joint states; default: the only one that is neither truth nor estimate, '
         'else /joint_states',
     )
-    parser.add_argument(
-        '--angle',
-        metavar='TOPIC:FIELD',
-        help='take one joint from a number in messages of any type, for example '
-        '/odom:pose.pose.orientation.yaw or /encoder:data; set wrap_period=0 for one that does '
-        'not wrap',
-    )
+    log_file.arguments(parser)
     parser.add_argument(
         '--name',
         metavar='NODE',
@@ -158,8 +152,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             f"--name '{parsed.name}' is not a node name: use letters, digits and '_', with a "
             "namespace if needed, as in 'arm/observer'"
         )
-    with open_bag(parsed.bag, parsed.unpack_limit) as bag:
-        setup = _setup(bag, parsed)
+    columns = log_file.columns(parsed)
+    with open_bag(parsed.bag, parsed.unpack_limit, columns) as bag:
+        setup = _setup(bag, parsed, columns)
         stream = setup.start()
         node = f'/{(parsed.name or stream.NODE).strip("/")}'
         with (
@@ -208,7 +203,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
-def _setup(bag: Bag, parsed: argparse.Namespace) -> Setup:
+def _setup(bag: Bag, parsed: argparse.Namespace, columns: log_file.Columns | None) -> Setup:
     """Return the requested stream, parameters and topics.
 
     Raises
@@ -218,6 +213,8 @@ def _setup(bag: Bag, parsed: argparse.Namespace) -> Setup:
     assignments = parse_assignments(parsed.set)
     stream = requested(bag, parsed.observer, parsed.params, assignments, parsed.name)
     values = parameters(stream, parsed.params, assignments, parsed.observer, parsed.name)
+    if columns is not None and columns.prismatic and stream.WRAPS:
+        values.setdefault('wrap_period', 0.0)
     return wired(
         stream, bag, values, Request(parsed.measurement, parsed.angle, tuple(parsed.joint))
     )

@@ -26,6 +26,7 @@ from estimator_pkg.driver.counts import Counted
 from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.observers.contract import Observer
+from estimator_pkg.record import values
 from estimator_pkg.sensor.clock import note_on_queue
 from estimator_pkg.sensor.faults import KINDS, LASTING, LASTING_NS, note_on_faults, text_of
 from estimator_pkg.sensor.guard import DUPLICATE, limits, longest_dt
@@ -187,6 +188,17 @@ class Joint(Counted):
         with self._changing() as channel:
             now = channel.limits
             now.take(limits(settings, now.longest_dt, now.period))
+
+    def numbers(self) -> tuple[Any, ...]:
+        """Return all that samples have changed, as plain data."""
+        channel = values(type(self._channel), self.channel)
+        return channel, self.reset_count, self._faults_before, self._new_starts
+
+    def set_numbers(self, numbers: tuple[Any, ...]) -> None:
+        """Continue from the `numbers` of a joint with the same gains and settings."""
+        channel, self.reset_count, self._faults_before, self._new_starts = numbers
+        with self._changing() as own:
+            own.take(type(self._channel).made(channel))
 
     def reset(self) -> None:
         """Reset the observer to its start; the counters continue."""

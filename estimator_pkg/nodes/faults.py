@@ -68,7 +68,7 @@ TEXTS: Mapping[str, str] = {
     'unused': '{count} of {received} messages on {topic} {why}',
     'nothing': 'no estimate for {passed:.0f} s, though messages come on {topic}: {why}',
     'sensor': "the sensor of '{name}' on {topic} may be faulty: {what}; check sensor, cable and "
-    'bus',
+    'bus; an angle in degrees needs counts_per_revolution=360 (input angle or field)',
     'mismatched': '{count} of {received} messages on {topic} are dropped: {why}',
     'refused': '{count} of {received} samples on {topic} are beyond joints_max and are dropped '
     "(newest name: '{name}'; {joints} joints exist): name the required joints in 'joints', or "

@@ -192,7 +192,7 @@ def test_what_cannot_run_is_a_usage_error(option, value, tmp_path, capsys):
 @pytest.mark.parametrize('terminal', [False, True])
 def test_what_is_not_known_yet_is_a_dash(terminal):
     shown = io.StringIO()
-    with Display('title', Console(file=shown, force_terminal=terminal, width=120)) as display:
-        display.show(Snapshot(0.0, 0.1, 2.0, math.nan, 2.5, math.nan, 1))
+    with Display(Console(file=shown, force_terminal=terminal, width=120)) as display:
+        display.frame(Snapshot(0.0, 0.1, 2.0, math.nan, 2.5, math.nan, 1), {})
     text = shown.getvalue()
     assert 'nan' not in text and '-' in text and '+0.500' in text

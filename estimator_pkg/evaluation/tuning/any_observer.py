@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimator_pkg import streams
+from estimator_pkg.bags.log_file import Columns
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.evaluation.entries import Entry, angle_observers
@@ -35,9 +36,9 @@ def linear() -> list[str]:
     ]
 
 
-def usual(path: str, unpack_limit: int) -> str:
+def usual(path: str, unpack_limit: int, columns: Columns | None) -> str:
     """Return the observer of the bag's measurement: that of a drive, else the default."""
-    with open_bag(path, unpack_limit) as bag:
+    with open_bag(path, unpack_limit, columns) as bag:
         topics, joints = bag.topics, bool(measured_topics(bag))
     for stream in streams.every():
         if stream.recognises(topics.__contains__, joints):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator_pkg import destination, interrupts, streams, whole_file
-from estimator_pkg.bags import unpacking
+from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
@@ -20,20 +20,23 @@ from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
+    PERIOD_KEY,
     SMOOTHER,
     TRUTH,
+    WRAP_PERIOD,
     Options,
-    angle_argument,
     joint_arguments,
     truth_argument,
+    window_arguments,
     worker_arguments,
+    wrap_periods,
 )
 from estimator_pkg.evaluation.text import started
 from estimator_pkg.evaluation.tuning import any_observer, live, output
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import TuningRecord, records
 from estimator_pkg.evaluation.tuning.seek import kept, seek
-from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
+from estimator_pkg.evaluation.tuning.settings import TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import show
 
@@ -43,7 +46,7 @@ DEFAULT_TRIALS = 40
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument(
-        'bags', nargs='*', metavar='BAG', help='bags to tune on, or folders with bags in them'
+        'bags', nargs='*', metavar='BAG', help='bags to tune on, folders with bags in them, or logs'
     )
     parser.add_argument(
         '--live',
@@ -123,7 +126,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help=f"topic of the measurement (default {MEASUREMENT}, or the observer's own)",
     )
-    angle_argument(parser)
+    log_file.arguments(parser)
     truth_argument(parser)
     parser.add_argument(
         '--reference', choices=(AUTO, 'truth', SMOOTHER), default=AUTO, help='as in evaluate'
@@ -134,6 +137,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default=True,
         help="remove the truth's own lag and bias first (default)",
     )
+    window_arguments(parser)
     joint_arguments(parser)
     unpacking.arguments(parser)
     worker_arguments(parser)
@@ -141,22 +145,28 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Search, validate on held-out data, write; return the results."""
-    any_linear = parsed.observer is None and _usual(parsed) == any_observer.DEFAULT
+    columns = log_file.columns(parsed)
+    any_linear = parsed.observer is None and _usual(parsed, columns) == any_observer.DEFAULT
     tuning = tune_settings(parsed)
     out = Path(parsed.out)
     destination.check(out)
     if parsed.apply:  # before anything is recorded or searched
         live.check(parsed.apply, parsed.observer)
+    period, own_periods = wrap_periods(parsed.wrap_period, [tuning.held])
     options = Options(
         parsed.measurement,
         parsed.truth,
         observers=(tuning.entry,),
-        wrap_period=parsed.wrap_period,
+        begin=parsed.begin,
+        end=parsed.end,
+        wrap_period=period,
         correct_reference=parsed.correct_reference,
         reference=parsed.reference,
         angle=parsed.angle,
         unpack_limit=parsed.unpack_limit,
         motion_hz=parsed.motion_hz,
+        columns=columns,
+        own_periods=own_periods,
     )
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
@@ -206,9 +216,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 tuning = tune_settings(parsed)
                 tuned = [kept(joint, groups[joint], text) for joint, text in results.items()]
                 notes.append(f'the file has {parsed.observer} as it is')
-    print(output.describe(chosen_results, notes, parsed.wrap_period))
+    print(output.describe(chosen_results, notes, period))
     wiring = seen[0].seen.recording.setup
-    held = _held(parsed, tuning, wiring)
+    held = _held(period, tuning, wiring)
     whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))
     node = streams.of_observer(tuning.entry.observer).NODE
     show(f'gains: {out}', *started(node, parsed.out, wiring.remaps))
@@ -227,12 +237,14 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _usual(parsed: argparse.Namespace) -> str:
+def _usual(parsed: argparse.Namespace, columns: log_file.Columns | None) -> str:
     """Set the observer that is not named, and return it; raise UsageError."""
     bags = expanded(parsed.bags) if parsed.bags else []
     named = bags and not (parsed.angle or parsed.measurement)
     parsed.observer = (
-        any_observer.usual(bags[0].path, parsed.unpack_limit) if named else any_observer.DEFAULT
+        any_observer.usual(bags[0].path, parsed.unpack_limit, columns)
+        if named
+        else any_observer.DEFAULT
     )
     if parsed.observer == any_observer.DEFAULT and (parsed.search or parsed.params or parsed.apply):
         raise UsageError(
@@ -307,7 +319,7 @@ def _notes(seen: Sequence[TuningRecord]) -> list[str]:
     ]
 
 
-def _held(parsed: argparse.Namespace, tuning: TuneSettings, wiring: Setup) -> dict[str, Any]:
+def _held(period: float, tuning: TuneSettings, wiring: Setup) -> dict[str, Any]:
     """Return the fixed parameters, which the node needs too.
 
     Parameters
@@ -316,8 +328,8 @@ def _held(parsed: argparse.Namespace, tuning: TuneSettings, wiring: Setup) -> di
     """
     held = wiring.input | tuning.held
     wraps = streams.of_observer(tuning.entry.observer).WRAPS
-    if wraps and parsed.wrap_period != WRAP_PERIOD:
-        held.setdefault('wrap_period', parsed.wrap_period)
+    if wraps and period != WRAP_PERIOD:
+        held.setdefault(PERIOD_KEY, period)
     return held
 
 
