@@ -29,7 +29,7 @@ from estimator_pkg.printable import show
 from estimator_pkg.ros.domain import free_domain
 from estimator_pkg.ros.runtime import prepare_environment
 from estimator_pkg.streams.angle import AngleSettings
-from sim_pkg.demo.listener import ESTIMATE, OBSERVER, TOPICS, Listener
+from sim_pkg.demo.listener import ESTIMATE, MEASURED, OBSERVER, TOPICS, Listener
 
 if TYPE_CHECKING:
     from sim_pkg.demo.processes import Child
@@ -219,7 +219,8 @@ def _show(parsed: argparse.Namespace, children: list[Child]) -> int:
         executor.add_node(node)
         listener, watching = Listener(node), Watching(node, OBSERVER)
         show(f'encoder_sim: {COUNTS} counts at {RATE} Hz  ->  joint_observer: {parsed.observer}')
-        with Display() as display:
+        display = Display()
+        with display:
             begun = frame = time.monotonic()
             started = math.inf
             while (now := time.monotonic()) < started + parsed.duration:

@@ -130,7 +130,8 @@ def repeated_stamps(seen: Readings) -> Finding:
         'repeated stamps',
         seen.count(DUPLICATE),
         'repeat the previous stamp and are dropped',
-        'stamp each reading once; look for two publishers, or stamps of a coarse clock',
+        'stamp each reading once; look for two publishers, a name that a message has twice, or '
+        'stamps of a coarse clock',
         times(seen.when(seen.of(DUPLICATE))),
     )
 
