@@ -71,7 +71,7 @@ def main() -> None:
     """Print the table."""
     print(f'| observer | {" | ".join(MOTIONS)} | check of export |')
     for name in angle_observers():
-        variants = {'': lambda quantum: {}} | (KALMAN if name == 'kalman' else {})
+        variants: dict[str, Any] = {'': lambda quantum: {}} | (KALMAN if name == 'kalman' else {})
         for label, values in variants.items():
 
             def made(counts: int, values: Any = values, name: str = name) -> Exported:

@@ -15,7 +15,7 @@ from estimator_pkg.bags.reader import Bag
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block
-from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.messages.joint_state import TYPE, Decoder
 from estimator_pkg.messages.joint_state_block import Decoded, decode_block
 
 
@@ -59,17 +59,23 @@ def series_of(
     blocks: Iterable[Block], by_publisher: bool = False
 ) -> tuple[dict[str, Series], int, int]:
     """Return the joints in blocks of JointStates, the number of messages and of malformed ones."""
-    pieces: dict[str, list[tuple[NDArray, Decoded, int]]] = {}
+    alike: dict[tuple, list[Decoded]] = {}  # groups of one layout
+    layout_of = Decoder().layout
     count = malformed = 0
     for block in blocks:
-        groups, unread = decode_block(block)
+        groups, unread = decode_block(block, layout_of)
         malformed += len(unread)
         for group in groups:
             if by_publisher:
                 group = group._replace(stamps_ns=block.publish_ns[group.rows])
-            for column, name in enumerate(group.names):
-                pieces.setdefault(name, []).append((group.rows + count, group, column))
+            layout = group.names, *(array.shape[1] for array in group.arrays)
+            alike.setdefault(layout, []).append(group._replace(rows=group.rows + count))
         count += len(block)
+    pieces: dict[str, list[tuple[Decoded, int]]] = {}
+    for found in alike.values():
+        group = _joined(found)
+        for column, name in enumerate(group.names):
+            pieces.setdefault(name, []).append((group, column))
     return {name: _series(items) for name, items in pieces.items()}, count, malformed
 
 
@@ -127,14 +133,23 @@ def at_stamps(
     return found
 
 
-def _series(pieces: list[tuple[NDArray, Decoded, int]]) -> Series:
-    order = np.argsort(np.concatenate([row for row, _, _ in pieces]), kind='stable')
-    stamps = np.concatenate([group.stamps_ns for _, group, _ in pieces])[order]
+def _joined(groups: list[Decoded]) -> Decoded:
+    """Return groups of one layout as one."""
+    return groups[0]._replace(
+        rows=np.concatenate([group.rows for group in groups]),
+        stamps_ns=np.concatenate([group.stamps_ns for group in groups]),
+        arrays=tuple(map(np.concatenate, zip(*(group.arrays for group in groups)))),
+    )
+
+
+def _series(pieces: list[tuple[Decoded, int]]) -> Series:
+    order = np.argsort(np.concatenate([group.rows for group, _ in pieces]), kind='stable')
+    stamps = np.concatenate([group.stamps_ns for group, _ in pieces])[order]
     columns = [
         np.concatenate(
             [
                 _column(group.arrays[which], len(group.names), column, len(group.rows))
-                for _, group, column in pieces
+                for group, column in pieces
             ]
         )[order]
         for which in range(3)

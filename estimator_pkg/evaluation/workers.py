@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -45,18 +47,29 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[Map]:
         yield lambda function, items: (function(*item) for item in items)
     else:
         context = multiprocessing.get_context('spawn')  # threads and ROS do not survive a fork
-        pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_leave_interrupts)
+        pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin)
         try:
             yield lambda function, items: _mapped(pool, function, items)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _leave_interrupts() -> None:
-    """Ignore Ctrl-C and HUP, which reach every process of the terminal: the parent decides."""
+def _begin() -> None:
+    """Ignore Ctrl-C and HUP, which reach every process of the terminal: the parent decides.
+
+    A parent that is killed leaves no worker behind.
+    """
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     for number in interrupts.NUMBERS:
         if number != signal.SIGTERM:  # the pool ends them with SIGTERM
             signal.signal(number, signal.SIG_IGN)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _mapped(

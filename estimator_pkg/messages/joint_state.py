@@ -13,6 +13,9 @@ import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator_pkg.messages.cdr import Reader, Writer
 
 TYPE = 'sensor_msgs/msg/JointState'
@@ -63,14 +66,14 @@ class Layout:
     def _significant(self, raw: bytes) -> int:
         return int.from_bytes(raw[self.fixed_from : self.fixed_to], 'little') & self._mask
 
-    def deciding(self) -> list[bool]:
-        """Return, for each byte up to `length`, True if it decides the layout."""
+    def deciding(self) -> NDArray[np.bool_]:
+        """Return True for each byte that decides the layout, shape (length,)."""
         mask = bytearray(self.length)
         mask[:2] = b'\xff\xff'
         mask[self.fixed_from : self.fixed_to] = self._carrying
         for at, _ in self.counts:
             mask[at : at + 4] = b'\xff' * 4
-        return [byte != 0 for byte in mask]
+        return np.frombuffer(mask, np.uint8).astype(bool)
 
     def stamp_ns(self, raw: bytes) -> int:
         """Return the header stamp [ns]."""

@@ -8,7 +8,7 @@ Messages that share names and array lengths (see `joint_state.Layout`) become on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -34,14 +34,21 @@ class Decoded(NamedTuple):
     arrays: tuple[NDArray[np.float64], ...]
 
 
-def decode_block(block: Messages) -> tuple[list[Decoded], list[int]]:
+def decode_block(
+    block: Messages, make: Callable[[bytes], Layout] = Layout
+) -> tuple[list[Decoded], list[int]]:
     """Decode a block of JointStates; return its groups and the malformed rows.
 
     Every row is in exactly one group or is malformed.
+
+    Parameters
+    ----------
+    make : returns the layout of a message, see `groups`; that of a `Decoder` keeps it for the next
+        block.
     """
     malformed: list[int] = []
     decoded = []
-    for group in groups(block, Layout, malformed):
+    for group in groups(block, make, malformed):
         rows, data, layout = group.rows, group.data, group.layout
         arrays = tuple(
             numbers(data, at, count, f'{layout.order}f8').astype(np.float64, copy=False)

@@ -195,13 +195,17 @@ def _examined(
         if 'observer' in settings:
             raise UsageError('--set observer: doctor compares all observers, so omit it')
         period, _ = wrap_periods(parsed.wrap_period, [settings])
-        chosen = setup(bag, parsed.measurement, parsed.angle, period, settings)
-        joints = readings(bag, chosen, parsed.begin, parsed.end)
-        topic = chosen.topics[0].name
-        others = second.candidates(bag)
+        with progress(f'{origin}: reading', None):
+            chosen = setup(bag, parsed.measurement, parsed.angle, period, settings)
+            joints = readings(bag, chosen, parsed.begin, parsed.end)
+            topic = chosen.topics[0].name
+            others = second.candidates(bag)
     samples = sum(min(len(each.rows), LONGEST_STRETCH) for each in joints)
     many = samples * len(candidates(1e3)) >= PARALLEL_ESTIMATES
-    jobs = [(each, parsed.motion_hz, topic, others) for each in joints]
+    jobs = [
+        (each, parsed.motion_hz, topic, [o for o in others if o.may_measure(each.name, topic)])
+        for each in joints
+    ]
     with (
         workers(min(2, len(jobs)) if many else 1) as run_many,
         progress(f'{origin}: joints', len(joints)) as advance,

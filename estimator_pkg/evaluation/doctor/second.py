@@ -43,6 +43,7 @@ FEWEST_VALUES = 100  # values without which nothing is examined
 MOST_RUN = 10_000  # readings that are run
 TRIED_FIRST = 2_500  # of them before the sensor was used once
 MOST_SENSORS = 3  # sensors of a joint that are run
+MOST_JOINTS = 64  # of a topic, whose positions are compared with one another
 USED_PART = 0.2  # of the readings, informed by a source that agrees
 WITHOUT, WITH = 'without', 'with'
 
@@ -97,10 +98,10 @@ def candidates(bag: Bag) -> list[Candidate]:
             continue  # not every message has every joint, so an index is not that of a joint
         for number, (joint, each) in enumerate(series.items()):
             times = each.stamps_ns, published[joint].stamps_ns
-            for path, kind, values in (
-                ('position', AS_ANGLE, each.position),
-                ('velocity', AS_RATE, each.velocity),
-            ):
+            numbers = [('velocity', AS_RATE, each.velocity)]
+            if len(series) <= MOST_JOINTS:
+                numbers.insert(0, ('position', AS_ANGLE, each.position))
+            for path, kind, values in numbers:
                 if np.count_nonzero(np.isfinite(values)) >= FEWEST_VALUES and np.nanmax(
                     values
                 ) > np.nanmin(values):
