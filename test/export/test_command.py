@@ -53,10 +53,7 @@ def test_vectors_come_from_a_bag(tmp_path, capsys):
 @pytest.mark.parametrize(
     'words, remedy',
     [
-        (
-            'kalman',
-            'add --set quantum=STEP (2 pi / counts) or --set bandwidth_hz=HZ, or use double',
-        ),
+        ('kalman', 'add --set quantum=STEP (2 pi / counts) or --set bandwidth_hz=HZ, or use dou'),
         ('kalman --set quantum=0.00153', ''),
         ('kalman --set bandwidth_hz=20.0', ''),
         ('super_twisting', 'with these gains: use double'),
