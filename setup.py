@@ -64,24 +64,29 @@ class BuildEngine(build_ext):
         return f'{fullname.replace(".", "/")}.so'
 
     def build_extension(self, ext):
-        """Translate, then compile; an error is a warning, because the extension is optional."""
+        """Translate, then compile: without a compiler, which is optional, plain Python runs."""
         root = Path(__file__).parent
-        try:
-            spec = importlib.util.spec_from_file_location(
-                'engine', root / 'estimator_pkg' / 'engine' / '__init__.py'
-            )
-            sys.modules['engine'] = importlib.util.module_from_spec(spec)
-            from engine.entries import ENTRIES
-            from engine.translate import FLAGS, translate
+        spec = importlib.util.spec_from_file_location(
+            'engine', root / 'estimator_pkg' / 'engine' / '__init__.py'
+        )
+        sys.modules['engine'] = importlib.util.module_from_spec(spec)
+        from engine.entries import entries
+        from engine.sources import RefusedError
+        from engine.translate import FLAGS, translate
 
-            text = translate(ENTRIES, root)
-        except Exception as error:
-            raise CompileError(f'the engine: {error}') from error
+        try:
+            text = translate(entries(self.distribution.entry_points, root), root)
+        except RefusedError as error:  # of the sources, whatever the machine has
+            ext.optional = False
+            raise CompileError(f'the engine cannot be built: {error}') from error
         source = Path(self.build_temp) / 'engine.c'
         source.parent.mkdir(parents=True, exist_ok=True)
         source.write_text(text, 'utf-8')
         ext.sources, ext.extra_compile_args = [str(source)], FLAGS
-        super().build_extension(ext)
+        try:
+            super().build_extension(ext)
+        except CompileError as error:
+            raise CompileError(f'{error}; all observers will run as plain Python') from error
 
 
 setup(

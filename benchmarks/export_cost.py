@@ -15,7 +15,7 @@ from pathlib import Path
 
 from estimator_pkg import registry
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.engine.entries import OF_AN_ANGLE
+from estimator_pkg.evaluation.entries import angle_observers
 from estimator_pkg.export import folder, vectors
 from estimator_pkg.export.header import exported
 
@@ -129,7 +129,7 @@ def cost(folder: Path, prefix: str, real: str) -> str:
 def main() -> None:
     """Print the table."""
     print(f'{"observer":<18} {"number":<7} {"ns":>6} {"state":>7} {"M4F":>8} {"M7":>8}')
-    for name in OF_AN_ANGLE:
+    for name in angle_observers():
         observer = registry.find(registry.OBSERVERS, name)
         gains, settings = Configuration(observer).for_joint('')
         for float32 in (False, True):

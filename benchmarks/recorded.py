@@ -113,7 +113,7 @@ def _captured(path: Path) -> Column:
 def rows(folder: Path, entries: Sequence[Entry] | None = None) -> list[dict[str, Any]]:
     """Return one dictionary per recording, joint and observer; raises as `recordings`."""
     chosen = tuple(entries if entries is not None else [*at_defaults(), RAW])
-    options = Options(observers=chosen, skip=START, correct_reference=True)
+    options = Options(observers=chosen, begin=START, correct_reference=True)
     bags = recordings(folder)
     result = []
     with progress('recordings', len(bags)) as advance:

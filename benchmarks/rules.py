@@ -27,7 +27,8 @@ import yaml
 
 from benchmarks import ROOT, accuracy, field, motions
 from benchmarks.columns import Column, published, shared
-from estimator_pkg.engine.entries import ENTRIES
+from estimator_pkg import observers
+from estimator_pkg.engine.entries import entries, installed
 from estimator_pkg.engine.translate import FLAGS, translate
 from estimator_pkg.evaluation.entries import Entry
 
@@ -107,8 +108,9 @@ def without(path: Path, source: str = '', text: str = '') -> dict[str, Any]:
             shutil.copytree(ROOT / package, root / package, ignore=unused)
         if source:
             (root / source).write_text(text)
-        entries = [each for each in ENTRIES if each.name.startswith(f'{OBSERVER}_')]
-        (root / 'engine.c').write_text(translate(entries, root))
+        module = observers.find(OBSERVER).module.__name__
+        own = [each for each in entries(installed(), root) if module in each.static.values()]
+        (root / 'engine.c').write_text(translate(own, root))
         build = ['cc', *FLAGS, '-fPIC', '-shared', 'engine.c', '-lm', '-o']
         subprocess.run([*build, 'estimator_pkg/_engine.so'], cwd=root, check=True)
         paths = [str(each) for each in (root, ROOT, *(ROOT / each for each in TESTS))]

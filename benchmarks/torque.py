@@ -157,7 +157,7 @@ def study(folder: Path, which: Study, angle_only: tuple[str, ...] = ANGLE_ONLY) 
 
 
 def _judged(path: Path, entries: list[Entry]) -> tuple[Row, ...]:
-    options = Options(observers=tuple(entries), skip=SKIPPED, correct_reference=True)
+    options = Options(observers=tuple(entries), begin=SKIPPED, correct_reference=True)
     return compare(str(path), options).rows
 
 

@@ -9,8 +9,8 @@ import math
 from typing import NamedTuple
 
 LARGEST = 1e9  # beyond it [rad] a double does not resolve 1e-7 rad: no reading, but garbage
-FURTHER = 1.5  # quanta by which a reading may be off where a turn has few
-WHOLE = 0.01  # quanta by which a turn may differ from a whole number of them
+FEW_COUNTS_MARGIN = 1.5  # quanta by which a reading may be off where a turn has few
+WHOLE_TURN_TOLERANCE = 0.01  # quanta by which a turn may differ from a whole number of them
 
 
 class Circle(NamedTuple):
@@ -40,7 +40,10 @@ def is_next_count(off: float, quantum: float, period: float) -> bool:
     ----------
     quantum : smallest step of the reading [rad], of which a turn must be a whole number.
     """
-    return abs(off) <= FURTHER * quantum and abs(wrap(period, quantum)) <= WHOLE * quantum
+    return (
+        abs(off) <= FEW_COUNTS_MARGIN * quantum
+        and abs(wrap(period, quantum)) <= WHOLE_TURN_TOLERANCE * quantum
+    )
 
 
 def is_angle(measurement: float) -> bool:

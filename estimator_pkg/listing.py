@@ -19,6 +19,7 @@ from typing import Any
 from estimator_pkg import observers, registry
 from estimator_pkg.circle import Circle
 from estimator_pkg.cli import Command, add_set
+from estimator_pkg.engine.calls import why_plain
 from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.observers.mechanism.gains import MEANINGS, in_words
 from estimator_pkg.observers.mechanism.parameters import MechanicalGains
@@ -103,6 +104,7 @@ class Item:
     reference: str = ''
     parameters: tuple[Parameter, ...] = ()
     live: bool = True  # served by a node whose parameters may change while it runs
+    plain: str = ''  # why it runs as plain Python
 
     def as_dict(self) -> dict[str, Any]:
         """Return the item for ``--json``."""
@@ -175,6 +177,7 @@ def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
                 getattr(record, 'reference', ''),
                 tuple(declared(cls).values()) if cls is not None else (),
                 live,
+                why_plain(record) if isinstance(record, observers.Observer) else '',
             )
         )
     return items
@@ -239,6 +242,8 @@ def describe(item: Item, width: int) -> str:
     lines = _wrapped(f'{item.name}: {item.summary}', width, 0, 2)
     if item.reference:
         lines += _wrapped(f'from: {item.reference}', width, 2, 4)
+    if item.plain:
+        lines += _wrapped(f'runs as plain Python: {item.plain}', width, 2, 4)
     for p in item.parameters:
         lines += _wrapped(f'{p.name} = {_with_unit(p)}, {p.range_text()}', width, 2, 4)
         lines += _wrapped(meaning(p, item.live), width, 6, 6)

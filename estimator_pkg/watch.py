@@ -7,12 +7,9 @@ from __future__ import annotations
 
 import argparse
 import math
-import shutil
 import sys
-import textwrap
 import time
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg.cli import Command
@@ -20,6 +17,8 @@ from estimator_pkg.errors import UsageError, UserError, suggestion
 from estimator_pkg.printable import printable, show, terminal
 
 if TYPE_CHECKING:
+    from rich.console import Group
+
     from estimator_pkg.bags.live import Live
     from estimator_pkg.nodes.watching import Joint, Watching
 
@@ -28,139 +27,115 @@ APPEAR = 5.0  # longest wait for an observer [s]
 FRAME = 0.2  # time between two frames [s]
 LINES = 1.0  # time between two tables without a terminal [s]
 SILENT = 1.5  # a longer silence is shown [s]
-CALM = ('', 'ok')
-HEADER = ('joint', 'position', 'velocity', '95 % +-', 'state', 'rate Hz', 'dropped')
-COLUMNS = (15, 11, 11, 9, 13, 7, 8)  # and a space between them: 80
-GONE = '{} has gone from the graph: it ended, or lost its network'
+COLUMNS = (  # and a space between them: 80
+    ('joint', 15, 'left'),
+    ('position', 11, 'right'),
+    ('velocity', 11, 'right'),
+    ('95 % +-', 9, 'right'),
+    ('state', 13, 'left'),
+    ('rate Hz', 7, 'right'),
+    ('dropped', 8, 'right'),
+)
 
 
 class Screen:
-    """Shows changing text: in place on a terminal, as lines elsewhere; a context manager.
+    """Shows changing text: in place on a terminal, as lines elsewhere; a context manager."""
 
-    Parameters
-    ----------
-    period : time between two texts without a terminal [s].
-    """
-
-    def __init__(self, period: float = LINES, console: Any = None) -> None:
+    def __init__(self, console: Any = None) -> None:
         from rich.console import Console
         from rich.live import Live as RichLive
 
-        self._console = console or Console(file=terminal(sys.stdout))
-        self._live = (
-            RichLive(console=self._console, auto_refresh=False)
-            if self._console.is_terminal
-            else None
-        )
-        self._period, self._next = period, -math.inf
+        out = terminal(sys.stdout)
+        width = None if out.isatty() else WIDTH
+        self.console = console or Console(file=out, width=width, markup=False, highlight=False)
+        self._live = RichLive(console=self.console, auto_refresh=False)
+        self.moves = self.console.is_terminal  # a text replaces the one before
+        self._next = -math.inf
 
     def __enter__(self) -> Screen:
-        if self._live:
+        if self.moves:
             self._live.start()
         return self
 
     def __exit__(self, *problem: object) -> None:
-        if self._live:
+        if self.moves:
             self._live.stop()
 
-    @property
-    def moves(self) -> bool:
-        """True on a terminal, where a text replaces the one before."""
-        return self._live is not None
-
-    def show(self, picture: Any, plain: Callable[[], str]) -> None:
-        """Show a picture of rich (or a text); without a terminal `plain()`, about once a period."""
-        if self._live:
-            self._live.update(picture, refresh=True)
-            return
+    def show(self, picture: Any, plain: str = '') -> None:
+        """Show a picture of rich; without a terminal it or `plain`, about once a second."""
         now = time.monotonic()
-        if now >= self._next:
-            self._next = now + self._period
-            print(plain(), file=self._console.file, flush=True)
+        if self.moves:
+            self._live.update(picture, refresh=True)
+        elif now >= self._next:
+            self._next = now + LINES
+            self.console.print(plain or picture, soft_wrap=bool(plain))
+            self.console.file.flush()
 
 
-def table(joints: Mapping[str, Joint], lines: int | None = None) -> str:
+def table(joints: Mapping[str, Joint], lines: int | None = None) -> Group:
     """Return the joints as a table of 80 columns, and why those that do not track do not.
 
     Parameters
     ----------
     lines : largest number of joints that are shown; None: all.
     """
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    grid = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    for header, width, side in COLUMNS:
+        grid.add_column(header, width=width, justify=side, no_wrap=True)  # type: ignore[arg-type]
     shown = list(joints.items())[:lines]
-    rows = [HEADER] + [
-        (
-            _cut(printable(name), COLUMNS[0]),
+    for name, joint in shown:
+        cells = (
+            _cut(printable(name), COLUMNS[0][1]),
             _signed(joint.position),
             _signed(joint.velocity),
-            f'{joint.interval:.3g}' if math.isfinite(joint.interval) else '-',
-            _cut(joint.state, COLUMNS[4]),
-            _rate(joint.rate),
-            _count(joint.dropped),
+            f'{joint.interval:.3g}',
+            _cut(joint.state, COLUMNS[4][1]),
+            f'{joint.rate:{".4g" if joint.rate < 1e3 else ".0f" if joint.rate < 1e6 else ".0e"}}',
+            str(joint.dropped) if joint.dropped < 1e7 else f'{joint.dropped:.1e}',
         )
-        for name, joint in shown
-    ]
-    found = [
-        ' '.join(
-            cell.ljust(width) if column in (0, 4) else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, COLUMNS))
-        ).rstrip()
-        for row in rows
-    ]
-    if len(joints) > len(shown):
-        found.append(f'and {len(joints) - len(shown)} more joints')
-    for name, joint in shown:
-        if joint.why:
-            found += wrapped(f'{name}: {joint.state}: {joint.why}')
-    return '\n'.join(found)
-
-
-def wrapped(text: str) -> list[str]:
-    """Return a text in lines of 80 columns, the later ones indented."""
-    return textwrap.wrap(printable(text), WIDTH, subsequent_indent='  ', break_on_hyphens=False)
+        grid.add_row(*(Text('-' if cell in ('nan', 'inf') else cell) for cell in cells))
+    more = [f'and {len(joints) - len(shown)} more joints'] if len(joints) > len(shown) else []
+    why = [f'{name}: {joint.state}: {joint.why}' for name, joint in shown if joint.why]
+    return Group(grid, *(Text(printable(line)) for line in (*more, *why)))
 
 
 def _signed(value: float) -> str:
-    """Return a number of at most ten characters with its sign; '-' if it is unknown."""
+    """Return a number of at most ten characters with its sign."""
     if not math.isfinite(value):
-        return '-'
+        return 'nan'
     return f'{value:+.4f}' if abs(value) < 1e4 else f'{value:+.3e}'
-
-
-def _rate(hertz: float) -> str:
-    if not math.isfinite(hertz):
-        return '-'
-    return f'{hertz:.4g}' if hertz < 1e3 else f'{hertz:.0f}' if hertz < 1e6 else f'{hertz:.0e}'
-
-
-def _count(number: int) -> str:
-    return str(number) if number < 1e7 else f'{number:.1e}'
 
 
 def _cut(text: str, width: int) -> str:
     return text if len(text) <= width else text[: width - 3] + '...'
 
 
-def picture(watching: Watching, seconds: float, height: int | None = None) -> str:
+def picture(watching: Watching, seconds: float, height: int | None = None) -> Group:
     """Return the whole display of an observer.
 
     Parameters
     ----------
     seconds : time since the start. height : lines of the terminal; None: any number.
     """
+    from rich.console import Group
+    from rich.text import Text
+
     room = None if height is None else max(1, (height - 6) // 2)
-    lines = [
-        _cut(printable(watching.name), WIDTH - 40)
-        + f'  {seconds:.1f} s, {watching.messages_hz:.0f} estimates/s'
-    ]
-    if watching.joints:
-        lines.append(table(watching.joints, room))
-    else:
-        lines.append('no joint yet')
-    if watching.faults not in CALM:
-        lines += wrapped(f'the node reports: {watching.faults}')
+    name = _cut(printable(watching.name), WIDTH - 40)
+    lines = []
+    if watching.faults not in ('', 'ok'):
+        lines.append(f'the node reports: {watching.faults}')
     if watching.silence > SILENT:
         lines.append(f'no message for {watching.silence:.0f} s')
-    return '\n'.join(lines)
+    return Group(
+        Text(f'{name}  {seconds:.1f} s, {watching.messages_hz:.0f} estimates/s'),
+        table(watching.joints, room) if watching.joints else Text('no joint yet'),
+        *(Text(printable(line)) for line in (*lines, *([''] if height is None else []))),
+    )
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -190,45 +165,35 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         if not name:
             return {}
         watching = Watching(here.node, name)
-        present = _follow(here, watching, parsed.duration)
-        count, joints = watching.count, dict(watching.joints)
-    if not present:
-        raise UserError(GONE.format(name))
+        _follow(here, watching, parsed.duration or math.inf)
+        count, joints = watching.count, watching.joints
     show(f'{name}: {count} estimates received')
-    return {
-        'node': name,
-        'estimates': count,
-        'joints': {
-            each: {key: value for key, value in vars(joint).items() if key != 'arrived'}
-            for each, joint in joints.items()
-        },
-    }
+    joints_shown = {each: dict(vars(joint)) for each, joint in joints.items()}
+    return {'node': name, 'estimates': count, 'joints': joints_shown}
 
 
-def _follow(here: Live, watching: Watching, duration: float | None) -> bool:
-    """Show the observer until the time is up or Ctrl-C; return False if it has gone."""
-    begun = time.monotonic()
-    frame = begun + FRAME
+def _follow(here: Live, watching: Watching, duration: float) -> None:
+    """Show the observer until the time is up or Ctrl-C.
+
+    Raises
+    ------
+    UserError : the observer has gone.
+    """
+    begun = frame = time.monotonic()
     with Screen() as screen:
-        while not here.stopping and (duration is None or time.monotonic() < begun + duration):
+        while not here.stopping and time.monotonic() < begun + duration:
             here.spin(0.05)
             now = time.monotonic()
-            if now < frame:
+            if now < frame + FRAME:
                 continue
-            frame = now + FRAME
+            frame = now
             present = watching.look()
-            height = shutil.get_terminal_size().lines if screen.moves else None
-            shown = picture(watching, now - begun, height)
-            screen.show(_text(shown) if screen.moves else shown, partial(str, shown + '\n'))
+            height = screen.console.height if screen.moves else None
+            screen.show(picture(watching, now - begun, height))
             if not present:
-                return False
-    return True
-
-
-def _text(shown: str) -> Any:
-    from rich.text import Text
-
-    return Text(shown, no_wrap=True)
+                raise UserError(
+                    f'{watching.name} has gone from the graph: it ended, or lost its network'
+                )
 
 
 def _observer(here: Live, asked: str | None) -> str:

@@ -60,6 +60,7 @@ MODEL = '''
 ENTRY_POINTS = """
     [velocity_estimator.observers]
     mine = mine:OBSERVER
+    other = other:OBSERVER
     broken = broken:OBSERVER
     nameless = mine:NOTHING
     a_number = mine:math
@@ -72,7 +73,8 @@ ENTRY_POINTS = """
 @pytest.fixture(scope='module')
 def foreign(tmp_path_factory):
     """A folder with an installed package in it; two of its entry points lead nowhere."""
-    files = {'mine.py': OBSERVER, 'slide.py': MODEL, 'broken.py': 'def ('}
+    other = OBSERVER.replace("'mine'", "'other'").replace('rate * error', 'rate * sum([error])')
+    files = {'mine.py': OBSERVER, 'slide.py': MODEL, 'broken.py': 'def (', 'other.py': other}
     return install(tmp_path_factory.mktemp('site'), files, ENTRY_POINTS)
 
 
@@ -112,6 +114,20 @@ def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path)
     assert 'tracking' in reported(foreign, 'replay', BAG, *words)
     said = reported(foreign, 'evaluate', BAG, '--observer', 'mine')
     assert 'mine' in said and 'rms' in said
+
+
+@pytest.mark.long
+def test_an_observer_of_another_package_is_exported_and_runs_as_plain_python(foreign, tmp_path):
+    said = reported(foreign, 'export', 'mine', '--out', tmp_path / 'out')
+    assert re.search(r'(\d+) samples: \1 equal to the last bit', said)
+    said = ' '.join(reported(foreign, 'list', 'mine').split())
+    assert "plain Python: the engine has observers of this package alone, and 'mine' is" in said
+
+
+@pytest.mark.long
+def test_an_observer_of_another_package_that_is_not_translated_has_its_line(foreign, tmp_path):
+    said = reported(foreign, 'export', 'other', '--out', tmp_path / 'out', code=2)
+    assert said.startswith("velocity_estimator export: 'other' cannot be exported: other.py:")
 
 
 @pytest.mark.long

@@ -175,10 +175,12 @@ def test_every_declared_parameter_is_described_on_a_page():
     lines = ''.join(pages.pages().values()).splitlines()
     cells = {tuple(line.split(' | ')[:2]) for line in lines if line.startswith('| `')}
     assert len(declaring()) > 6
+    bases = {base for cls in declaring().values() for base in cls.__mro__[1:]}  # not on a page
     for name, cls in declaring().items():
         for parameter in declared(cls).values():
             where = f'{name}: {parameter.name}'
-            assert (f'| `{parameter.name}`', listing.default_text(parameter)) in cells, where
+            row = f'| `{parameter.name}`', listing.default_text(parameter)
+            assert cls in bases or row in cells, where
             assert parameter.description.strip(), where
             assert parameter.kind in listing.TYPE_NAMES, where
             if parameter.default is not None:

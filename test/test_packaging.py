@@ -11,10 +11,12 @@ import shlex
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pytest
 import setuptools
+from foreign_package import OBSERVER
 
 import estimator_pkg
 from estimator_pkg import optional
@@ -116,11 +118,64 @@ def pip_install(source, prefix, **options):
     return next((prefix / 'lib').rglob('estimator_pkg')).parent
 
 
+def with_observer(source, copy, text=OBSERVER):
+    """Return a copy of the sources with an observer, added as CONTRIBUTING.md says."""
+    copied(source, copy)
+    (copy / 'estimator_pkg' / 'observers' / 'angle' / 'mine.py').write_text(textwrap.dedent(text))
+    group = "'velocity_estimator.observers': [\n"
+    setup = (copy / 'setup.py').read_text()
+    assert setup.count(group) == 1
+    line = "'mine = estimator_pkg.observers.angle.mine:OBSERVER',\n"
+    (copy / 'setup.py').write_text(setup.replace(group, group + line))
+    return copy
+
+
+@pytest.fixture(scope='module')
+def installed(source, tmp_path_factory):
+    """The prefix and the packages of a pip installation with one more observer."""
+    folder = tmp_path_factory.mktemp('pip')
+    prefix = folder / 'prefix'
+    return prefix, pip_install(with_observer(source, folder / 'source'), prefix)
+
+
 @pytest.mark.long
-def test_pip_installs_all_of_it(source, tmp_path):
-    packages = pip_install(source, tmp_path)
-    assert_installed(tmp_path, 'bin')
+def test_pip_installs_all_of_it(installed):
+    prefix, packages = installed
+    assert_installed(prefix, 'bin')
     assert engine_of(packages).startswith('<PyDLL')
+
+
+@pytest.mark.long
+def test_an_observer_of_a_file_and_a_line_is_compiled_and_exported(installed, tmp_path):
+    _, packages = installed
+    path = os.pathsep.join([str(packages), str(ROOT / 'test' / 'support')])
+    environment = {**os.environ, 'PYTHONPATH': path}
+    script = (
+        'from observer_cases import beside, make, stream\n'
+        "print(make('mine').compiled is not None)\n"
+        "for one, other in beside('mine', {}, *stream(1)): assert repr(one) == repr(other)\n"
+    )
+    assert run(sys.executable, '-c', script, env=environment) == 'True\n'
+    command = sys.executable, '-m', 'estimator_pkg'
+    assert 'plain Python' not in run(*command, 'list', 'mine', env=environment)
+    said = run(*command, 'export', 'mine', '--out', str(tmp_path / 'out'), env=environment)
+    assert re.search(r'(\d+) samples: \1 equal to the last bit', said)
+
+
+@pytest.mark.long
+def test_what_is_not_translated_ends_the_build_with_its_line(source, tmp_path):
+    text = OBSERVER.replace('rate * error', 'rate * sum([error])')
+    copy = with_observer(source, tmp_path / 'source', text)
+    command = [sys.executable, 'setup.py', '-q', 'build_ext', '--build-lib', str(tmp_path)]
+    done = subprocess.run(command, cwd=copy, capture_output=True, text=True)
+    number = (
+        textwrap.dedent(text)
+        .splitlines()
+        .index('    core.velocity += coefficients.rate * sum([error])')
+    )
+    place = f'estimator_pkg/observers/angle/mine.py:{number + 1}'
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith(f'error: the engine cannot be built: {place}: ')
 
 
 @pytest.mark.slow
@@ -219,3 +274,17 @@ def test_every_imported_library_is_a_requirement(monkeypatch):
         'ament_copyright',
     }
     assert {'apsw', 'lz4', 'zstandard'} <= libraries
+
+
+def test_every_package_of_ros_that_is_used_is_a_dependency_and_declared():
+    used = {name for name in imported() if optional.OF_ROS.fullmatch(name)}
+    for package in optional.OWN:
+        for path in (ROOT / package).rglob('*.py'):
+            used.update(re.findall(r"'(\w+_msgs)/msg/", path.read_text()))
+    listed = (ROOT / 'package.xml').read_text()
+    depends = set(re.findall('<exec_depend>(.*)</exec_depend>', listed))
+    assert 'nav_msgs' in used and used <= depends
+    declaration = (ROOT / 'QUALITY_DECLARATION.md').read_text()
+    of_ros = {name for name in depends if not name.startswith('python3-')}
+    assert {name for name in of_ros if f'`{name}`' not in declaration} == set()
+    assert '_engine.so' in listed and declaration.count('_engine.so') > 1

@@ -26,7 +26,7 @@ import yaml
 
 from estimator_pkg import whole_file
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import CDR, BagFile, PendingBlock, Topic, UnreadableError
+from estimator_pkg.bags.source import CDR, BagFile, PendingBlock, Topic, UnreadableError, full_type
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.messages.block import Block, compact, from_messages, join, rows
@@ -124,10 +124,7 @@ class Bag:
                 + f': it has {self.listing()}'
             )
         if found.serialization != CDR:
-            raise UnreadableError(
-                f"topic '{topic}' of {self.path} cannot be read: its messages "
-                f"are '{found.serialization}', and ROS 2 needs CDR"
-            )
+            raise self._foreign(found)
         if types and found.type not in types:
             raise UserError(
                 f"topic '{topic}' of {self.path} is {found.type}, not {' or '.join(types)}"
@@ -137,9 +134,18 @@ class Bag:
         return found
 
     def check_messages(self) -> None:
-        """Raise UserError if the bag has no message at all."""
+        """Raise UserError if the bag has no message at all, or none in the format of ROS 2."""
         if not self.count:
             raise UserError(f'{self.path} is an empty bag: it has {self.listing()}; name another')
+        recorded = [topic for topic in self.topics.values() if topic.count]
+        if all(topic.serialization != CDR for topic in recorded):
+            raise self._foreign(max(recorded, key=lambda topic: topic.count))
+
+    def _foreign(self, topic: Topic) -> UnreadableError:
+        return UnreadableError(
+            f"topic '{topic.name}' of {self.path} cannot be read: its messages are "
+            f"'{topic.serialization}', and ROS 2 needs CDR: convert the file to a bag of ROS 2"
+        )
 
     def listing(self) -> str:
         """Return the topics with their types and counts, as text."""
@@ -314,10 +320,15 @@ class Bag:
 
     def _files(self, listed: Any) -> list[Path]:
         """Return the files of the folder: those that its metadata list, else those it has."""
+        there = sorted(
+            (file for file in self.path.iterdir() if file.suffix in SUFFIXES), key=natural
+        )
         valid = isinstance(listed, list) and all(isinstance(name, str) for name in listed)
         names = [Path(name).name for name in listed] if valid else []
         if names and not any(name in ('', '..') or '\0' in name for name in names):
             missing = [name for name in names if not (self.path / name).is_file()]
+            if len(missing) == len(names) and there:  # renamed with their folder
+                return there
             if len(missing) == len(names):
                 raise UserError(f'{self.path}: {missing[0]}, listed in {METADATA}, is missing')
             if missing:
@@ -326,19 +337,16 @@ class Bag:
                     'its messages are skipped'
                 )
             return [self.path / name for name in names if name not in missing]
-        files = sorted(
-            (file for file in self.path.iterdir() if file.suffix in SUFFIXES), key=natural
-        )
-        if not files:
+        if not there:
             raise UserError(
                 f'{self.path} is not a bag: it has no {METADATA} and no .mcap or .db3 files'
             )
         if not (self.path / METADATA).exists():
             self.warn(
                 f'{self.path} has no {METADATA} (was its recorder killed?): '
-                f'reading {len(files)} file{"s" if len(files) > 1 else ""}'
+                f'reading {len(there)} file{"s" if len(there) > 1 else ""}'
             )
-        return files
+        return there
 
     def _open_file(self, file: Path) -> None:
         if not file.is_file():
@@ -408,6 +416,7 @@ class Bag:
 
         It is -1 if another type of the same name came before.
         """
+        topic = replace(topic, type=full_type(topic.type))
         known = self.topics.setdefault(topic.name, replace(topic, count=0, qos=()))
         if known.type != topic.type:
             self.warn(

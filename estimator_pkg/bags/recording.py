@@ -16,13 +16,21 @@ from numpy.typing import NDArray
 from estimator_pkg import streams
 from estimator_pkg.bags.feeding import answers, in_order
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.series import Series, at_stamps, of_positions, positions, series_of
+from estimator_pkg.bags.series import (
+    Series,
+    at_stamps,
+    of_positions,
+    positions,
+    series_of,
+    why_none,
+)
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import drive_samples
 from estimator_pkg.messages.block import Block, compact
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.streams.angle import REGULAR
 from estimator_pkg.streams.contract import PUBLISHER, Stream
 from estimator_pkg.streams.history import History
 from estimator_pkg.streams.sources import FieldSamples
@@ -73,6 +81,14 @@ class Recording(ABC):
         The latter may begin earlier, for observers that need to settle.
         """
 
+    @abstractmethod
+    def between(self, begin: float, end: float) -> Recording:
+        """Return the part from `begin` to `end` [s] since the first sample."""
+
+    def of_stamps(self, first: int, last: int) -> Recording:
+        """Return the part with first <= stamp <= last [ns], if it is of positions."""
+        return self
+
     def by_joint(self) -> Mapping[str | None, Recording]:
         """Return the recordings that can have their own gains, by joint; {None: self} for one."""
         return {None: self}
@@ -98,11 +114,12 @@ def recording(bag: Bag, setup: Setup, known: Mapping[str, Series]) -> Recording:
     UserError : the bag has no position, and the family needs only positions.
     """
     stream = streams.named(setup.kind)
-    if stream.IN_ARRAYS and not setup.values.get('sources'):
+    whole_messages = setup.values.get('sources') or setup.values.get('stamp_repair') == REGULAR
+    if stream.IN_ARRAYS and not whole_messages:
         known = known or measured(bag, setup)
         if not known:
             raise UserError(
-                f'{bag.path}: {setup.topics[0].name} has no positions: name another topic with '
+                f'{bag.path}: {why_none(bag, setup.topics[0].name)}: name another topic with '
                 '--measurement'
             )
         return PositionRecording(setup, dict(known))
@@ -195,6 +212,25 @@ class PositionRecording(Recording):
                 part[name] = Series._make(values[rows] for values in series)
         return replace(self, series=parts[0]), replace(self, series=parts[1])
 
+    def between(self, begin: float, end: float) -> Recording:
+        """See `Recording`."""
+        good = [each.stamps_ns[each.stamps_ns > 0] for each in self.series.values()]
+        start = min((int(each[0]) for each in good if len(each)), default=0)
+        if not begin and end == np.inf:
+            return self
+        last = start + round(1e9 * end) if end < np.inf else 2**62
+        return self.of_stamps(start + round(1e9 * begin), last)
+
+    def of_stamps(self, first: int, last: int) -> Recording:
+        """See `Recording`."""
+        if first <= 0:
+            return self
+        series = {}
+        for name, each in self.series.items():
+            kept = (each.stamps_ns >= first) & (each.stamps_ns <= last)
+            series[name] = Series._make(values[kept] for values in each)
+        return replace(self, series=series)
+
     def by_joint(self) -> Mapping[str | None, Recording]:
         """See `Recording`."""
         return {name: replace(self, series={name: series}) for name, series in self.series.items()}
@@ -251,6 +287,15 @@ class MessageRecording(Recording):
             if cut:
                 first.append((names, compact(block.take(slice(cut)))))
         return replace(self, blocks=tuple(first)), self
+
+    def between(self, begin: float, end: float) -> Recording:
+        """See `Recording`; the times are those of the recorder."""
+        start = int(self.blocks[0][1].log_ns[0]) if self.blocks else 0
+        kept = []
+        for names, block in self.blocks:
+            time = (block.log_ns - start) * 1e-9
+            kept.append((names, compact(block.take((time >= begin) & (time <= end)))))
+        return replace(self, blocks=tuple(each for each in kept if len(each[1])))
 
     def by_joint(self) -> Mapping[str | None, Recording]:
         """See `Recording`."""

@@ -93,6 +93,14 @@ def positions(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Ser
     return {joint: series for joint, series in found.items() if np.isfinite(series.position).any()}
 
 
+def why_none(bag: Bag, topic: str) -> str:
+    """Return why a topic of JointStates shows no angle."""
+    found = joint_series(bag, topic).values() if bag.topics[topic].type == TYPE else ()
+    if any(np.isfinite(series.velocity).any() for series in found):
+        return f'{topic} has velocities but no positions, and observers need positions'
+    return f'{topic} has no positions'
+
+
 def of_positions(stamps_ns: NDArray[np.int64], position: NDArray[np.float64]) -> Series:
     """Return a series of positions, shape (n,); those outside the observers' range become nan."""
     nothing = np.broadcast_to(np.nan, len(stamps_ns))

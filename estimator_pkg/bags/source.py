@@ -51,6 +51,12 @@ class Topic:
     serialization: str = CDR
 
 
+def full_type(name: str) -> str:
+    """Return the name of a message type with its '/msg/', which some recorders leave out."""
+    package, slash, short = name.partition('/')
+    return f'{package}/msg/{short}' if slash and '/' not in short else name
+
+
 class PendingBlock(NamedTuple):
     """Messages that are read together.
 

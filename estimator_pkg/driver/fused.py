@@ -18,7 +18,7 @@ from estimator_pkg.circle import nearest_turn, wrap
 from estimator_pkg.driver.configuration import AS_ACCELERATION, AS_ANGLE, SourceSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import TRACKING
-from estimator_pkg.observers.maths.informing import ACCELERATION, RATE
+from estimator_pkg.observers.maths.informing import FUSE_ACCELERATION, FUSE_RATE
 from estimator_pkg.sensor.source import (
     BIAS,
     SCALE,
@@ -318,7 +318,7 @@ class FusedJoint:
             came = came or judged or not sensor.used
             if value is not None:
                 rate = sensor.settings.kind != AS_ACCELERATION
-                self._inform(RATE if rate else ACCELERATION, value, sensor.variance)
+                self._inform(FUSE_RATE if rate else FUSE_ACCELERATION, value, sensor.variance)
                 weight += rate / sensor.variance
                 fused_any = True
         self._variance = 1.0 / weight if weight > 0.0 else math.nan

@@ -10,7 +10,7 @@ code updates; without it they are an object that the same functions update as pl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -28,7 +28,7 @@ from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.record import values
 from estimator_pkg.sensor.clock import note_on_queue
-from estimator_pkg.sensor.faults import KINDS, note_on_faults, text_of
+from estimator_pkg.sensor.faults import KINDS, LASTING, LASTING_NS, note_on_faults, text_of
 from estimator_pkg.sensor.guard import DUPLICATE, limits, longest_dt
 from estimator_pkg.sensor.repeats import note_on_repeats
 from estimator_pkg.sensor.turns import begin_turns
@@ -73,6 +73,7 @@ class Joint(Counted):
 
     longest_dt: float
     plain: Any = channel  # the module of the record and of its functions
+    _lasting: Mapping[int, int] = {}  # newest stamp of each lasting fault, by kind [ns]
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         self.observer, self.settings, self.gains = observer, settings, gains
@@ -202,6 +203,7 @@ class Joint(Counted):
     def reset(self) -> None:
         """Reset the observer to its start; the counters continue."""
         self._reset_channel()
+        self._lasting = {}
         self.reset_count += 1
         self._new_starts = self.new_starts()
 
@@ -353,7 +355,9 @@ class Joint(Counted):
             return self.limit(clock.mean_dt) or ''
         note = note_on_repeats(channel.track.repeats.most)
         if not note and self._shows_faults:
-            note = note_on_faults(channel.faults, clock.last_ns)
+            newest = note_on_faults(channel.faults, clock.last_ns)
+            notes = dict.fromkeys([*self.lasting_faults().values(), newest])
+            note = ', '.join(filter(None, notes))
         if not note and clock.running:
             note = self.module.why(channel.track.state, channel.design)
         if not note and self.settings.unwrap and self.new_starts() > self._new_starts:
@@ -373,9 +377,21 @@ class Joint(Counted):
         if counts == before:
             return {}
         self._faults_before = counts
-        faults = self.view.faults
+        faults, new = self.view.faults, [k for k in range(len(KINDS)) if counts[k] > before[k]]
+        self._lasting = {**self._lasting, **{k: self.last_ns for k in new if k in LASTING}}
+        return {kind: text_of(faults, kind) for kind in new}
+
+    def lasting_faults(self) -> dict[int, str]:
+        """Return the faults that the sensor may still have, as texts by kind, until `reset` or
+        until it was right for `LASTING_NS`; `new_faults` notes them.
+        """
+        if not self._lasting:
+            return {}
+        faults, now_ns = self.view.faults, self.last_ns
         return {
-            kind: text_of(faults, kind) for kind, count in enumerate(counts) if count > before[kind]
+            kind: text_of(faults, kind)
+            for kind, since_ns in self._lasting.items()
+            if now_ns - since_ns < LASTING_NS
         }
 
     @property

@@ -15,16 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.engine.entries import FUNCTIONS, INFORMED, MODELS, loop_name
+from estimator_pkg.engine.entries import CHANNELS, c_name
 from estimator_pkg.engine.load import LIBRARY, load
+from estimator_pkg.optional import OWN
 from estimator_pkg.printable import show
 from estimator_pkg.record import values
-
-PREFIXES = {  # of a module: of its functions, and their names
-    module: (name, (*functions, *(('inform',) if name in INFORMED else ())))
-    for observers, functions in FUNCTIONS.values()
-    for name, module in observers.items()
-} | {module: (name, ('course',)) for name, module in MODELS.items()}
 
 ELEMENTS = {'f': np.float64, 'i': np.int64, 'c': np.complex128}  # of arrays
 
@@ -57,9 +52,11 @@ class Functions:
     trace: Any
     course: Any
 
-    def __init__(self, library: Any, name: str, functions: tuple[str, ...]) -> None:
-        for function in functions:
-            setattr(self, function, getattr(library, f'{name}_{function}'))
+    def __init__(self, library: Any, module: str) -> None:
+        for function in Functions.__annotations__:
+            compiled = getattr(library, c_name(module, function), None)
+            if compiled is not None:
+                setattr(self, function, compiled)
 
     def run(self, pointer: int, count: int, *columns: NDArray[Any]) -> None:
         """Take many samples, shape (count,) each column; see `channel.batch`."""
@@ -88,9 +85,24 @@ def _refused(reason: str) -> None:
 @cache
 def functions_of(module: Any) -> Functions | None:
     """Return the engine's functions of an observer or a model; None: it runs as plain Python."""
-    found = PREFIXES.get(getattr(module, '__name__', ''))
     library = _loaded()
-    return None if library is None or found is None else Functions(library, *found)
+    found = Functions(library, getattr(module, '__name__', ''))
+    return found if vars(found) else None
+
+
+def why_plain(observer: Any) -> str:
+    """Return why an observer runs as plain Python; '': it is compiled.
+
+    Parameters
+    ----------
+    observer : `observers.contract.Observer`.
+    """
+    package = observer.module.__name__.partition('.')[0]
+    if package not in OWN:
+        return f"the engine has observers of this package alone, and '{package}' is another"
+    if observer.kind not in CHANNELS and functions_of(observer.module) is None:
+        return 'the engine is for observers of one angle, of drives and of mechanisms'
+    return load()[1]
 
 
 def available() -> bool:
@@ -114,7 +126,7 @@ def run(function: Any, *arguments: Any) -> Any:
         elif library is not None and hasattr(value, 'take'):
             given[i] = Memory(type(value), value)
     if library is not None:
-        compiled = getattr(library, loop_name(function.__module__, function.__name__))
+        compiled = getattr(library, c_name(function.__module__, function.__name__))
         result = compiled(*map(_address, given))
     else:  # lists contain Python numbers, which are several times faster than NumPy's
         given = [v.ravel().tolist() if isinstance(v, np.ndarray) else v for v in given]

@@ -1,39 +1,30 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The functions that the engine of the package has: (module, function, static modules, C name)."""
+"""The functions that the engine has: those of the observers and models that setup.py names."""
 
+import ast
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from importlib.metadata import distribution
+from pathlib import Path
+
+from .sources import Found, Module, RefusedError, Sources
 from .translate import Entry
 
-ANGLE = 'estimator_pkg.observers.angle'
-OF_AN_ANGLE = {  # observers of a single angle, by the prefix of their functions
-    'edge_adaptive': f'{ANGLE}.edge.observer',
-    'finite_difference': f'{ANGLE}.finite_difference',
-    'hybrid_angle': f'{ANGLE}.hybrid.observer',
-    'kalman': f'{ANGLE}.kalman',
-    'pll': f'{ANGLE}.pll',
-    'super_twisting': f'{ANGLE}.super_twisting.observer',
+OBSERVERS, MODELS = 'velocity_estimator.observers', 'velocity_estimator.models'
+CHANNELS = {  # of a kind of observers: the module of the channel, and its functions
+    'angle': (
+        'estimator_pkg.driver.channel',
+        ('take', 'write_estimate', 'write_deviation', 'message', 'deviations', 'batch'),
+    ),
+    'drive': (
+        'estimator_pkg.driver.drive_channel',
+        ('take', 'write_estimate', 'write_deviation', 'batch', 'trace'),
+    ),
+    'mechanical': ('estimator_pkg.driver.mechanism_channel', ('take', 'write_estimate', 'batch')),
 }
-INFORMED = ('edge_adaptive', 'kalman')  # observers that other sensors may inform
-OF_A_DRIVE = {'pmsm': 'estimator_pkg.observers.pmsm.observer'}
-CHANNEL = ('take', 'write_estimate', 'write_deviation', 'message', 'deviations', 'batch')
-DRIVE_CHANNEL = ('take', 'write_estimate', 'write_deviation', 'batch', 'trace')
 MECHANISM = 'estimator_pkg.observers.mechanism'
-MODELS = {
-    name: f'estimator_pkg.models.{name}'
-    for name in ('cart_pendulum', 'robotic_leg', 'single_joint', 'two_links')
-}
-OF_A_MECHANISM = {  # observers of mechanisms with a model; `velocity` is hgo and ehgo
-    f'{name}_{model}': f'{MECHANISM}.{name} model={module}'
-    for name in ('geso', 'smo', 'velocity')
-    for model, module in MODELS.items()
-    if (name, model) != ('geso', 'two_links')  # it has no Psi
-}
-FUNCTIONS = {  # of an observer, by the module of its channel
-    'estimator_pkg.driver.channel': (OF_AN_ANGLE, CHANNEL),
-    'estimator_pkg.driver.drive_channel': (OF_A_DRIVE, DRIVE_CHANNEL),
-    'estimator_pkg.driver.mechanism_channel': (OF_A_MECHANISM, ('take', 'write_estimate', 'batch')),
-}
 SMOOTHER = 'estimator_pkg.evaluation.reference.smoother'
 LOOPS = {  # functions of a module whose arguments are numbers, arrays and records
     f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
@@ -43,34 +34,80 @@ LOOPS = {  # functions of a module whose arguments are numbers, arrays and recor
 }
 
 
-def loop_name(module: str, function: str) -> str:
-    """Return the name of a loop in C."""
-    return f'{module.rpartition(".")[2]}_{function}'
+def c_name(module: str, function: str) -> str:
+    """Return the name in C of a function of a loop's module, or for an observer's or a model's."""
+    return re.sub(r'\W+', '_', f'{module}_{function}')
 
 
-ENTRIES: tuple[Entry, ...] = (
-    *(
-        Entry(channel, function, {'observer': module}, f'{name}_{function}')
-        for channel, (observers, functions) in FUNCTIONS.items()
-        for name, module in observers.items()
-        for function in functions
-    ),
-    *(
-        Entry(
-            'estimator_pkg.driver.channel',
-            'inform',
-            {'observer': OF_AN_ANGLE[name]},
-            f'{name}_inform',
-        )
-        for name in INFORMED
-    ),
-    *(
-        Entry(module, function, {}, loop_name(module, function))
-        for module, functions in LOOPS.items()
-        for function in functions
-    ),
-    *(
-        Entry(f'{MECHANISM}.motion', 'course', {'model': module}, f'{name}_course')
-        for name, module in MODELS.items()
-    ),
-)
+def installed() -> dict[str, list[str]]:
+    """Return the entry points of the installed package by group, as `entries` takes them."""
+    found: dict[str, list[str]] = {OBSERVERS: [], MODELS: []}
+    for point in distribution('velocity_estimator').entry_points:
+        found.setdefault(point.group, []).append(f'{point.name} = {point.value}')
+    return found
+
+
+def entries(points: Mapping[str, Iterable[str]], root: Path) -> list[Entry]:
+    """Return the functions of the engine.
+
+    Parameters
+    ----------
+    points : entry points by group, each ``name = module:object``, as setup.py has them.
+    root : folder of the sources.
+
+    Raises
+    ------
+    RefusedError : an entry point names no object of the sources.
+    """
+    sources = Sources(root)
+    models = [module.name for _, module in _objects(sources, points[MODELS])]
+    made = {}
+    for entry in (*_of_observers(sources, points[OBSERVERS], models), *_of_models(models)):
+        made[entry.name] = entry  # observers of one module have the same functions
+    return list(made.values())
+
+
+def _of_observers(sources: Sources, points: Iterable[str], models: list[str]) -> Iterator[Entry]:
+    """Yield the functions of each observer whose kind has a channel."""
+    for found, module in _objects(sources, points):
+        kind = _kind(found)
+        if kind not in CHANNELS:  # its records have no fixed size: plain Python runs them
+            continue
+        channel, functions = CHANNELS[kind]
+        names = [module.name]
+        if kind == 'mechanical':  # the module that its steps are from, once for each model
+            steps = sources.find(module, 'advance')
+            owner = steps.module.name if isinstance(steps, Found) else module.name
+            names = [f'{owner} model={model}' for model in models]
+        elif sources.find(module, 'inform'):  # another sensor may inform it
+            functions = (*functions, 'inform')
+        for name in names:
+            for function in functions:
+                yield Entry(channel, function, {'observer': name}, c_name(name, function))
+
+
+def _of_models(models: Iterable[str]) -> Iterator[Entry]:
+    """Yield the functions of models, and those that belong to neither observer nor model."""
+    for name in models:
+        yield Entry(f'{MECHANISM}.motion', 'course', {'model': name}, c_name(name, 'course'))
+    for module, functions in LOOPS.items():
+        for function in functions:
+            yield Entry(module, function, {}, c_name(module, function))
+
+
+def _objects(sources: Sources, points: Iterable[str]) -> Iterator[tuple[Found, Module]]:
+    """Yield what each entry point names, and the module that it names."""
+    for point in points:
+        path, _, attribute = point.partition('=')[2].strip().partition(':')
+        module = sources.module(path)
+        found = module and sources.find(module, attribute)
+        if module is None or not isinstance(found, Found):
+            raise RefusedError(f'setup.py:1: entry point {point!r} names no object of the sources')
+        yield found, module
+
+
+def _kind(found: Found) -> str:
+    """Return the kind of an observer that ``Observer(...)`` or ``replace(...)`` makes."""
+    words = found.node.keywords if isinstance(found.node, ast.Call) else []
+    kinds = [ast.literal_eval(each.value) for each in words if each.arg == 'kind']
+    return str(kinds[0]) if kinds else 'angle'

@@ -10,6 +10,7 @@ import io
 import math
 import tokenize
 from collections.abc import Mapping
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -78,9 +79,11 @@ class Module:
                 for alias in node.names:
                     name = alias.name if alias.asname else alias.name.split('.')[0]
                     self.names[alias.asname or name] = Imported(name, None)
-            elif isinstance(node, ast.ImportFrom) and node.module:
+            elif isinstance(node, ast.ImportFrom):
+                package = self.name if self.package else self.name.rpartition('.')[0]
+                module = resolve_name('.' * node.level + (node.module or ''), package)
                 for alias in node.names:
-                    self.names[alias.asname or alias.name] = Imported(node.module, alias.name)
+                    self.names[alias.asname or alias.name] = Imported(module, alias.name)
             elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
                 self.names[node.name] = node
             elif isinstance(node, ast.If):  # TYPE_CHECKING
@@ -103,26 +106,26 @@ class Module:
 
 
 class Sources:
-    """The modules below a root folder, each read once."""
+    """The modules below a root folder, and below those of other packages, each read once."""
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, *others: Path) -> None:
+        self.root, self._others = root, others
         self.modules: dict[str, Module | None] = {}
         self._constants: dict[ast.AST, Any] = {}
 
     def module(self, name: str) -> Module | None:
-        """Return a module by its dotted name, None for one that is not below the root.
+        """Return a module by its dotted name, None for one that is not below a root.
 
         ``'one name=other'`` is module ``one``, in which ``name`` is module ``other``.
         """
         if ' ' in name:
             return self._bound(*name.split(' '))
         if name not in self.modules:
-            base = self.root.joinpath(*name.split('.'))
-            paths = (base.with_name(base.name + '.py'), base / '__init__.py')
-            path = next((path for path in paths if path.is_file()), None)
-            shown = path.relative_to(self.root).as_posix() if path else ''
-            self.modules[name] = Module(name, path, shown) if path else None
+            file = '/'.join(name.split('.'))
+            shown = (f'{file}.py', f'{file}/__init__.py')
+            paths = ((root / each, each) for root in (self.root, *self._others) for each in shown)
+            found = next((each for each in paths if each[0].is_file()), None)
+            self.modules[name] = Module(name, *found) if found else None
         return self.modules[name]
 
     def _bound(self, name: str, binding: str) -> Module | None:

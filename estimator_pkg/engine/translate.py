@@ -68,12 +68,13 @@ class Translator:
         prefix: str = '',
         known: Known | None = None,
         used: set[tuple[str, str, str]] | None = None,
+        others: Iterable[Path] = (),
     ) -> None:
         self.prefix, self._known, self.used = prefix, known or {}, used
         self.reached: set[tuple[str, str, str]] = set()  # module, record and field in use
         self._gains: dict[tuple[k.Record, str], tuple[str, str]] = {}
         self._records: dict[str, tuple[str, k.Record, Any]] = {}  # constants
-        self.sources = Sources(root)
+        self.sources = Sources(root, *others)
         self.kinds = k.Kinds(self.sources)
         self.names: dict[tuple[str, str], str] = {}  # of records, by module and record
         self.helpers: set[str] = set()

@@ -96,6 +96,7 @@ def table(
     ----------
     width : largest number of columns of the terminal; names are cut to it, numbers never.
     """
+    header, rows = filled(header, rows, left)
     lines = [list(header), *[[printable(cell) for cell in row] for row in rows]]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     while width and sum(widths) + 2 * len(widths) - 2 > width:
@@ -112,6 +113,16 @@ def table(
     )
 
 
+def filled(
+    header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 0
+) -> tuple[Sequence[str], Sequence[Sequence[str]]]:
+    """Return a table without the columns, after the first `left`, that have '-' in all rows."""
+    kept = [
+        i for i in range(len(header)) if i < left or not rows or any(row[i] != '-' for row in rows)
+    ]
+    return [header[i] for i in kept], [[row[i] for i in kept] for row in rows]
+
+
 def _cut(name: str, width: int) -> str:
     """Return a name with its middle left out, if it is longer than `width`."""
     if len(name) <= width:
@@ -122,6 +133,7 @@ def _cut(name: str, width: int) -> str:
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return the same as a Markdown table."""
+    header, rows = filled(header, rows)
 
     def line(cells: Sequence[str]) -> str:
         return '| ' + ' | '.join(printable(cell).replace('|', '\\|') for cell in cells) + ' |'

@@ -85,10 +85,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     passed, said = done or (None, ['no C compiler here: main.c is not run'])
     print(*said, sep='\n')
     if passed is False and parsed.float32:
-        show(
-            f'float32 is not within 1e-4 rad/s of double with these gains: use double, or see '
-            f'{out / "README.md"}'
-        )
+        remedy = 'use double'
+        if getattr(made.joint.design, 'estimated', False):
+            remedy = (
+                f'{parsed.observer} learns the noise from the innovation, which float changes: add '
+                '--set quantum=STEP (2 pi / counts) or --set bandwidth_hz=HZ, or use double'
+            )
+        show(f'float32 is not within 1e-4 rad/s of double with these gains: {remedy}')
     return {
         'observer': parsed.observer,
         'out': str(out),

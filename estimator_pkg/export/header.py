@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,11 +15,9 @@ from typing import Any
 
 from estimator_pkg import __version__
 from estimator_pkg.driver.drive import DriveJoint
-from estimator_pkg.driver.efforts import EFFORT_FIELD
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.driver.mechanism import Mechanism
-from estimator_pkg.engine.calls import PREFIXES
 from estimator_pkg.engine.prelude import MATH, TAKEN, TESTS
+from estimator_pkg.engine.sources import RefusedError
 from estimator_pkg.engine.translate import Entry, Translator
 from estimator_pkg.errors import UsageError
 from estimator_pkg.export.angle import Options
@@ -29,15 +28,13 @@ ROOT = Path(__file__).resolve().parents[2]
 FAMILIES = {  # what the header of an observer of each kind has
     'angle': 'estimator_pkg.export.angle',
     'drive': 'estimator_pkg.export.drive',
-    'mechanical': 'estimator_pkg.export.mechanism',
 }
-OWN = 'they name a function or a model of your own, and only ours are translated'
+OWN = 'they name a function or a class of your own, and only functions of modules are translated'
 TITLES = {
     'angle': 'velocity of one joint from its angle',
     'drive': 'speed and angle of a motor from its currents and voltages',
-    'mechanical': 'velocities of a mechanism from its positions and efforts',
 }
-SIZES = 'its state has the size that its parameters say, so it runs as plain Python only'
+SIZES = 'a header is for observers of one angle and of drives'
 FILE = """\
 /* {title}
  *
@@ -105,7 +102,7 @@ def exported(
         raise UsageError(f"'{prefix}' is no name for C: use lower-case letters, digits and _")
     joint = _joint(observer, gains, settings, sample_period)
     plain = getattr(joint.module, 'runs_plain', None)
-    if joint.module.__name__ not in PREFIXES or (plain and plain(gains)):
+    if plain and plain(joint.gains):
         raise UsageError(f"'{observer.name}' cannot be exported with these gains: {OWN}")
     family = FAMILIES[observer.kind]
     channel, records = joint.channel, [Options()]
@@ -126,12 +123,17 @@ def exported(
         records += [channel.design, channel.limits]
         bound = {'init': {'tuned': channel.design}, 'update': {}, 'get': {}}
     known, used = _known(records), None
+    static = {'observer': joint.module.__name__}
     for _ in range(2):  # the second time with the fields alone that the first one found in use
-        translator = Translator(ROOT, prefix, known, used)
+        translator = Translator(ROOT, prefix, known, used, [_root(static['observer'])])
         translator.names = {(family, 'State'): prefix, (family, 'Estimate'): f'{prefix}_estimate'}
-        static = {'observer': joint.module.__name__}
-        for name, values in bound.items():
-            translator.export(Entry(family, name, static, f'{prefix}_{name}', values))
+        try:
+            for name, values in bound.items():
+                translator.export(Entry(family, name, static, f'{prefix}_{name}', values))
+        except RefusedError as error:
+            raise UsageError(
+                f"'{observer.name}' cannot be exported: {error}: see docs/engine.md"
+            ) from error
         used = translator.reached
     body = translator.body()
     header = FILE.format(
@@ -144,14 +146,18 @@ def exported(
 
 
 def _joint(observer: Any, gains: Any, settings: Any, sample_period: float) -> Any:
-    """Return the driver's joint, drive or mechanism."""
-    if observer.kind == 'mechanical':
-        return Mechanism(observer.name, observer, gains, settings, EFFORT_FIELD)
+    """Return the driver's joint or drive."""
     if observer.kind == 'drive':
         return DriveJoint(observer, gains, settings, sample_period=sample_period)
     if observer.kind == 'angle':
         return Joint(observer, gains, settings)
     raise UsageError(f"'{observer.name}' cannot be exported: {SIZES}")
+
+
+def _root(name: str) -> Path:
+    """Return the folder of the package that has this module."""
+    path = Path(str(sys.modules[name].__file__)).resolve()
+    return path.parents[name.count('.') + (path.stem == '__init__')]
 
 
 def _known(records: list[Any]) -> dict[tuple[str, str], dict[str, Any]]:

@@ -29,35 +29,29 @@ class Interface(NamedTuple):
     """How C calls a header, and the numbers of an estimate.
 
     call : arguments of update after the stamp, from the array `reading` of `readings` numbers.
-    numbers : fields of an estimate. velocities : which of them are velocities.
+    numbers : fields of an estimate; the second one is the velocity.
     """
 
     readings: int
     call: str
     numbers: list[str]
-    velocities: range
 
 
 def interface(joint: Any) -> Interface:
-    """Return the interface of the header of a joint, drive or mechanism."""
-    kind = joint.observer.kind
-    if kind == 'angle':
+    """Return the interface of the header of a joint or drive."""
+    if joint.observer.kind == 'angle':
         fields = ['position', 'velocity', 'acceleration', 'position_stddev', 'velocity_stddev']
-        return Interface(1, 'reading[0]', fields, range(1, 2))
-    if kind == 'drive':
-        fields = ['position', 'velocity', 'angle', 'speed', 'flux']
-        fields += [f'{name}_stddev' for name in fields]
-        return Interface(4, ', '.join(f'reading[{k}]' for k in range(4)), fields, range(1, 2))
-    n, m = joint.plan.mechanics.degrees, joint.plan.mechanics.inputs
-    fields = [f'{name}[{k}]' for name in ('position', 'velocity') for k in range(n)]
-    return Interface(n + m, f'reading, reading + {n}', fields, range(n, 2 * n))
+        return Interface(1, 'reading[0]', fields)
+    fields = ['position', 'velocity', 'angle', 'speed', 'flux']
+    fields += [f'{name}_stddev' for name in fields]
+    return Interface(4, ', '.join(f'reading[{k}]' for k in range(4)), fields)
 
 
 def simulated(joint: Any) -> Samples:
     """Return samples at 1 kHz, a drive's at 10 kHz: a motion with rests, and jitter of stamps."""
     chance = random.Random(0)
     period = 10**5 if joint.observer.kind == 'drive' else MS
-    motion = {'angle': _encoder, 'drive': _drive, 'mechanical': _mechanism}[joint.observer.kind]
+    motion = {'angle': _encoder, 'drive': _drive}[joint.observer.kind]
     at = np.arange(COUNT) * period
     jitter = [chance.randrange(-period // 20, period // 20) for _ in range(COUNT)]
     return Samples(10**9 + at + jitter, np.array(list(motion(joint, chance, at * 1e-9))))
@@ -86,16 +80,6 @@ def _drive(joint: Any, chance: random.Random, times: Any) -> Iterator[list[float
         yield [value + chance.gauss(0.0, 1e-3) for value in (*i, *u)]
 
 
-def _mechanism(joint: Any, chance: random.Random, times: Any) -> Iterator[list[float]]:
-    """Yield positions that swing around the model's centre, and efforts; some are not known."""
-    mechanics = joint.plan.mechanics
-    for k, t in enumerate(times.tolist()):
-        swing = math.sin(3.0 * t) * math.sin(0.7 * t)
-        positions = [q + 0.2 * swing / (1 + i) for i, q in enumerate(mechanics.centre)]
-        effort = math.nan if 2000 < k < 2100 else 0.1 * math.cos(5.0 * t)
-        yield [q + chance.gauss(0.0, 1e-4) for q in positions] + [effort] * mechanics.inputs
-
-
 def with_faults(samples: Samples) -> Samples:
     """Return samples, and after them some of every kind that a guard sees."""
     stamps, readings = samples
@@ -121,13 +105,7 @@ def expected(joint: Any, samples: Samples) -> Iterator[tuple[bool, Sequence[floa
     """Yield (used, numbers of the estimate, status) of each sample, of the joint from its start."""
     joint.reset()
     for stamp, reading in zip(samples.stamps.tolist(), samples.readings.tolist()):
-        if joint.observer.kind == 'mechanical':
-            n = joint.plan.mechanics.degrees
-            used = joint.update(stamp, reading[:n], reading[n:])
-            position, velocity, _, status = joint.estimate()
-            numbers = [math.nan] * (2 * n) if position != position else [*position, *velocity]
-            yield used, numbers, status
-        elif joint.observer.kind == 'drive':
+        if joint.observer.kind == 'drive':
             used = joint.update(stamp, reading)
             position, velocity, _, status = joint.estimate()
             angles = joint.electrical()[:3]

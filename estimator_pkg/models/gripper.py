@@ -14,9 +14,9 @@ from collections.abc import Sequence
 
 from estimator_pkg.models.switched import SwitchedModel, Vector
 
-OPEN = (2.0, 0.8, 9.81)  # Z without load
+UNLOADED = (2.0, 0.8, 9.81)  # Z without load
 CLOSED = (1.25, 0.5, 12.2625)  # Z with load: J rises from 0.5 to 0.8 kg m^2
-SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+IDENTITY_JUMP = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 UNKNOWN_LOAD = ('close', 'open')
 
 
@@ -45,10 +45,10 @@ MODEL = SwitchedModel(
     size=3,
     gamma=lambda zeta, u: (0.0,),
     lam=lam,
-    transition=lambda mode: None if mode in UNKNOWN_LOAD else SAME,
+    transition=lambda mode: None if mode in UNKNOWN_LOAD else IDENTITY_JUMP,
     offset=lambda mode, v, y: (0.0, 0.0, 0.0),
     dynamics=dynamics,
-    start=((0.3, 0.0), OPEN),
+    start=((0.3, 0.0), UNLOADED),
     probe=torque,
     period=2.0,
     bounds=((60.0, 1000.0),),

@@ -28,7 +28,7 @@ Array = NDArray[np.floating[Any]]
 
 RESIDUAL = 1e-5  # allowed relative residual of a numerical derivative
 RANK = 1e-6  # least singular value, relative to the largest, that counts as full rank
-OWN = {
+OUR_MODELS = {
     'example': 'estimator_pkg.models.example:MODEL',
     'gripper': 'estimator_pkg.models.gripper:MODEL',
 }
@@ -104,11 +104,11 @@ def load(name: str) -> SwitchedModel:
     ------
     UsageError : not found, not a `SwitchedModel`, or inconsistent.
     """
-    if name in OWN:
-        return registry.load(OWN[name])
+    if name in OUR_MODELS:
+        return registry.load(OUR_MODELS[name])
     if ':' not in name:
         raise UsageError(
-            f"unknown switched model '{name}': use {', '.join(OWN)} or package.module:Name"
+            f"unknown switched model '{name}': use {', '.join(OUR_MODELS)} or package.module:Name"
         )
     model = registry.load(name)
     if not isinstance(model, SwitchedModel):

@@ -76,6 +76,8 @@ class Detector:
         self._missing: list[str] = []  # needed names that no message has had yet
         self._missed: dict[str, str] = {}  # kind of the fault by joint of `per_joint`
         self._seen: set[str] = set()  # needed names that messages of the measurement have had
+        self._malformed = [(0, 0)] * len(stream.inputs)  # malformed and received messages by port
+        self._doubled = 0  # messages with equal names
         # received messages by port, and when their number last grew
         self._arrivals = [(0, self._started)] * len(stream.inputs)
         self._shortest = self._patience = patience
@@ -103,16 +105,20 @@ class Detector:
             self._report_return(0, subject, max(returned.values()), now, which(names))
             returned.clear()
         for name, joint in self._stream.bank.joints.items():
-            for kind, what in joint.new_faults().items():
-                self._report_sensor(name, kind, what, now)
+            found = joint.new_faults()
+            stopped = found.pop(STOPPED, '')
+            if stopped:  # it may be a stop that machines make
+                self._node.get_logger().info(f"'{name}': {stopped}")
+            for fault, text in self._of_sensor(name, found).items():
+                self._faults.begin(fault, text, now)
 
-    def _report_sensor(self, name: str, kind: int, what: str, now: float) -> None:
-        """Report a fault of a joint's sensor; a stop that may be one is no fault."""
-        if kind == STOPPED:
-            self._node.get_logger().info(f"'{name}': {what}")
-            return
-        text = say('sensor', name=name, topic=self.inputs[0].topic_name, what=what)
-        self._faults.begin(f'sensor {name} {kind}', text, now)
+    def _of_sensor(self, name: str, found: Mapping[int, str]) -> dict[str, str]:
+        """Return the faults of a joint's sensor, as texts by kind."""
+        topic = self.inputs[0].topic_name
+        return {
+            f'sensor {name} {kind}': say('sensor', name=name, topic=topic, what=what)
+            for kind, what in found.items()
+        }
 
     def forget(self, names: Iterable[str]) -> None:
         """Forget joints that were removed."""
@@ -133,11 +139,16 @@ class Detector:
         found = self._of_graph(now)
         found.update(self._of_names(now))
         found.update(self._of_silence(now))
+        for name, joint in self._stream.bank.joints.items():
+            found.update(self._of_sensor(name, joint.lasting_faults()))
         found.update(self._of_messages(new))
+        found.update(self._of_equal_names(new['messages_received']))
         if self._missing:  # this is why
             found.pop('mismatched', None)
         mixed = any(kind.startswith('twice') for kind in found)
         found.update(self._of_stamps(new, mixed, now))
+        if 'equal_names' in found:  # the second position of a name repeats its stamp
+            found.pop('duplicate', None)
         self._find_rates(new, now, mixed)
         found.update(self._of_nothing(found, new, now))
         return found
@@ -311,27 +322,40 @@ class Detector:
     def _of_messages(self, new: Mapping[str, int]) -> dict[str, str]:
         """Return faults of whole messages: those that are dropped or lost."""
         stream, topic, found = self._stream, self.inputs[0].topic_name, {}
+        received = new['messages_received']
+        before, self._malformed = self._malformed, [*zip(stream.malformed, stream.received)]
         if new['messages_dropped.malformed']:
             where, why = stream.complaint
-            found['malformed'] = say('malformed', topic=where, why=why)
-        received = new['messages_received']
+            port = stream.topics.index(where)
+            (bad, every), (bad_before, every_before) = self._malformed[port], before[port]
+            found['malformed'] = say(
+                'malformed',
+                count=bad - bad_before,
+                received=every - every_before,
+                topic=where,
+                why=why,
+            )
         for kind, why in stream.UNUSED.items():
             count = new.get(f'messages_dropped.{kind}', 0)
             if count > OFTEN * received:
                 found[kind] = say('unused', count=count, received=received, topic=topic, why=why)
-        if new.get('messages_dropped.mismatched'):
-            found['mismatched'] = say('mismatched', topic=topic, why=stream.MISMATCH)
+        count = new.get('messages_dropped.mismatched', 0)
+        if count:
+            found['mismatched'] = say(
+                'mismatched', count=count, received=received, topic=topic, why=stream.MISMATCH
+            )
         if new['dropped.refused']:
             bank: Any = stream.bank
             found['refused'] = say(
                 'refused',
                 count=new['dropped.refused'],
+                received=new['received'],
                 topic=topic,
                 name=bank.refused_name,
                 joints=len(bank.joints),
             )
         lost = self._endpoints.lost
-        self._losses.append((new['lost_by_dds'], new['messages_received']))
+        self._losses.append((new['lost_by_dds'], received))
         if sum(count > 0 for count, _ in self._losses) >= LASTING:
             count, came = (sum(each[k] for each in self._losses) for k in (0, 1))
             where = ' and '.join(each for each, total in lost.items() if total)
@@ -339,6 +363,23 @@ class Detector:
                 'lost', count=count, sent=count + came, topic=where, passed=len(self._losses)
             )
         return found
+
+    def _of_equal_names(self, received: int) -> dict[str, str]:
+        """Return the joints that one message has more than once."""
+        bank = self._stream.bank
+        count, self._doubled = bank.doubled - self._doubled, bank.doubled
+        names = sorted(bank.doubled_names.intersection(self._watch.names_of(bank.joints)))
+        if not (count and names):
+            return {}
+        text = say(
+            'equal_names',
+            names=of_joints(names, 'joint', ('has', 'have')),
+            count=count,
+            received=received,
+            topic=self.inputs[0].topic_name,
+            which=which(names),
+        )
+        return {'equal_names': text}
 
     def _of_stamps(self, new: Mapping[str, int], mixed: bool, now: float) -> dict[str, str]:
         """Return faults of stamps and readings.
@@ -356,9 +397,12 @@ class Detector:
         before, self._clock_ran = self._clock_ran, simulated and clock > NEW_CLOCK
         ran = before and self._clock_ran  # it may have started again
         if new['dropped.zero_stamp'] and (ran or not simulated):
-            count = new['dropped.zero_stamp']
             found['zero_stamp'] = say(
-                'zero_stamp', count=count, topic=topic, remedy=stamp_remedy(stream.source_of_stamps)
+                'zero_stamp',
+                count=new['dropped.zero_stamp'],
+                received=new['received'],
+                topic=topic,
+                remedy=stamp_remedy(stream.source_of_stamps),
             )
         offset, self._offset = self._offset, math.inf
         if simulated and not node.count_publishers(node.resolve_topic_name('/clock')):

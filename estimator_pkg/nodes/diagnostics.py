@@ -99,4 +99,5 @@ def joint_status(name: str, joint: Joint, status: int, why: str, more: Mapping[s
         **more,
     }
     message = f'{said}: {why}' if why else said
-    return Status(_LEVELS[status], name, name, message, packed(values))
+    level = max(_LEVELS[status], WARN if joint.lasting_faults() else OK)
+    return Status(level, name, name, message, packed(values))

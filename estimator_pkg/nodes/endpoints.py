@@ -31,7 +31,7 @@ from estimator_pkg.nodes.faults import listed, say
 from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.misfits import full_name, misfits, type_name
 from estimator_pkg.nodes.outputs import Output, Outputs
-from estimator_pkg.nodes.qos import estimates, latched, overriding, sensor_data
+from estimator_pkg.nodes.qos import estimates, overriding, sensor_data
 from estimator_pkg.nodes.ros_parameters import QOS, in_words
 from estimator_pkg.ros import observers
 
@@ -309,7 +309,7 @@ class Endpoints:
             return self._node.create_publisher(
                 kind,
                 topic,
-                qos or (latched() if latches else estimates()),
+                qos or (estimates(depth=1) if latches else estimates()),
                 qos_overriding_options=overriding(),
                 event_callbacks=PublisherEventCallbacks(incompatible_qos=self._mismatch),
             )

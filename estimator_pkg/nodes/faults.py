@@ -47,7 +47,10 @@ TEXTS: Mapping[str, str] = {
     'silent': '{what} for {passed:.1f} s: nothing comes from {who}; check that it runs and is not '
     'paused (after a crash it stays visible for up to 20 s){which}',
     'back': '{subject} back on {topic} after an outage of {passed:.1f} s{which}',
-    'zero_stamp': '{count} samples on {topic} have no time stamp and are dropped: {remedy}',
+    'equal_names': '{names} several positions in {count} of {received} messages on {topic}, and '
+    'one is used: give each joint of the publisher its own name{which}',
+    'zero_stamp': '{count} of {received} samples on {topic} have no time stamp and are dropped: '
+    '{remedy}',
     'no_clock': 'use_sim_time is true, but nobody publishes /clock: start the simulation, play the '
     "bag with '--clock', or unset use_sim_time",
     'clock': "stamps on {topic} are {offset} this node's clock ({clock}): {remedy}",
@@ -61,21 +64,23 @@ TEXTS: Mapping[str, str] = {
     'of its publisher; if the new rate is right, check the gains for it{which}',
     'jump': 'the clock of the measurements jumped (a looping bag, a restarted simulation{several}):'
     ' its {kept}s are reset',
-    'malformed': 'messages on {topic} are malformed and dropped: {why}',
+    'malformed': '{count} of {received} messages on {topic} are malformed and dropped: {why}',
     'unused': '{count} of {received} messages on {topic} {why}',
     'nothing': 'no estimate for {passed:.0f} s, though messages come on {topic}: {why}',
     'sensor': "the sensor of '{name}' on {topic} may be faulty: {what}; check sensor, cable and "
-    'bus',
-    'mismatched': 'messages on {topic} are dropped: {why}',
-    'refused': "{count} samples on {topic} are beyond joints_max (newest name: '{name}'; "
-    "{joints} joints exist): name the required joints in 'joints', or raise 'joints_max'",
+    'bus; an angle in degrees needs counts_per_revolution=360 (input angle or field)',
+    'mismatched': '{count} of {received} messages on {topic} are dropped: {why}',
+    'refused': '{count} of {received} samples on {topic} are beyond joints_max and are dropped '
+    "(newest name: '{name}'; {joints} joints exist): name the required joints in 'joints', or "
+    "raise 'joints_max'",
     'lost': '{count} of {sent} messages on {topic} were lost in {passed:.0f} s: their rate is too '
     'high for this node or the network; lower it, or stop other processes',
 }
 # Faults that do not explain why nothing is estimated
 HARMLESS = (
     'sensor',
-    *('back', 'clock', 'expired', 'jump', 'lost', 'no_clock', 'rate', 'shared', 'silent', 'twice'),
+    *('back', 'clock', 'equal_names', 'expired', 'jump', 'lost', 'no_clock', 'rate', 'shared'),
+    *('silent', 'twice'),
 )
 
 

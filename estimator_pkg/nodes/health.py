@@ -318,7 +318,9 @@ class Health:
             if status == LOST and ';' in why and VERDICTS[verdict] not in ELSEWHERE:
                 lost.setdefault(why, []).append(name)
         for why, names in lost.items():
-            text = of_joints(names, self._stream.KEPT, ('has', 'have')) + f' {why}{which(names)}'
+            unused = sum(self.watch.unused(name) for name in names)
+            said = why.replace('; received', f'; all {unused} received')
+            text = of_joints(names, self._stream.KEPT, ('has', 'have')) + f' {said}{which(names)}'
             self._faults.begin(f'unusable {why}', text, monotonic())
 
     def _report_unknown_parameters(self) -> None:

@@ -106,6 +106,11 @@ class JointWatch:
         """Return True if a joint was lost at the last look."""
         return self.statuses.get(name, NEW)[0] == LOST
 
+    def unused(self, name: str) -> int:
+        """Return the number of a joint's samples since its last used one."""
+        received: int = self._stream.bank.joints[name].received
+        return received - self.used[name][2]
+
     def older(self, age: float, now: float) -> list[str]:
         """Return the joints whose last used sample is older than this [s]; named ones stay."""
         named = self._stream.bank.named

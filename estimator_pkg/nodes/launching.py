@@ -9,38 +9,49 @@ Only launch files import it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = 'velocity_estimator'
-ESTIMATE = '~/estimate'
 RESPAWN_DELAY = 2.0  # [s]
 
 
-def observer(name: str, inputs: Iterable[str]) -> LaunchDescription:
+def observer(
+    name: str,
+    inputs: Iterable[str],
+    outputs: Iterable[str] = ('estimate',),
+    parameters: Mapping[str, tuple[str, str]] | None = None,
+) -> LaunchDescription:
     """Return an observer with an argument for each of its topics.
 
     Parameters
     ----------
     name : of the executable.
-    inputs : its input topics, which are the names of the arguments that remap them.
+    inputs, outputs : its topics, which are the names of the arguments that remap them.
+    parameters : argument -> parameter that it sets unless it is empty, and description.
     """
     topics = [(topic, topic, 'input topic') for topic in inputs]
-    return _node(name, [*topics, ('estimate', ESTIMATE, 'output topic')], 'use the time of /clock')
+    topics += [(topic, f'~/{topic}', 'output topic') for topic in outputs]
+    return _node(name, topics, 'use the time of /clock', parameters or {})
 
 
 def simulator(name: str) -> LaunchDescription:
     """Return a simulator; its topics are below `namespace`."""
-    return _node(name, [], 'has no effect: the simulator uses the system time')
+    return _node(name, [], 'has no effect: the simulator uses the system time', {})
 
 
-def _node(name: str, topics: list[tuple[str, str, str]], sim_time: str) -> LaunchDescription:
+def _node(
+    name: str,
+    topics: list[tuple[str, str, str]],
+    sim_time: str,
+    parameters: Mapping[str, tuple[str, str]],
+) -> LaunchDescription:
     """Return one node with the arguments of every launch file.
 
     Parameters
@@ -49,6 +60,7 @@ def _node(name: str, topics: list[tuple[str, str, str]], sim_time: str) -> Launc
         config/`name`.yaml.
     topics : argument, topic and description.
     sim_time : description of `use_sim_time` for this node.
+    parameters : see `observer`.
     """
     config = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', f'{name}.yaml'])
     arguments = [
@@ -59,16 +71,19 @@ def _node(name: str, topics: list[tuple[str, str, str]], sim_time: str) -> Launc
         ('respawn', 'false', f'true: start the node again {RESPAWN_DELAY:g} s after it has ended'),
         ('log_level', 'info', 'least severe messages in the log: debug, info, warn, error, fatal'),
         *topics,
+        *((argument, '', description) for argument, (_, description) in parameters.items()),
     ]
     given = {argument: LaunchConfiguration(argument) for argument, *_ in arguments}
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(argument, default_value=default, description=description)
-                for argument, default, description in arguments
-            ),
-            # The file is an argument of the node, which ends if it is missing; with `parameters`
-            # launch would only warn, and the node would run with its defaults.
+
+    def node(context: LaunchContext) -> list[Node]:
+        own = {
+            parameter: ParameterValue(given[argument], value_type=str)
+            for argument, (parameter, _) in parameters.items()
+            if given[argument].perform(context)
+        }
+        # The file is an argument of the node, which ends if it is missing; with `parameters`
+        # launch would only warn, and the node would run with its defaults.
+        return [
             Node(
                 package=PACKAGE,
                 executable=name,
@@ -81,12 +96,21 @@ def _node(name: str, topics: list[tuple[str, str, str]], sim_time: str) -> Launc
                     given['log_level'],
                 ],
                 parameters=[
-                    {'use_sim_time': ParameterValue(given['use_sim_time'], value_type=bool)}
+                    {'use_sim_time': ParameterValue(given['use_sim_time'], value_type=bool), **own}
                 ],
                 remappings=[(topic, given[argument]) for argument, topic, _ in topics],
                 respawn=given['respawn'],
                 respawn_delay=RESPAWN_DELAY,
                 output='screen',
+            )
+        ]
+
+    return LaunchDescription(
+        [
+            *(
+                DeclareLaunchArgument(argument, default_value=default, description=description)
+                for argument, default, description in arguments
             ),
+            OpaqueFunction(function=node),
         ]
     )

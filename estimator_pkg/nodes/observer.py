@@ -61,6 +61,7 @@ class ObserverNode(Node):
 
     def __init__(self, stream: type[Stream] | str, node_name: str = '', **options: Any) -> None:
         family = streams.named(stream) if isinstance(stream, str) else stream
+        self._usual: dict[str, Any] = {}
         try:
             # Overrides may name joints that have not appeared, so they cannot all be declared; and
             # rclpy's refusal of an undeclared parameter does not name it.
@@ -71,7 +72,7 @@ class ObserverNode(Node):
             raise UsageError(in_words(error)) from error
         observer = None
         try:
-            self._ros = RosParameters(self)
+            self._ros = RosParameters(self, self._usual)
             settings: Any = self._ros.declare(family.SETTINGS)
             groups: dict[str, Any] = {
                 name: self._ros.declare(declaring, f'{name}.')
@@ -109,6 +110,12 @@ class ObserverNode(Node):
                 raise reason from error
             runtime.discard(self.destroy_node, error)
             raise
+
+    def declare_parameter(self, name: str, value: Any = None, *rest: Any, **options: Any) -> Any:
+        """Note the default of a parameter that rclpy declares for itself."""
+        if not options.get('ignore_override'):  # `RosParameters` declares values, not defaults
+            self._usual.setdefault(name, value)
+        return super().declare_parameter(name, value, *rest, **options)
 
     def get_logger(self) -> Any:
         """Return a logger that escapes unprintable characters in its messages."""

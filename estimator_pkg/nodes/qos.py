@@ -25,9 +25,9 @@ def sensor_data() -> QoSProfile:
     return QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def estimates() -> QoSProfile:
+def estimates(depth: int = KEPT) -> QoSProfile:
     """QoS for outputs: reliable; the queue keeps what a subscriber missed while it connected."""
-    return QoSProfile(depth=KEPT, reliability=ReliabilityPolicy.RELIABLE)
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def latched() -> QoSProfile:

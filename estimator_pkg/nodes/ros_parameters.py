@@ -55,6 +55,10 @@ class RosParameters:
 
     Declare with `declare` and `allow_overrides`, then call `watch` once.
 
+    Parameters
+    ----------
+    usual : defaults of rclpy's own parameters by name, as it declares them.
+
     Attributes
     ----------
     values : checked value by name; None: automatic.
@@ -62,8 +66,8 @@ class RosParameters:
     instead : returns a clause on the observers that have a gain which this one lacks, or ''.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, usual: Mapping[str, Any] | None = None) -> None:
+        self._node, self._usual = node, {} if usual is None else usual
         # Initial values from the command line, parameter files and the constructor.
         self._initial: Values = {
             name: initial.value for name, initial in node._parameter_overrides.items()
@@ -138,10 +142,7 @@ class RosParameters:
         self._node.add_post_set_parameters_callback(self._after_set)
 
     def changed(self) -> str:
-        """Return the names of the parameters that differ from their defaults, as text.
-
-        Parameters of rclpy (the QoS of a topic, use_sim_time) differ if they are set.
-        """
+        """Return the names of the parameters that differ from their defaults, as text."""
         names = [
             name
             for name, value in self._initial.items()
@@ -149,7 +150,7 @@ class RosParameters:
             and (
                 self.values[name] != self._known[name].default
                 if name in self._known
-                else value is not False
+                else value != self._usual.get(name)
             )
         ]
         return f'not the defaults: {", ".join(names)}' if names else 'all parameters are defaults'

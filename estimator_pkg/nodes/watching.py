@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
 from time import monotonic
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.messages.joint_state import Decoder
-from estimator_pkg.ros.observers import LATCHED, STATUS, estimate_topics, observers
+from estimator_pkg.ros.observers import estimate_topics, listen, observers
 
 INTERVAL = 1.959964  # standard deviations of a 95 % interval
 WINDOW = 1.0  # time over which messages are counted [s]
@@ -41,7 +41,6 @@ class Joint:
     rate: float = math.nan
     received: int = 0
     dropped: int = 0
-    arrived: float = field(default=-math.inf)
 
 
 class Watching:
@@ -63,25 +62,21 @@ class Watching:
         self.joints: dict[str, Joint] = {}
         self.faults = ''
         self.count = 0
-        self._topics = ('', '')
-        self._decoders = (Decoder(), Decoder())
+        self._topics: set[str] = set()
         self._times: deque[float] = deque()
         self._heard = monotonic()
-        node.create_subscription(DiagnosticArray, name + STATUS, self._status, LATCHED)
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+        listen(node, name, self._status, self._diagnosed)
         self.look()
 
     def look(self) -> bool:
         """Subscribe to topics that have appeared; return True while the observer is there."""
-        found = estimate_topics(self._node, self.name)
-        for which, (topic, before) in enumerate(zip(found, self._topics)):
-            if topic and not before:
-                take = self._estimate if which == 0 else self._stddev
+        takers = self._estimate, self._stddev
+        for topic, take in zip(estimate_topics(self._node, self.name), takers):
+            if topic and topic not in self._topics:
+                self._topics.add(topic)
                 self._node.create_subscription(
-                    JointState, topic, take, qos_profile_sensor_data, raw=True
+                    JointState, topic, partial(take, Decoder()), qos_profile_sensor_data, raw=True
                 )
-        estimate, stddev = (topic or before for topic, before in zip(found, self._topics))
-        self._topics = estimate, stddev
         return self.name in observers(self._node)
 
     @property
@@ -100,56 +95,40 @@ class Watching:
     def _joint(self, name: str) -> Joint:
         return self.joints.setdefault(name, Joint())
 
-    def _estimate(self, raw: bytes) -> None:
+    def _estimate(self, decoder: Decoder, raw: bytes) -> None:
         try:
-            message = self._decoders[0].decode(raw)
+            message = decoder.decode(raw)
         except MalformedMessageError:
             return
-        self._heard = now = monotonic()
+        self._heard = monotonic()
         self.count += 1
-        self._times.append(now)
+        self._times.append(self._heard)
         for name, position, velocity in zip(message.names, message.positions, message.velocities):
             joint = self._joint(name)
-            joint.position, joint.velocity, joint.arrived = position, velocity, now
+            joint.position, joint.velocity = position, velocity
 
-    def _stddev(self, raw: bytes) -> None:
+    def _stddev(self, decoder: Decoder, raw: bytes) -> None:
         try:
-            message = self._decoders[1].decode(raw)
+            message = decoder.decode(raw)
         except MalformedMessageError:
             return
         for name, sigma in zip(message.names, message.velocities):
             self._joint(name).interval = INTERVAL * sigma
 
-    def _status(self, message: DiagnosticArray) -> None:
+    def _diagnosed(self, text: str) -> None:
         self._heard = monotonic()
-        names = [entry.name for entry in message.status if entry.name != self.name]
-        self.joints = {  # a joint that has expired is in no status
-            name: joint for name, joint in self.joints.items() if name in names or not names
-        }
-        for entry in message.status:
-            self._take(entry.name, entry)
+        self.faults = text
 
-    def _diagnosed(self, message: DiagnosticArray) -> None:
-        for entry in message.status:
-            if entry.name == self.name:
-                self._heard = monotonic()
-                self.faults = entry.message
-            elif entry.name.startswith(f'{self.name}: '):
-                self._take(entry.name.removeprefix(f'{self.name}: '), entry)
-
-    def _take(self, name: str, entry: Any) -> None:
-        values: Mapping[str, str] = {item.key: item.value for item in entry.values}
-        if name == self.name or 'status' not in values:
-            return
-        joint = self._joint(name)
-        joint.state, joint.why = values['status'], values.get('why', '')
-        joint.rate = _number(values.get('rate_hz', ''))
-        joint.received = int(values.get('received', '0') or 0)
-        joint.dropped = joint.received - int(values.get('used', '0') or 0)
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
+    def _status(self, entries: Iterable[Any]) -> None:
+        self._heard = monotonic()
+        joints = {}  # a joint that has expired is in no status
+        for entry in entries:
+            values = {item.key: item.value for item in entry.values}
+            if 'status' not in values:  # of the node
+                continue
+            joint = joints[entry.name] = self._joint(entry.name)
+            joint.state, joint.why = values['status'], values['why']
+            joint.rate = float(values['rate_hz'] or 'nan')
+            joint.received = int(values['received'])
+            joint.dropped = joint.received - int(values['used'])
+        self.joints = joints

@@ -9,17 +9,16 @@ Only ros2doctor imports this module, through the entry points `ros2doctor.checks
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from time import monotonic
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from ros2cli.node.direct import DirectNode
 from ros2doctor.api import DoctorCheck, DoctorReport, Report, Result
 from ros2doctor.api.format import doctor_error
 
-from estimator_pkg.ros.observers import LATCHED, STATUS, observers
+from estimator_pkg.ros.observers import listen, observers
 
 CATEGORY = 'velocity_estimator'
 ESTIMATING = {'tracking', 'coasting'}
@@ -54,36 +53,25 @@ class EstimateReport(DoctorReport):  # type: ignore[misc]  # without ros2cli it 
     def report(self) -> Report:
         """Return the nodes, each with 'estimates' or the reason why not."""
         report = Report('VELOCITY ESTIMATOR NODES')
-        nodes = found()
-        for name, why in nodes.items():
+        for name, why in found().items():
             report.add_to_report('node', name)
             report.add_to_report('estimates', why or 'yes')
-        if not nodes:
+        if not report.items:
             report.add_to_report('node', 'none')
         return report
 
 
 def found() -> dict[str, str]:
     """Return the observer nodes of the graph: name -> '' or why it estimates nothing."""
+    statuses: dict[str, list[Any]] = {}
+    diagnoses: dict[str, str] = {}
     with DirectNode(None) as node:
-        names = observers(node)
         end = monotonic() + DISCOVERY
-        while not names and monotonic() < end:
+        while not (names := observers(node)) and monotonic() < end:
             rclpy.spin_once(node.node, timeout_sec=0.1)
-            names = observers(node)
-        statuses: dict[str, list[Any]] = {}
-        diagnoses: dict[str, str] = {}
-
-        def status_of(name: str) -> Callable[[DiagnosticArray], None]:
-            return lambda message: statuses.update({name: list(message.status)})
-
-        def diagnosed(message: DiagnosticArray) -> None:
-            diagnoses.update({each.name: each.message for each in message.status})
-
         for name in names:
-            node.create_subscription(DiagnosticArray, name + STATUS, status_of(name), LATCHED)
-        if names:
-            node.create_subscription(DiagnosticArray, '/diagnostics', diagnosed, 10)
+            take = (partial(each.__setitem__, name) for each in (statuses, diagnoses))
+            listen(node, name, *take)
         end = monotonic() + PATIENCE
         while not (names <= statuses.keys() & diagnoses.keys()) and monotonic() < end:
             rclpy.spin_once(node.node, timeout_sec=0.1)

@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -31,6 +32,28 @@ def observers(node: Any) -> set[str]:
     }
     names = {topic.removesuffix(STATUS) for topic in publishing}
     return {name for name in names if name + RESET in services}
+
+
+def listen(
+    node: Any, name: str, status: Callable[[Any], None], diagnosed: Callable[[str], None]
+) -> None:
+    """Subscribe to what an observer reports.
+
+    Parameters
+    ----------
+    status : gets the entries of ~/status. diagnosed : gets the observer's text on /diagnostics.
+    """
+
+    def diagnoses(message: DiagnosticArray) -> None:
+        for entry in message.status:
+            if entry.name == name:
+                diagnosed(entry.message)
+
+    def statuses(message: DiagnosticArray) -> None:
+        status(message.status)
+
+    node.create_subscription(DiagnosticArray, name + STATUS, statuses, LATCHED)
+    node.create_subscription(DiagnosticArray, '/diagnostics', diagnoses, 10)
 
 
 def outputs(node: Any, name: str) -> dict[str, list[str]]:

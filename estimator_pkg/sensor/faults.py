@@ -41,7 +41,9 @@ KINDS = (  # name, text with (size, speed before, reading)
     ('toggle', 'the reading alternates by a count ({0:.3g} rad)'),
     ('bit', 'bit {0:.0f} of the counter is stuck: the joint passed it at {1:.3g} rad/s'),
 )
-SHOWN_NS = 5_000_000_000  # time for which a fault stays in the status [ns]
+LASTING = (REVERSED, TOGGLE, STUCK_BIT)  # the counter is wrong until it is repaired
+SHOWN_NS = 5_000_000_000  # time for which a fault stays in the status [ns],
+LASTING_NS = 60_000_000_000  # and one of LASTING [ns]
 
 PAUSE_NS = 300_000_000  # time without a look after an irregular sample time [ns]
 REARMED_AFTER = 8  # readings before a suspicion after it
@@ -212,7 +214,8 @@ def examine_step(faults: EncoderFaults, reading: float, clock: Clock, period: fl
 def examine_window(faults: EncoderFaults, step: float, change: float, odd: bool) -> int:
     """Take a reading of a window; return TOGGLE, STUCK_BIT or NO_FAULT."""
     if faults.window == 0:
-        if step == 0.0 or (faults.settled > SETTLED_WINDOWS and not faults.unusual):
+        known = faults.settled > SETTLED_WINDOWS and faults.counts[TOGGLE] == 0
+        if step == 0.0 or (known and not faults.unusual):
             schedule_window(faults, SOON_NS)
             return NO_FAULT
         faults.unusual = False

@@ -83,14 +83,11 @@ def age_noise(sensor: Sensor, v: float) -> None:
     sensor.noise_bound = age if sensor.noise_bound < age else sensor.noise_bound
 
 
-def follow_sensor(
-    sensor: Sensor, step: float, counted: float, dt: float, quantum: float, believed: float
-) -> None:
+def follow_sensor(sensor: Sensor, step: float, dt: float, quantum: float, believed: float) -> None:
     """Take a reading that moved by `step` [rad] in `dt` [s].
 
     Parameters
     ----------
-    counted : the step as read, without a correction of the reading [rad].
     quantum : to reckon with from now on [rad].
     believed : readings since one that was not; 3 or more: that is in no third difference.
 
@@ -132,7 +129,7 @@ def follow_sensor(
     if step == 0.0:
         sensor.since += dt
     else:
-        sensor.size, sensor.since = abs(counted), 0.0
+        sensor.size, sensor.since = abs(step), 0.0
 
 
 def vibration(sensor: Sensor) -> float:

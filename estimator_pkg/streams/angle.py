@@ -341,7 +341,7 @@ class AngleStream(Stream):
         if isinstance(self.source, FieldSamples) and self.bank.empty == received:
             return self.source.why_none(topic)
         for count, why in (
-            (self.bank.empty, 'has a position there'),
+            (self.bank.empty, 'has a position there (observers need positions, not velocities)'),
             (self.bank.mismatched, 'has as many positions as names'),
         ):
             if count == received:

@@ -21,7 +21,7 @@ from estimator_pkg.streams.arrays import Estimated, patterns
 from estimator_pkg.streams.contract import Answer, Answers, Output, Stream
 
 ACCELERATION = Output('acceleration', trajectory.TYPE, on_demand=True)
-UNKNOWN = (math.nan, math.nan)  # standard deviations where there is no estimate
+NO_STDDEV = (math.nan, math.nan)  # standard deviations where there is no estimate
 
 
 class Answering:
@@ -75,7 +75,7 @@ class Answering:
                 efforts,
             )
         if stream.wanted[1]:
-            pairs = [UNKNOWN] * len(names)
+            pairs = [NO_STDDEV] * len(names)
             for k, pair in zip(shown, taken.stddevs(shown)):
                 pairs[k] = pair
             answer[1] = self._stddev.encode(

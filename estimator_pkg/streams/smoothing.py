@@ -16,7 +16,7 @@ from estimator_pkg.driver.bank import TakenOfJoints
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.joint_state import Encoder
-from estimator_pkg.observers.angle.smoother import UNKNOWN, Smoother
+from estimator_pkg.observers.angle.smoother import NO_RESULT, Smoother
 from estimator_pkg.sensor.guard import DUPLICATE, USED_SAMPLE
 from estimator_pkg.streams.contract import Answer, Output, Stream
 
@@ -122,7 +122,7 @@ class Smoothing:
         velocities, of_positions, of_velocities = [], [], []
         for k, smoother in enumerate(smoothers):
             position, velocity, of_position, of_velocity = (
-                UNKNOWN if smoother is None else smoother.result()
+                NO_RESULT if smoother is None else smoother.result()
             )
             if velocity == velocity:
                 positions[k] = position

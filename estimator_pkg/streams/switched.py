@@ -23,7 +23,7 @@ from estimator_pkg.streams.contract import Answer, Output, Port
 from estimator_pkg.streams.driven import DrivenStream, EffortSettings
 from estimator_pkg.streams.sources import Sample
 
-EVENTS = Port('switch_event', JOINT_STATE, answered=False, optional=True)
+SWITCH_EVENT = Port('switch_event', JOINT_STATE, answered=False, optional=True)
 DISCRETE = Output('discrete_state', JOINT_STATE)
 
 
@@ -77,7 +77,7 @@ class SwitchedStream(DrivenStream):
             OBSERVER,
             bank,
             bank.orders,
-            events=[EVENTS],
+            events=[SWITCH_EVENT],
             outputs=[DISCRETE, *([ACCELERATION] if accelerates else [])],
         )
         self._decode_event, self._encode_discrete = Decoder().decode, Encoder().encode
@@ -154,5 +154,6 @@ class SwitchedStream(DrivenStream):
             if kind in REFUSED:
                 warnings.append(f'{count} switching events were not used: {kind.replace("_", " ")}')
         if not self.topics[1]:
-            warnings.append(f'{path} has no message on /{EVENTS.topic}: the system never switches')
+            topic = SWITCH_EVENT.topic
+            warnings.append(f'{path} has no message on /{topic}: the system never switches')
         return warnings

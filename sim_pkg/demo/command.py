@@ -10,30 +10,34 @@ import contextlib
 import json
 import math
 import os
+import shlex
+import shutil
+import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.cli import INTERRUPTED, Command
 from estimator_pkg.cli import main as velocity_estimator
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.evaluation.text import interval
+from estimator_pkg.evaluation.text import interval, wrapped
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.printable import show
 from estimator_pkg.ros.domain import free_domain
 from estimator_pkg.ros.runtime import prepare_environment
 from estimator_pkg.streams.angle import AngleSettings
-from estimator_pkg.watch import wrapped
+from sim_pkg.demo.listener import ESTIMATE, MEASURED, OBSERVER, TOPICS, Listener
+
+if TYPE_CHECKING:
+    from sim_pkg.demo.processes import Child
 
 COUNTS = 4096
 RATE = 500  # samples per second
+EXAMPLE = Path('bags/dfki_double_pendulum/sys_id_500hz')  # in the folder of the sources
 PATIENCE = 20.0  # longest wait for the first estimate [s]
-MEASURED, TRUTH = '/joint_states', '/ground_truth/joint_states'
-OBSERVER = '/joint_observer'
-ESTIMATE, STDDEV = f'{OBSERVER}/estimate', f'{OBSERVER}/estimate_stddev'
 DIFFERENCE = 'finite_difference'
 # Standstill, slow motion across the counts, and fast motion through the wraps, both ways.
 MOTION = {
@@ -100,7 +104,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 str(bag),
                 *('--estimate', ESTIMATE),
                 *('--observer', DIFFERENCE),
-                *('--skip', '1'),
+                *('--from', '1'),
                 *('--plot', str(plot)),
                 *('--json', str(found)),
             ]
@@ -108,7 +112,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         said = verdict(json.loads(found.read_text()), parsed.observer) if code == 0 else ''
     show('', f'bag   {bag}')
     if said:
-        show(f'plot  {plot}', '', *wrapped(said))
+        show(f'plot  {plot}', '', *wrapped(said), '', 'Next:', *following(bag))
     return {
         'ok': code == 0 and count > 0,
         'interrupted': code > INTERRUPTED,
@@ -146,34 +150,46 @@ def verdict(result: Mapping[str, Any], observer: str) -> str:
     )
 
 
+def following(bag: Path) -> list[str]:
+    """Return the commands from here to a node with its own gains, for two terminals.
+
+    Parameters
+    ----------
+    bag : recording of the demo, for a folder without recordings of robots.
+    """
+    name, topics = str(EXAMPLE), ''
+    if not EXAMPLE.is_dir():  # the bag of the demo has estimates, too
+        name, topics = shlex.quote(str(bag)), f' --topics {MEASURED}'
+    activate, ros = [], ''
+    script = Path(sys.prefix, 'bin', 'activate')
+    if os.environ.get('VIRTUAL_ENV') != sys.prefix and script.is_file():
+        activate = [f'. {shlex.quote(os.path.relpath(script))}']
+    elif not shutil.which('joint_observer'):  # ROS has the executables
+        ros = 'ros2 run velocity_estimator '
+    commands = [
+        *activate,
+        f'{ros}velocity_estimator doctor {name} --out my_robot.yaml',
+        f'{ros}joint_observer --ros-args --params-file my_robot.yaml -p use_sim_time:=true',
+        '# in a second terminal',
+        *activate,
+        f'{ros}velocity_estimator play {name}{topics} --clock --loop',
+    ]
+    return [f'    {each}' for each in commands]
+
+
 def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str]) -> int:
     """Start the processes, show their values, end them; return the number of estimates."""
     from sim_pkg.demo.processes import Child
 
-    ros = ['--ros-args']
-    for key, value in (MOTION | {'duration': parsed.duration + PATIENCE}).items():
-        ros += ['-p', f'{key}:={value}']
+    nodes = 'estimator_pkg.nodes.executables', 'sim_pkg.nodes.executables'
+    quantum = {'quantum': 2.0 * math.pi / COUNTS, 'observer': parsed.observer}
+    motion = MOTION | {'duration': parsed.duration + PATIENCE}
     with contextlib.ExitStack() as stack:
         children = []
         for name, module, words in (
-            (
-                'joint_observer',
-                'estimator_pkg.nodes.executables',
-                [
-                    'joint_observer',
-                    '--ros-args',
-                    '-p',
-                    f'quantum:={2.0 * math.pi / COUNTS}',
-                    '-p',
-                    f'observer:={parsed.observer}',
-                ],
-            ),
-            (
-                'record',
-                'estimator_pkg.cli',
-                ['record', MEASURED, TRUTH, ESTIMATE, STDDEV, '--out', str(bag)],
-            ),
-            ('encoder_sim', 'sim_pkg.nodes.executables', ['encoder_sim', *ros]),
+            ('joint_observer', nodes[0], _ros('joint_observer', quantum)),
+            ('record', 'estimator_pkg.cli', ['record', *TOPICS, '--out', str(bag)]),
+            ('encoder_sim', nodes[1], _ros('encoder_sim', motion)),
         ):
             with interrupts.held():  # else it might leave a process that nobody ends
                 child = Child(name, module, words, environment)
@@ -182,47 +198,52 @@ def _watch(parsed: argparse.Namespace, bag: Path, environment: dict[str, str]) -
         return _show(parsed, children)
 
 
-def _show(parsed: argparse.Namespace, children: list) -> int:
+def _ros(executable: str, parameters: Mapping[str, Any]) -> list[str]:
+    """Return the words that start a node with these parameters."""
+    pairs = (('-p', f'{key}:={value}') for key, value in parameters.items())
+    return [executable, '--ros-args', *(word for pair in pairs for word in pair)]
+
+
+def _show(parsed: argparse.Namespace, children: list[Child]) -> int:
     """Show the table until the time is up; return the number of estimates."""
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
     from estimator_pkg.nodes.watching import Watching
-    from sim_pkg.demo.listener import Topics, listen
+    from estimator_pkg.ros.runtime import make_executor
     from sim_pkg.demo.table import FRAME, Display
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # signals stay ours
     try:
-        topics = Topics()
-        node, spin = listen(
-            topics, measured=MEASURED, truth=TRUTH, estimate=ESTIMATE, stddev=STDDEV
-        )
-        watching = Watching(node, OBSERVER)
-        title = f'encoder_sim: {COUNTS} counts at {RATE} Hz  ->  joint_observer: {parsed.observer}'
-        with Display(title) as display:
-            begun, started, frame = time.monotonic(), math.inf, 0.0
-            while time.monotonic() < started + parsed.duration:
+        node, executor = rclpy.create_node('demo'), make_executor()
+        executor.add_node(node)
+        listener, watching = Listener(node), Watching(node, OBSERVER)
+        show(f'encoder_sim: {COUNTS} counts at {RATE} Hz  ->  joint_observer: {parsed.observer}')
+        display = Display()
+        with display:
+            begun = frame = time.monotonic()
+            started = math.inf
+            while (now := time.monotonic()) < started + parsed.duration:
                 with interrupts.gently():  # rclpy prints what is raised in a callback
-                    spin(FRAME / 4.0)
+                    executor.spin_once(timeout_sec=FRAME / 4.0)
                 if interrupts.came():
                     raise KeyboardInterrupt
-                now = time.monotonic()
                 if now < frame:
                     continue
                 frame = now + FRAME
                 for child in children:
                     child.check()
                 watching.look()
-                moment = topics.snapshot()
+                moment = listener.snapshot()
                 if moment is not None:
                     started = min(started, now)
-                    display.show(moment, watching.joints)
+                    display.frame(moment, watching.joints)
                 elif now > begun + PATIENCE:
                     raise UserError(
                         f'no estimate within {PATIENCE:g} s; last line of the observer: '
                         f'{children[0].last_line()}'
                     )
-        return topics.count
+        return listener.count
     finally:
         rclpy.try_shutdown()
 

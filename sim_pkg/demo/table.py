@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
 from estimator_pkg.nodes.watching import Joint
-from estimator_pkg.printable import printable
 from estimator_pkg.watch import Screen, table
 from sim_pkg.demo.listener import Snapshot
 
@@ -22,77 +21,46 @@ BARS = ' ▁▂▃▄▅▆▇█'
 TRACE = 36  # columns of the traces, one per frame
 FRAME = 0.1  # time between two frames of the table [s]
 ERROR_SPAN = 1.0  # full scale of the error traces [rad/s]
-LINE_PERIOD = 1.0  # time between lines without a terminal [s]
 
 
-class Display:
-    """Shows snapshots; used as a context manager.
+class Display(Screen):
+    """Shows snapshots; used as a context manager."""
 
-    Parameters
-    ----------
-    title : one line above the table.
-    """
+    def __init__(self, console: Console | None = None) -> None:
+        super().__init__(console)
+        self._past: deque[Snapshot] = deque(maxlen=TRACE)
 
-    def __init__(self, title: str, console: Console | None = None) -> None:
-        self._screen = Screen(0.0, console)
-        self._title = printable(title)
-        self._traces = {
-            name: deque([0.0] * TRACE, maxlen=TRACE) for name in ('truth', 'difference', 'error')
-        }
-        self._next_line = 0.0
-
-    def __enter__(self) -> Display:
-        self._screen.__enter__()
-        self._screen.show(self._waiting(), lambda: self._title)
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        self._screen.__exit__(*problem)
-
-    def show(self, moment: Snapshot, joints: Mapping[str, Joint] | None = None) -> None:
-        """Show this snapshot; without a terminal at most about one per second.
-
-        Parameters
-        ----------
-        joints : what the observer says of its joints, see `estimator_pkg.nodes.watching`.
-        """
-        if self._screen.moves:
-            self._traces['truth'].append(moment.true_velocity)
-            self._traces['difference'].append(moment.finite_difference - moment.true_velocity)
-            self._traces['error'].append(moment.error)
-        elif moment.seconds < self._next_line:
-            return
-        self._next_line = moment.seconds + LINE_PERIOD
-        self._screen.show(self._table(moment, joints or {}), lambda: line(moment))
-
-    def _waiting(self) -> Text:
-        return Text(f'{self._title}\nwaiting for the first estimate ...')
+    def frame(self, moment: Snapshot, joints: Mapping[str, Joint]) -> None:
+        """Show a snapshot, and what the observer reports of its joints."""
+        self._past.append(moment)
+        self.show(self._table(moment, joints), line(moment))
 
     def _table(self, moment: Snapshot, joints: Mapping[str, Joint]) -> Group:
-        span = max(1.0, *(abs(value) for value in self._traces['truth']))
+        span = max(1.0, *(abs(each.true_velocity) for each in (moment, *self._past)))
         compared = Table(box=None, pad_edge=False)
         compared.add_column('')
         compared.add_column('now, rad/s', justify='right', width=10)
         compared.add_column(f'last {TRACE * FRAME:.0f} s', width=TRACE)
         compared.add_column('')
-        for name, now, trace in (
-            ('true velocity', f'{moment.true_velocity:+.3f}', 'truth'),
-            ('difference', _shown(moment.finite_difference, '+.3f'), 'difference'),
-            ('estimate', f'{moment.velocity:+.3f}', 'error'),
-            ('  its error', f'{moment.error:+.3f}', ''),
+        compared.add_row(
+            'true velocity',
+            f'{moment.true_velocity:+.3f}',
+            sparkline((each.true_velocity for each in self._past), span),
+            f'+-{span:.0f}',
+        )
+        for name, now, errors, style in (
+            ('difference', moment.difference, (e.difference_error for e in self._past), ''),
+            ('estimate', moment.velocity, (e.error for e in self._past), 'bold green'),
         ):
-            full = span if trace == 'truth' else ERROR_SPAN
+            bars = sparkline(errors, ERROR_SPAN)
             compared.add_row(
-                name,
-                now,
-                sparkline(self._traces[trace], full) if trace else '',
-                f'{"" if trace == "truth" else "error "}+-{full:.0f}' if trace else '',
-                style='bold green' if name == 'estimate' else '',
+                name, _shown(now, '+.3f'), bars, f'error +-{ERROR_SPAN:.0f}', style=style
             )
+        compared.add_row('  its error', f'{moment.error:+.3f}')
         return Group(
-            Text(self._title, style='bold', no_wrap=True),
-            Text(f't {moment.seconds:.1f} s, {moment.messages} estimates', style='dim'),
-            Text(f'\n{table(joints)}\n' if joints else '', no_wrap=True),
+            Text(f't {moment.seconds:.1f} s, {moment.messages} estimates\n', style='dim'),
+            table(joints),
+            Text(),
             compared,
         )
 
@@ -102,7 +70,7 @@ def line(moment: Snapshot) -> str:
     return (
         f't {moment.seconds:5.2f} s  angle {moment.angle:+.4f} rad  '
         f'true {moment.true_velocity:+8.3f}  finite difference '
-        f'{_shown(moment.finite_difference, "+8.3f")}  estimate {moment.velocity:+8.3f} '
+        f'{_shown(moment.difference, "+8.3f")}  estimate {moment.velocity:+8.3f} '
         f'+- {_shown(moment.stddev, ".3f")}  error {moment.error:+.3f} rad/s'
     )
 
@@ -112,13 +80,10 @@ def _shown(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else '-'
 
 
-def sparkline(values: deque[float], span: float) -> str:
+def sparkline(values: Iterable[float], span: float) -> str:
     """Return values in [-span, span] as one line of bars; nan is a blank."""
-    marks = []
-    for value in values:
-        if not math.isfinite(value):
-            marks.append(' ')
-            continue
-        part = min(max(0.5 + 0.5 * value / span, 0.0), 1.0)
-        marks.append(BARS[round(part * (len(BARS) - 1))])
-    return ''.join(marks)
+    most = len(BARS) - 1
+    return ''.join(
+        BARS[round(min(max(0.5 + 0.5 * value / span, 0.0), 1.0) * most)] if value == value else ' '
+        for value in values
+    )

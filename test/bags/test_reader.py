@@ -414,6 +414,14 @@ def test_messages_compressed_otherwise_are_refused(tmp_path):
         open_bag(path)
 
 
+def test_a_renamed_folder_is_read(tmp_path, capsys):
+    messages = make.content()
+    path = make.ours(tmp_path / 'bag', messages)
+    next(path.glob('*.mcap')).rename(path / 'other_0.mcap')
+    assert read(path.rename(tmp_path / 'other')) == messages
+    assert capsys.readouterr().err == ''
+
+
 def test_a_missing_file_of_a_split_bag_is_named(tmp_path, capsys):
     messages = make.content()
     path = make.KINDS['mcap split'](tmp_path / 'bag', messages)

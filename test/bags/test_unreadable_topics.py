@@ -3,6 +3,7 @@
 
 """Topics that no command can read: other serialisations, malformed messages. One line, exit 1."""
 
+import math
 import shlex
 import sqlite3
 
@@ -223,3 +224,66 @@ def test_some_malformed_messages_are_counted_aloud(tmp_path, capsys):
     said = capsys.readouterr().err
     assert f"6 of {COUNT} messages of '{STATES}' of {path} are malformed and are skipped" in said
     assert f"6 of {COUNT} messages of '{TRUTH}' of {path} are malformed and are skipped" in said
+
+
+# ---------------------------------------------------------------- recorders of others
+
+
+def recorded(path, kind, encoding, schema, raws):
+    """An MCAP file of another recorder, with one topic."""
+    with open(path, 'wb') as stream:
+        writer = make.McapWriter(stream)
+        writer.start('', 'a test')
+        channel = writer.register_channel('/angle', encoding, writer.register_schema(kind, *schema))
+        for number, raw in enumerate(raws):
+            now = START + number * 4_000_000
+            writer.add_message(channel, now, raw, now)
+        writer.finish()
+    return str(path)
+
+
+def asked(bag, tmp_path, *words):
+    """The commands that read an angle."""
+    out = ['--out', str(tmp_path / 'tuned.yaml')]
+    return [
+        ['doctor', bag, *words],
+        ['evaluate', bag, '--observer', 'pll', *words],
+        ['replay', bag, *words],
+        ['tune', bag, '--observer', 'pll', '--trials', '1', *out, *words],
+    ]
+
+
+@pytest.mark.parametrize('schema', [('ros2msg', b'float64 data\n'), ('', b'')])
+def test_a_type_without_msg_in_its_name_is_read(schema, tmp_path, capsys):
+    kind = 'std_msgs/msg/Float64'
+    number = make.STORE.types[kind]
+    raws = [
+        bytes(make.STORE.serialize_cdr(number(data=math.sin(0.02 * i)), kind)) for i in range(1500)
+    ]
+    bag = recorded(tmp_path / 'bag.mcap', 'std_msgs/Float64', 'cdr', schema, raws)
+    for words in asked(bag, tmp_path, '--angle', '/angle:data'):
+        assert cli.main(words) == 0, words
+    capsys.readouterr()
+    assert '--angle /angle:data' in refused(['doctor', bag], capsys)
+
+
+@pytest.mark.parametrize(
+    'kind, encoding', [('a.B', 'json'), ('a.B', 'protobuf'), ('sensor_msgs/JointState', 'ros1')]
+)
+def test_a_file_of_another_format_is_refused_at_once(kind, encoding, tmp_path, capsys):
+    bag = recorded(tmp_path / 'bag.mcap', kind, encoding, ('', b''), [b'{"data": 1}'] * 50)
+    for words in asked(bag, tmp_path):
+        assert f"its messages are '{encoding}', and ROS 2 needs CDR" in refused(words, capsys)
+
+
+def test_joint_states_without_positions_say_so(tmp_path, capsys):
+    bag = bag_of(tmp_path / 'bag', {STATES: (TYPE, speeds)}, ())
+    doctor, evaluate, replay, tune = asked(str(bag), tmp_path)
+    for words in (doctor, evaluate[:2], tune):
+        assert f'{STATES} has velocities but no positions' in refused(words, capsys)
+    assert cli.main(replay) == 1
+    assert 'observers need positions, not velocities' in capsys.readouterr().err
+
+
+def speeds(i):
+    return Encoder().encode(START + i * 10**7, '', ['a'], [], [0.1 * i])

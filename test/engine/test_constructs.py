@@ -14,6 +14,7 @@ import pytest
 from engine_build import bits, build, write
 
 from estimator_pkg.engine.prelude import MATH, TESTS
+from estimator_pkg.engine.translate import Entry, translate
 
 FLOATS = [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 1.5, 2.5, -2.5, 0.1, math.pi, 1e16, 4503599627370497.5]
 FLOATS += [1e308, -1e308, 5e-324, -5e-324, 2.2e-308, math.inf, -math.inf, math.nan, 700.0]
@@ -231,3 +232,14 @@ def test_plain_and_c_are_equal(both, name):
         assert bits(c(*arguments)) == bits(expected), arguments
         compared += 1
     assert compared > 1
+
+
+@pytest.mark.parametrize('line, call', [('from ..b import c', 'c'), ('from .. import b', 'b.c')])
+def test_relative_imports_are_followed(tmp_path, line, call):
+    (tmp_path / 'a' / 'd').mkdir(parents=True)
+    head = f'{line}\n\n\ndef e(x: float) -> float:\n    return {call}(x)\n'
+    texts = {'__init__': '', 'b': 'def c(x: float) -> float:\n    return 2.0 * x\n'}
+    texts |= {'d/__init__': '', 'd/e': head}
+    for name, text in texts.items():
+        (tmp_path / 'a' / f'{name}.py').write_text(text)
+    assert 'return 2.0 * x;' in translate([Entry('a.d.e', 'e', {}, 'e')], tmp_path)

@@ -13,7 +13,7 @@ import pytest
 from engine_build import WARNINGS, build, write
 
 from estimator_pkg.engine import calls, sources
-from estimator_pkg.engine.entries import ENTRIES
+from estimator_pkg.engine.entries import entries, installed
 from estimator_pkg.engine.load import PACKAGE, load
 from estimator_pkg.engine.translate import translate
 
@@ -107,10 +107,14 @@ def test_the_library_of_somebody_else_is_refused(tmp_path):
     assert 'undefined symbol: velocity_estimator_digest' in reason
 
 
+def test_the_package_is_installed_with_its_engine():
+    library, reason = load()
+    assert library is not None, reason
+
+
 @pytest.fixture(scope='module')
 def text():
-    """Loudly: where a user installs, a failure of the translation is a warning."""
-    return translate(ENTRIES, PACKAGE.parent)
+    return translate(entries(installed(), PACKAGE.parent), PACKAGE.parent)
 
 
 @pytest.mark.long
@@ -125,7 +129,7 @@ def text():
 def test_the_engine_of_the_package_compiles_without_a_warning(text, tmp_path, compiler):
     if shutil.which(compiler.split()[0]) is None:
         pytest.skip(f'needs {compiler}')
-    assert all(f' {entry.name}(' in text for entry in ENTRIES)
+    assert all(f' {entry.name}(' in text for entry in entries(installed(), PACKAGE.parent))
     (tmp_path / 'engine.c').write_text(text)
     command = [*compiler.split(), *WARNINGS, 'engine.c']
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)

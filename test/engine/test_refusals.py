@@ -5,6 +5,8 @@
 
 import pytest
 
+from estimator_pkg.engine.entries import MODELS, OBSERVERS
+from estimator_pkg.engine.entries import entries as every
 from estimator_pkg.engine.sources import RefusedError
 from estimator_pkg.engine.translate import Entry, translate
 
@@ -372,3 +374,10 @@ def test_an_entry_is_refused(tmp_path, name):
     with pytest.raises(RefusedError) as caught:
         translate([Entry(*entry) for entry in entries], tmp_path)
     assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize('value', ['nowhere:OBSERVER', 'tiny:OBSERVER'])
+def test_an_entry_point_to_nothing_is_refused(tmp_path, value):
+    (tmp_path / 'tiny.py').write_text(DRIVER)
+    with pytest.raises(RefusedError, match=f"setup.py:1: entry point 'mine = {value}' names no"):
+        every({OBSERVERS: [f'mine = {value}'], MODELS: []}, tmp_path)

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The C text of all other tests here, once under the sanitizers of gcc."""
+"""The engine, and the C text of the other tests here, under the sanitizers of gcc."""
 
 import os
 import shutil
@@ -11,30 +11,52 @@ from pathlib import Path
 
 import pytest
 
+from estimator_pkg.engine.entries import entries, installed
+from estimator_pkg.engine.load import PACKAGE
+from estimator_pkg.engine.translate import FLAGS, translate
 
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which('gcc') is None, reason='needs gcc')
-def test_nothing_is_undefined_and_no_memory_is_touched_beyond_its_end():
+TEST = Path(__file__).parents[1]
+SANITIZERS = ['-fsanitize=address,undefined,float-cast-overflow', '-fno-sanitize-recover=all']
+UNREACHABLE = 'geso_model_estimator_pkg_models_two_links'  # geso refuses a model without Psi
+
+
+def sanitized(*command, **variables):
+    """Run Python with the runtime of the address sanitizer; return what it prints."""
     find = ['gcc', '-print-file-name=libasan.so']
     asan = subprocess.run(find, capture_output=True, text=True, check=True).stdout.strip()
     if not Path(asan).is_absolute():
         pytest.skip('gcc has no libasan here')
-    environment = {
-        **os.environ,
-        'LD_PRELOAD': asan,
-        'ASAN_OPTIONS': 'detect_leaks=0',
-        'ENGINE_TEST_CFLAGS': '-fsanitize=undefined,address,float-cast-overflow '
-        '-fno-sanitize-recover=all',
-    }
-    tests = [
-        Path(__file__).with_name(f'test_{name}.py')
-        for name in ('constructs', 'records', 'random', 'kalman')
-    ]
+    variables |= {'LD_PRELOAD': asan, 'ASAN_OPTIONS': 'detect_leaks=0', 'PYTHONMALLOC': 'malloc'}
     done = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *map(str, tests)],
+        [sys.executable, *map(str, command)],
         capture_output=True,
         text=True,
-        env=environment,
-        cwd=Path(__file__).parents[2],
+        env={**os.environ, **variables},
+        cwd=TEST.parent,
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done.stdout
+
+
+pytestmark = pytest.mark.skipif(shutil.which('gcc') is None, reason='needs gcc')
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('runs', [1, pytest.param(10, marks=pytest.mark.slow)])
+def test_random_streams_through_the_whole_engine_are_clean(runs, tmp_path):
+    root = PACKAGE.parent
+    every = entries(installed(), root)
+    (tmp_path / 'engine.c').write_text(translate(every, root))
+    command = ['gcc', *FLAGS, '-O0', '-g1', *SANITIZERS, '-fPIC', '-shared', 'engine.c', '-lm']
+    subprocess.run([*command, '-o', 'engine.so'], cwd=tmp_path, check=True)
+    script = TEST / 'support' / 'engine_streams.py'
+    called = sanitized(script, tmp_path / 'engine.so', runs, PYTHONPATH=str(script.parent))
+    assert {each.name for each in every if UNREACHABLE not in each.name} == {*called.split()}
+
+
+@pytest.mark.slow
+def test_the_small_modules_of_other_tests_are_clean():
+    files = 'engine/test_constructs', 'engine/test_records', 'engine/test_random'
+    paths = [TEST / f'{file}.py' for file in (*files, 'observers/angle/test_kalman')]
+    words = '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *paths
+    assert '[100%]' in sanitized(*words, ENGINE_TEST_CFLAGS=' '.join(SANITIZERS))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from estimator_pkg.cli import main
-from estimator_pkg.evaluation.text import wrapped
+from estimator_pkg.evaluation.text import markdown, table, wrapped
 from estimator_pkg.evaluation.tuning import output
 
 WIDTH = 80  # columns, as the documents promise
@@ -76,3 +76,9 @@ def test_gains_that_do_not_fit_the_table_are_below_it():
     assert max(map(len, lines)) <= WIDTH
     assert lines[1].split() == ['all', 'joints', 'tuned', '0.1', '0.2', '0.3', '0.4']
     assert gains in ' '.join(' '.join(lines[2:]).split())
+
+
+@pytest.mark.parametrize('form', [table, markdown])
+def test_a_column_without_a_value_is_left_out(form):
+    shown = form(('name', 'rms', 'delay'), [('-', '0.1', '-'), ('-', '-', '-')])
+    assert 'rms' in shown and 'delay' not in shown

@@ -24,7 +24,7 @@ from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.engine.entries import OF_AN_ANGLE
+from estimator_pkg.evaluation.entries import angle_observers
 from estimator_pkg.export import folder, vectors
 from estimator_pkg.export.header import exported
 from estimator_pkg.sensor.guard import DUPLICATE
@@ -55,7 +55,7 @@ void run(int64_t n, const int64_t *stamps, const double *angles, double *out, in
 """
 RECORDINGS = Path(__file__).parents[2] / 'bags'
 SETTINGS = ({}, {'unwrap': True}, {'wrap_period': 0.0}, {'quantum': 0.001, 'gap_max': 0.01})
-EACH = pytest.mark.parametrize('name', OF_AN_ANGLE)
+EACH = pytest.mark.parametrize('name', angle_observers())
 
 
 def made(name, values=None, float32=False):

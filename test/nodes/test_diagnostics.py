@@ -12,6 +12,8 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from estimator_pkg import streams
+
 ROOT = Path(__file__).resolve().parents[2]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -83,6 +85,9 @@ def group_of(name):
 def test_the_aggregator_groups_every_entry(entries):
     for name in {each.name for each in entries['/diagnostics']}:
         assert group_of(name) == (['Simulators'] if '_sim' in name else ['Observers']), name
-    for kind in ('mechanical', 'adaptive', 'switched', 'pmsm'):
-        assert group_of(f'/{kind}_observer') == ['Observers']
     assert not group_of('/camera: frequency')
+
+
+@pytest.mark.parametrize('node', [stream.NODE for stream in streams.every()])
+def test_the_aggregator_groups_every_observer(node):
+    assert group_of(f'/{node}') == group_of(f'/left/{node}: elbow') == ['Observers']

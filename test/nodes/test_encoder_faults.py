@@ -30,7 +30,7 @@ def readings():
 
 
 def test_each_fault_is_named_and_covered(probe):
-    words = dds.ros_args(remap=('__ns:=/e', '__node:=o'))
+    words = dds.ros_args('timeout:=60.0', remap=('__ns:=/e', '__node:=o'))  # notes are kept
     deviations, decode = [], Decoder().decode
     with (
         dds.NodeProcess(MODULE, *words) as process,

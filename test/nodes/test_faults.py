@@ -47,6 +47,13 @@ def test_the_remedy_comes_before_a_list_of_joints():
     ) and text.endswith(f'; it carries {", ".join(joints[3:])})')
 
 
+def test_what_is_dropped_has_its_number_and_that_of_all():
+    drops = [text for text in faults.TEXTS.values() if 'dropped' in text]
+    assert len(drops) == 7
+    for text in drops:
+        assert text.startswith('{count} of {received} '), text
+
+
 def test_ever_new_names_are_not_kept_and_two_publishers_of_a_joint_are_found(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(faults, 'monotonic', lambda: now[0])

@@ -96,6 +96,8 @@ def test_a_launch_file_starts_the_node_of_its_name(name):
 def test_every_input_topic_has_an_argument(stream):
     _, keywords = call_in(stream.NODE)
     assert set(keywords['inputs']) == topics_of(stream)
+    named = {name for name in declared(stream.SETTINGS) if name.endswith('_topic')}
+    assert {name for name, _ in keywords.get('parameters', {}).values()} == named
 
 
 # Executed
@@ -103,16 +105,19 @@ def test_every_input_topic_has_an_argument(stream):
 
 @pytest.fixture
 def prefix(tmp_path, monkeypatch):
-    """The installed package where launch looks for it: pip has the executables in bin."""
+    """The installed package alone where launch looks for it: pip has the executables in bin."""
     for name in ('launch', 'launch_ros', 'launch_xml'):
         pytest.importorskip(name, reason=f'{name} is part of ROS 2, PyPI does not have it')
     from ament_index_python.packages import get_package_prefix
 
     installed = Path(get_package_prefix('velocity_estimator'))
     if not (installed / 'lib' / 'velocity_estimator').is_dir():
-        (tmp_path / 'lib').mkdir()
-        (tmp_path / 'lib' / 'velocity_estimator').symlink_to(installed / 'bin')
-        (tmp_path / 'share').symlink_to(installed / 'share')
+        index = 'share/ament_index/resource_index/packages/velocity_estimator'
+        for place in ('lib/velocity_estimator', 'share/velocity_estimator', index):
+            (tmp_path / place).parent.mkdir(parents=True)
+            (tmp_path / place).symlink_to(
+                installed / place.replace('lib/velocity_estimator', 'bin')
+            )
         monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}:{os.environ["AMENT_PREFIX_PATH"]}')
     return monkeypatch
 
@@ -126,8 +131,9 @@ def declared_arguments(file):
 
 def test_arguments_as_launch_lists_them(prefix):
     for name in nodes():
-        own = set(call_in(name)[1].get('inputs', ()))
-        own |= {'estimate'} if own else set()
+        keywords = call_in(name)[1]
+        own = {*keywords.get('inputs', ()), *keywords.get('parameters', ())}
+        own |= {*keywords.get('outputs', ['estimate'])} if own else set()
         assert declared_arguments(f'{name}.launch.py') == ARGUMENTS | own
     shared = {'params_file', 'joint_states', 'estimate', 'respawn', 'log_level'}
     assert declared_arguments('joint_observer.launch.xml') == shared
@@ -205,15 +211,20 @@ def test_every_node_is_in_a_run():
     assert files == COMBINED
 
 
+def launching(prefix, folder, launched):
+    """The process that executes these launch files."""
+    (folder / 'launch_all.py').write_text(LAUNCH)
+    words = ' , '.join(' '.join((str(FOLDER / file), *rest)) for file, *rest in launched).split()
+    prefix.setenv('PYTHONPATH', f'{folder}:{os.environ.get("PYTHONPATH", "")}')
+    return dds.NodeProcess('launch_all', *words)
+
+
 @pytest.mark.parametrize('run', RUNS)
 def test_every_launch_file_is_executed(run, prefix, probe, tmp_path):
     """Each simulator with its observer, so each node's own file; then the files that combine."""
     from sensor_msgs.msg import JointState
 
     launched, topics = RUNS[run]
-    (tmp_path / 'launch_all.py').write_text(LAUNCH)
-    words = ' , '.join(' '.join((str(FOLDER / file), *rest)) for file, *rest in launched).split()
-    prefix.setenv('PYTHONPATH', f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}')
     awaited = set(topics)
 
     def heard(topic):
@@ -226,7 +237,7 @@ def test_every_launch_file_is_executed(run, prefix, probe, tmp_path):
     subscriptions = [
         probe.node.create_subscription(JointState, topic, heard(topic), 10) for topic in topics
     ]
-    with dds.NodeProcess('launch_all', *words) as process:
+    with launching(prefix, tmp_path, launched) as process:
         probe.until(lambda: not awaited or not process.alive)
         process.signal(signal.SIGINT)
         assert process.ends() == 0, process.output
@@ -234,3 +245,16 @@ def test_every_launch_file_is_executed(run, prefix, probe, tmp_path):
         probe.node.destroy_subscription(subscription)
     assert not awaited, process.output
     assert 'process has died' not in process.output
+
+
+def test_wheels_take_the_gyro_of_the_argument_else_that_of_the_file(prefix, probe, tmp_path):
+    file, wheels = tmp_path / 'base.yaml', 'wheel_odometry.launch.py'
+    values = {**BASE, 'gyro_topic': 'of_file'}
+    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
+    common = (wheels, f'params_file:={file}', 'namespace:=base')
+    launched = [(*common, 'name:=one', 'imu:=imu/data', 'odometry:=odom'), (*common, 'name:=other')]
+    with launching(prefix, tmp_path, launched) as process:
+        process.prints('from /base/joint_states and /base/imu/data on /base/one/estimate')
+        process.prints('from /base/joint_states and /base/of_file on /base/other/estimate')
+        for topic in ('/base/odom', '/base/other/odometry'):
+            probe.until(lambda topic=topic: probe.node.count_publishers(topic))

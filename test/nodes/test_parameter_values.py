@@ -56,6 +56,7 @@ CHOSEN = {  # values other than the defaults, for a start of each node
         'per_joint.a.noise': 0.0,
         'per_joint.a.order': 3,
         'per_joint.b.c.gap_max': 0.3,
+        'qos_overrides./joint_observer/estimate.publisher.durability': 'transient_local',
     },
     'mechanical_observer': {
         'mechanisms': ['arm', 'lab'],
@@ -390,7 +391,7 @@ def values_over_dds(probe, node):
 
 
 @pytest.mark.parametrize('name', CHOSEN)
-def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path):
+def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path, capfd):
     stream, given = STREAMS[name], CHOSEN[name]
     file, dump = tmp_path / 'given.yaml', tmp_path / 'dump.yaml'
     file.write_text(yaml.dump({name: {'ros__parameters': given}}))
@@ -410,6 +411,10 @@ def test_a_dump_gives_the_same_node_in_a_new_process(name, probe, tmp_path):
     assert bool(settings[1]) == stream.OVERRIDES
     for key, value in given.items():
         assert first[key] == value or alike(first[key], value), key
+    said = capfd.readouterr().err
+    starts = re.findall(r' estimates .*/estimate \(not the defaults: (.*)\)', said)
+    of_file, of_dump = (set(each.split(', ')) for each in starts)
+    assert {key for key in given if 'qos' in key} <= of_file == of_dump <= set(given)
     with dds.NodeProcess(
         f'estimator_pkg.nodes.executables {name}', *dds.ros_args(file=dump)
     ) as process:

@@ -376,7 +376,10 @@ class AnotherLayout(NobodyPublishes):
     """another dimension than `channel` (pmsm_observer)"""
 
     node, parameters = 'pmsm_observer', tuple(MOTOR)
-    report = "messages on SPACE/drive_samples are malformed and dropped: .*'columns', not 'channel'"
+    report = (
+        r'\d+ of \d+ messages on SPACE/drive_samples are malformed and dropped: '
+        ".*'columns', not 'channel'"
+    )
     error = True
 
     def begin(self):
@@ -478,6 +481,17 @@ class Three(TwoThatAgree):
             self.send(number, names)
 
 
+class OneNameTwice(Case):
+    """one name twice in a message"""
+
+    report = (
+        r"joint 'elbow_joint' has several positions in \d+ of \d+ messages on SPACE/joint_states, "
+        'and one is used: give each joint .* its own name'
+    )
+    estimates = True
+    names = ('elbow_joint', 'shoulder_pan_joint', 'elbow_joint')
+
+
 class SameName(Case):
     """another node publishes on its output (the same node, started twice)"""
 
@@ -501,7 +515,10 @@ class SameName(Case):
 class ZeroStamps(Case):
     """stamps that are zero"""
 
-    report = r"\d+ samples on SPACE/joint_states have no time stamp .*'stamp_source: publisher'"
+    report = (
+        r'\d+ of \d+ samples on SPACE/joint_states have no time stamp '
+        ".*'stamp_source: publisher'"
+    )
     error = True
 
     def tick(self):

@@ -68,7 +68,7 @@ def test_a_gripper_live(probe):
         assert row.names == ('1/J', 'b/J', 'mgl/J')
         at = (row.stamp_ns - start) // MS
         if 1500 < at < 1990:
-            assert row.positions == pytest.approx(model.OPEN, rel=0.05)
+            assert row.positions == pytest.approx(model.UNLOADED, rel=0.05)
         if at > 2500:
             assert row.positions == pytest.approx(model.CLOSED, rel=0.05)
 
@@ -87,8 +87,8 @@ def test_events_and_status(probe):
     for i in range(2500):
         u = model.torque((i - 0.5) * 1e-3) if i else (0.0,)
         if i:
-            middle = x + 5e-4 * np.array(model.dynamics(x, model.OPEN, u))
-            x = x + 1e-3 * np.array(model.dynamics(middle, model.OPEN, u))
+            middle = x + 5e-4 * np.array(model.dynamics(x, model.UNLOADED, u))
+            x = x + 1e-3 * np.array(model.dynamics(middle, model.UNLOADED, u))
         reading = round(float(x[0]) / QUANTUM) * QUANTUM
         raws.append(encode(stamp + i * MS, 'base', ('joint',), (reading,), (), u))
     with (
@@ -110,7 +110,7 @@ def test_events_and_status(probe):
         assert list(point.positions) == list(answer.positions)
         assert list(point.velocities) == list(answer.velocities)
         acting = model.torque(1.9985)
-        true = model.dynamics((point.positions[0], point.velocities[0]), model.OPEN, acting)[1]
+        true = model.dynamics((point.positions[0], point.velocities[0]), model.UNLOADED, acting)[1]
         assert list(point.accelerations) == pytest.approx([true], abs=0.1)
         for at, mode in ((1000, 'close'), (1999, 'close'), (1990, 'open')):
             events.publish(event_message(stamp + at * MS, mode))

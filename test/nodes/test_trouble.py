@@ -33,7 +33,9 @@ from estimator_pkg.observers.contract import Observer
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from estimator_pkg.streams.angle import AngleSettings, AngleStream
 from estimator_pkg.streams.drive import DriveStream
+from estimator_pkg.streams.mechanical import MechanicalStream
 from estimator_pkg.streams.switched import SwitchedStream
+from estimator_pkg.streams.wheels import WheelStream
 
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 MS = 1_000_000
@@ -201,8 +203,8 @@ def test_samples_that_are_all_dropped_are_reported_with_the_reason(own, capfd):
     live.take(states, live.encode(BEGIN + 2 * MS, '', 'abcdefg', [math.nan] * 7))
     said = capfd.readouterr().err
     assert (
-        '7 joints have no usable sample for 0.02 s; received samples are dropped: their numbers '
-        "are not finite, or too large for any joint ('a', 'b', 'c', 'd', 'e' and 2 more)"
+        '7 joints have no usable sample for 0.02 s; all 7 received samples are dropped: their '
+        "numbers are not finite, or too large for any joint ('a', 'b', 'c', 'd', 'e' and 2 more)"
     ) in said
     assert live.node.health.watch.statuses['g'][1].endswith('too large for any joint')
 
@@ -370,10 +372,75 @@ def test_a_drive_without_stamps_gets_no_advice_on_a_parameter_it_lacks(own, capf
     motor.take(samples, good, good.replace(b'channel', b'columns'))
     entry = motor.reported()
     said = capfd.readouterr().err
-    assert '5 samples on /drive_samples have no time stamp and are dropped: stamp' in said
+    assert '5 of 5 samples on /drive_samples have no time stamp and are dropped: stamp' in said
     assert 'stamp_source' not in said
-    assert "malformed and dropped: a dimension has the label 'columns', not 'channel'" in said
+    assert '1 of 2 messages on /drive_samples are malformed and dropped: a dimension has' in said
     assert "1 malformed messages (a dimension has the label 'columns'" in entry.message
+
+
+WRONG = {  # (reading, sample) -> a wrong reading [counts], and for how long it is wrong [s]
+    'alternates by a count': (lambda count, k: count + k % 2, 15.0),
+    'direction reversed': (lambda count, k: -count, 0.0),  # the reading after it is as good as any
+    'of the counter is stuck': (lambda count, k: count & ~8, 3.0),
+}
+
+
+@pytest.mark.parametrize('resets', [False, True])
+@pytest.mark.parametrize('said', WRONG)
+def test_an_encoder_that_counts_wrong_is_a_warning_until_it_was_right_for_a_minute(
+    said, resets, own, monkeypatch
+):
+    """It turns for 8 s and is wrong from 5 s on."""
+    arm, (wrong, lasts), reports = own(AngleStream, stamp_source='publisher'), WRONG[said], []
+    arm.node.health._diagnostics = type('', (), {'publish': reports.append})
+    begun, until = time.monotonic(), 5.0 + lasts + (10.0 if resets else 60.0)
+    for k in range(90 * 200):
+        second, count = k / 200, int(13.3 * min(k, 1600))
+        if second >= 5.0 and (second < 5.0 + lasts or not lasts):
+            count = wrong(count, k)
+        raw = arm.encode(1, '', ('a',), (count % 4096 * math.pi / 2048,))
+        arm.node.stream.feed(0, raw, BEGIN + 5 * k * MS)
+        if k % 20 == 0:
+            monkeypatch.setattr(
+                'estimator_pkg.nodes.health.monotonic', lambda now=begun + second: now
+            )
+            arm.node.health.look()
+        if resets and second == until:
+            arm.node.stream.reset()
+    for second, raw in enumerate(reports, 1):
+        of_node, of_joint = deserialize_message(raw, DiagnosticArray).status
+        if second < 5 or second > until + 3:
+            assert of_node.level == of_joint.level == b'\x00', second
+        elif 7 < second < until - 3:
+            assert of_node.level == of_joint.level == b'\x01', second
+            assert said in of_node.message and said in of_joint.message
+
+
+@pytest.mark.parametrize(
+    'kind, values',
+    [
+        (AngleStream, {}),
+        (AdaptiveStream, {}),
+        (SwitchedStream, {'model': 'gripper'}),
+        (MechanicalStream, {}),
+        (WheelStream, {'radius': [0.1], 'track': 0.5}),
+    ],
+)
+def test_equal_names_in_a_message_have_their_own_remedy(kind, values, own):
+    """The second position repeats the stamp, which is no fault of the stamps."""
+    live = own(kind, **values)
+    stream = live.node.stream
+    names = sorted(stream.needed()) or ['a', 'b']
+    names = [*names, 'unknown', 'unknown', names[0]] if stream.needed() else [*names, names[0]]
+    for k in range(20):
+        numbers = [0.01 * k] * len(names)
+        stream.feed(0, live.encode(BEGIN + 10 * k * MS, '', names, numbers, (), numbers), 0)
+        said = live.reported().message if k % 10 == 9 else ''
+    assert (
+        f"joint '{names[0]}' has several positions in 10 of 10 messages on /joint_states, and one "
+        'is used: give each joint of the publisher its own name'
+    ) in said
+    assert 'repeat the previous stamp' not in said
 
 
 def test_batches_without_a_row_are_reported(own, capfd):

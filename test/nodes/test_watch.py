@@ -3,6 +3,7 @@
 
 """`watch`: the table of a running observer, and clean ends."""
 
+import io
 import json
 import math
 import os
@@ -13,6 +14,7 @@ import time
 
 import dds
 import pytest
+from rich.console import Console
 
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.nodes.watching import Joint
@@ -27,14 +29,20 @@ def test_every_table_fits_80_columns():
         'elbow': Joint(),
         '\x1b[2Jevil': Joint(0.1, -0.2, 0.3, 'tracking', '', 500.0, 10, 1),
     }
-    lines = table(joints).splitlines()
+
+    def shown(lines=None):
+        console = Console(file=io.StringIO(), width=80)
+        console.print(table(joints, lines))
+        return [line.rstrip() for line in console.file.getvalue().splitlines()]
+
+    lines = shown()
     assert max(map(len, lines)) <= 80
     assert lines[0].startswith('joint ') and lines[0].endswith('rate Hz  dropped')
     assert lines[2].split() == ['elbow', '-', '-', '-', '-', '-', '0']
     assert lines[3].split()[1:] == ['+0.1000', '-0.2000', '0.3', 'tracking', '500', '1']
     assert '\x1b' not in lines[3]
     assert any('not_observable: the signals' in line for line in lines[4:])
-    assert 'and 2 more joints' in table(joints, 1)
+    assert 'and 2 more joints' in shown(1)
 
 
 def watch(*words, **options):

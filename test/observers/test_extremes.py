@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from observer_cases import UNTUNED, angle_observers, make
+from observer_cases import UNTUNED, angle_observers, drawn_gains, make
 
 from estimator_pkg import observers
 from estimator_pkg.circle import Circle
@@ -18,32 +18,10 @@ from estimator_pkg.estimate import MISCONFIGURED
 from estimator_pkg.observers.angle.hybrid import observer as hybrid
 from estimator_pkg.observers.angle.hybrid import robust
 from estimator_pkg.observers.angle.hybrid.state import Coefficients
-from estimator_pkg.parameters import build, declared
+from estimator_pkg.parameters import build
 
 NAMES = [name for name in angle_observers() if name not in UNTUNED]
 DRAWS, SAMPLES = 150, 40
-
-
-def drawn(parameter, random):
-    """A value within what the parameter admits, often at an end of it."""
-    if parameter.kind is bool:
-        return bool(random.integers(2))
-    if parameter.kind is str:
-        return str(random.choice([name for name in parameter.choices if ':' not in name]))
-    low, high = parameter.minimum, parameter.maximum
-    if parameter.kind is int:
-        return int(random.integers(low, high + 1))
-    at = random.choice([0.0, 1.0, random.uniform()])
-    start = math.log(max(low, 1e-12))
-    return min(max(math.exp(start + at * (math.log(high) - start)), low), high)
-
-
-def drawn_gains(gains, random):
-    return {
-        name: drawn(parameter, random)
-        for name, parameter in declared(gains).items()
-        if random.uniform() < 0.5
-    }
 
 
 def drawn_stream(random):

@@ -7,6 +7,7 @@ import io
 import json
 import math
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -71,7 +72,9 @@ def test_shows_records_and_judges(tmp_path):
     end = text[text.rindex('\nbag ') :]
     assert ['plot', result['plot']] in [each.split() for each in end.splitlines()]
     assert f'Verdict: {DEFAULT} has an error of' in end and 'times smaller than' in end
-    assert max(map(len, end.split('Verdict')[1].splitlines())) <= 80
+    said, _, following = end.split('Verdict')[1].partition('\nNext:\n')
+    assert max(map(len, said.splitlines())) <= 80
+    assert f' doctor {result["bag"]} --out my_robot.yaml\n' in following
     assert (tmp_path / result['plot']).read_bytes()[:4] == b'\x89PNG'
     with open_bag(tmp_path / result['bag']) as bag:
         counts = {name: topic.count for name, topic in bag.topics.items()}
@@ -88,6 +91,29 @@ def test_shows_records_and_judges(tmp_path):
         if line.startswith(('finite_difference ', '/joint_observer/estimate '))
     }
     assert rms['/joint_observer/estimate'] < 0.6 * rms['finite_difference']
+
+
+@pytest.mark.parametrize('active', [False, True])
+@pytest.mark.parametrize('installed', ['venv', 'ros'])
+@pytest.mark.parametrize('bag', [command.EXAMPLE, Path('demo_output/a run')])
+def test_the_end_shows_what_to_type_next(bag, installed, active, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if bag == command.EXAMPLE:
+        bag.mkdir(parents=True)
+    if installed == 'venv':
+        (tmp_path / '.venv/bin').mkdir(parents=True)
+        (tmp_path / '.venv/bin/activate').touch()
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path / '.venv'))
+    monkeypatch.setenv('VIRTUAL_ENV', sys.prefix if active else '')
+    monkeypatch.setattr('shutil.which', lambda name: name if installed == 'venv' else None)
+    lines = [shlex.split(line, comments=True) for line in command.following(bag)]
+    activations = [line[1] for line in lines if line[:1] == ['.']]
+    assert activations == ['.venv/bin/activate'] * (2 if installed == 'venv' and not active else 0)
+    run = ['ros2', 'run', 'velocity_estimator'] if installed == 'ros' else []
+    doctor, node, play = (line[len(run) :] for line in lines if line and line[0] != '.')
+    assert doctor == ['velocity_estimator', 'doctor', str(bag), '--out', 'my_robot.yaml']
+    assert node[:4] == ['joint_observer', '--ros-args', '--params-file', 'my_robot.yaml']
+    assert play[:3] == ['velocity_estimator', 'play', str(bag)]
 
 
 @pytest.mark.parametrize(
@@ -166,7 +192,7 @@ def test_what_cannot_run_is_a_usage_error(option, value, tmp_path, capsys):
 @pytest.mark.parametrize('terminal', [False, True])
 def test_what_is_not_known_yet_is_a_dash(terminal):
     shown = io.StringIO()
-    with Display('title', Console(file=shown, force_terminal=terminal, width=120)) as display:
-        display.show(Snapshot(0.0, 0.1, 2.0, math.nan, 2.5, math.nan, 1))
+    with Display(Console(file=shown, force_terminal=terminal, width=120)) as display:
+        display.frame(Snapshot(0.0, 0.1, 2.0, math.nan, 2.5, math.nan, 1), {})
     text = shown.getvalue()
     assert 'nan' not in text and '-' in text and '+0.500' in text

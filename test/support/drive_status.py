@@ -9,27 +9,15 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from motors import DT, MOTOR, RATE, Motor, made
 from numpy.typing import NDArray
 
-from estimator_pkg.circle import Circle
 from estimator_pkg.estimate import INITIALISING, NOT_OBSERVABLE, TRACKING
-from estimator_pkg.observers.pmsm import observer
-from estimator_pkg.observers.pmsm.observer import Gains, Sample
-from estimator_pkg.observers.pmsm.state import Design, State
 from estimator_pkg.observers.pmsm.watch import BLIND
-from sim_pkg.pmsm.drive import Drive
+from sim_pkg.pmsm.drive import Drive, Record
 from sim_pkg.pmsm.parameters import PmsmParameters
 from sim_pkg.pmsm.profiles import Profile
-from sim_pkg.reproduce.pmsm.motor import FLUX, INDUCTANCE, POLE_PAIRS, RESISTANCE
 from sim_pkg.reproduce.pmsm.observer import run_states
-
-RATE = 20000.0
-ROBUST: dict[str, Any] = {
-    'resistance': RESISTANCE,
-    'inductance': INDUCTANCE,
-    'flux': FLUX,
-    'pole_pairs': POLE_PAIRS,
-}
 
 SCENARIOS = {
     'start-up': Profile([(0.3, 3000, 3000), (0.1, 3000, 6000), (0.2, 6000, 6000)]),
@@ -68,32 +56,23 @@ class Log(NamedTuple):
     status: NDArray[np.int64]
 
 
-def first_state(design: Design, first: NDArray[np.float64]) -> State:
-    """Return the observer's state after the first sample, shape (4,)."""
-    state, sample = State(), Sample()
-    sample.i_alpha, sample.i_beta, sample.u_alpha, sample.u_beta = first.tolist()
-    observer.start(observer, state, design, sample)
-    return state
-
-
-def tracking_state(design: Design, first: NDArray[np.float64], omega: float) -> State:
-    """Return the state of an observer that has tracked a rotor [rad/s] for long, at 0 rad."""
-    state = first_state(design, first)
-    core, watch, level = state.core, state.watch, omega * FLUX
+def track(motor: Motor, first: NDArray[np.float64], omega: float) -> None:
+    """Make it the state of an observer that has tracked a rotor [rad/s] for long, at 0 rad."""
+    motor.start(first)
+    core, watch, level = motor.state.core, motor.state.watch, omega * MOTOR['flux']
     core.i1, core.i2, core.h1, core.h2 = float(first[0]), float(first[1]), 0.0, -level
-    core.z1, core.z2, core.x = 1.0, 0.0, 1.0 / FLUX
+    core.z1, core.z2, core.x = 1.0, 0.0, 1.0 / MOTOR['flux']
     core.y_alpha, core.y_beta = level, 0.0
     watch.level = abs(level)
     watch.mean_h2, watch.rate, watch.calm, watch.reasons = -watch.level, omega, 1.0, 0
-    return state
 
 
-def run_log(design: Design, samples: NDArray[np.float64], dt: float, state: State) -> Log:
-    """Run the observer over `samples`, shape (n + 1, 4), from the state at the first of them."""
-    states = run_states(design, samples, dt, state)[1:]
+def run_log(motor: Motor, samples: NDArray[np.float64]) -> Log:
+    """Run the observer over `samples`, shape (n + 1, 4), from its state at the first of them."""
+    states = run_states(motor.design, samples, DT, motor.state)[1:]
     core, watch = states['core'], states['watch']
     reasons = watch['reasons']
-    settled = (reasons == 0) & (watch['calm'] >= design.hold)
+    settled = (reasons == 0) & (watch['calm'] >= motor.design.hold)
     status = np.where(settled, TRACKING, INITIALISING)
     return Log(
         np.angle((core['z1'] + 1j * core['z2']) * np.where(core['x'] < 0.0, -1.0, 1.0)),
@@ -104,12 +83,8 @@ def run_log(design: Design, samples: NDArray[np.float64], dt: float, state: Stat
 
 def judged(profile: Profile, plant: dict[str, Any], seed: int = 1, **gains: Any) -> Verdict:
     """Judge the status of the default observer, with `gains` changed, over a profile."""
-    record = Drive(PmsmParameters(**plant), seed, profile=profile).run(
-        round(profile.duration * RATE)
-    )
-    design = observer.design(Gains(**{**ROBUST, **gains}), Circle())
-    log = run_log(design, record.samples, 1.0 / RATE, first_state(design, record.samples[0]))
-    return judge(log, record.truth[1:, 1], record.truth[1:, 0], 1.0 / RATE)
+    drive = Drive(PmsmParameters(**plant), seed, profile=profile)
+    return judge(made(**gains), drive.run(round(profile.duration * RATE)))
 
 
 def verdict(scenario: str, plant: str, seed: int = 1) -> Verdict:
@@ -131,21 +106,18 @@ class Verdict(NamedTuple):
     worst: float
 
 
-def judge(log: Log, theta: NDArray[np.float64], speed: NDArray[np.float64], dt: float) -> Verdict:
-    """Compare a log with the true electrical angle [rad] and mechanical speed [rad/s].
-
-    Parameters
-    ----------
-    theta, speed : shape (n,), after each sample of the log. dt : sample time [s].
-    """
+def judge(motor: Motor, record: Record) -> Verdict:
+    """Run the observer over a record of a drive, and compare it with the truth."""
+    motor.start(record.samples[0])
+    log, theta, speed = run_log(motor, record.samples), record.truth[1:, 1], record.truth[1:, 0]
     error = np.abs(np.angle(np.exp(1j * (log.angle - theta))))
     tracking = log.status == TRACKING
     good = error <= math.radians(10.0)
     fast = np.abs(speed) > 200.0 * math.pi / 30.0
     worst = math.degrees(float(error[tracking].max())) if tracking.any() else 0.0
     return Verdict(
-        1e3 * dt * float((tracking & ~good).sum()),
-        1e3 * dt * float((~tracking & good & fast).sum()),
-        1e3 * dt * float(tracking.sum()),
+        1e3 * DT * float((tracking & ~good).sum()),
+        1e3 * DT * float((~tracking & good & fast).sum()),
+        1e3 * DT * float(tracking.sum()),
         worst,
     )

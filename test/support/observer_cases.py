@@ -14,7 +14,7 @@ from estimator_pkg.driver import joint as joints
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.errors import UserError
-from estimator_pkg.parameters import build
+from estimator_pkg.parameters import build, declared
 
 UNTUNED = {'edge_adaptive'}
 STRUCTURES = {
@@ -74,6 +74,29 @@ def plain(name, gains=None, **settings):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(joints, 'functions_of', lambda module: None)
         return joint(name, gains, **settings)
+
+
+def drawn(parameter, random):
+    """A value within what the parameter admits, often at an end of it."""
+    if parameter.kind is bool:
+        return bool(random.integers(2))
+    if parameter.kind is str:
+        return str(random.choice([name for name in parameter.choices if ':' not in name]))
+    low, high = parameter.minimum, parameter.maximum
+    if parameter.kind is int:
+        return int(random.integers(low, high + 1))
+    at = random.choice([0.0, 1.0, random.uniform()])
+    start = math.log(max(low, 1e-12))
+    return min(max(math.exp(start + at * (math.log(high) - start)), low), high)
+
+
+def drawn_gains(gains, random):
+    return {
+        name: drawn(parameter, random)
+        for name, parameter in declared(gains).items()
+        if random.uniform() < 0.5
+        and (parameter.kind is bool or parameter.choices or parameter.kind in (int, float))
+    }
 
 
 def wrapped(angle):

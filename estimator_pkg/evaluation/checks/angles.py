@@ -42,10 +42,15 @@ NOISY_COUNTS = 3.0  # this many quanta, is more than a sensor should have
 ALTERNATING_PART = 0.02  # a larger fraction of jumps there and back: two sources
 NEAR_END = 3.0  # a wrap begins and ends within this many moves of the range's ends
 WRAP_SIDE, WRAPS_AGREE = 50, 0.8  # samples that show the motion; fraction of the wraps that agree
+ONE_SAMPLE = 1.5  # neighbours are closer than this many sample times
 OTHER_PERIOD = 0.01  # relative difference from the wrap period that counts
 MOST_LINES = 1e5  # counts per turn of encoders with a decimal number of lines
 AMBIGUOUS_MOVE = 0.4  # moves beyond this fraction of the wrap period are ambiguous soon
 SELDOM, FEW_REPEATS = 0.005, 5  # repeated readings up to this fraction, or number, are not reported
+
+FREE = "set 'wrap_period: 0' (--wrap-period 0)"
+AS_COUNTS = 'publish radians, or read the number by --angle with counts_per_revolution={}'
+IN_DEGREES = AS_COUNTS.format(360)
 
 
 def finite(seen: Readings) -> Finding:
@@ -64,13 +69,14 @@ def resolution(seen: Readings) -> Finding:
     """Return the quantum, the counts per turn, and what one count is as a speed."""
     count, noise = seen.quantum, seen.noise
     numbers = {'quantum': count, 'noise': noise}
-    turn = _period(seen) or TURN
-    level, remedy = PASS, f"set 'quantum: {count:.6g}'" if count else ''
+    period = 0.0 if seen.period and _of_another_unit(seen) else seen.period
+    turn = seen.period or TURN
+    level, remedy = PASS, f"set 'quantum: {count:.6g}'" if seen.own_quantum else ''
     if not count:
         text = 'no counts found (a float sensor, or noise above a count)'
     else:
         text = f'one count is {count:.4g}'
-        if seen.period:
+        if period:
             numbers['counts_per_turn'] = turn / count
             text += f' rad, {turn / count:.6g} per turn'
         text += f'; {count / seen.step:.3g} per second in a finite difference'
@@ -78,7 +84,7 @@ def resolution(seen: Readings) -> Finding:
         scatter = f'{noise / count:.2g} counts' if count else f'{noise:.2g} rad'
         text += f'; neighbouring readings scatter by {scatter}'
         level, remedy = WARN, 'check shielding, supply and mounting of the sensor'
-    elif count and seen.period and turn / count < COARSE_COUNTS:
+    elif count and period and turn / count < COARSE_COUNTS:
         level, text = WARN, f'{text}: coarse'
         remedy += '; use edge_adaptive or kalman; more counts, or one before the gear, help most'
     return Finding('resolution', level, text, remedy, numbers)
@@ -94,8 +100,18 @@ def wrap(seen: Readings) -> Finding:
         text += f'; their period is {period:.4g}, not {seen.period:.4g}'
         remedy = f"set 'wrap_period: {period:.6g}'"
         if abs(period - 360.0) < 4.0:
-            remedy = 'the angle is in degrees: publish radians'
+            remedy = f'the angle is in degrees: {IN_DEGREES}'
+        elif seen.raw_counts:
+            remedy = f'they are raw counts: {AS_COUNTS.format(f"{period:.0f}")}'
         return Finding('wrap', FAIL, text, remedy, {'wrap_period': period})
+    if seen.free or (seen.period and _of_another_unit(seen)):
+        text += '; nothing wraps, and their steps are not those of radians'
+        if seen.free:
+            text += ': judged without a wrap period'
+        remedy = f'if degrees, {IN_DEGREES}; if mm, publish m; if prismatic or multi-turn, {FREE}'
+        if seen.raw_counts:
+            remedy = f'if counts, {AS_COUNTS.format("N")}; {remedy}'
+        return Finding('wrap', WARN, text, remedy, {'wraps': 0})
     if not seen.period:
         return Finding('wrap', PASS, f'{text}; no wrap period')
     whole = seen.joined & (np.abs(raw) > 0.5 * seen.period) & ~seen.leaps
@@ -106,7 +122,10 @@ def wrap(seen: Readings) -> Finding:
     if fast > AMBIGUOUS_MOVE * seen.period:
         text += f'; the joint moves {fast:.3g} rad from one reading to the next'
         text += ': half a turn reads as its opposite'
-        return Finding('wrap', FAIL, text, 'raise the rate, or check the unit (radians)', numbers)
+        remedy = 'raise the rate, or check the unit (radians)'
+        if seen.never_wraps:
+            remedy = f'they never wrap: {FREE}; or check the unit (radians)'
+        return Finding('wrap', FAIL, text, remedy, numbers)
     if count and turns > 1.2:
         when = times(seen.when(seen.rows[1:][whole]))
         text += f'; they jump by whole turns {count} times, {when}'
@@ -116,13 +135,15 @@ def wrap(seen: Readings) -> Finding:
 
 
 def _period(seen: Readings) -> float:
-    """Return the period by which the readings wrap, if it is not the wrap period; else 0."""
-    if seen.period and _in_degrees(seen):
-        return 360.0
+    """Return the period by which the readings wrap, if it is not the wrap period; else 0.
+
+    It shows in more than one wrap between neighbours, one sample apart.
+    """
     raw, low, high = np.diff(seen.raw), float(np.min(seen.raw)), float(np.max(seen.raw))
     size = np.abs(raw)
-    far = np.flatnonzero(seen.joined & (size > 0.5 * (high - low)))
-    if not 0 < len(far) < 0.2 * len(raw):
+    near = seen.joined & (seen.steps < ONE_SAMPLE * seen.step)
+    far = np.flatnonzero(near & (size > 0.5 * (high - low)))
+    if not 1 < len(far) < 0.2 * len(raw):
         return 0.0
     slack = NEAR_END * (neighbour_motion(size, far) + seen.quantum) + 1e-3 * (high - low)
     before, after = seen.raw[far], seen.raw[far + 1]
@@ -135,7 +156,11 @@ def _period(seen: Readings) -> float:
     along = np.array([np.sum(small[max(0, at - WRAP_SIDE) : at + WRAP_SIDE]) for at in far])
     usual = np.array([_middle(raw, int(at)) for at in far])
     wraps = (ends <= slack) & (along * raw[far] < 0.0)
-    if np.mean(wraps) < WRAPS_AGREE or np.max(slack) > 0.2 * (high - low):
+    if (
+        np.count_nonzero(wraps) < 2
+        or np.mean(wraps) < WRAPS_AGREE
+        or np.max(slack) > 0.2 * (high - low)
+    ):
         return 0.0
     sizes = size[far] + np.abs(usual)
     found = float(np.median(sizes[wraps]))
@@ -144,6 +169,11 @@ def _period(seen: Readings) -> float:
     if seen.period and abs(found - seen.period) <= OTHER_PERIOD * seen.period + np.max(slack):
         return 0.0
     return found
+
+
+def _of_another_unit(seen: Readings) -> bool:
+    """Return True if the readings may be degrees, mm or counts: by their quantum."""
+    return seen.never_wraps and (seen.raw_counts or _in_degrees(seen))
 
 
 def _in_degrees(seen: Readings) -> bool:
@@ -218,7 +248,7 @@ def repeated_readings(seen: Readings) -> Finding:
     if seen.stale:
         text = (
             f'{seen.equal:.0%} of the readings in motion repeat the one before: the sensor gives '
-            f'a new one at about {(1.0 - seen.equal) / seen.step:.3g} Hz'
+            f'a new one at about {seen.new_hz:.3g} Hz'
         )
     elif count > max(FEW_REPEATS, SELDOM * total):
         text = f'{count} of {total} readings repeat the one before, and the next one catches up'
@@ -280,7 +310,9 @@ def encoder(seen: Readings) -> Finding:
         for kind in np.unique(kinds[kinds != NO_FAULT]).tolist()
     ]
     faulty = bool(np.any((kinds != NO_FAULT) & (kinds != STOPPED)))
-    remedy = 'check sensor, cable and bus' if faulty else ''
+    unit = wrap(seen)
+    remedy = unit.remedy if unit.level != PASS else 'check sensor, cable and bus'
+    remedy = remedy if faulty else ''
     numbers = {'counts': {name: n for (name, _), n in zip(KINDS, record.counts)}}
     return Finding('encoder', WARN if faulty else PASS, '; '.join(texts) or 'none', remedy, numbers)
 

@@ -12,11 +12,13 @@ from itertools import pairwise
 import numpy as np
 
 from estimator_pkg.evaluation.checks import angles, stamps
+from estimator_pkg.evaluation.checks.angles import AMBIGUOUS_MOVE
 from estimator_pkg.evaluation.checks.readings import FAIL, Finding, Readings, Rows
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
 
 FEWEST_READINGS = 12  # readings without which nothing is checked
 LONGEST_STRETCH = 20_000  # readings of the part that is smoothed
+TURNED = 1.2  # wrap periods beyond which a range is that of several turns
 FEWEST_FOR_REFERENCE = 100  # readings without which there is no reference
 
 
@@ -27,6 +29,16 @@ def stamped(seen: Readings) -> Readings:
     return replace(seen, stamps_ns=seen.arrival_ns, start_ns=int(seen.arrival_ns[0]))
 
 
+def as_read(seen: Readings) -> Readings:
+    """Return the readings without a wrap period, if they pass it in great steps and never wrap."""
+    if not seen.period or len(seen.rows) < FEWEST_READINGS or not seen.never_wraps:
+        return seen
+    steps = np.abs(np.diff(seen.raw)[seen.joined])
+    far = float(np.ptp(seen.raw)) > TURNED * seen.period
+    great = float(np.percentile(steps, 99.0)) > AMBIGUOUS_MOVE * seen.period
+    return replace(seen, period=0.0, free=True) if far and great else seen
+
+
 def checked(seen: Readings) -> list[Finding]:
     """Return the findings on stamps and readings of one joint."""
     missing, seen = stamps.missing_stamps(seen), stamped(seen)
@@ -34,7 +46,11 @@ def checked(seen: Readings) -> list[Finding]:
         text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
         few = Finding('readings', FAIL, text, 'record the joint for some seconds')
         return [missing, stamps.order(seen), few]
-    found = [check(seen) for check in (*stamps.CHECKS, *angles.CHECKS)]
+    wrap = angles.wrap(seen)
+    if other := wrap.numbers.get('wrap_period'):  # the other checks read the angle by it
+        seen = replace(seen, period=other)
+    every = (*stamps.CHECKS, *angles.CHECKS)
+    found = [wrap if check is angles.wrap else check(seen) for check in every]
     found.insert(len(stamps.CHECKS), missing)
     return found
 

@@ -19,7 +19,7 @@ from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.evaluation.delay import Delay
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import pieces
-from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.quantum import quantum, steady
 from estimator_pkg.evaluation.signals import wrapped
 from estimator_pkg.evaluation.text import interval
 
@@ -39,11 +39,17 @@ JUMP_SIDE = 5  # moves on either side that a jump is compared with
 JUMP_MOVES = 7.5  # a jump differs from their median by this many times their size,
 JUMP_COUNTS, JUMP_NOISE = 8.0, 10.0  # and this many quanta, and deviations of the noise,
 JUMP_NEIGHBOURS = 0.3  # and its neighbours are this fraction of it at most, or lead back
+JUMP_SPEEDS = 1.5  # and is faster than this many times the joint elsewhere,
+LEAST_JUMP_SPEED = 0.1  # and than any joint can move [rad/s or m/s]
+LEAST_MOTION = 1e-6  # smaller changes are rest [rad or m]
+REST_NOISE = 4.0  # a range beyond that of white noise by this many deviations is motion
 JUMP_RANGE = 1e-3  # and this fraction of the range
+BURST = 0.5  # of the mean sample time: copies of a reading follow each other sooner
 STUCK_READINGS = 4  # a sensor sticks for at least this many readings
 CATCH_UP = 0.4  # and then catches up this fraction of the way that it missed
 OVER = 0.1  # time over which a speed is averaged [s]
 CATCH_UP_MOVES = 1.5  # a reading after a repeated one moves by this many times its neighbours
+SELDOM_WRAPS = 1e-3  # of the moves: a smaller part of wraps is none
 STALE = 0.2  # a larger fraction of equal readings in motion is not chance
 
 
@@ -78,6 +84,7 @@ class Readings:
     velocity : shape (n,), the velocity in the same messages [rad/s or m/s], nan without one.
     period : wrap period [rad]; 0: none.
     start_ns : the time zero of texts.
+    free : a wrap period was set, but it is left out: see `as_read`.
     """
 
     name: str
@@ -87,6 +94,7 @@ class Readings:
     velocity: Array
     period: float
     start_ns: int = 0
+    free: bool = False
 
     @cached_property
     def difference(self) -> Estimates:
@@ -156,7 +164,28 @@ class Readings:
         if np.mean(np.abs(near - whole) < 0.1) < 0.95 or np.count_nonzero(kinds[1:]) < 2:
             return found
         step = low * float(np.sum(near) / np.sum(whole))
-        return step if found < 0.7 * step else found
+        return step if found < 0.7 * step and not steady(self.moves, step) else found
+
+    @property
+    def raw_counts(self) -> bool:
+        """True if the quantum is a whole number of rad: counts of an encoder, or another unit."""
+        unit = self.quantum if self.period or self.free else 0.0
+        return unit > 0.5 and abs(unit - round(unit)) < 1e-4 * unit
+
+    @property
+    def own_quantum(self) -> float:
+        """The quantum for a node; 0: none, or that of another unit."""
+        return 0.0 if self.raw_counts else self.quantum
+
+    @cached_property
+    def never_wraps(self) -> bool:
+        """True if the readings pass more than the wrap period, or would, without any wrap."""
+        near = self.joined & (self.steps < 1.5 * self.step)
+        moves = np.diff(self.raw)[near]
+        if len(moves) < 2 * JUMP_SIDE:
+            return False
+        usual = np.median(sliding_window_view(np.pad(moves, 2, 'reflect'), 5), axis=1)
+        return bool(np.mean(np.abs(moves - usual) > 0.5 * self.period) < SELDOM_WRAPS)
 
     @cached_property
     def range(self) -> float:
@@ -187,8 +216,14 @@ class Readings:
 
     @cached_property
     def at_rest(self) -> bool:
-        """True if the joint moves by no more than its readings' noise or three quanta."""
-        return not self.alternating and self.range <= max(3.0 * self.grain, 10.0 * self.noise, 1e-9)
+        """True if the joint moves by no more than its readings' noise or three quanta.
+
+        Of white noise, the slower half of the moves is less: all of them tell its size.
+        """
+        noise = 1.4826 * float(np.median(np.abs(np.diff(self.moves, 2)))) / np.sqrt(20.0)
+        white = REST_NOISE + 2.0 * np.sqrt(2.0 * np.log(len(self.rows)))  # and extremes of it
+        least = max(3.0 * self.grain, white * noise, LEAST_MOTION)
+        return not self.alternating and self.range <= least
 
     @cached_property
     def alternating(self) -> bool:
@@ -200,8 +235,10 @@ class Readings:
     @cached_property
     def speed(self) -> float:
         """Largest mean speed over `OVER` seconds."""
+        return self._speed_of(self.path)
+
+    def _speed_of(self, path: Array) -> float:
         across = max(1, round(OVER / self.step))
-        path = self.path
         if len(path) <= across:
             return float(np.ptp(path) / max(float(np.sum(self.steps[self.joined])), 1e-9))
         return float(np.percentile(np.abs(path[across:] - path[:-across]), 99.9)) / (
@@ -230,6 +267,25 @@ class Readings:
         return float(np.mean(np.abs(self.moves[moving]) <= 0.01 * self.grain))
 
     @cached_property
+    def copies(self) -> int:
+        """How often each reading is sent, in a burst with a stamp for each; 1: once."""
+        steps = self.steps[self.joined]
+        close = steps < BURST * float(np.mean(steps))
+        copied = close & (self.moves[self.joined] == 0.0)
+        between = float(np.mean(~close))
+        regular = np.mean(close) >= 0.4 and np.mean(copied[close]) > 0.95
+        return round(1.0 / between) if regular and between > 0.0 and not self.at_rest else 1
+
+    @cached_property
+    def new_hz(self) -> float:
+        """Rate of new readings while the joint moves [Hz]."""
+        steps = self.steps[self.joined]
+        if self.copies > 1:
+            first = np.flatnonzero(steps > BURST * np.mean(steps))
+            return 1.0 / float(np.median(np.diff(np.cumsum(steps)[first])))
+        return (1.0 - self.equal) / self.step
+
+    @cached_property
     def leaps(self) -> Mask:
         """Where a move is far larger than those on both sides (shape (m - 1,))."""
         size = np.abs(self.moves)
@@ -253,7 +309,13 @@ class Readings:
         found[changed] = (
             np.abs(moves - usual) > np.maximum(JUMP_MOVES * neighbour_motion(size, around), floor)
         ) & (np.minimum(near, back) < JUMP_NEIGHBOURS * size)
-        return found & ~self.released
+        found &= ~self.released
+        if not found.any():
+            return found
+        # a joint can make the speed that it has elsewhere
+        path = np.cumsum(np.where(found, 0.0, self.moves))
+        speed = max(JUMP_SPEEDS * self._speed_of(path), LEAST_JUMP_SPEED)
+        return found & (np.abs(self.moves) > np.maximum(speed * self.steps, LEAST_MOTION))
 
     @cached_property
     def released(self) -> Mask:

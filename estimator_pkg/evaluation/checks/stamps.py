@@ -50,6 +50,11 @@ def rate(seen: Readings) -> Finding:
     """Return the sample rate, and whether it changes."""
     steps = seen.steps[seen.joined]
     count, hz = len(seen.rows), 1.0 / seen.step
+    if seen.copies > 1:
+        hz = seen.new_hz
+        many = 'twice' if seen.copies == 2 else f'{seen.copies} times'
+        text = f'{hz:.5g} Hz, each reading {many}, {count} in {short(float(np.sum(steps)))}'
+        return Finding('rate', PASS, text, numbers={'hz': hz, 'readings': count})
     text = f'{hz:.5g} Hz, {count} readings in {short(float(np.sum(steps)))}'
     numbers = {'hz': hz, 'readings': count}
     windows = min(RATE_WINDOWS, len(steps) // IN_WINDOW)
@@ -86,7 +91,8 @@ def holes(seen: Readings) -> Finding:
     inside = seen.steps < HOLE_RATIO * seen.step
     local = _local(seen.steps)
     regular = 1.4826 * float(np.median(np.abs(seen.steps / local - 1.0))) < 0.1
-    missing = np.rint(seen.steps / local) - 1.0 if regular else np.zeros(len(inside))
+    regular = regular and seen.copies == 1
+    missing = np.maximum(np.rint(seen.steps / local) - 1.0, 0.0) * regular
     lost = float(np.sum(missing[seen.joined & inside])) / max(len(seen.rows), 1)
     long = np.flatnonzero(seen.joined & ~inside)
     numbers = {'holes': len(long), 'lost_fraction': lost}
@@ -124,7 +130,8 @@ def repeated_stamps(seen: Readings) -> Finding:
         'repeated stamps',
         seen.count(DUPLICATE),
         'repeat the previous stamp and are dropped',
-        'stamp each reading once; look for two publishers, or stamps of a coarse clock',
+        'stamp each reading once; look for two publishers, a name that a message has twice, or '
+        'stamps of a coarse clock',
         times(seen.when(seen.of(DUPLICATE))),
     )
 

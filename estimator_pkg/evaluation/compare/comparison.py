@@ -237,7 +237,10 @@ def compared(
         {
             joint: Verdict(cautions=(), why=true.faults[joint], tunable=False)
             if joint in true.faults
-            else rank(candidates[joint], moved, DEFAULT, skip=options.skip or None)
+            else _cautioned(
+                rank(candidates[joint], moved, DEFAULT, skip=0.0 if options.begin else None),
+                true.caveats.get(joint, ''),
+            )
             for joint, moved in true.motions.items()
         },
     )
@@ -253,7 +256,7 @@ def _row(
     options: Options,
 ) -> Row:
     matched = match(
-        estimate.stamps, truth.stamps_ns, truth.velocity, truth.position, options.wrap_period
+        estimate.stamps, truth.stamps_ns, truth.velocity, truth.position, options.period(joint)
     )
     if not len(matched.rows):
         raise UserError(
@@ -261,9 +264,7 @@ def _row(
             'overlap in time: check their stamps'
         )
     elapsed = matched.time + (int(estimate.stamps[matched.rows[0]]) - start) * 1e-9
-    kept = elapsed >= options.skip
-    if not kept.any():
-        raise UserError(f'no sample remains after the first {options.skip:g} s: reduce --skip')
+    kept = options.within(np.rint(1e9 * elapsed).astype(np.int64), 0)
     rows, time, true = matched.rows[kept], matched.time[kept], matched.velocity[kept]
     velocity, stddev = estimate.velocity[rows], estimate.velocity_stddev[rows]
     if np.isinf(stddev).any():  # not known: no band, no coverage
@@ -271,7 +272,7 @@ def _row(
     noise = known.noise if np.isfinite(known.noise) else 0.0
     speeds = metrics.velocity(time, velocity, true, noise)
     angles = metrics.position(
-        time, estimate.position[rows], matched.position[kept], options.wrap_period
+        time, estimate.position[rows], matched.position[kept], options.period(joint)
     )
     counts = {
         'estimates': len(estimate.stamps),
@@ -297,6 +298,11 @@ def _row(
         (estimate.status_stamps - start) * 1e-9,
         estimate.status,
     )
+
+
+def _cautioned(verdict: Verdict, caveat: str) -> Verdict:
+    """Return the verdict with one more caution, the most important; '': none."""
+    return replace(verdict, cautions=(caveat, *verdict.cautions)) if caveat else verdict
 
 
 def _sharing(row: Row, others: list[Row]) -> Row:

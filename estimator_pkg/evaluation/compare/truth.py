@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, USUAL_MEASUREMENT, measured_topics
-from estimator_pkg.bags.series import Series, joint_series
+from estimator_pkg.bags.series import Series, joint_series, why_none
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked, failed, stretch
+from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked, stretch
 from estimator_pkg.evaluation.checks.joint import reference as reference_of
-from estimator_pkg.evaluation.checks.readings import Readings, to_mend
+from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.checks.usable import usable
 from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.compare.sources import source_of_stamps, without_truth
 from estimator_pkg.evaluation.matching import match
@@ -54,6 +55,8 @@ class Truth:
     motions : what the off-line smoother found, None for too few readings; empty if the bag has a
         truth.
     faults : why nothing is recommended for a joint: what its readings must be mended of first.
+    caveats : on the part of a joint's record by which it is judged, or on its readings.
+    parts : that part, if it is not the whole record: first and last stamp [ns].
     notes : what the user must know of it.
     """
 
@@ -63,6 +66,8 @@ class Truth:
     corrected: dict[str, dict[str, float]] = field(default_factory=dict)
     motions: dict[str, ReferenceMotion | None] = field(default_factory=dict)
     faults: dict[str, str] = field(default_factory=dict)
+    caveats: dict[str, str] = field(default_factory=dict)
+    parts: dict[str, tuple[int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -98,7 +103,7 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
         unread = USUAL_MEASUREMENT in measured_topics(bag) and not measurement
         raise UserError(
             f'{path}: no truth: there is no topic {TRUTH}'
-            + (f', and {USUAL_MEASUREMENT} has no finite position' if unread else '')
+            + (f', and {why_none(bag, USUAL_MEASUREMENT)}' if unread else '')
             + '; name another JointState with '
             f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
             'off-line reference with --measurement or --angle'
@@ -123,7 +128,7 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
         )
     found = Truth(topic, series, {})
     for joint, each in series.items():
-        known = _reference(each, measurement.get(joint), options.wrap_period)
+        known = _reference(each, measurement.get(joint), options.period(joint))
         found.references[joint] = known
         if options.correct_reference:
             series[joint], found.corrected[joint] = _correct(each, known)
@@ -146,7 +151,7 @@ def _shift(found: Truth, measurement: dict[str, Series], options: Options) -> No
         return
     lags = {joint: each for joint, each in found.references.items() if np.isfinite(each.lag_s)}
     surest = min(lags, key=lambda joint: lags[joint].lag_stddev)
-    if not confirmed(late, found.series[surest], measurement[surest], options.wrap_period):
+    if not confirmed(late, found.series[surest], measurement[surest], options.period(surest)):
         return
     for joint, each in found.series.items():
         found.series[joint] = each._replace(stamps_ns=each.stamps_ns - round(late.lag * 1e9))
@@ -168,12 +173,15 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
     found = Truth(OFFLINE_SMOOTHER, {}, {})
     steps = len(measurement) if len(measurement) > 1 else None
     with progress(f'{path}: reference', steps) as advance:
-        for joint, each in measurement.items():
-            period = 0.0 if joint.endswith(ELECTRICAL) else options.wrap_period
+        for joint, whole in measurement.items():
+            start = int(np.min(whole.stamps_ns[whole.stamps_ns > 0], initial=2**62))
+            within = options.within(whole.stamps_ns, start)
+            each = whole if within.all() else _part(whole, within)
+            period = 0.0 if joint.endswith(ELECTRICAL) else options.period(joint)
             if joint.endswith(ELECTRICAL):
                 moved = motion(each.stamps_ns, each.position, period)
             else:
-                moved = _examined(found, joint, each, period)
+                moved = _examined(found, joint, each, period, start)
             found.motions[joint] = moved
             advance(1)
             if moved is None:
@@ -196,24 +204,27 @@ def from_smoother(path: str, measurement: dict[str, Series], options: Options) -
 
 
 def _examined(
-    found: Truth, joint: str, measurement: Series, period: float
+    found: Truth, joint: str, measurement: Series, period: float, start: int
 ) -> ReferenceMotion | None:
     """Return the motion of a joint as `doctor` sees it: between jumps, and its faults noted."""
     stamps, position = measurement.stamps_ns, measurement.position
-    start = int(np.min(stamps[stamps > 0], initial=2**62))
     seen = Readings(joint, stamps, stamps, position, measurement.velocity, period, start)
-    faults = failed(checked(seen)) if len(seen.rows) >= FEWEST_READINGS else []
-    if faults:
-        found.faults[joint] = to_mend(faults)
-    if not np.any(seen.leaps):
+    part, said = usable(seen, checked(seen) if len(seen.rows) >= FEWEST_READINGS else [])
+    if part is None:
+        found.faults[joint], part = said, seen
+    elif said:
+        found.caveats[joint] = said
+    if part is seen and not np.any(seen.leaps):
         return motion(stamps, position, period)
-    rows = np.sort(stretch(seen, len(seen.rows)))
-    moved = reference_of(seen, rows)
+    rows = np.sort(stretch(part, len(part.rows)))
+    moved = reference_of(part, rows)
+    if part is not seen:
+        found.parts[joint] = int(part.stamps_ns[rows[0]]), int(part.stamps_ns[rows[-1]])
     if moved is not None:
-        begin, end = seen.when(rows[[0, -1]])
+        begin, end = part.when(rows[[0, -1]])
         found.notes += (f'{joint}: compared from {begin:.2f} to {end:.2f} s, between its jumps',)
-        if rows[0] != np.min(seen.rows):  # a jump before it: the observers settle first
-            elapsed = moved.time - moved.time[0]
+        if part.stamps_ns[rows[0]] != seen.stamps_ns[np.min(seen.rows)]:
+            elapsed = moved.time - moved.time[0]  # after a jump the observers settle first
             calm = elapsed >= min(SKIPPED, SKIP_PART * elapsed[-1])
             moved = replace(moved, firm=moved.firm & calm)
     return moved

@@ -114,7 +114,7 @@ def estimates(seen: Readings, reference: ReferenceMotion, entry: Entry, rows: ND
     ----------
     rows : shape (k,), indices of the readings that it takes, in the order of their arrival.
     """
-    more = {'quantum': seen.quantum} if seen.quantum else {}
+    more = {'quantum': seen.own_quantum} if seen.own_quantum else {}
     joint = entry.joint(wrap_period=seen.period, **more)
     stamps = seen.stamps_ns[rows]
     out = joint.run(stamps, seen.position[rows])

@@ -28,7 +28,15 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report, second
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
 from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
-from estimator_pkg.evaluation.options import check_joints, joint_arguments
+from estimator_pkg.evaluation.options import (
+    PERIOD_KEY,
+    WRAP_PERIOD,
+    check_joints,
+    check_window,
+    joint_arguments,
+    window_arguments,
+    wrap_periods,
+)
 from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
 from estimator_pkg.evaluation.workers import workers
@@ -72,11 +80,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'a parameter of joint_observer, such as counts_per_revolution, or of pmsm_observer, '
         'such as resistance; repeatable',
     )
+    window_arguments(parser)
     joint_arguments(parser)
     parser.add_argument(
         '--out',
         metavar='YAML',
-        help='write a parameter file for joint_observer, unless a check FAILs',
+        help='write a parameter file for joint_observer, without gains of joints whose checks FAIL',
     )
     parser.add_argument('--html', metavar='FILE', help='write the report as a page with plots')
     unpacking.arguments(parser)
@@ -88,6 +97,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         raise UsageError('name a bag, or listen with --live SECONDS: one of the two')
     parsed.columns = log_file.columns(parsed)
     check_joints(parsed)
+    check_window(parsed)
     for path in (parsed.out, parsed.html):
         if path is not None:
             destination.check(path)
@@ -112,7 +122,8 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     chosen = wired(DriveStream, bag, values, Request(None, None))
     found = drive.examine(bag, chosen, drive.needed(settings))
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
-    parameters = drive.as_yaml(found, origin, chosen.input | settings)
+    missing = all(each.check == drive.MOTOR_DATA for each in found.failed)  # a form to fill in
+    parameters = drive.as_yaml(found, origin, chosen.input | settings) if missing else ''
     return _reported(parsed, [found], Choice(drive.PMSM), origin, parameters, chosen)
 
 
@@ -130,10 +141,14 @@ def _reported(
     """
     print(report.text(examined, choice))
     if not parameters:
-        checks = dict.fromkeys(found.check for each in examined for found in each.failed)
+        checks = dict.fromkeys(found.check for each in examined for found in each.refused)
         none = f'{parsed.out} is not written' if parsed.out else 'No parameter file'
         show('', *wrapped(f'{none}: mend what FAILs first: {", ".join(checks)}'))
     elif parsed.out:
+        faulty = [each.readings.name for each in examined if each.refused]
+        if faulty:
+            left = f'{", ".join(faulty)}: no gains in it until what FAILs is mended'
+            show('', *wrapped(f'{parsed.out}: {left}'))
         whole_file.write_text(parsed.out, parameters)
         node = streams.named(setup.kind).NODE
         show('', f'parameters: {parsed.out}', *started(node, parsed.out, setup.remaps))
@@ -169,6 +184,8 @@ def _examined(
     """Examine the readings of a bag; `made`: topic -> node of ours that publishes it."""
     with open_bag(path, parsed.unpack_limit, parsed.columns) as bag:
         if is_drive(bag, parsed.measurement, parsed.angle):
+            if parsed.begin or parsed.end < math.inf:
+                raise UsageError('--from and --to are for joints: omit them for a drive')
             return _drive(parsed, bag, origin)
         if parsed.params:
             raise UsageError(
@@ -177,9 +194,10 @@ def _examined(
         settings = parse_assignments(parsed.set)
         if 'observer' in settings:
             raise UsageError('--set observer: doctor compares all observers, so omit it')
+        period, _ = wrap_periods(parsed.wrap_period, [settings])
         with progress(f'{origin}: reading', None):
-            chosen = setup(bag, parsed.measurement, parsed.angle, parsed.wrap_period, settings)
-            joints = readings(bag, chosen)
+            chosen = setup(bag, parsed.measurement, parsed.angle, period, settings)
+            joints = readings(bag, chosen, parsed.begin, parsed.end)
             topic = chosen.topics[0].name
             others = second.candidates(bag)
     samples = sum(min(len(each.rows), LONGEST_STRETCH) for each in joints)
@@ -203,8 +221,10 @@ def _examined(
     head = f'{origin}: {topic}, {len(joints)} joint{"s" * (len(joints) > 1)}'
     show(*wrapped(head), '')
     settings = chosen.input | settings
-    if parsed.wrap_period != 2.0 * math.pi:
-        settings.setdefault('wrap_period', parsed.wrap_period)
+    if period != WRAP_PERIOD:
+        settings.setdefault(PERIOD_KEY, period)
+    if len(examined) == 1 and examined[0].readings.free:
+        settings[PERIOD_KEY] = 0.0
     parameters = report.as_yaml(examined, choice, origin, settings, chosen.remaps)
     return _reported(parsed, examined, choice, origin, parameters, chosen)
 

@@ -47,6 +47,7 @@ SLOWEST_RATE = 500.0  # a lower rate is that of a wrong unit of time [Hz]
 TURNING_TIME = 0.02  # time over which currents and voltages turn together [s],
 OPPOSED = 3.0  # or against each other: by this factor
 ANY = {'resistance': 1.0, 'inductance': 1e-3, 'flux': 0.1, 'pole_pairs': 1}  # to read the topics
+MOTOR_DATA = 'motor data'  # check that they are given
 MOTOR_UNITS = {
     'resistance': 'ohm, one phase to the star point: half of line to line',
     'inductance': 'H, one phase to the star point: half of line to line',
@@ -68,7 +69,7 @@ def examine(bag: Bag, setup: Setup, missing: Sequence[str] = ()) -> Examined:
     if missing:
         found = _of_samples(drive)
         give = '; '.join(f'{each} ({MOTOR_UNITS[each]})' for each in missing)
-        found.append(Finding('motor data', FAIL, f'not given: {", ".join(missing)}', f'set {give}'))
+        found.append(Finding(MOTOR_DATA, FAIL, f'not given: {", ".join(missing)}', f'set {give}'))
         options = ' '.join(f'--set {each}=...' for each in missing)
         said = f'The motor data are needed: add {options}, or --params FILE.'
         return Examined(_nothing(name), found, said=(said,), panels=panels)

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,26 +16,33 @@ from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
-from estimator_pkg.bags.series import joint_series
+from estimator_pkg.bags.series import joint_series, why_none
 from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.circle import LARGEST
+from estimator_pkg.driver.configuration import AS_RATE
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.joint import (
     FEWEST_READINGS,
+    as_read,
     checked,
     failed,
     reference,
     stamped,
     stretch,
 )
-from estimator_pkg.evaluation.checks.readings import Finding, Readings
+from estimator_pkg.evaluation.checks.readings import WARN, Finding, Readings
+from estimator_pkg.evaluation.checks.usable import cut, usable
 from estimator_pkg.evaluation.doctor import second, velocities
 from estimator_pkg.evaluation.doctor.choice import JointRanking, answer
+from estimator_pkg.evaluation.options import in_window, wrap_periods
 from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
+from estimator_pkg.sensor.stamp_repair import REPAIRED, StampRepair
 from estimator_pkg.streams.contract import PUBLISHER, Request
 from estimator_pkg.streams.drive import DriveStream
+
+JITTER_CHECKS = ('jitter', 'lying stamps')
 
 
 @dataclass(frozen=True)
@@ -54,8 +62,13 @@ class Examined:
 
     @property
     def failed(self) -> list[Finding]:
-        """The checks that FAIL: while there is one, nothing is recommended."""
+        """The checks that FAIL."""
         return failed(self.findings)
+
+    @property
+    def refused(self) -> list[Finding]:
+        """Those because of which nothing is recommended."""
+        return [] if self.answer is not None else self.failed
 
 
 def setup(
@@ -78,14 +91,15 @@ def is_drive(bag: Bag, measurement: str | None, angle: str | None) -> bool:
     return DriveStream.recognises(lambda name: name in bag.topics, False)
 
 
-def readings(bag: Bag, chosen: Setup) -> list[Readings]:
-    """Return the readings of each joint of the measurement.
+def readings(bag: Bag, chosen: Setup, begin: float = 0.0, end: float = math.inf) -> list[Readings]:
+    """Return the readings of each joint of the measurement, from `begin` to `end` [s].
 
     Raises
     ------
-    UserError : no joint is readable.
+    UserError : no joint is readable, or none has samples in that time.
     """
-    topic, period = chosen.topics[0], float(chosen.values['wrap_period'])
+    topic = chosen.topics[0]
+    period, own_periods = wrap_periods(None, [chosen.values])
     if topic.type == TYPE and not chosen.path:
         by_stamp = joint_series(bag, topic.name)
         arrived = {
@@ -98,21 +112,26 @@ def readings(bag: Bag, chosen: Setup) -> list[Readings]:
             name: each.stamps_ns for name, each in recordings.measured(bag, published).items()
         }
     if not any(np.isfinite(each.position).any() for each in by_stamp.values()):
-        raise UserError(f'{bag.path}: {topic.name} has no readable joint: no position is finite')
+        raise UserError(
+            f'{bag.path}: {why_none(bag, topic.name)}: name another topic with --measurement'
+        )
     stamps = np.concatenate([each.stamps_ns for each in by_stamp.values()])
     start = int(np.min(stamps[stamps > 0])) if np.any(stamps > 0) else 0
-    return [
+    found = [
         Readings(
             name,
             each.stamps_ns,
             arrived[name],
             np.where(np.abs(each.position) < LARGEST, each.position, np.nan),
             each.velocity,
-            period,
+            own_periods.get(name, period),
             start,
         )
         for name, each in by_stamp.items()
     ]
+    if begin <= 0.0 and end == math.inf:
+        return found
+    return [cut(each, in_window(each.stamps_ns, start, begin, end)) for each in found]
 
 
 def examine(
@@ -121,23 +140,56 @@ def examine(
     topic: str = '',
     others: Sequence[second.Candidate] = (),
 ) -> Examined:
-    """Return all findings on one joint, and the verdict on its estimates if no check FAILs.
+    """Return all findings on one joint, and the verdict on its estimates.
+
+    There is no verdict if a check FAILs in all parts that are long enough, see `usable`.
 
     Parameters
     ----------
     motion_hz : highest frequency at which the joint moves [Hz]; None: not known.
     topic : of the readings. others : what may be second sensors.
     """
+    seen = as_read(seen)
     found, seen = checked(seen), stamped(seen)
     if len(seen.rows) < FEWEST_READINGS:
         return Examined(seen, found)
-    rows = np.sort(stretch(seen))
-    moved = reference(seen, rows)
-    found += velocities.checks(seen, moved, rows)
+    found = _repairable(seen, found)
+    good, said = usable(seen, found)
+    part = seen if good is None else good
+    rows = np.sort(stretch(part))
+    moved = reference(part, rows)
+    found += velocities.checks(part, moved, rows)
     made, sources = None, dict[str, Any]()
-    if moved is not None and not failed(found):
-        made = answer(seen, moved, rows, motion_hz)
-        more, sources = second.examine(seen, moved, rows, topic, others, motion_hz)
+    if moved is not None and good is not None:
+        made = answer(part, moved, rows, motion_hz)
+        if said:
+            verdict = replace(made.verdict, cautions=(said, *made.verdict.cautions))
+            made = made._replace(verdict=verdict)
+        wrong = velocities.misleads(found)
+        may = [
+            each
+            for each in others
+            if not wrong or (each.topic, each.joint, each.kind) != (topic, seen.name, AS_RATE)
+        ]
+        more, sources = second.examine(part, moved, rows, topic, may, motion_hz)
         found += more
     found = [each._replace(value=units(each.value, seen.period)) for each in found]
     return Examined(seen, found, made, sources=sources)
+
+
+def _repairable(seen: Readings, found: list[Finding]) -> list[Finding]:
+    """Return the findings; those on jitter name `stamp_repair` where it repairs the stamps."""
+    jittery = [each.level == WARN and each.check in JITTER_CHECKS for each in found]
+    if not any(jittery):
+        return found
+    repair = StampRepair(lambda _: seen.period)
+    usable = np.sort(seen.rows)
+    for stamp, reading in zip(seen.stamps_ns[usable].tolist(), seen.position[usable].tolist()):
+        repair(stamp, (seen.name,), (reading,))
+    if repair.state != REPAIRED:
+        return found
+    remedy = "or set 'stamp_repair: regular': the readings show a device that samples regularly"
+    return [
+        each._replace(remedy=f'{each.remedy}; {remedy}') if late else each
+        for each, late in zip(found, jittery)
+    ]

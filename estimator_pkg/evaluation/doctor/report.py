@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg import observers, params_file, yaml_text
+from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.checks.readings import (
     FAIL,
@@ -27,6 +28,7 @@ from estimator_pkg.evaluation.checks.readings import (
 from estimator_pkg.evaluation.doctor import second
 from estimator_pkg.evaluation.doctor.choice import Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
+from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.ranking.verdict import Verdict, percent
 from estimator_pkg.evaluation.text import WIDTH, for_node, units
@@ -67,8 +69,8 @@ def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str
         name = each.readings.name
         if each.said:
             found[name] = list(each.said)
-        elif each.failed:
-            found[name] = Verdict(cautions=(), why=to_mend(each.failed)).sentences()
+        elif each.refused:
+            found[name] = Verdict(cautions=(), why=to_mend(each.refused)).sentences()
         elif each.answer is None:
             keep = f'The file keeps {choice.observer} at its defaults for it.'
             why = 'the joint does not move enough' if each.readings.rows.size else 'no readings'
@@ -155,11 +157,14 @@ def as_yaml(
     origin : what the readings are from. settings : parameters that the user set, and those of the
         input. remaps : of the node's topics.
 
-    It is empty while a check FAILs: no gains fit readings that are wrong.
+    It is empty while nothing can be recommended for any joint: no gains fit readings that are
+    wrong. One of several keeps the defaults.
     """
-    if any(each.failed for each in examined):
+    if all(each.refused for each in examined):
         return ''
-    quanta = {each.readings.name: each.readings.quantum for each in examined}
+    quanta = {
+        each.readings.name: 0.0 if each.refused else each.readings.own_quantum for each in examined
+    }
     known = {name: float(f'{count:.6g}') for name, count in quanta.items() if count}
     known = {} if 'quantum' in settings else known
     common = known and len(set(known.values())) == 1 and len(known) == len(quanta)
@@ -199,6 +204,8 @@ def as_yaml(
     for each in examined:
         name = each.readings.name
         values = dict(choice.gains.get(name, {}))
+        if each.readings.free and len(examined) > 1:
+            values['wrap_period'] = 0.0
         if not common and name in known:
             values['quantum'] = known[name]
         if values and name:
@@ -234,7 +241,7 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
         ]
         parts.append('</table>')
     found = {
-        each.readings.name: each.panels or panels(each.readings)
+        each.readings.name: each.panels or panels(each.readings, _recommended(each, choice))
         for each in examined
         if each.panels or len(each.readings.rows) > 1
     }
@@ -248,8 +255,21 @@ def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: 
     return made.page(f'Doctor: {origin}', '\n'.join(parts))
 
 
-def panels(readings: Readings) -> dict[str, list[Curve]]:
-    """Return position, velocities and sample times of a joint, by title."""
+def _recommended(examined: Examined, choice: Choice) -> Entry | None:
+    """Return the observer with the gains that the verdict names; None if nothing is recommended."""
+    name = examined.readings.name
+    if examined.refused or examined.readings.at_rest:
+        return None
+    return Entry(choice.label(name), choice.observer, tuple(choice.gains.get(name, {}).items()))
+
+
+def panels(readings: Readings, recommended: Entry | None = None) -> dict[str, list[Curve]]:
+    """Return position, velocities and sample times of a joint, by title.
+
+    Parameters
+    ----------
+    recommended : the observer that the verdict names; None: none.
+    """
     rows, estimates = readings.rows, readings.difference
     time = (readings.stamps_ns[rows] - readings.start_ns) * 1e-9
     later = plots.ahead(time)
@@ -261,8 +281,19 @@ def panels(readings: Readings) -> dict[str, list[Curve]]:
     velocities = [Curve('finite difference', f'@ {unit}/s', time, difference, blue)]
     if np.isfinite(recorded).any():
         velocities.insert(0, Curve('in the messages', f'@ {unit}/s', time, recorded, grey))
+    title = f'velocity [{unit}/s]; blue: finite difference'
+    title += ', grey: in the messages' * (len(velocities) > 1)
+    if recommended is not None:
+        more = {'quantum': readings.own_quantum} if readings.own_quantum else {}
+        made = recommended.joint(wrap_period=readings.period, **more).run(
+            readings.stamps_ns, readings.position
+        )
+        shown = made.used & np.isin(made.status, VALID)
+        estimate = np.where(shown, made.velocity, np.nan)[rows]
+        orange = plots.Style(plots.COLOURS[1], 'solid').line
+        velocities.append(Curve(recommended.label, f'@ {unit}/s', time, estimate, orange))
+        title += f', orange: {recommended.label}, recommended'
     return {
         f'position [{unit}]': [Curve('position', f'@ {unit}', time, readings.position[rows], blue)],
-        f'velocity [{unit}/s]; blue: finite difference'
-        + ', grey: in the messages' * (len(velocities) > 1): velocities,
+        title: velocities,
     } | plots.sample_times(time)

@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 
 IMU = SourceSettings.field_type
 FOLLOWS = 0.9  # correlation with the joint's position from which a sensor may be of the joint
+GEARED = 0.99999  # and another joint of the same messages: joints of an arm move together, too
 FEWEST_VALUES = 100  # values without which nothing is examined
 MOST_RUN = 10_000  # readings that are run
 TRIED_FIRST = 2_500  # of them before the sensor was used once
@@ -67,6 +68,10 @@ class Candidate(NamedTuple):
         """Return True unless it is the angle itself, or the velocity of another joint."""
         same = self.joint == joint
         return not self.joint or (same if self.kind == AS_RATE else not same or self.topic != topic)
+
+    def is_beside(self, joint: str, topic: str) -> bool:
+        """Return True if it is another joint of the same messages."""
+        return self.topic == topic and self.joint not in ('', joint)
 
 
 def candidates(bag: Bag) -> list[Candidate]:
@@ -132,7 +137,11 @@ def examine(
             text = f'{imu}: no axis follows the joint (correlation {follows[id(chosen)]:.2f})'
             found.append(Finding('second sensor', PASS, text))
         may = [each for each in may if each.topic != imu or each is chosen]
-    may = [each for each in may if follows[id(each)] >= FOLLOWS]
+    may = [
+        each
+        for each in may
+        if follows[id(each)] >= (GEARED if each.is_beside(seen.name, topic) else FOLLOWS)
+    ]
     for each in sorted(may, key=lambda each: -follows[id(each)])[:MOST_SENSORS]:
         text, error, numbers = _judged(each, seen, moved, rows, motion_hz)
         found.append(Finding('second sensor', PASS, text, '', numbers))
@@ -164,7 +173,7 @@ def _judged(
     each: Candidate, seen: Readings, moved: ReferenceMotion, rows: Rows, motion_hz: float | None
 ) -> tuple[str, float, dict[str, Any]]:
     """Return the result in words, the error if it pays (else infinite), and its numbers."""
-    more = {'quantum': seen.quantum} if seen.quantum else {}
+    more = {'quantum': seen.own_quantum} if seen.own_quantum else {}
     observer = observers.find(DEFAULT)
     configuration = Configuration(observer, {'wrap_period': seen.period, **more})
     settings = SourceSettings(kind=each.kind)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,11 +23,13 @@ from estimator_pkg.evaluation.checks.readings import (
     late_by,
 )
 from estimator_pkg.evaluation.delay import UNKNOWN_DELAY, Delay, measured
+from estimator_pkg.evaluation.doctor.published import relation
 from estimator_pkg.evaluation.ranking.cautions import JUDGE_BY_TRUTH, contradiction
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.signals import cubic
 from estimator_pkg.parameters import declared
 
+PUBLISHED = 'published velocity'  # the check of that in the messages
 LATE_TIME, LATE_STEPS = 2e-3, 3.0  # a published velocity later than both [s, samples] is reported
 LOW_PASS = declared(type(DIFFERENCE.joint().observer.gains()))['bandwidth_hz'].default
 
@@ -68,20 +71,38 @@ def checks(seen: Readings, found: ReferenceMotion | None, rows: Rows) -> list[Fi
         ('finite difference', 'raw', raw),
         ('low-passed', f'at {LOW_PASS:g} Hz', seen.difference.velocity),
     ]
-    known = seen.velocity[np.isfinite(seen.velocity)]
-    if len(known) > FEWEST_FOR_REFERENCE and np.ptp(known):
-        compared.append(('published velocity', 'that of the topic', seen.velocity))
+    known = np.isfinite(seen.velocity[rows])
+    at = at_stamps(found.stamps[firm], seen.stamps_ns[rows][known], seen.velocity[rows][known])
+    good = np.isfinite(at)
+    what = None
+    if np.count_nonzero(good) > FEWEST_FOR_REFERENCE:
+        position = np.unwrap(found.position, period=seen.period) if seen.period else found.position
+        given = time[good], at[good], truth[good], position[firm][good]
+        what = relation(*given, found.uncertainty)
+        compared.append((PUBLISHED, 'that of the topic', seen.velocity))
     for name, words, values in compared:
         rms, noise, late = error(values)
-        published = values is seen.velocity
+        published = what if values is seen.velocity else None
+        late = late if published is None else published.late
         slow = published and late.late - late.half > max(LATE_TIME, LATE_STEPS * seen.step)
         text = f'{words}: noise {noise:.3g} rad/s, {late_by(late)}'
-        if not published:
-            text += f', at {speed:.3g} rad/s rms'
         remedy = 'use the estimate of a node instead' if slow else ''
         more = {'rms': rms, 'noise': noise, 'delay_s': late.late, 'delay_95_s': late.half}
-        result.append(Finding(name, WARN if slow else PASS, text, remedy, numbers | more))
+        if published is None:
+            text += f', at {speed:.3g} rad/s rms'
+        else:
+            more |= {'factor': published.factor, 'wrong': bool(published.wrong)}
+            if published.wrong:
+                text = f'{words} is {published.wrong}'
+                text += f'; {late_by(late)}' if math.isfinite(late.late) else ''
+                remedy = published.remedy
+        result.append(Finding(name, WARN if remedy else PASS, text, remedy, numbers | more))
     return result
+
+
+def misleads(findings: Sequence[Finding]) -> bool:
+    """Return True if the velocity in the messages is not that of the joint."""
+    return any(each.check == PUBLISHED and each.numbers.get('wrong') for each in findings)
 
 
 def _rms(values: Array) -> float:

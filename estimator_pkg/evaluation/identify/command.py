@@ -249,7 +249,7 @@ COMMAND = Command(
     run,
     examples=(
         (
-            'bags/dfki_simple_pendulum/sac_200hz_multiturn --out joint.yaml',
+            'bags/dfki_simple_pendulum/system_identification_300hz --out joint.yaml',
             'inertia, friction and gravity of a joint, from positions and efforts',
         ),
         ('BAG --joint elbow --set inertia=0.02', 'one joint of several, with a known parameter'),

@@ -19,6 +19,7 @@ NEVER_SHOWN_BY_EMF = (
     'currents and voltages show neither a wrong resistance or inductance, which acts on the '
     'reference too, nor a constant error of the angle, nor anything near standstill'
 )
+UNSEEN_PART = 0.1  # a larger fraction of the readings without a reference may decide otherwise
 JUDGE_BY_TRUTH = 'judge by a measured truth, or record again without jumps and repeated readings'
 
 
@@ -56,6 +57,17 @@ def cautions(reference: ReferenceMotion) -> tuple[str, ...]:
     if length < SHORT_RECORD:
         found.append(f'the record has only {number(length, 2)} s: a longer one may rank otherwise')
     return (*found, NEVER_SHOWN_BY_EMF if reference.of_emf else NEVER_SHOWN)
+
+
+def unseen(reference: ReferenceMotion) -> str:
+    """Return why a ranking would not be of what is published; '' if it is."""
+    if reference.unseen <= UNSEEN_PART:
+        return ''
+    return (
+        f'{reference.unseen:.0%} of the readings have no reference, because they repeat older ones '
+        'while the joint moves, and the estimates there may err most: publish each reading once, '
+        'with the stamp of when it was taken, or judge by a measured truth (--truth)'
+    )
 
 
 def contradiction(smoothed: Smoothed) -> str:

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.evaluation import pairs as test
 from estimator_pkg.evaluation.matching import exact
-from estimator_pkg.evaluation.ranking.cautions import cautions
+from estimator_pkg.evaluation.ranking.cautions import cautions, unseen
 from estimator_pkg.evaluation.ranking.verdict import ComparedPair, Verdict, shown
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 
@@ -87,6 +87,8 @@ def rank(
             why=f'the reading changes only {max(reference.smoothed.changes, 0)} times, too rarely '
             'to show the motion: record a longer or faster motion',
         )
+    if unseen(reference):
+        return replace(nothing, why=unseen(reference))
     elapsed = reference.time - reference.time[0]
     counted = reference.firm & (
         elapsed >= (min(SKIPPED, SKIP_PART * elapsed[-1]) if skip is None else skip)

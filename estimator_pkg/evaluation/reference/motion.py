@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.evaluation.matching import match
+from estimator_pkg.evaluation.matching import match, pieces
 from estimator_pkg.evaluation.reference.fresh import Fresh, fresh
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut
@@ -56,6 +56,7 @@ class ReferenceMotion:
     smoothed : result of the smoother.
     motion_hz : highest frequency at which the joint moves [Hz], see `below`; None: not known.
     of_emf : the readings are angles of a back-EMF.
+    unseen : fraction of the readings at which there is no reference.
     """
 
     stamps: Stamps
@@ -72,6 +73,7 @@ class ReferenceMotion:
     smoothed: Smoothed
     motion_hz: float | None = None
     of_emf: bool = False
+    unseen: float = 0.0
 
     @property
     def vibrates(self) -> bool:
@@ -164,6 +166,7 @@ def motion(stamps: Stamps, position: Array, period: float) -> ReferenceMotion | 
         smoothed.seldom,
         kept,
         smoothed,
+        unseen=1.0 - len(at.rows) / sum(map(len, pieces(stamps[good]))),
     )
 
 

@@ -17,6 +17,9 @@ READ_OFTEN = 10  # unless each was read this often
 WHOLE_TO = 0.1  # a spacing counts as an integer number of quanta within this fraction of a quantum
 WHOLE_PART = 0.9  # fraction of the spacings that must be integers
 CLEARLY_FINER = 0.7  # below this ratio, the quantum of the steps replaces that of the levels
+STEADY_PART = 0.9  # a larger part of the steps that repeat the one before,
+SINGLE_PART = 0.01  # and a smaller one that differs alone,
+FEWEST_STEPS = 20  # in motion, from which they show a commanded speed
 FEW_QUANTA = 8.0  # only spacings up to this many quanta count: wider ones may be integers by chance
 
 
@@ -38,9 +41,29 @@ def quantum(readings: Array) -> float:
     found = _spacing(finite, same)
     wrap = max(0.5 * float(np.ptp(finite)), 1.5 * found)  # moves are shorter
     finer = _spacing(moves[np.abs(moves) < wrap], 2.0 * same)
-    if not found or not finer:
+    if not finer or steady(moves, finer):
         return 0.0
+    if not found:  # of three or more counts a step the levels are no neighbours
+        counts = (finite - finite[0]) / finer
+        return finer if np.mean(np.abs(counts - np.rint(counts)) < WHOLE_TO) > WHOLE_PART else 0.0
     return finer if finer < CLEARLY_FINER * found else found
+
+
+def steady(moves: Array, count: float) -> bool:
+    """Return True if the steps in motion are those of a few constant speeds, without counts.
+
+    Counts of a constant speed alternate: near a whole number of counts a step, single ones differ.
+
+    Parameters
+    ----------
+    moves : shape (n,), steps between readings. count : their supposed quantum.
+    """
+    in_motion = np.abs(moves[:-1]) > WHOLE_TO * count
+    same = np.abs(np.diff(moves)) < WHOLE_TO * count
+    if np.count_nonzero(in_motion) < FEWEST_STEPS or np.mean(same[in_motion]) < STEADY_PART:
+        return False
+    back = np.abs(moves[2:] - moves[:-2]) < WHOLE_TO * count
+    return bool(np.mean((back & ~same[1:])[in_motion[:-1]]) < SINGLE_PART)
 
 
 def _spacing(values: Array, same: float) -> float:

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 from typing import Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.cli import Command, add_set
-from estimator_pkg.errors import UsageError
 from estimator_pkg.evaluation import image
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
@@ -28,9 +26,12 @@ from estimator_pkg.evaluation.options import (
     SMOOTHER,
     Options,
     check_joints,
+    check_window,
     joint_arguments,
     truth_argument,
+    window_arguments,
     worker_arguments,
+    wrap_periods,
 )
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import full_data
@@ -80,9 +81,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         'that one only',
     )
     add_set(parser, 'set a parameter of every --observer that has it; repeatable')
-    parser.add_argument(
-        '--skip', type=float, default=0.0, metavar='S', help='ignore the first S seconds'
-    )
+    window_arguments(parser)
     parser.add_argument(
         '--correct-reference',
         action='store_true',
@@ -125,24 +124,28 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def options(parsed: argparse.Namespace) -> Options:
     """Return the arguments as `Options`; raise UsageError."""
-    if not (math.isfinite(parsed.skip) and parsed.skip >= 0.0):
-        raise UsageError(f'--skip is {parsed.skip:g} s: it must be 0 or more')
+    check_window(parsed)
     columns = log_file.columns(parsed)
     check_joints(parsed)
     observers = tuple(requested.entries(parsed.observer, parsed.params, parsed.set))
+    period, own_periods = wrap_periods(
+        parsed.wrap_period, [dict(each.values) for each in observers]
+    )
     return Options(
         parsed.measurement,
         parsed.truth,
         tuple(parsed.estimate),
         observers,
-        parsed.skip,
-        parsed.wrap_period,
+        parsed.begin,
+        parsed.end,
+        period,
         parsed.correct_reference,
         parsed.reference,
         parsed.angle,
         parsed.unpack_limit,
         parsed.motion_hz,
         columns,
+        own_periods,
     )
 
 
@@ -218,6 +221,6 @@ COMMAND = Command(
             'BAG --observer kalman --set bandwidth_hz=30 --html report.html',
             'one observer and its gains, as a page',
         ),
-        ('RECORDED --skip 2', 'estimates that were recorded, without the first two seconds'),
+        ('RECORDED --from 2 --to 10', 'estimates that were recorded, between two and ten seconds'),
     ),
 )

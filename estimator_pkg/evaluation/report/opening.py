@@ -121,10 +121,10 @@ def faulty(verdict: Verdict | None) -> bool:
 
 
 def _quality(rows: Sequence[Row]) -> list[str]:
-    """Return delay, noise and coverage of the worst joint."""
+    """Return error, delay, noise and coverage of the worst joint."""
     if not rows:
         return []
-    parts = []
+    parts = [f'its error is {number(_worst(rows), 2)} rad/s rms']
     late = max(
         (
             abs(row.velocity['delay_s']) + row.velocity['delay_95_s']
@@ -134,15 +134,12 @@ def _quality(rows: Sequence[Row]) -> list[str]:
         default=-1.0,
     )
     if late > NO_DELAY:
-        parts.append(f'It follows within {number(late * 1e3, 2)} ms')
+        parts.append(f'it follows within {number(late * 1e3, 2)} ms')
     elif late >= 0.0:
-        parts.append('It follows within 0.1 ms')
+        parts.append('it follows within 0.1 ms')
     noise = max((row.velocity['noise'] for row in rows if _finite(row, 'noise')), default=-1.0)
     if noise >= 0.0:
         parts.append(f'noise {number(noise, 2)} rad/s at constant speed')
-    else:
-        worst = max(row.velocity['rms'] for row in rows)
-        parts.append(f'its error is {number(worst, 2)} rad/s rms')
     covered = [row.coverage for row in rows if math.isfinite(row.coverage)]
     if covered:
         parts.append(f'its 95 % interval contained {100.0 * min(covered):.0f} % of the errors')
@@ -164,7 +161,7 @@ def _against(rows: Sequence[Row], raw: Sequence[Row], entries: Mapping[str, Entr
             ratios.append(theirs / own)
     if not raw:
         return []
-    parts = []
+    parts = [f'has an error of {number(_worst(raw), 2)} rad/s rms']
     if late:
         middle, half = sorted(late)[len(late) // 2]
         parts.append(
@@ -177,16 +174,18 @@ def _against(rows: Sequence[Row], raw: Sequence[Row], entries: Mapping[str, Entr
         parts.append(
             'has the same noise'
             if 0.95 < ratio < 1.05
-            else f'{"" if parts else "is "}{number(ratio, 2)} times noisier'
+            else f'is {number(ratio, 2)} times noisier'
             if ratio >= 2.0
             else f'has {number(ratio, 2)} times the noise'
         )
-    if not parts:
-        return []
     known_gains = declared(observers.find(RAW).gains)
     values = dict(entries[RAW].values) if RAW in entries else {}
     hz = values.get('bandwidth_hz', known_gains['bandwidth_hz'].default)
-    return [f'Your finite difference, low-passed at {hz:g} Hz, {" and ".join(parts)}.']
+    return [f'Your finite difference, low-passed at {hz:g} Hz, {listed(parts)}.']
+
+
+def _worst(rows: Sequence[Row]) -> float:
+    return max(float(row.velocity['rms']) for row in rows)
 
 
 def _finite(row: Row, name: str) -> bool:
@@ -208,13 +207,15 @@ def parameter_file(
     """Return the parameter file of the node for the chosen observer.
 
     A node has one observer: the one that most joints need. '' if it is no observer, or if nothing
-    is recommended for a joint.
+    is recommended for any joint.
 
     Parameters
     ----------
     quanta : of the readings [rad], by joint; 0: none.
     """
-    if any(faulty(verdicts.get(joint)) for joint in chosen):
+    chosen = {joint: row for joint, row in chosen.items() if not faulty(verdicts.get(joint))}
+    quanta = {joint: quantum for joint, quantum in quanta.items() if joint in chosen}
+    if not chosen:
         return ''
     sources = [to_use(row, verdicts.get(joint)) for joint, row in chosen.items()]
     source = max(dict.fromkeys(sources), key=sources.count)

@@ -90,7 +90,7 @@ class ReportPage:
                         comparison.measurement[joint], comparison.starts[joint], self._period
                     )
                     if found is not None:
-                        quanta[joint] = found.quantum
+                        quanta[joint] = found.own_quantum
                         of_readings[joint] = of_joint(comparison, joint, found)
                 own = [row for row in comparison.rows if row.joint == joint]
                 raw_row = next((row for row in own if row.source == tradeoff.RAW), None)

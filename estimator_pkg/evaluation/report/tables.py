@@ -16,7 +16,7 @@ from estimator_pkg import registry
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.compare.description import describe_smoother, describe_truth
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.text import error, fixed, interval, number
+from estimator_pkg.evaluation.text import error, filled, fixed, interval, number
 from estimator_pkg.parameters import declared
 from estimator_pkg.params_file import split
 from estimator_pkg.printable import escaped
@@ -105,15 +105,21 @@ def table(
     rows : in the order of the table. chosen : by joint. entries : by source, with their gains.
     """
     several = len({row.joint for row in rows}) > 1
-    head = ''.join(
-        f'<th>{name}{f"<br><small>{unit}</small>" if unit else ""}</th>'
-        for i, (name, unit) in enumerate(zip(TABLE_HEADER, TABLE_UNITS))
-    )
+    titles = [
+        f'{name}{f"<br><small>{unit}</small>" if unit else ""}'
+        for name, unit in zip(TABLE_HEADER[1:], TABLE_UNITS[1:])
+    ]
+    kept, cells = filled(titles, [_cells(row) for row in rows])
+    head = ''.join(f'<th>{each}</th>' for each in (TABLE_HEADER[0], *kept))
     lines = ''
-    for row in rows:
+    for row, own in zip(rows, cells):
         small = [row.joint, gains(row, entries)][not several :]
         name = escaped(row.source) + ''.join(f'<small>{escaped(each)}</small>' for each in small)
-        lines += _line(row, chosen.get(row.joint) is row, name)
+        made = f'<td class="text">{name}</td>'
+        made += ''.join(f'<td>{escaped(cell)}</td>' for cell in own)
+        lines += (
+            f'<tr class="best">{made}</tr>' if chosen.get(row.joint) is row else f'<tr>{made}</tr>'
+        )
     notes = ['Bold: the estimate that the verdict names. Best first.']
     if any(row.reference_cannot_tell for row in comparison.rows):
         notes.append("* The error is below the reference's own error.")
@@ -173,7 +179,8 @@ def _best(comparison: Comparison) -> dict[str, Row]:
     return found
 
 
-def _line(row: Row, best: bool, name: str) -> str:
+def _cells(row: Row) -> tuple[str, ...]:
+    """Return the numbers of an estimate, by `TABLE_HEADER` without its name."""
     v = row.velocity
     difference = np.abs(row.estimate - row.truth)
     worst = (
@@ -189,7 +196,7 @@ def _line(row: Row, best: bool, name: str) -> str:
         + (row.validity.get('published', 0.0))
     )
     places = 2 if total < 1000.0 else 0
-    cells = (
+    return (
         error(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
         error(v['mean_abs'], 4),
         error(v['max_abs'], 3),
@@ -202,5 +209,3 @@ def _line(row: Row, best: bool, name: str) -> str:
         f'{row.samples["used"]} of {row.samples["received"]}',
         dropped or '0',
     )
-    made = f'<td class="text">{name}</td>' + ''.join(f'<td>{escaped(cell)}</td>' for cell in cells)
-    return f'<tr class="best">{made}</tr>' if best else f'<tr>{made}</tr>'

@@ -20,19 +20,23 @@ from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
+    PERIOD_KEY,
     SMOOTHER,
     TRUTH,
+    WRAP_PERIOD,
     Options,
     joint_arguments,
     truth_argument,
+    window_arguments,
     worker_arguments,
+    wrap_periods,
 )
 from estimator_pkg.evaluation.text import started
 from estimator_pkg.evaluation.tuning import any_observer, live, output
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import TuningRecord, records
 from estimator_pkg.evaluation.tuning.seek import kept, seek
-from estimator_pkg.evaluation.tuning.settings import WRAP_PERIOD, TuneSettings, tune_settings
+from estimator_pkg.evaluation.tuning.settings import TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import show
 
@@ -133,6 +137,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default=True,
         help="remove the truth's own lag and bias first (default)",
     )
+    window_arguments(parser)
     joint_arguments(parser)
     unpacking.arguments(parser)
     worker_arguments(parser)
@@ -147,17 +152,21 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     destination.check(out)
     if parsed.apply:  # before anything is recorded or searched
         live.check(parsed.apply, parsed.observer)
+    period, own_periods = wrap_periods(parsed.wrap_period, [tuning.held])
     options = Options(
         parsed.measurement,
         parsed.truth,
         observers=(tuning.entry,),
-        wrap_period=parsed.wrap_period,
+        begin=parsed.begin,
+        end=parsed.end,
+        wrap_period=period,
         correct_reference=parsed.correct_reference,
         reference=parsed.reference,
         angle=parsed.angle,
         unpack_limit=parsed.unpack_limit,
         motion_hz=parsed.motion_hz,
         columns=columns,
+        own_periods=own_periods,
     )
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
@@ -207,9 +216,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 tuning = tune_settings(parsed)
                 tuned = [kept(joint, groups[joint], text) for joint, text in results.items()]
                 notes.append(f'the file has {parsed.observer} as it is')
-    print(output.describe(chosen_results, notes, parsed.wrap_period))
+    print(output.describe(chosen_results, notes, period))
     wiring = seen[0].seen.recording.setup
-    held = _held(parsed, tuning, wiring)
+    held = _held(period, tuning, wiring)
     whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))
     node = streams.of_observer(tuning.entry.observer).NODE
     show(f'gains: {out}', *started(node, parsed.out, wiring.remaps))
@@ -310,7 +319,7 @@ def _notes(seen: Sequence[TuningRecord]) -> list[str]:
     ]
 
 
-def _held(parsed: argparse.Namespace, tuning: TuneSettings, wiring: Setup) -> dict[str, Any]:
+def _held(period: float, tuning: TuneSettings, wiring: Setup) -> dict[str, Any]:
     """Return the fixed parameters, which the node needs too.
 
     Parameters
@@ -319,8 +328,8 @@ def _held(parsed: argparse.Namespace, tuning: TuneSettings, wiring: Setup) -> di
     """
     held = wiring.input | tuning.held
     wraps = streams.of_observer(tuning.entry.observer).WRAPS
-    if wraps and parsed.wrap_period != WRAP_PERIOD:
-        held.setdefault('wrap_period', parsed.wrap_period)
+    if wraps and period != WRAP_PERIOD:
+        held.setdefault(PERIOD_KEY, period)
     return held
 
 

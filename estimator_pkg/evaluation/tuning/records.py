@@ -20,7 +20,7 @@ from estimator_pkg.evaluation.compare.truth import Truth, check_common, listed, 
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import match
 from estimator_pkg.evaluation.options import Options
-from estimator_pkg.evaluation.ranking.cautions import cautions
+from estimator_pkg.evaluation.ranking.cautions import cautions, unseen
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.reference.quantum import quantum
 from estimator_pkg.evaluation.signals import slopes
@@ -71,7 +71,7 @@ def records(
     """
     with open_bag(path, options.unpack_limit, options.columns) as bag:
         measurement = measured(bag, options)
-        whole = recording(entry, bag, measurement, options)
+        whole = recording(entry, bag, measurement, options).between(options.begin, options.end)
         true = truth(bag, path, measurement, options)
     by_label = whole.by_joint()
     names = [label for label in by_label if label is not None]
@@ -92,7 +92,7 @@ def records(
         of = tuple(true.motions or true.series) if label is None else (label,)
         why = {joint: _unfit(true, joint) for joint in of}
         usable = {joint: true.series[joint] for joint, reason in why.items() if not reason}
-        first, rest = each.split(held_out)
+        first, rest = each.of_stamps(*true.parts.get(label or '', (0, 2**62))).split(held_out)
         seen = _part(first, entry, usable, true, options)
         after = None
         if seen is not None and held_out > 0.0:
@@ -106,7 +106,14 @@ def records(
                 seen or Dataset(first, {}),
                 after,
                 {joint: quanta[joint] for joint in of if joint in quanta},
-                tuple(dict.fromkeys(each for one in moved if one for each in cautions(one))),
+                tuple(
+                    dict.fromkeys(
+                        [
+                            *(true.caveats[joint] for joint in usable if joint in true.caveats),
+                            *(each for one in moved if one for each in cautions(one)),
+                        ]
+                    )
+                ),
                 ''
                 if seen is not None
                 else '; '.join(reasons)
@@ -132,7 +139,7 @@ def _unfit(true: Truth, joint: str) -> str:
         return 'it moves too little: record a longer or faster motion'
     if moved.constant:
         return 'it moves at constant speed only: record a motion that accelerates'
-    return ''
+    return unseen(moved)
 
 
 def _part(
@@ -158,7 +165,7 @@ def _part(
         if joint not in usable:
             continue
         seen = after.known[joint].stamps if after is not None and joint in after.known else None
-        one = _known(estimate, usable[joint], true.motions.get(joint), options.wrap_period, seen)
+        one = _known(estimate, usable[joint], true.motions.get(joint), options.period(joint), seen)
         if one is not None:
             known[joint] = one
     return Dataset(part, known) if known else None

@@ -16,12 +16,11 @@ from estimator_pkg.driver.configuration import SELECT_OBSERVER
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.options import check_joints
+from estimator_pkg.evaluation.options import check_joints, check_window
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
 from estimator_pkg.evaluation.tuning.search import GainValue, Ranges, moved
 from estimator_pkg.parameters import Parameter, declared
 
-WRAP_PERIOD = 2.0 * math.pi
 LARGEST_SEED = 2**32 - 1  # of NumPy
 
 
@@ -87,6 +86,7 @@ def tune_settings(parsed: argparse.Namespace) -> TuneSettings:
     if not 0 <= parsed.seed <= LARGEST_SEED:
         raise UsageError(f'--seed is {parsed.seed}: it must be from 0 to {LARGEST_SEED}')
     check_joints(parsed)
+    check_window(parsed)
     if parsed.observer == requested.ALL_OBSERVERS:
         raise UsageError("--observer is 'all', but tuning needs one: name it")
     (entry,) = requested.entries([parsed.observer], parsed.params, parsed.set)

@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 
 BLOCK_TIME = 0.25  # shortest learning time of a block [s], ...
 MEMORIES = 4.0  # ... and in time constants of the slowest filter
-MOST_BLOCKS = 64  # number of blocks at which neighbours merge
-FEWEST_BLOCKS = 8  # smallest number of blocks for a standard deviation
+MERGING_BLOCKS = 64  # number of blocks at which neighbours merge
+EVIDENCE_BLOCKS = 8  # smallest number of blocks for a standard deviation
 OLDEST_BLOCK = 4.0  # memories of least squares after which a block is forgotten
 SINGULAR = 1e-13  # reciprocal condition of the scaled matrix below which it counts as singular
 
@@ -92,14 +92,14 @@ class Evidence:
         if self.memory > 0.0:
             keep = math.ceil(OLDEST_BLOCK * self.memory / self.length)
             del self.blocks[:-keep]
-        if len(self.blocks) >= MOST_BLOCKS:
+        if len(self.blocks) >= MERGING_BLOCKS:
             self.blocks = _merged(self.blocks)
             self.length *= 2.0
 
     @property
     def enough(self) -> bool:
         """True if there are enough blocks for a standard deviation."""
-        return len(self.blocks) >= FEWEST_BLOCKS
+        return len(self.blocks) >= EVIDENCE_BLOCKS
 
     def answer(self) -> _Answer | None:
         """Return the least-squares solution of all blocks; None if the matrix is singular.
@@ -191,7 +191,7 @@ def judge(
 def _largest(matrices: Array, vectors: Array) -> Array:
     """Return the jackknife's covariance at the block length where it is largest."""
     best = _jackknife(matrices, vectors)
-    while len(matrices) >= 2 * FEWEST_BLOCKS:
+    while len(matrices) >= 2 * EVIDENCE_BLOCKS:
         odd = len(matrices) % 2  # the oldest block is not merged
         matrices = np.concatenate([matrices[:odd], matrices[odd::2] + matrices[odd + 1 :: 2]])
         vectors = np.concatenate([vectors[:odd], vectors[odd::2] + vectors[odd + 1 :: 2]])

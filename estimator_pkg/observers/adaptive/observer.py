@@ -81,7 +81,7 @@ from estimator_pkg.sensor.convention import begin_convention, follow_convention,
 from estimator_pkg.sensor.scatter import begin_scatter, follow_scatter, resume_scatter
 
 SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
-SAMPLED_FORM, PAPER_FORM = 'sampled', 'paper'
+SAMPLED_FORM, PUBLISHED_FORM = 'sampled', 'paper'
 GRADIENT, LEAST_SQUARES = 'gradient', 'least_squares'
 FILTER_SETTLING = 5.0  # time constants of the slowest pole until the filters have settled
 CHECK_SAMPLES = 20  # samples between two checks of excitation and trust
@@ -104,7 +104,7 @@ class Gains:
     )
     form: str = structural(
         SAMPLED_FORM,
-        choices=(SAMPLED_FORM, PAPER_FORM),
+        choices=(SAMPLED_FORM, PUBLISHED_FORM),
         description='sampled: filters exact for the sample time and a step that is stable for '
         'every gain; paper: (11) to (13) by forward Euler, whose damping b/J has an error of '
         'dt k/J',
@@ -276,7 +276,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     """
     structured, made = structure(gains), Design()
     made.order = n = gains.order
-    made.is_paper, made.is_gradient = gains.form == PAPER_FORM, gains.law == GRADIENT
+    made.is_paper, made.is_gradient = gains.form == PUBLISHED_FORM, gains.law == GRADIENT
     if made.is_paper and not made.is_gradient:
         raise UsageError(
             f"form 'paper' does not have the law '{gains.law}': set law to 'gradient', or form to "

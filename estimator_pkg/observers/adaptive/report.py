@@ -19,7 +19,12 @@ from estimator_pkg.observers.adaptive.law import (
     PHASE_TEXTS,
     variance,
 )
-from estimator_pkg.observers.adaptive.observer import PAPER_FORM, SLOW_POWER_RATIO, Gains, prepare
+from estimator_pkg.observers.adaptive.observer import (
+    PUBLISHED_FORM,
+    SLOW_POWER_RATIO,
+    Gains,
+    prepare,
+)
 from estimator_pkg.observers.adaptive.state import Coefficients, Design, State
 from estimator_pkg.observers.adaptive.structure import Structure, physical, structure
 
@@ -206,7 +211,7 @@ def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> A
     n = gains.order
     plant = np.array(theta)
     plant[:n] += made.model
-    if gains.form != PAPER_FORM:
+    if gains.form != PUBLISHED_FORM:
         pace = (-made.observer[-1]) ** (1.0 / n)
         return (pace * dt) ** 2 / CURVED * np.abs(plant)
     a = np.diag(np.ones(n - 1), 1)

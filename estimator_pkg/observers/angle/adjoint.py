@@ -17,7 +17,7 @@ Result = tuple[float, float, float, float]  # position, velocity, one standard d
 # what a reading brought: (innovation over its variance, one over that variance, one over the
 # variance of the reading, whether it shows the noise)
 News = tuple[float, float, float, bool]
-NOTHING: News = (0.0, 0.0, 0.0, False)
+NO_NEWS: News = (0.0, 0.0, 0.0, False)
 
 
 def widened(state: State, scale: float) -> State:

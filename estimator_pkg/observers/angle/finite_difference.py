@@ -34,7 +34,7 @@ from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 
-LAG = 0.4  # see `starts.start_deviation`: (1 + w dt/2)/w of a ramp
+RAMP_LAG = 0.4  # see `starts.start_deviation`: (1 + w dt/2)/w of a ramp
 SETTLING = 3.0  # time constants until a start counts as settled
 
 
@@ -130,7 +130,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     """Return what follows from the gains whatever the sample time is."""
     made = Design()
     made.pole = 2.0 * math.pi * gains.bandwidth_hz
-    set_shared(made.shared, gains, circle, SETTLING / made.pole, LAG)
+    set_shared(made.shared, gains, circle, SETTLING / made.pole, RAMP_LAG)
     return made
 
 

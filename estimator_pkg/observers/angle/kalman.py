@@ -59,7 +59,7 @@ from estimator_pkg.observers.maths.covariance import (
     update_2,
     update_3,
 )
-from estimator_pkg.observers.maths.informing import ANGLE, RATE, Fusion, scalar_update
+from estimator_pkg.observers.maths.informing import FUSE_ANGLE, FUSE_RATE, Fusion, scalar_update
 from estimator_pkg.observers.maths.tracking import noise_of_three, noise_of_two
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.record import record
@@ -71,9 +71,9 @@ from estimator_pkg.sensor.scatter import (
     resume_scatter,
 )
 
-VELOCITY, ACCELERATION = 'constant_velocity', 'constant_acceleration'
+CONSTANT_VELOCITY, CONSTANT_ACCELERATION = 'constant_velocity', 'constant_acceleration'
 # -3 dB frequency of the velocity over w0; of the third order: the root of u^3 - 8 u - 1, u = w^2
-BANDWIDTH_RATIO = {VELOCITY: 1.0, ACCELERATION: 1.6996647}
+BANDWIDTH_RATIO = {CONSTANT_VELOCITY: 1.0, CONSTANT_ACCELERATION: 1.6996647}
 SETTLING = 4.0  # times 1/w0: the start's gains have come down to the steady ones
 USUAL_DT = 1e-3  # [s] where a number is needed before the first sample (the sixth root of it)
 
@@ -83,8 +83,8 @@ class Gains(AngleGains):
     """Parameters of `kalman`."""
 
     model: str = structural(
-        ACCELERATION,
-        choices=(VELOCITY, ACCELERATION),
+        CONSTANT_ACCELERATION,
+        choices=(CONSTANT_VELOCITY, CONSTANT_ACCELERATION),
         description='what a joint does when left alone; constant_acceleration also gives the '
         'acceleration and has no ramp lag',
     )
@@ -218,9 +218,15 @@ def inform(
 ) -> None:
     """Take what another sensor tells of the present motion; see `maths.informing`."""
     core = state.core
-    if not core.started or (design.order == 2 and kind != RATE):
+    if not core.started or (design.order == 2 and kind != FUSE_RATE):
         return
-    y = core.velocity if kind == RATE else core.position if kind == ANGLE else core.acceleration
+    y = (
+        core.velocity
+        if kind == FUSE_RATE
+        else core.position
+        if kind == FUSE_ANGLE
+        else core.acceleration
+    )
     r = core.scatter.variance if design.estimated else design.variance
     x, v, a = scalar_update(core.p, core.fusion, kind, (value - y) / math.sqrt(r), variance / r)
     core.position += x * math.sqrt(r)
@@ -263,7 +269,7 @@ def noise_gains(
 def design(gains: Gains, circle: Circle) -> Design:
     """Return what follows from the gains whatever the sample time is."""
     made = Design()
-    made.order = 2 if gains.model == VELOCITY else 3
+    made.order = 2 if gains.model == CONSTANT_VELOCITY else 3
     made.density = gains.acceleration_psd if made.order == 2 else gains.jerk_psd
     variance = variance_of(gains)
     made.variance = variance if variance > 0.0 else INITIAL_VARIANCE
@@ -298,5 +304,5 @@ OBSERVER = Observer(
     gains=Gains,
     reference='textbook; Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking '
     'and Navigation (2001), section 6.2',
-    gives_acceleration=lambda gains: gains.model == ACCELERATION,
+    gives_acceleration=lambda gains: gains.model == CONSTANT_ACCELERATION,
 )

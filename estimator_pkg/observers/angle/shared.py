@@ -21,11 +21,11 @@ from typing import Any
 from estimator_pkg.circle import Circle, is_angle, is_next_count, wrap
 from estimator_pkg.estimate import COASTING, INITIALISING, TRACKING, Deviation, Estimate
 from estimator_pkg.observers.angle.starts import (
-    BAND,
     LASTS,
     LEARNT,
-    RECENT,
-    RESTED,
+    REST_GATE,
+    REST_SAMPLES,
+    REST_TIME,
     Start,
     follow_start,
     rest,
@@ -46,26 +46,26 @@ TURNS = True
 DRIVEN = False
 MEMORY = 400.0  # samples over which the innovation's power is averaged
 STILL = 8.0  # equal readings in a row that show that the noise is less than a quantum
-SURELY = 4.0  # standard deviations of noise that may have kept a reading unchanged
+UNCHANGED_SIGMAS = 4.0  # standard deviations of noise that may have kept a reading unchanged
 FRESH = 4.0  # samples that the power weighs when a start has settled
-OUTSIDE = 0.125  # an innovation beyond this part of a turn is no noise: lock is doubted
-CONFIRMED = 3.5  # a lock takes more samples than these
+OUTSIDE_PART = 0.125  # an innovation beyond this part of a turn is no noise: lock is doubted
+LOCK_SAMPLES = 3.5  # a lock takes more samples than these
 # A fifth of the velocity error where a ramp begins or ends, in acceleration/pace: order 3 ...
 LAG_3 = 0.2
 LAG_2 = 0.36  # ... and order 2, which lags throughout the ramp
-ENOUGH = 8.0  # changed readings after which a start has shown its noise
+START_READINGS = 8.0  # changed readings after which a start has shown its noise
 SHORT = 32.0  # samples over which they are averaged until the start is over
 CALMED = 16.0  # times the recent power: what raised the mean, an outlier, is over
 SURGE = 2.0  # times its mean, by chance the recent power of the innovation is no larger
 UNBOUNDED = 1e200  # a noise gain beyond it: no gap, but a sample time too long for the core
-GAP = 0.2  # [s] a gap is at least so long
+LEAST_GAP = 0.2  # [s] a gap is at least so long
 RESIDUE = 1e-9  # [rad] a smaller step is rounding and not the quantum
-SAME = 1e-3  # of a step: two that differ by less differ by their last digits
+SAME_STEP_TOLERANCE = 1e-3  # of a step: two that differ by less differ by their last digits
 COARSEST = 2.0**-23  # resolution of a float32, of its value: a reading is no finer than known
-FINEST = 2.0**-52  # the same of a double
+DOUBLE_EPSILON = 2.0**-52  # the same of a double
 # in doubt, and outside for this long [s] in all (never less than it takes to settle): the observer
 # starts again
-LOST_AFTER = 0.5
+DOUBT_LIMIT = 0.5
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def set_shared(
         design.variance = gains.noise * gains.noise + design.floor
     design.settle = float(settle)
     design.low_speed_bound = gains.low_speed_bound
-    design.lost_after = max(LOST_AFTER, float(settle))
+    design.lost_after = max(DOUBT_LIMIT, float(settle))
     design.restarts, design.lag = restarts, lag
 
 
@@ -204,7 +204,7 @@ def _begin_but_convention(observer: Any, state: Any, design: Any, measurement: f
     reading.recent = reading.power = floor
     reading.count = 1.0
     unlock(state.lock)
-    set_start(state.start, -RESTED, measurement, 0.0, 0.0, 0.0, 0.0)
+    set_start(state.start, -REST_TIME, measurement, 0.0, 0.0, 0.0, 0.0)
     stamps = state.stamps
     stamps.mean_dt = stamps.taken_dt = stamps.lateness = 0.0
     stamps.before.take(state.core)
@@ -222,7 +222,7 @@ def resume(observer: Any, state: Any, coefficients: Any, design: Any, measuremen
     moved = wrap(measurement - state.convention.last, period)
     of_position, of_velocity, of_innovation = observer.noise_gains(state.core, coefficients, design)
     if of_velocity < UNBOUNDED:
-        kept = abs(speed) + abs(moved) / GAP
+        kept = abs(speed) + abs(moved) / LEAST_GAP
         set_start(state.start, dt, measurement, 0.0, 0.0, 0.0, kept)
     observer.resume_core(state.core, design, measurement)
     follow_convention(state.convention, measurement, period)
@@ -307,7 +307,7 @@ def learn(
     inside = is_inside(innovation, reading, design.shared)
     square, usual, decay = innovation * innovation, reading.recent, start.decay
     if inside:
-        reading.recent += (square - usual) / RECENT
+        reading.recent += (square - usual) / REST_SAMPLES
     if measurement == state.convention.last:
         if start.clock > 0.0:
             power = min(reading.power, usual)
@@ -322,13 +322,15 @@ def learn(
             if start.decay < LEARNT:
                 return
             if decay < LEARNT:
-                reading.count = ENOUGH
+                reading.count = START_READINGS
             if reading.since > 0.0:
-                reading.count = max(ENOUGH, 0.75 * reading.count)  # coarse: they show no noise
+                reading.count = max(
+                    START_READINGS, 0.75 * reading.count
+                )  # coarse: they show no noise
             elif reading.count < SHORT:
                 reading.count += 1.0
         elif reading.since == 0.0 and reading.power > CALMED * usual:
-            reading.count = RECENT
+            reading.count = REST_SAMPLES
         elif reading.count < MEMORY:
             reading.count += 1.0
         reading.power += (square - reading.power) / reading.count
@@ -353,11 +355,11 @@ def change_reading(
         moved = wrap(moved, period)
     if start.clock > 0.0:
         bend = abs(abs(moved) - reading.change)  # steps of a start that skips counts
-        if SAME * reading.smallest + RESIDUE < bend < reading.smallest:
+        if SAME_STEP_TOLERANCE * reading.smallest + RESIDUE < bend < reading.smallest:
             reading.smallest = bend
         power = min(reading.power, usual)
         follow_start(observer, start, core, coefficients, design, moved, 0.0, power, dt)
-    elif start.clock < 0.0 or reading.since >= RESTED or moved * moved <= BAND * usual:
+    elif start.clock < 0.0 or reading.since >= REST_TIME or moved * moved <= REST_GATE * usual:
         since = reading.since
         rest(observer, start, core, coefficients, design, measurement, moved, since, usual, dt)
     reading.change = abs(moved) if abs(moved) > FINEST_QUANTUM else FINEST_QUANTUM
@@ -369,7 +371,7 @@ def change_reading(
 
 def is_inside(innovation: float, reading: Reading, design: SharedDesign) -> bool:
     """Return True if an innovation [rad] may be noise, or the next count of a coarse sensor."""
-    outside = OUTSIDE * design.period if design.period > 0.0 else math.inf
+    outside = OUTSIDE_PART * design.period if design.period > 0.0 else math.inf
     if -outside <= innovation <= outside:
         return True
     quantum = design.quantum if design.quantum > 0.0 else reading.smallest
@@ -422,7 +424,7 @@ def follow_lock(lock: Lock, size: float, dt: float, design: SharedDesign) -> Non
     """
     if size == math.inf:
         unlock(lock)
-    elif size > (OUTSIDE * design.period if design.period > 0.0 else math.inf):
+    elif size > (OUTSIDE_PART * design.period if design.period > 0.0 else math.inf):
         lock.astray += dt
         lock.clear = 0.0
         if lock.astray > design.lost_after:
@@ -431,7 +433,7 @@ def follow_lock(lock: Lock, size: float, dt: float, design: SharedDesign) -> Non
             lock.status = COASTING
     else:
         lock.clear += dt
-        if lock.clear >= design.settle and lock.clear > CONFIRMED * dt:
+        if lock.clear >= design.settle and lock.clear > LOCK_SAMPLES * dt:
             lock.status, lock.astray = TRACKING, 0.0
 
 
@@ -451,7 +453,9 @@ def low_speed_bound(change: float, since: float, quantum: float, variance: float
     """
     if since <= 0.0 or quantum <= 0.0 or variance > quantum * quantum:
         return math.inf
-    return ((change if change > quantum else quantum) + SURELY * math.sqrt(variance)) / since
+    return (
+        (change if change > quantum else quantum) + UNCHANGED_SIGMAS * math.sqrt(variance)
+    ) / since
 
 
 def clamped(observer: Any, speed: float, state: Any, coefficients: Any, design: Any) -> float:
@@ -507,7 +511,7 @@ def least_variance(reading: Reading, last: float, dt: float, starting: bool) -> 
     if starting:
         return variance_floor(reading.smallest if reading.smallest > RESIDUE else reading.change)
     if reading.since <= STILL * dt:
-        finest = FINEST * (reading.smallest + abs(last))
+        finest = DOUBLE_EPSILON * (reading.smallest + abs(last))
         return finest * finest / 12.0
     return reading.smallest * reading.smallest / MEMORY
 

@@ -29,11 +29,11 @@ from collections import deque
 from itertools import pairwise
 
 from estimator_pkg.circle import wrap
-from estimator_pkg.observers.angle.adjoint import NOTHING, News, Result, State, backward, widened
+from estimator_pkg.observers.angle.adjoint import NO_NEWS, News, Result, State, backward, widened
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 from estimator_pkg.sensor.noise import BLUR
 
-ENOUGH = 4  # moves from which the density is guessed
+FEWEST_MOVES = 4  # moves from which the density is guessed
 FEWEST = 3  # readings since a start that show a velocity
 COARSE = 0.3  # quanta of noise from which edges are no times any more
 SPEED_SIGMAS = 2.0  # of the speed, in the part of the quantum that an edge leaves open
@@ -43,10 +43,10 @@ CLOSE = 0.9  # of the quantum: a smaller step is a finer one
 MANY, COARSER = 40, 1.5  # moves that show that a given quantum is too small, by this factor
 TRUSTED = 3  # windows with such steps show that a given quantum is too large
 GRAIN = 1e-6  # of a reading: smaller steps are rounding [rad or m],
-FINEST = 1e-9  # or smaller than this [rad or m]
-HELD = 1.0  # square quanta: variance of a reading whose prediction lies outside its quantum
+LEAST_STEP = 1e-9  # or smaller than this [rad or m]
+HELD_VARIANCE = 1.0  # square quanta, of a reading whose prediction lies outside its quantum
 VAGUE = 4.0  # square quanta: a prediction vaguer than this takes an unchanged reading, too
-BAND = 60.0  # bandwidth at a start [1/s], 1 per sample, and at most
+START_BANDWIDTH = 60.0  # bandwidth at a start [1/s], 1 per sample, and at most
 REST = 2.0  # this over the time of the rest before it
 JERK_MEMORY = 20.0  # degrees of freedom of the jerk over which its density is learnt
 NOISE_READINGS = 2000.0  # the same for the noise [readings]
@@ -54,13 +54,13 @@ LESS = 0.1  # of the noise remains at least in a window
 LEAN = 1.5  # their squares must exceed their variance by this factor: motions are smooth
 GAIN = 2.0  # of the density's logarithm in the relative score
 SURPRISE = 2.0  # mean of the normalised squared innovations of a window that no chance explains,
-SURELY = 12.0  # if their sum also exceeds its mean by this
-AGAIN = 20  # times at most that a window is filtered again
+SURPRISE_SUM = 12.0  # if their sum also exceeds its mean by this
+MOST_PASSES = 20  # times at most that a window is filtered again
 RISE = 10.0  # of the density at a time
 SLOWEST = 2.0  # longest memory [s]: the least density
 LOOSE = 1e6  # variance of the acceleration at a start
 
-UNKNOWN: Result = (math.nan, math.nan, math.nan, math.nan)
+NO_RESULT: Result = (math.nan, math.nan, math.nan, math.nan)
 
 
 class Smoother:
@@ -132,7 +132,7 @@ class Smoother:
         if period > 0.0 and not self._unwrap:
             follow_convention(self._convention, shown, period)
         if math.isnan(v):
-            return UNKNOWN
+            return NO_RESULT
         if period > 0.0 and not self._unwrap:
             return present(self._convention, x, period, False), v, of_x, of_v
         return shown + wrap(x - reading, period), v, of_x, of_v
@@ -154,12 +154,12 @@ class Smoother:
             self._seen += (pair for pair in zip(steps[:count], moves[:count]) if pair[0] > 0.0)
             self._begin([*self._seen, *zip(steps[count:], moves[count:])])
         density = self.jerk
-        for _ in range(AGAIN):
+        for _ in range(MOST_PASSES):
             state = self._state or self._start(readings[0], steps, moves)
             if density > self.jerk > 0.0 and self._state:
                 state = widened(state, (density / self.jerk) ** (1.0 / 6.0))
             states, news, size, used = self._forward(state, density, steps, readings, moves)
-            if size <= SURPRISE * used or size - used < SURELY:
+            if size <= SURPRISE * used or size - used < SURPRISE_SUM:
                 break
             density *= RISE
         results, score, residuals = backward(steps, states, news, density, count)
@@ -172,7 +172,7 @@ class Smoother:
         for reading, (x, v, of_x, of_v) in zip(readings, results):
             # the adjoint is larger than the density makes it, and so are the errors
             result = (x, v, math.sqrt(of_x + floor), math.sqrt(LEAN * of_v))
-            self._results.append((reading, result if known else UNKNOWN))
+            self._results.append((reading, result if known else NO_RESULT))
         if not astray:
             self._learn(density, score, residuals, steps)
         self._state = None if astray else states[count - 1]
@@ -192,12 +192,12 @@ class Smoother:
         """Return the state at the first reading of a stretch; its speed is of the moves' size."""
         quantum = self.quantum
         step = min(steps[1:], default=1e-3)
-        fastest = 2.0 * (max(map(abs, moves[1:]), default=1.0) + quantum + FINEST) / step
+        fastest = 2.0 * (max(map(abs, moves[1:]), default=1.0) + quantum + LEAST_STEP) / step
         return (
             reading,
             0.0,
             0.0,
-            max(quantum * quantum / 12.0 + self.noise, FINEST * FINEST),
+            max(quantum * quantum / 12.0 + self.noise, LEAST_STEP * LEAST_STEP),
             0.0,
             0.0,
             fastest * fastest,
@@ -219,7 +219,7 @@ class Smoother:
         x, v, a, p00, p01, p02, p11, p12, p22 = state
         quantum, noise, period = self.quantum, self.noise, self._period
         square, half, turn = quantum * quantum, 0.5 * quantum, 0.5 * period or math.inf
-        noise = max(noise, FINEST * FINEST)
+        noise = max(noise, LEAST_STEP * LEAST_STEP)
         plain = square / 12.0 + noise
         times = quantum > 0.0 and noise < COARSE * COARSE * square
         blurred = noise + BLUR * BLUR * square
@@ -254,10 +254,10 @@ class Smoother:
                     shows = False
                     inside = -half <= e <= half
                     if not inside and p00 <= VAGUE * square:
-                        r = HELD * square
+                        r = HELD_VARIANCE * square
                     elif p00 <= VAGUE * square:
                         states.append((x, v, a, p00, p01, p02, p11, p12, p22))
-                        news.append(NOTHING)
+                        news.append(NO_NEWS)
                         continue
                 elif -1.5 * quantum < move < 1.5 * quantum:
                     part = (abs(v) + SPEED_SIGMAS * math.sqrt(p11)) * h
@@ -274,7 +274,7 @@ class Smoother:
                 )
             ):
                 states.append((x, v, a, p00, p01, p02, p11, p12, p22))
-                news.append(NOTHING)
+                news.append(NO_NEWS)
                 continue
             g = 1.0 / s
             d = e * g
@@ -298,7 +298,7 @@ class Smoother:
 
     def _learn_quantum(self, moves: list[float], size: float) -> None:
         """Take the smallest step for the quantum, or the smallest difference of two of them."""
-        grain = max(FINEST, GRAIN * abs(size))
+        grain = max(LEAST_STEP, GRAIN * abs(size))
         least, before, count = math.inf, 0.0, 0
         for move in moves:
             if move != 0.0:
@@ -325,7 +325,7 @@ class Smoother:
     def _begin(self, seen: list[tuple[float, float]]) -> None:
         """Guess noise and density from the first steps and moves, if they are enough."""
         steps, moves = zip(*seen) if seen else ((), ())
-        if len(moves) < ENOUGH:
+        if len(moves) < FEWEST_MOVES:
             return
         # residuals of linear interpolation; of white noise their change has five variances
         rest = [
@@ -335,9 +335,11 @@ class Smoother:
         changes = sorted(abs(b - a) for a, b in pairwise(rest))
         floor = self.quantum * self.quantum / 12.0
         typical = changes[len(changes) // 2] / 1.5
-        self.noise = max(typical * typical - floor, FINEST * FINEST)
+        self.noise = max(typical * typical - floor, LEAST_STEP * LEAST_STEP)
         step = sorted(steps)[len(steps) // 2]
-        band = min(BAND, 1.0 / step, REST / self._rest if self._rest else BAND)
+        band = min(
+            START_BANDWIDTH, 1.0 / step, REST / self._rest if self._rest else START_BANDWIDTH
+        )
         self.jerk = (floor + self.noise) * step * band**6
         self._state, self._seen = None, []
 
@@ -360,4 +362,4 @@ class Smoother:
         if count:
             self._readings = min(self._readings + count, NOISE_READINGS)
             noise = self.noise + above / weights * count / self._readings
-            self.noise = max(noise, LESS * self.noise, FINEST * FINEST)
+            self.noise = max(noise, LESS * self.noise, LEAST_STEP * LEAST_STEP)

@@ -16,21 +16,21 @@ from typing import Any
 from estimator_pkg.circle import wrap
 from estimator_pkg.record import record
 
-RECENT = 32.0  # samples over which a rest is averaged, and the power of recent innovations
-RESTED = 0.12  # [s] within the noise of one angle: the shaft rests, and may start
+REST_SAMPLES = 32.0  # samples over which a rest is averaged, and the power of recent innovations
+REST_TIME = 0.12  # [s] within the noise of one angle: the shaft rests, and may start
 LASTS = 0.25  # [s] that a start lasts at least, ...
 DECAYED = 10.0  # ... and nepers by which the errors of the core must have decayed
 PACE = 0.8  # of the cube root of (velocity noise gain)/dt: the pace of a tracking loop
-TAIL = 1.18  # of these nepers, where the polynomial before the exponential is generous
+TAIL_NEPERS = 1.18  # of these nepers, where the polynomial before the exponential is generous
 LEARNT = 6.0  # nepers after which innovations of a start show the noise again
 BEGUN = 0.75  # sample times by which motion may have begun after the last reading at rest
-FIRST = 0.95  # the same at the first reading, which shows no speed at all
-BAND = 10.0  # (3.2)^2: times the power of the innovations; a larger distance is no rest
+FIRST_READING_PART = 0.95  # the same at the first reading, which shows no speed at all
+REST_GATE = 10.0  # (3.2)^2: times the power of the innovations; a larger distance is no rest
 LARGEST_GAIN = 8.0  # of innovations over readings, in noise power, but for a few first samples
-SHOWN = 12.0  # samples at least without a larger distance, after which a rest has shown its noise
+REST_SHOWN_SAMPLES = 12.0  # without a larger distance, after which a rest has shown its noise
 SLOW = 4.0  # (2)^2: times the variance of the speed's noise; a faster joint is not at rest
 FIVE = 25.0  # (5)^2: five standard deviations cover an error
-FURTHER = 1.001  # times the largest distance within a rest: a reading beyond it ends the rest
+REST_MARGIN = 1.001  # times the largest distance within a rest: a reading beyond it ends the rest
 THIRD = 1.0 / 3.0
 
 
@@ -100,15 +100,15 @@ def rest(
     distance = measurement - start.anchor
     if not -half <= distance < half:
         distance = wrap(distance, period)
-    square, band, rested = distance * distance, BAND * power, since - clock
+    square, band, rested = distance * distance, REST_GATE * power, since - clock
     changes = start.changes
-    changes += (moved * moved - changes) / (RECENT if changes > 0.0 else 1.0)
-    beyond = abs(distance) > FURTHER * start.reach
+    changes += (moved * moved - changes) / (REST_SAMPLES if changes > 0.0 else 1.0)
+    beyond = abs(distance) > REST_MARGIN * start.reach
     reach = max(start.reach, abs(distance))
     begins = False
-    if rested < RESTED or rested < SHOWN * dt:
+    if rested < REST_TIME or rested < REST_SHOWN_SAMPLES * dt:
         # white noise of variance R changes by 2 R; innovations may be those of a lag
-        if square > band or square > BAND * 0.5 * changes:
+        if square > band or square > REST_GATE * 0.5 * changes:
             set_start(start, 0.0, measurement, 0.0, 0.0, 0.0, 0.0)
             return
         if beyond:
@@ -123,7 +123,7 @@ def rest(
         set_start(start, dt, start.anchor, reach, 0.0, distance, 0.0)
         return
     start.clock, start.reach, start.changes = -rested - dt, reach, changes
-    start.anchor += distance / RECENT
+    start.anchor += distance / REST_SAMPLES
     start.decay = start.kept = 0.0
 
 
@@ -147,14 +147,14 @@ def follow_start(
     before = start.travelled
     travelled, pace = before + moved, observer.pace(observer, core, coefficients, design, dt)
     if start.kept == 0.0:
-        within = math.sqrt(BAND * power)
+        within = math.sqrt(REST_GATE * power)
         if abs(travelled) <= within:  # back where it was ...
             of_position, of_velocity, of_innovation = observer.noise_gains(
                 core, coefficients, design
             )
             speed = core.velocity
             if moved == 0.0 or speed * speed * of_innovation <= SLOW * power * of_velocity:
-                set_start(start, -RESTED, start.anchor, start.reach, 0.0, 0.0, 0.0)
+                set_start(start, -REST_TIME, start.anchor, start.reach, 0.0, 0.0, 0.0)
                 return
             if start.decay < 1.0:
                 decay = start.decay + pace * dt
@@ -163,7 +163,7 @@ def follow_start(
         elif abs(before) <= within and start.decay < 1.0:
             set_start(start, dt, start.anchor, start.reach, 0.0, travelled, 0.0)
             return
-    if moved == 0.0 and since >= RESTED and start.decay >= LEARNT:
+    if moved == 0.0 and since >= REST_TIME and start.decay >= LEARNT:
         set_start(start, 0.0, start.anchor, 0.0, 0.0, 0.0, 0.0)
         return
     start.clock += dt
@@ -183,12 +183,12 @@ def start_deviation(start: Start, speed: float, dt: float, quantum: float, lag: 
         acceleration/pace: a fifth of the error itself, so that five cover it.
     """
     clock, decay = start.clock, start.decay
-    mean = start.travelled / (clock - (BEGUN if clock > dt else FIRST) * dt)
+    mean = start.travelled / (clock - (BEGUN if clock > dt else FIRST_READING_PART) * dt)
     scale = 2.0 * abs(mean)
     if start.kept > scale:
         scale = start.kept
     # docs/evidence.md (1): what is left of a step of the speed
-    left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL * decay)
+    left = 0.5 * scale * (1.0 + decay * (1.0 + decay)) * math.exp(-TAIL_NEPERS * decay)
     # docs/evidence.md (2): what a ramp of the speed leaves
     change = abs(speed - mean)
     if decay > LEARNT:  # the first term no longer covers a motion that began earlier

@@ -16,7 +16,7 @@ from __future__ import annotations
 from estimator_pkg.observers.maths.covariance import Covariance
 from estimator_pkg.record import record
 
-ANGLE, RATE, ACCELERATION = 0, 1, 2  # x [rad], v [rad/s], a [rad/s^2]
+FUSE_ANGLE, FUSE_RATE, FUSE_ACCELERATION = 0, 1, 2  # x [rad], v [rad/s], a [rad/s^2]
 WEIGHT = 0.2  # b: m is a mean over the last ten innovations
 
 
@@ -41,10 +41,10 @@ def scalar_update(
     state.mean += WEIGHT * (nu * state.last - state.mean)
     state.last, state.now = nu, True
     lacks = state.mean if state.mean > 0.0 else 0.0
-    if kind == RATE:
+    if kind == FUSE_RATE:
         p.p11 += lacks
         c0, c1, c2, own = p.p01, p.p11, p.p12, p.p11
-    elif kind == ANGLE:
+    elif kind == FUSE_ANGLE:
         p.p00 += lacks
         c0, c1, c2, own = p.p00, p.p01, p.p02, p.p00
     else:

@@ -48,8 +48,8 @@ from estimator_pkg.sensor.convention import begin_convention, follow_convention,
 
 Array = NDArray[np.float64]
 
-OUTSIDE = 0.125  # an innovation beyond this part of a turn is not noise: the lock is in doubt
-LOST_AFTER = 0.5  # s in doubt after which the observer starts again
+OUTSIDE_PART = 0.125  # an innovation beyond this part of a turn is not noise: the lock is in doubt
+DOUBT_LIMIT = 0.5  # s in doubt after which the observer starts again
 COAST = 0.2  # s without input or outside the domain after which the state is not observable
 POWER_MEMORY = 400.0  # samples over which the innovation's power is averaged
 DRIFT_MEMORY = 20.0  # slowest time constants over which the power of its slow part is averaged
@@ -377,14 +377,14 @@ def made_plan(
     made.resisted = mechanics.damped or (mechanics.speed_matters and not made.paper)
     for index, each in enumerate(circles_of(mechanics, circle)):
         made.periods[index], made.unwrap[index] = float(each.period), bool(each.unwrap)
-        made.outside[index] = OUTSIDE * each.period if each.period > 0.0 else math.inf
+        made.outside[index] = OUTSIDE_PART * each.period if each.period > 0.0 else math.inf
         made.one[index][index] = 1.0
     made.longest, made.lag = math.inf, float(lag)
     if systems is not None:
         slowest = slowest_pole(systems[0])
         made.longest = longest_euler(systems) if made.paper else longest_exact(systems, n)
     made.settle = float(START_SETTLING / slowest) if slowest > 0.0 else math.inf
-    made.lost_after = max(LOST_AFTER, min(made.settle, 10.0 * LOST_AFTER))
+    made.lost_after = max(DOUBT_LIMIT, min(made.settle, 10.0 * DOUBT_LIMIT))
     for name, value in fields.items():
         if isinstance(value, np.ndarray):
             for index, row in enumerate(value.tolist()):

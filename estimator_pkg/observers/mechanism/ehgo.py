@@ -45,7 +45,7 @@ from estimator_pkg.observers.mechanism.velocity import SLIDING, advance, linear_
 from estimator_pkg.parameters import parameter
 
 Array = NDArray[np.float64]
-TRIPLE = (3.0, 3.0, 1.0)  # (s + 1)^3
+TRIPLE_POLE = (3.0, 3.0, 1.0)  # (s + 1)^3
 UNIT_BANDWIDTH = 1.642467686  # -3 dB frequency over w of (3 s + 1)/(s + 1)^3: velocity
 
 
@@ -70,7 +70,7 @@ def tune(gains: Gains, n: int) -> tuple[Array, Array, Array]:
     """Return h1/eps [1/s], h2/eps^2 [1/s^2], h3/eps^3 [1/s^3], shape (n, n); raises UsageError."""
     h, epsilon = gains.h, gains.epsilon
     if h is None:
-        h, epsilon = TRIPLE, UNIT_BANDWIDTH / (2.0 * np.pi * gains.bandwidth_hz)
+        h, epsilon = TRIPLE_POLE, UNIT_BANDWIDTH / (2.0 * np.pi * gains.bandwidth_hz)
     if len(h) != 3:
         raise UsageError(f"parameter 'h' has {len(h)} numbers: 'ehgo' takes 3, h1, h2 and h3")
     eye = np.eye(n)

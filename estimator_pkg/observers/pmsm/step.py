@@ -28,7 +28,7 @@ from estimator_pkg.observers.pmsm.watch import (
 )
 
 SPEED_CLIP = 2e4  # rad/s, electrical: a back-EMF that turns faster is noise
-DIVERGED = 1e15  # V and 1/Wb: larger states have diverged
+LARGEST_STATE = 1e15  # V and 1/Wb: larger states have diverged
 TURN = 2.0 * math.pi
 
 
@@ -93,7 +93,7 @@ def step(
     """Take one sample."""
     core, watch, ticks, out = state.core, state.watch, state.ticks, state.out
     if not design.robust and not (
-        abs(core.x) < DIVERGED and abs(complex(core.h1, core.h2)) < DIVERGED
+        abs(core.x) < LARGEST_STATE and abs(complex(core.h1, core.h2)) < LARGEST_STATE
     ):
         start(observer, state, design, measurement)  # the printed equations do not bound xi_hat
         return

@@ -28,7 +28,7 @@ from typing import Any
 
 from estimator_pkg.circle import Circle, is_angle, wrap
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.switched import OWN
+from estimator_pkg.models.switched import OUR_MODELS
 from estimator_pkg.observers.adaptive.filter import rows, series
 from estimator_pkg.observers.angle.shared import variance_floor
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
@@ -83,7 +83,7 @@ class Gains:
 
     model: str = structural(
         'gripper',
-        choices=(*OWN, 'package.module:name'),
+        choices=(*OUR_MODELS, 'package.module:name'),
         description='the system: a built-in model, or your own SwitchedModel',
     )
     discrete: str = structural(

@@ -13,7 +13,7 @@ from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention
 from estimator_pkg.sensor.scatter import Scatter
 
-DIVERGED = 1e15  # largest derivative or parameter, in its own unit
+LARGEST_DERIVATIVE = 1e15  # largest derivative or parameter, in its own unit
 
 
 @record
@@ -154,9 +154,9 @@ class OutputDeviations:
 
 
 def is_sound(state: State) -> bool:
-    """Return False if an estimate is NaN or beyond `DIVERGED`: the state has diverged."""
-    return all(-DIVERGED < x < DIVERGED for x in state.z) and all(
-        -DIVERGED < x < DIVERGED
+    """Return False if an estimate is NaN or beyond `LARGEST_DERIVATIVE`: the state has diverged."""
+    return all(-LARGEST_DERIVATIVE < x < LARGEST_DERIVATIVE for x in state.z) and all(
+        -LARGEST_DERIVATIVE < x < LARGEST_DERIVATIVE
         for chains in (state.zh, state.zt, state.observed)
         for chain in chains
         for x in chain

@@ -32,7 +32,7 @@ from estimator_pkg.observers.switched.system import ending
 
 GRID_FROM, GRID_TO, GRID_POINTS = 1e-4, 20.0, 65  # grid of pole times dt for the table of variances
 LOG_GRID = np.linspace(math.log(GRID_FROM), math.log(GRID_TO), GRID_POINTS, dtype=np.float64)
-POWER_WEIGHT = 0.02  # weight of the newest sample in the innovation's mean square
+INNOVATION_WEIGHT = 0.02  # weight of the newest sample in the innovation's mean square
 
 
 def pole(length: int, bandwidth_hz: float) -> float:
@@ -128,7 +128,7 @@ def observe(
         ahead[-1] = rest
         error = y[i] - ahead[0]
         x[:] = [a + k * error for a, k in zip(ahead, made.gains)]
-        state.powers[i] += POWER_WEIGHT * (error * error / made.noise[2] - state.powers[i])
+        state.powers[i] += INNOVATION_WEIGHT * (error * error / made.noise[2] - state.powers[i])
         state.noises[i][:] = made.noise
     state.used[:] = z
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from estimator_pkg.circle import wrap
-from estimator_pkg.observers.angle.hybrid.injections import NAMES as FOUR
+from estimator_pkg.observers.angle.hybrid.injections import INJECTIONS as FOUR
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.hybrid_angle.observer import TURN, first_jump, flow, injection, lyapunov
 

@@ -113,9 +113,13 @@ def test_errors_and_delay_are_those_put_in(good, tmp_path):
     assert joint['position']['max_abs'] < 0.11  # across the wraps, which the truth does not have
 
 
-def test_skip_counts_from_the_first_measurement(good, tmp_path):
-    joint = evaluate(tmp_path, good, '--skip', '1')['bags'][good]['estimates'][ESTIMATE]
-    assert joint['joints']['a']['matched']['compared'] == 1500
+@pytest.mark.parametrize(
+    'words, compared',
+    [(('--from', '1'), 1500), (('--to', '3'), 1491), (('--from', '1', '--to', '3'), 1001)],
+)
+def test_the_part_counts_from_the_first_measurement(good, tmp_path, words, compared):
+    joint = evaluate(tmp_path, good, *words)['bags'][good]['estimates'][ESTIMATE]
+    assert joint['joints']['a']['matched']['compared'] == compared
 
 
 def test_truth_at_other_stamps_is_interpolated_and_said_so(tmp_path, capsys):
@@ -406,9 +410,10 @@ def test_a_stray_stamp_is_reported_and_costs_nothing_else(good, tmp_path):
             for option in ('--truth', '--estimate', '--measurement')
         ),
         (('--truth', MEASUREMENT), 1, ('has no velocities',)),
-        (('--skip', '100'), 1, ('no sample remains after the first 100 s',)),
-        (('--skip', '-1'), 2, ('--skip',)),
-        (('--skip', 'nan'), 2, ('--skip',)),
+        (('--from', '100'), 1, ('no sample remains from 100', 'the record has 3.998 s')),
+        (('--from', '2', '--to', '1'), 2, ('--to is 1 s: it must be above --from',)),
+        (('--from', '-1'), 2, ('--from',)),
+        (('--from', 'nan'), 2, ('--from',)),
         (('--wrap-period', '-1'), 2, ('wrap',)),
         (('--observer', 'finite_diference'), 2, ("did you mean 'finite_difference'",)),
     ],
@@ -427,7 +432,7 @@ SHORT = stamps_of(1.0)
         (
             {MEASUREMENT: [(s, ('a',), (math.nan,), ()) for s in SHORT]},
             (),
-            (f'{MEASUREMENT} has no finite position',),
+            (f'{MEASUREMENT} has no positions',),
         ),
         (
             {MEASUREMENT: [(START, *row[1:]) for row in measured(SHORT)]},
@@ -567,7 +572,7 @@ def test_the_table_fits_80_columns_and_wide_has_every_column(capsys, tmp_path):
     lines = capsys.readouterr().out.splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith('estimate '))
     assert max(map(len, lines[at : at + 2])) <= 80
-    assert lines[at].endswith('delay ms  noise  dropped')
+    assert lines[at].endswith('max  dropped')  # neither delay nor noise has a value
     assert main([*words, '--wide']) == 0
     out = capsys.readouterr().out
     assert 'received' in out and 'duplicate 28' in out
@@ -582,3 +587,19 @@ def test_long_names_are_cut_and_numbers_are_not():
     first, line = text.table(header, cells, left=2, width=80).splitlines()
     assert len(line) == 80 and line.count('12345.6789') == 3
     assert line.startswith('/a/very/') and '...' in line and first.startswith('estimate ')
+
+
+@pytest.mark.parametrize('shortest, longest, refused', [(0.005, 0.01, False), (0.02, 0.1, True)])
+def test_a_ranking_is_of_what_is_published(tmp_path, shortest, longest, refused):
+    """A joint that is read at random times and published at 350 Hz; most readings are old."""
+    random = np.random.default_rng(0)
+    time = np.arange(1, 3501) / 350.0
+    read = np.cumsum(random.uniform(shortest, longest, int(20.0 / shortest)))
+    taken = read[np.clip(np.searchsorted(read, time) - 1, 0, None)]
+    angle = np.round(0.6 * np.sin(math.pi * taken) / 3.83e-4) * 3.83e-4
+    rows = [(START + round(1e9 * t), ('a',), (float(y),), ()) for t, y in zip(time, angle)]
+    bag = write_bag(tmp_path / 'bag', {MEASUREMENT: rows})
+    words = ['--observer', 'kalman', '--observer', 'pll']
+    verdict = evaluate(tmp_path, bag, *words)['bags'][bag]['verdict']['a']
+    assert (not verdict['best']) == refused
+    assert ('% of the readings have no reference' in verdict['why']) == refused

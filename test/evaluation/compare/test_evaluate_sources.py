@@ -23,7 +23,7 @@ def test_evaluate_prints_the_row_and_what_was_learnt(tmp_path, capsys):
     rms = []
     for words in (ALONE, GYRO):
         file = tmp_path / 'result.json'
-        words = [str(BAGS / 'gyro'), '--observer', 'edge_adaptive', '--skip', '2', *words]
+        words = [str(BAGS / 'gyro'), '--observer', 'edge_adaptive', '--from', '2', *words]
         assert main(['evaluate', *words, '--json', str(file)]) == 0
         rms.append(of_wheel(file)['velocity']['rms'])
     assert rms[1] < 0.5 * rms[0]

@@ -110,15 +110,22 @@ def test_sensors_that_do_not_agree_are_named(arm, tmp_path, capsys):
     assert 'Use the second sensor' not in capsys.readouterr().out
 
 
-def test_a_joint_that_moves_with_another_one_ends_no_report(tmp_path):
-    """The deviation of its second reading is infinite: what was learnt became nan."""
-    path = BAGS.parent / 'dfki_double_pendulum/sys_id_500hz'
-    _, found = doctor(str(path), tmp_path)
-    assert {each['field'] for one in found.values() for each in one} == {
-        'position[0]',
-        'position[1]',
-    }
-    assert not any(each.get('pays') for one in found.values() for each in one)
+@pytest.mark.parametrize('gear', [True, False])
+def test_another_joint_of_the_messages_is_a_sensor_only_if_geared_to_it(gear, arm, tmp_path):
+    """Joints of an arm move together, too: their positions are correlated by more than 0.9."""
+    turned, velocities, _, other = arm
+    elbow = 3.0 * turned[:, 0] + (0.0 if gear else 0.1) * other
+    both = np.array([turned[:, 0], np.floor(elbow / COUNT) * COUNT]).T
+    path = bag(tmp_path / 'arm', ['shoulder', 'elbow'], both, np.full(both.shape, np.nan))
+    _, found = doctor(path, tmp_path)
+    assert [each['field'] for each in found['shoulder']] == ['position[1]'] * gear
+
+
+def test_a_reversed_velocity_in_the_messages_is_no_second_sensor(arm, tmp_path):
+    turned, velocities, *_ = arm
+    path = bag(tmp_path / 'arm', ['elbow', 'wrist'], turned, -velocities)
+    _, found = doctor(path, tmp_path)
+    assert not found['elbow']
 
 
 def test_the_positions_of_many_joints_are_not_compared_with_one_another(tmp_path):

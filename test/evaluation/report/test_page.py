@@ -41,7 +41,7 @@ def page(tmp_path_factory):
         'hybrid_angle',
         '--observer',
         'finite_difference',
-        '--skip',
+        '--from',
         '0.5',
         '--data',
     ]
@@ -423,9 +423,10 @@ def row(source, error, late, coverage=0.95, joint='j'):
 def test_the_verdict_in_words():
     best, raw = row('edge_adaptive', 0.02, 0.0006, 0.94), row('finite_difference', 0.12, 0.0032)
     assert opening.words({'j': best}, {'j': raw}, {}, {}) == [
-        'Use edge_adaptive as it is. It follows within 0.7 ms; noise 0.02 rad/s at constant speed; '
-        'its 95 % interval contained 94 % of the errors. Your finite difference, low-passed at '
-        '50 Hz, is 3.20 +- 0.10 ms late and 6 times noisier.'
+        'Use edge_adaptive as it is. Its error is 0.02 rad/s rms; it follows within 0.7 ms; noise '
+        '0.02 rad/s at constant speed; its 95 % interval contained 94 % of the errors. Your finite '
+        'difference, low-passed at 50 Hz, has an error of 0.12 rad/s rms, is 3.20 +- 0.10 ms late '
+        'and is 6 times noisier.'
     ]
     verdict = Verdict('pll', 'kalman', (), {'pll': 0.1, 'edge_adaptive': 0.2})
     rows = [best, row('pll', 0.2, 0.0)]

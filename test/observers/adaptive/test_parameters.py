@@ -13,7 +13,12 @@ from estimator_pkg.driver.adaptive import AdaptiveBank, AdaptiveConfiguration
 from estimator_pkg.driver.identified import load as load_file
 from estimator_pkg.driver.identified import save
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.adaptive.evidence import FEWEST_BLOCKS, MOST_BLOCKS, Evidence, judge
+from estimator_pkg.observers.adaptive.evidence import (
+    EVIDENCE_BLOCKS,
+    MERGING_BLOCKS,
+    Evidence,
+    judge,
+)
 from estimator_pkg.observers.adaptive.observer import OBSERVER
 from estimator_pkg.observers.adaptive.state import LearningSums
 
@@ -228,7 +233,7 @@ def test_blocks_merge_and_forget():
         sums.count, sums.of_e, sums.of_bend = k + 1.0, 0.01 * (k + 1.0), 10.0 * (k + 1.0)
         whole.look(0.01 * (k + 1), sums)
         forgetting.look(0.01 * (k + 1), sums)
-    assert FEWEST_BLOCKS <= len(whole.blocks) < MOST_BLOCKS and whole.length > whole.shortest
+    assert EVIDENCE_BLOCKS <= len(whole.blocks) < MERGING_BLOCKS and whole.length > whole.shortest
     assert len(forgetting.blocks) <= 16
     zero = np.zeros(2)
     said = judge(whole, np.linalg.solve(matrix, vector), zero, zero, 0.01, 9.0)

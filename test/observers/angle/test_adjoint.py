@@ -11,7 +11,7 @@ reading's step is P_f^-1 (x_f - x_s), and its variance P_f^-1 (P_f - P_s) P_f^-1
 import numpy as np
 import pytest
 
-from estimator_pkg.observers.angle.adjoint import NOTHING, backward
+from estimator_pkg.observers.angle.adjoint import NO_NEWS, backward
 from estimator_pkg.observers.angle.smoother import Smoother
 
 DENSITY, NOISE, COUNT, READINGS, STRAY = 3e4, 1e-6, 7, 12, 4
@@ -72,7 +72,7 @@ def test_the_smoother_is_the_conditional_mean_with_its_variance():
         state, DENSITY, steps, readings, np.diff(readings, prepend=0.2).tolist()
     )
     results, (square, freedom), (above, weights, count) = backward(steps, states, news, 0.0, COUNT)
-    assert news[STRAY] == NOTHING and number == READINGS - 1
+    assert news[STRAY] == NO_NEWS and number == READINGS - 1
 
     filtered = [conditional(steps, readings, [k for k in used if k < n]) for n in range(13)]
     for k in range(READINGS):

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from drive_status import run_log, tracking_state
+from drive_status import run_log, track
 from motors import (
     DT,
     MOTOR,
@@ -294,9 +294,8 @@ def white(motor, rpm, seconds):
     samples = np.column_stack(
         (exact.current.real + noise[:, 0], exact.current.imag + noise[:, 1], mean.real, mean.imag)
     )
-    start = tracking_state(motor.design, samples[0], omega)
-    motor.state.take(start)
-    log = run_log(motor.design, samples, DT, start)
+    track(motor, samples[0], omega)
+    log = run_log(motor, samples)
     motor.state.out.speed = omega  # the low-pass is settled, as the watch
     for row in samples[1:4001].tolist():
         motor.step(row)

@@ -27,7 +27,7 @@ from sim_pkg.reproduce.hybrid_discrete.runs import Observed
 QUANTUM = 2.0 * math.pi / 65536
 RESTING = dataclasses.replace(gripper.MODEL, probe=lambda t: (0.0,), start=((0.0, 0.0), (2.0,) * 3))
 SHIFTED = dataclasses.replace(gripper.MODEL, lam=lambda zeta, u: ((u[0], zeta[1], 0.0),))
-MODES = {'close': None, 'same': gripper.SAME}
+MODES = {'close': None, 'same': gripper.IDENTITY_JUMP}
 
 
 @pytest.mark.long
@@ -47,7 +47,7 @@ def test_a_model_that_knows_its_own_modes_alone_names_a_typical_event():
 
 def gripped(count=4000, loads=((2000, gripper.CLOSED),)):
     """(angles, velocities, torques) at 1 kHz with the load changing at these samples."""
-    x, z, states, torques = np.array(gripper.MODEL.start[0]), gripper.OPEN, [], []
+    x, z, states, torques = np.array(gripper.MODEL.start[0]), gripper.UNLOADED, [], []
     changes = dict(loads)
     for i in range(count + 1):
         z = changes.get(i, z)
@@ -90,7 +90,7 @@ def test_a_new_load_is_known_within_half_a_second():
     angles, velocities, torques = gripped()
     joint = made(quantum=QUANTUM)
     rows = run(joint, angles, torques, [(2000, 'close')])
-    assert rows[1999][0] == pytest.approx(gripper.OPEN, rel=0.01) and rows[1999][1]
+    assert rows[1999][0] == pytest.approx(gripper.UNLOADED, rel=0.01) and rows[1999][1]
     assert not any(row[1] for row in rows[2001:2290])
     assert rows[2100][0] == pytest.approx(rows[2000][0])  # the prediction
     for z, converged, *_ in rows[2500:]:
@@ -109,7 +109,7 @@ def test_a_new_load_is_known_within_half_a_second():
 def test_after_an_encoder_was_stuck_the_observer_starts_again():
     """Neither the jump nor the Z that was learnt while it was stuck enters the velocity."""
     angles, velocities, torques = gripped(
-        4200, loads=((1500, gripper.CLOSED), (2900, gripper.OPEN))
+        4200, loads=((1500, gripper.CLOSED), (2900, gripper.UNLOADED))
     )
     angles = angles.copy()
     angles[1200:3000] = angles[1200]
@@ -134,7 +134,7 @@ def test_an_event_that_changes_nothing_loses_nothing():
     angles, _, torques = gripped(3000, loads=())
     rows = run(made(quantum=QUANTUM), angles, torques, [(2000, 'same')])
     for z, *_ in rows[1990:]:
-        assert z == pytest.approx(gripper.OPEN, rel=0.01)
+        assert z == pytest.approx(gripper.UNLOADED, rel=0.01)
 
 
 @pytest.mark.long
@@ -152,7 +152,7 @@ def test_a_gap_keeps_what_was_learnt():
     run(joint, angles[:2001], torques)
     for i in range(2400, 3000):
         joint.update(10**18 + i * 10**6, (float(angles[i]),), torques[i - 1])
-    assert joint.discrete()[0] == pytest.approx(gripper.OPEN, rel=0.02)
+    assert joint.discrete()[0] == pytest.approx(gripper.UNLOADED, rel=0.02)
     assert joint.estimate()[1] == pytest.approx(velocities[2999], abs=0.2)
 
 
@@ -298,7 +298,7 @@ def test_the_velocity_belongs_to_the_stamp_and_is_quiet(counts, bandwidth, rms):
     stages of the paper lag by half an interval and step with the encoder.
     """
     angles, velocities, torques = gripped(
-        5000, loads=((2000, gripper.CLOSED), (4000, gripper.OPEN))
+        5000, loads=((2000, gripper.CLOSED), (4000, gripper.UNLOADED))
     )
     quantum = 2.0 * math.pi / counts
     readings = np.remainder(np.round(angles / quantum) * quantum + math.pi, 2.0 * math.pi) - math.pi
@@ -397,7 +397,7 @@ def test_the_acceleration_is_that_of_the_model_once_it_is_known():
     angles, velocities, torques = gripped(4000, loads=())
     found = [row[3] for row in run(made(quantum=QUANTUM), angles, torques)]
     true = [
-        gripper.dynamics(x, gripper.OPEN, torques[i - 1])[1]
+        gripper.dynamics(x, gripper.UNLOADED, torques[i - 1])[1]
         for i, x in enumerate(zip(angles, velocities))
     ]
     error = np.array(found) - true

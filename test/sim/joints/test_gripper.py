@@ -39,7 +39,7 @@ def test_the_acceleration_changes_at_the_event():
     q = np.array([message.positions[0] for message in true])
     w = np.array([message.velocities[0] for message in true])
     acceleration = np.diff(w) / 1e-3
-    for first, last, z in ((100, 1999, model.OPEN), (2001, 2490, model.CLOSED)):
+    for first, last, z in ((100, 1999, model.UNLOADED), (2001, 2490, model.CLOSED)):
         part = slice(first, last)
         wanted = (
             z[0] * np.array(efforts)[1:][part] - z[1] * w[:-1][part] - z[2] * np.sin(q[:-1][part])

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from drive_status import first_state, judge, run_log
+from drive_status import judge
+from motors import Motor
 from scipy.integrate import solve_ivp
 
-from estimator_pkg.circle import Circle
 from estimator_pkg.engine import calls
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.pmsm import observer
@@ -165,12 +165,10 @@ def test_the_servo_of_the_configuration_runs_and_is_tracked():
         nodes = yaml.safe_load(file)
     parameters = build(PmsmParameters, nodes['pmsm_sim']['ros__parameters'])
     gains = build(observer.Gains, nodes['pmsm_observer']['ros__parameters'])
-    design = observer.design(gains, Circle())
     profile = Profile([(0.1, 3000.0, 3000.0), (0.15, 3000.0, -3000.0), (0.1, -3000.0, -3000.0)])
     record = Drive(parameters, 1, profile=profile).run(7000)
     assert np.abs(record.truth[:, 0] - record.truth[:, 4]).max() < 150.0 * RPM
-    log = run_log(design, record.samples, 5e-5, first_state(design, record.samples[0]))
-    found = judge(log, record.truth[1:, 1], record.truth[1:, 0], 5e-5)
+    found = judge(Motor(gains), record)
     assert found.wrong == 0.0 and found.withheld < 40.0 and found.tracking > 290.0
 
 

@@ -21,7 +21,7 @@ from sim_pkg.reproduce.hybrid_angle.sampled import FIGURE_6, PERIOD, algorithm_1
 TURN = 2.0 * math.pi
 
 
-@pytest.mark.parametrize('name', injections.NAMES)
+@pytest.mark.parametrize('name', injections.INJECTIONS)
 def test_the_node_runs_the_algorithm_that_is_reproduced(name):
     """What the driver calls (``form: paper``) gives the rows' numbers to the bit."""
     joint = make(
@@ -33,19 +33,19 @@ def test_the_node_runs_the_algorithm_that_is_reproduced(name):
     np.testing.assert_array_equal(found, algorithm_1(name, angles))
 
 
-@pytest.mark.parametrize('name', injections.NAMES)
+@pytest.mark.parametrize('name', injections.INJECTIONS)
 def test_the_continuous_observer_has_the_injections_of_the_node(name):
     gains = build(Gains, {'form': 'paper', 'injection': name, **FIGURE_6})
     made = design(gains, Circle())
     for error in np.linspace(-9.0, 9.0, 61).tolist():
-        ours = continuous.injection(injections.NAMES.index(name), error, 1.0)
+        ours = continuous.injection(injections.INJECTIONS.index(name), error, 1.0)
         assert ours == injections.inject(error, made)
 
 
-@pytest.mark.parametrize('name', injections.NAMES)
+@pytest.mark.parametrize('name', injections.INJECTIONS)
 def test_a_potential_is_the_integral_of_its_injection(name):
     """(7) of the paper, at a saturation that is not 1."""
-    limit, kind = 0.7, injections.NAMES.index(name)
+    limit, kind = 0.7, injections.INJECTIONS.index(name)
     potential, injection = partial(continuous.potential, kind), partial(continuous.injection, kind)
     errors = np.linspace(-2.9, 2.9, 59)
     slope = [(potential(e + 1e-6, limit) - potential(e - 1e-6, limit)) / 2e-6 for e in errors]

@@ -30,11 +30,11 @@ import math
 from typing import Any
 
 from estimator_pkg.observers.angle.edge.constants import (
+    ADAPTATION_RATE,
     ALARM,
     NOISE_SAMPLES,
     NOISY_ABOVE,
     OUTLIER_QUANTA,
-    RATE,
     SHARE,
     SIGMAS,
     SLACK,
@@ -136,7 +136,7 @@ def adapt_process_noise(
     product = z * process.filtered_innovation / math.sqrt(process.variance)
     process.filtered_innovation += weight * (z - process.filtered_innovation)
     process.variance = (1.0 - weight) * (1.0 - weight) * process.variance + weight * weight
-    move = RATE * weight * (product - SLACK)
+    move = ADAPTATION_RATE * weight * (product - SLACK)
     process.density *= math.exp(move)
     if process.density < least:
         process.density, move = least, 0.0

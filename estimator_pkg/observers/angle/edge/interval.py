@@ -18,12 +18,12 @@ from estimator_pkg.observers.angle.edge.constants import SIGMAS
 
 ROOT_HALF = math.sqrt(0.5)
 DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
-TAIL = 6.0  # sigmas from which the tail's own series is used: erfc's digits would cancel
+TAIL_SIGMAS = 6.0  # sigmas from which the tail's own series is used: erfc's digits would cancel
 THIN = 1e-3  # an interval thinner than this part of sigma is a point; the least part of a variance
 
-NOTHING = 0  # the reading has no news for the prediction
-INTERVAL = 1  # a measurement: centre, half width
-HELD = 2  # the prediction has left the cell, and no edge came
+NO_INFORMATION = 0  # the reading has no news for the prediction
+MEASURED = 1  # a measurement: centre, half width
+MISSING_EDGE = 2  # the prediction has left the cell, and no edge came
 
 
 def within(e: float, half: float, sigma: float) -> tuple[float, float]:
@@ -35,7 +35,7 @@ def within(e: float, half: float, sigma: float) -> tuple[float, float]:
     width = b - a
     if width < THIN:
         return side * (a + 0.5 * width), width * width / 12.0
-    if a > TAIL:
+    if a > TAIL_SIGMAS:
         if width * a > 2.0:
             return side * (a + 1.0 / a), 1.0 / (a * a)
         return side * (a + 0.5 * width), width * width / 12.0
@@ -70,12 +70,16 @@ def interval(
     """
     half = 0.5 * quantum
     if 12.0 * variance > quantum * quantum:
-        return INTERVAL, innovation, half
+        return MEASURED, innovation, half
     edges = math.sqrt(noise)
     hold = SIGMAS * edges
     if flickers:
         near = half - hold
-        return INTERVAL if innovation > near or innovation < -near else NOTHING, innovation, half
+        return (
+            MEASURED if innovation > near or innovation < -near else NO_INFORMATION,
+            innovation,
+            half,
+        )
     if unpredicted > half or unpredicted < -half:
         side = half if unpredicted > 0.0 else -half
         width = quantum - abs(unpredicted)
@@ -83,8 +87,8 @@ def interval(
             width = (width if width > 0.0 else 0.0) + edges
             if width < quantum:
                 centre = innovation - side + math.copysign(0.5 * width, unpredicted)
-                return INTERVAL, centre, 0.5 * width
-        return INTERVAL, innovation, half
+                return MEASURED, centre, 0.5 * width
+        return MEASURED, innovation, half
     if innovation > half + hold or innovation < -half - hold:
-        return HELD, innovation, half
-    return NOTHING, innovation, half
+        return MISSING_EDGE, innovation, half
+    return NO_INFORMATION, innovation, half

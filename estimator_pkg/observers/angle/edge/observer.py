@@ -29,7 +29,7 @@ from estimator_pkg.observers.angle.edge.constants import (
     NOISY_ABOVE,
     RATIO,
     REPEATS,
-    RESTED,
+    RESTED_PART,
     SIGMAS,
 )
 from estimator_pkg.observers.angle.edge.covariance import Coefficients, Motion
@@ -39,7 +39,7 @@ from estimator_pkg.observers.angle.edge.update import update
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Estimate, Observer
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
 from estimator_pkg.observers.maths.covariance import Covariance
-from estimator_pkg.observers.maths.informing import ANGLE, RATE, Fusion, scalar_update
+from estimator_pkg.observers.maths.informing import FUSE_ANGLE, FUSE_RATE, Fusion, scalar_update
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor import noise as sensing
@@ -102,8 +102,6 @@ class Reading:
 
     angle: float  # [rad]
     change: float  # since the reading before [rad]
-    counted: float  # the same, without a correction of the reading [rad]
-    cell_excess: float  # size of its cell beyond a quantum [rad]
     passed: float  # time since the last reading that was used [s]
     repeat_duration: float  # for which the readings before it repeated [s]
     first: bool  # nothing has moved before
@@ -197,7 +195,7 @@ def start(observer: Any, state: State, design: Design, measurement: float) -> No
 def reset(state: State, quantum: float, measurement: float) -> None:
     """Reset all but the steps at this measurement [rad]; quantum [rad], 0: not known."""
     sensing.begin_sensor(state.sensor, quantum if quantum > 0.0 else counts.UNIT)
-    starts.set_start_uncertainty(state.uncertainty, 0.0, starts.LAST, 0.0, 0.0)
+    starts.set_start_uncertainty(state.uncertainty, 0.0, starts.DURATION_ALONE, 0.0, 0.0)
     sampling.begin_sampling(state.clock)
     reset_motion(state, measurement)
 
@@ -274,7 +272,7 @@ def step(
     """Process one reading [rad]: what it is, when it came, what it shows."""
     reading, dt = state.reading, coefficients.dt
     state.fusion.now = False
-    if not classify_reading(state, design, measurement, known_input, dt):
+    if not classify_reading(state, design, measurement, dt):
         predict_through_repeat(state, coefficients, design)
         return
     clock, pace, taken = state.clock, state.sensor.mean_sample_time, dt
@@ -296,9 +294,7 @@ def step(
         process_reading(state, evenly, design)
 
 
-def classify_reading(
-    state: State, design: Design, measurement: float, known_input: float, dt: float
-) -> bool:
+def classify_reading(state: State, design: Design, measurement: float, dt: float) -> bool:
     """Classify a reading; return False if it is an old one, published again.
 
     Residue: a jump far beyond the range of all readings before was a glitch if the next reading
@@ -323,9 +319,9 @@ def classify_reading(
             accept_jump(state, design, last, dt)
         else:
             steps.jump = 0.0
-    reading.angle, reading.change, reading.cell_excess = measurement, change, known_input
+    reading.angle, reading.change = measurement, change
     reading.start_velocity_variance, reading.starting = state.uncertainty.variance, starting
-    reading.noise_known = state.uncertainty.time_since_first_motion >= starts.RECENT
+    reading.noise_known = state.uncertainty.time_since_first_motion >= starts.START_DURATION
     reading.evidence = clock.evidence
     reading.observed_range = state.convention.high - state.convention.low
     reading.rested, reading.previous_change = sensor.since, sensor.step
@@ -391,27 +387,22 @@ def process_reading(state: State, coefficients: Coefficients, design: Design) ->
 
 
 def learn_sensor(state: State, design: Design) -> None:
-    """Learn quantum, noise and vibration, in the readings as they came, without a correction."""
+    """Learn quantum, noise and vibration."""
     reading, sensor, steps, convention = state.reading, state.sensor, state.steps, state.convention
     quantum, change, last = sensor.quantum, reading.change, convention.last
     reading.first = change != 0.0 and convention.low == convention.high
-    reading.counted = change + reading.cell_excess
-    if change != 0.0 and counts.shows_quantum(
-        steps, reading.counted, sensor.size, sensor.since, quantum
-    ):
+    if change != 0.0 and counts.shows_quantum(steps, change, sensor.size, sensor.since, quantum):
         extent = abs(reading.angle) + abs(last)
-        if counts.is_residue(reading.counted, extent, design.quantum, quantum, reading.first):
+        if counts.is_residue(change, extent, design.quantum, quantum, reading.first):
             reading.angle, reading.change, reading.first = last, 0.0, False  # it is used again
         else:
-            found = counts.search_quantum(steps, reading.counted, extent, design.quantum, sensor)
+            found = counts.search_quantum(steps, change, extent, design.quantum, sensor)
             if found != quantum:
                 rescale(state, found, reading.first)
                 quantum = found
                 preference.reset_second_filter(state.second)
     believed = state.tracking.count if state.tracking.status == COASTING else math.inf
-    sensing.follow_sensor(
-        sensor, reading.change, reading.counted, reading.passed, quantum, believed
-    )
+    sensing.follow_sensor(sensor, reading.change, reading.passed, quantum, believed)
     if reading.evidence > sampling.BELIEVED:
         sensing.age_noise(sensor, state.motion.velocity)
     follow_convention(convention, reading.angle, design.period)
@@ -504,7 +495,7 @@ def doubt_velocity_after_rest(state: State, dt: float) -> None:
     reading, uncertainty = state.reading, state.uncertainty
     square = state.sensor.quantum * state.sensor.quantum
     if state.sensor.noise <= NOISY_ABOVE * square and (
-        reading.first or 12.0 * state.p.p00 > RESTED * square
+        reading.first or 12.0 * state.p.p00 > RESTED_PART * square
     ):
         since = 0.0 if reading.first else uncertainty.time_since_first_motion
         age = uncertainty.age if reading.rested < starts.RESTS else 0.0
@@ -571,15 +562,9 @@ def correct(state: State, design: Design, dt: float) -> None:
 
 
 def measurement_update(state: State, design: Design, dt: float, flickers: bool) -> bool:
-    """Update by what a reading shows of the angle; return False if it is not believed.
-
-    The cell of an unchanged reading may reach further than a quantum; by a quarter of what is known
-    of that either end may be wrong.
-    """
+    """Update by what a reading shows of the angle; return False if it is not believed."""
     reading, motion, quantum = state.reading, state.motion, state.sensor.quantum
-    cell_excess = reading.cell_excess if reading.change == 0.0 else 0.0
-    innovation, size = reading.innovation + 0.5 * cell_excess, quantum + 1.5 * abs(cell_excess)
-    if update(state, design, innovation, size, flickers, dt):
+    if update(state, design, flickers, dt):
         return True
     if (
         quantum != design.quantum
@@ -605,7 +590,13 @@ def inform(
     motion = state.motion
     if state.tracking.status != TRACKING:
         return
-    y = motion.velocity if kind == RATE else motion.angle if kind == ANGLE else motion.acceleration
+    y = (
+        motion.velocity
+        if kind == FUSE_RATE
+        else motion.angle
+        if kind == FUSE_ANGLE
+        else motion.acceleration
+    )
     x, v, a = scalar_update(state.p, state.fusion, kind, value - y, variance)
     motion.angle += x
     motion.velocity += v
@@ -634,11 +625,11 @@ def estimate(
     measurement: float,
     known_input: float,
 ) -> None:
-    """Set the estimate; the known input is the size of the cell beyond a quantum."""
+    """Set the estimate."""
     motion, second, sensor = state.motion, state.second, state.sensor
     v = motion.velocity + second.v
     if sensor.since > 0.0 and not state.fusion.now:
-        most = sigma.fastest(sensor, known_input)
+        most = sigma.fastest(sensor)
         v = most if v > most else -most if v < -most else v
     angle = motion.angle + second.x
     out.position = present(state.convention, angle, design.period, design.unwrap)

@@ -15,22 +15,17 @@ from typing import Any
 from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import Deviation
 from estimator_pkg.observers.angle.edge.constants import SIGMAS
-from estimator_pkg.observers.angle.edge.start import RECENT, start_variance, unknown_speed
+from estimator_pkg.observers.angle.edge.start import START_DURATION, start_variance, unknown_speed
 from estimator_pkg.sensor.noise import Sensor
 
 
-def fastest(sensor: Sensor, excess: float) -> float:
-    """Return the largest speed [rad/s] that an unchanged reading allows.
-
-    Parameters
-    ----------
-    excess : by how much the present cell reaches further than a quantum, and to which side [rad].
-    """
+def fastest(sensor: Sensor) -> float:
+    """Return the largest speed [rad/s] that an unchanged reading allows."""
     quantum = sensor.quantum
     way = (sensor.size if sensor.size > quantum else quantum) + 2.0 * SIGMAS * math.sqrt(
         sensor.noise
     )
-    return (way + abs(excess)) / sensor.since
+    return way / sensor.since
 
 
 def deviation(
@@ -44,7 +39,7 @@ def deviation(
     if design.quantum == 0.0 and convention.low == convention.high:  # nothing moved: no quantum
         out.position = out.velocity = math.inf
         return
-    starting = 0.0 < uncertainty.age < RECENT
+    starting = 0.0 < uncertainty.age < START_DURATION
     # at least half of P_11
     variance = p.p11 * (process.mean_nis if process.mean_nis > 0.5 else 0.5)
     if p.p11 <= 0.0:
@@ -62,7 +57,7 @@ def deviation(
         variance += start_variance(state, dt)
     sigma = math.sqrt(variance)
     if sensor.since > 0.0:
-        most = fastest(sensor, 0.0)
+        most = fastest(sensor)
         if abs(speed) > most:  # what the output cuts off, the joint may have lost again
             sigma += abs(speed) - most
         sigma = most if sigma > most else sigma

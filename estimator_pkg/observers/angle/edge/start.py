@@ -18,24 +18,24 @@ from estimator_pkg.observers.angle.edge.constants import (
     BLUR,
     CONFIRMED,
     LEAST_JERK_DENSITY,
-    LONGEST,
+    LONGEST_MEMORY,
     SIGMAS,
 )
 from estimator_pkg.record import record
 from estimator_pkg.sensor import noise as sensing
 
-UNKNOWN = 8.0  # changes of the reading: so unknown is a starting speed
+START_SPEED_CHANGES = 8.0  # changes of the reading: so unknown is a starting speed
 SETTLES = 2.0  # changed readings after which a speed in doubt is known
 FIRST_EDGE = 3.0  # the same when the first has just come: the next one may be a line's second point
-RECENT = 0.25  # [s] a start lasts: so long a change of its acceleration may not be seen
+START_DURATION = 0.25  # [s] a start lasts: so long a change of its acceleration may not be seen
 RESTS = 0.1  # [s] without motion: a rest. In noise: without leaving a quantum and the noise
 # outside the cell, in standard deviations of the noise: slack of the sum, a sum that shows that a
 # start is likely, and a reading that shows it alone
 UNMOVED = 1.0
 FAR = 1.5
-SURELY = CONFIRMED * UNMOVED  # which as many readings inside the cell take back
-LAG = 0.2  # of the speed error at the end of a ramp (`start_variance`): five of it cover it
-LAST = 0.5  # in place of the changed readings, where `RECENT` alone has not passed
+CERTAIN_START = CONFIRMED * UNMOVED  # which as many readings inside the cell take back
+RAMP_END_PART = 0.2  # of the speed error at a ramp's end (`start_variance`): five cover it
+DURATION_ALONE = 0.5  # changed readings, where `START_DURATION` alone has not passed
 PERHAPS = 0.75  # the same, where noise alone may have looked like a start
 
 
@@ -68,7 +68,7 @@ def doubt_speed(state: Any, change: float, dt: float, since: float, age: float) 
 
 def unknown_speed(size: float, dt: float) -> float:
     """Return the variance [(rad/s)^2] of a speed that one reading alone shows."""
-    return UNKNOWN * UNKNOWN * size * size / (dt * dt)
+    return START_SPEED_CHANGES * START_SPEED_CHANGES * size * size / (dt * dt)
 
 
 def begin_line(state: Any) -> None:
@@ -86,7 +86,9 @@ def begin_line(state: Any) -> None:
     rate = 1.0 / dt
     floor = quantum * quantum / 12.0 + sensor.noise
     size = max(quantum, abs(change))
-    bend = UNKNOWN * UNKNOWN * size * size / 3.0  # what an unknown speed adds in one sample
+    bend = (
+        START_SPEED_CHANGES * START_SPEED_CHANGES * size * size / 3.0
+    )  # what an unknown speed adds in one sample
     motion.angle, motion.velocity = state.reading.angle, change * rate
     motion.acceleration = motion.idle = 0.0
     p.p00, p.p01, p.p02 = floor, floor * rate, 0.0
@@ -108,7 +110,7 @@ def set_covariance_at_rest(state: Any, quantum: float) -> None:
 
     A straight line through an angle of its cell, `LONGEST` [s] ago, and the edge.
     """
-    rate = 1.0 / LONGEST
+    rate = 1.0 / LONGEST_MEMORY
     floor = quantum * quantum / 12.0
     square = rate * rate
     covariance.set_covariance(
@@ -136,16 +138,16 @@ def doubt_in_noise(state: Any, dt: float) -> None:
     if RESTS * abs(state.motion.velocity) > sigma + quantum:
         return
     beyond = (abs(innovation) - 0.5 * quantum) / sigma  # outside the cell
-    if beyond > SURELY:
+    if beyond > CERTAIN_START:
         variance, since = unknown_speed(abs(innovation), dt), uncertainty.time_since_first_motion
         set_start_uncertainty(uncertainty, variance, SETTLES, since, dt)
-        uncertainty.total, uncertainty.run_time = math.copysign(SURELY, innovation), dt
+        uncertainty.total, uncertainty.run_time = math.copysign(CERTAIN_START, innovation), dt
         return
     total = uncertainty.total
     if beyond > 0.0:
         z = math.copysign(beyond, innovation)
         total = z if total * z < 0.0 and abs(total) < beyond else total + z
-    size = min(abs(total) - UNMOVED, SURELY)
+    size = min(abs(total) - UNMOVED, CERTAIN_START)
     total = math.copysign(size, total) if size > 0.0 else 0.0
     uncertainty.run_time = (
         0.0 if total == 0.0 else dt if beyond > UNMOVED + FAR else uncertainty.run_time + dt
@@ -153,13 +155,17 @@ def doubt_in_noise(state: Any, dt: float) -> None:
     uncertainty.total = total
     if uncertainty.edges_to_settle == PERHAPS:
         if total == 0.0:
-            uncertainty.variance, uncertainty.edges_to_settle, uncertainty.age = 0.0, LAST, RECENT
+            uncertainty.variance, uncertainty.edges_to_settle, uncertainty.age = (
+                0.0,
+                DURATION_ALONE,
+                START_DURATION,
+            )
         else:
             uncertainty.age = min(uncertainty.age, uncertainty.run_time)
     elif uncertainty.edges_to_settle < 1.0 and size > FAR:
         uncertainty.variance, uncertainty.edges_to_settle = 0.0, PERHAPS
         uncertainty.age = uncertainty.run_time
-        uncertainty.total = math.copysign(SURELY, total)
+        uncertainty.total = math.copysign(CERTAIN_START, total)
 
 
 def start_variance(state: Any, dt: float) -> float:
@@ -173,7 +179,7 @@ def start_variance(state: Any, dt: float) -> float:
     quantum, noise, age = state.sensor.quantum, state.sensor.noise, state.uncertainty.age
     size = abs(state.motion.acceleration)
     hidden = quantum + SIGMAS * math.sqrt(noise)
-    ends = LAG * (math.sqrt(2.0 * size * hidden) + 2.0 * size * dt)
+    ends = RAMP_END_PART * (math.sqrt(2.0 * size * hidden) + 2.0 * size * dt)
     return 8.0 * (quantum * quantum + 12.0 * noise) / (age * age) + ends * ends
 
 
@@ -200,8 +206,10 @@ def settle(state: Any, noise: float, dt: float) -> None:
     uncertainty.edges_to_settle -= 1.0
     if uncertainty.edges_to_settle <= 0.0:
         uncertainty.variance = 0.0
-        recent = uncertainty.time_since_first_motion < RECENT or uncertainty.age < RECENT
-        uncertainty.edges_to_settle = LAST if recent else 0.0
+        recent = (
+            uncertainty.time_since_first_motion < START_DURATION or uncertainty.age < START_DURATION
+        )
+        uncertainty.edges_to_settle = DURATION_ALONE if recent else 0.0
     elif uncertainty.edges_to_settle < SETTLES - 1.0:
         uncertainty.variance = 0.5 * (variance + uncertainty.variance)
     else:
@@ -223,6 +231,8 @@ def pass_time(uncertainty: StartUncertainty, dt: float) -> None:
     """Let `dt` [s] pass."""
     uncertainty.time_since_first_motion += dt
     uncertainty.age += dt
-    recent = uncertainty.time_since_first_motion < RECENT or uncertainty.age < RECENT
+    recent = (
+        uncertainty.time_since_first_motion < START_DURATION or uncertainty.age < START_DURATION
+    )
     if not recent and uncertainty.edges_to_settle < 1.0:
         uncertainty.edges_to_settle = 0.0

@@ -26,22 +26,20 @@ from estimator_pkg.sensor.noise import follow_noise, vibration
 SLIGHT = 0.3  # a rise of the log density by less changes next to nothing of the update
 
 
-def update(
-    state: Any, design: Any, innovation: float, size: float, flickers: bool, dt: float
-) -> bool:
+def update(state: Any, design: Any, flickers: bool, dt: float) -> bool:
     """Update by what a reading shows of the angle; return False if it is not believed.
 
     Parameters
     ----------
-    innovation, size : distance of the cell's centre from the predicted angle, and its size [rad].
     flickers : noise crosses an edge more often than the angle does.
     """
     motion, p, process, sensor = state.motion, state.p, state.process_noise, state.sensor
-    quantum, noise, unpredicted = sensor.quantum, sensor.noise, state.reading.unpredicted_motion
-    kind, centre, half = cells.interval(innovation, unpredicted, size, p.p00, noise, flickers)
-    if kind == cells.NOTHING:
+    quantum, noise = sensor.quantum, sensor.noise
+    innovation, unpredicted = state.reading.innovation, state.reading.unpredicted_motion
+    kind, centre, half = cells.interval(innovation, unpredicted, quantum, p.p00, noise, flickers)
+    if kind == cells.NO_INFORMATION:
         return True
-    held = kind == cells.HELD
+    held = kind == cells.MISSING_EDGE
     # the interval, either end of which may be wrong, meets the Gaussian: S = P_00 + R, mean d
     r = noise + NOISY_ABOVE * (2.0 * half) * (2.0 * half)
     s = p.p00 + r
@@ -67,20 +65,20 @@ def update(
     if date > 0.0 or growth > SLIGHT:  # the same reading is worth more to a vaguer prediction
         if date > 0.0:
             bandwidth.inflate_for_manoeuvre(state, d, date, dt, flickers)
-            kind, centre, half = cells.INTERVAL, innovation, 0.5 * size  # the whole cell is news
+            kind, centre, half = cells.MEASURED, innovation, 0.5 * quantum  # the whole cell
         else:
             kind, centre, half = cells.interval(
-                innovation, unpredicted, size, p.p00, noise, flickers
+                innovation, unpredicted, quantum, p.p00, noise, flickers
             )
         r = noise + NOISY_ABOVE * (2.0 * half) * (2.0 * half)
         d, left = cells.within(centre, half, math.sqrt(p.p00 + r))
     s = p.p00 + r
     # the noise follows the score: flicker shows it from either side alike; elsewhere what is
     # correlated is motion
-    if white if flickers else kind != cells.HELD and (score < 0.0 or product < 1.0):
+    if white if flickers else kind != cells.MISSING_EDGE and (score < 0.0 or product < 1.0):
         most = noise if flickers and sensor.noise_bound < noise else sensor.noise_bound
         sensor.noise = follow_noise(noise, score * noise / s, most, quantum)
-    measured = kind != cells.HELD  # that no edge came moves the estimate only
+    measured = kind != cells.MISSING_EDGE  # that no edge came moves the estimate only
     ratio = d / s  # K d = P_.0 d/S
     if held:
         inflate_for_missing_edge(state.uncertainty, p.p01 * ratio)

@@ -20,7 +20,7 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.maths.tracking import bandwidth_ratio
 
 PAPER = (6.0, 5.0)  # k1, k2 of the paper's simulations and experiments: poles -1, -5
-TRIPLE = (3.0, 3.0, 1.0)  # k1, k2, k3 of the third order: a triple pole at -1
+TRIPLE_POLE = (3.0, 3.0, 1.0)  # k1, k2, k3 of the third order: a triple pole at -1
 
 LEAST_DAMPING = 0.01  # of each pole
 LEAST_DECAY = 1e-6  # of the slowest pole, in the fastest
@@ -42,7 +42,7 @@ class Continuous(NamedTuple):
     @property
     def triple(self) -> bool:
         """True where all three poles are one."""
-        return self.k == TRIPLE
+        return self.k == TRIPLE_POLE
 
 
 def continuous_design(
@@ -67,7 +67,7 @@ def continuous_design(
     """
     if order == 2 and k3 is not None:
         raise UsageError("parameter 'k3' belongs to order 3, and the order is 2")
-    usual = PAPER if order == 2 else TRIPLE
+    usual = PAPER if order == 2 else TRIPLE_POLE
     k = tuple(
         float(default if given is None else given) for given, default in zip((k1, k2, k3), usual)
     )
@@ -78,7 +78,7 @@ def continuous_design(
                 f'k1 k2 = {k_1 * k_2:g} must exceed k3 = {k_3:g}, '
                 'or the third-order observer is unstable'
             )
-    roots = [1.0 + 0.0j] * 3 if k == TRIPLE else [-complex(r) for r in np.roots((1.0, *k))]
+    roots = [1.0 + 0.0j] * 3 if k == TRIPLE_POLE else [-complex(r) for r in np.roots((1.0, *k))]
     require_damping(k, roots)
     unit = unit_bandwidth(k)
     if epsilon is None:

@@ -18,12 +18,12 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid.state import Design
 from estimator_pkg.record import plain
 
-NAMES = ('sin', 'tan', 'saw', 'sat')
+INJECTIONS = ('sin', 'tan', 'saw', 'sat')
 SIN = 0
 TAN = 1
 SAW = 2
 SAT = 3  # further numbers are those of users' own functions
-CHECKS = 2000  # points on each side of zero where a user's injection is looked at
+CHECKED_POINTS = 2000  # points on each side of zero where a user's injection is looked at
 BEYOND = 50  # and within the margin before +-pi
 
 _own: list[Callable[[float], float]] = []
@@ -64,8 +64,8 @@ def find(name: str, *, margin: float) -> int:
     ------
     UsageError : it cannot be loaded, or it violates Assumption 1 (which item, and where).
     """
-    if name in NAMES:
-        return NAMES.index(name)
+    if name in INJECTIONS:
+        return INJECTIONS.index(name)
     own = registry.load(name)
     check_assumption_1(own, margin, name)
     if own not in _own:
@@ -99,8 +99,8 @@ def check_assumption_1(function: Callable[[float], float], margin: float, name: 
         raise UsageError(f"injection '{name}' is no function of one angle")
     inner = math.pi - margin
     previous = None
-    for i in range(-CHECKS, CHECKS + 1):
-        error = inner * i / CHECKS
+    for i in range(-CHECKED_POINTS, CHECKED_POINTS + 1):
+        error = inner * i / CHECKED_POINTS
         value = value_at(error)
         if not math.isfinite(value):
             fail(1, f'not finite at {error:.3f} rad')

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from estimator_pkg.circle import FURTHER, Circle
+from estimator_pkg.circle import FEW_COUNTS_MARGIN, Circle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.hybrid import injections, paper, robust
 from estimator_pkg.observers.angle.hybrid.design import Continuous, continuous_design, paper_limit
@@ -68,7 +68,7 @@ class Gains(AngleGains):
     )
     injection: str = structural(
         'saw',
-        choices=(*injections.NAMES, 'package.module:name'),
+        choices=(*injections.INJECTIONS, 'package.module:name'),
         description='how an error acts: sin(e), 2 tan(e/2), e, e held within M, or your own '
         'function of the error [rad]',
         equation='phi, section IV',
@@ -189,7 +189,9 @@ def design(gains: Gains, circle: Circle) -> Design:
 
 def _set_robust(made: Design, gains: Gains, continuous: Continuous, period: float) -> None:
     made.reset_from = 0.5 * period - made.margin if period > 0.0 else math.inf
-    made.doubtful = max(DOUBTFUL * period, FURTHER * gains.quantum) if period > 0.0 else math.inf
+    made.doubtful = (
+        max(DOUBTFUL * period, FEW_COUNTS_MARGIN * gains.quantum) if period > 0.0 else math.inf
+    )
     made.fastest = math.inf if gains.max_speed is None else gains.max_speed
     # real ones first, so that a complex pair comes last; of three real ones any two are a pair
     *others, one, other = sorted(continuous.poles, key=lambda pole: (abs(pole.imag), pole.real))
@@ -211,7 +213,7 @@ def _set_paper(made: Design, gains: Gains, continuous: Continuous) -> None:
 
 def runs_plain(gains: Gains) -> bool:
     """Return True if the injection is a user's own function, which is no part of the engine."""
-    return gains.injection not in injections.NAMES
+    return gains.injection not in injections.INJECTIONS
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:

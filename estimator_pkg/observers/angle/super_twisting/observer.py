@@ -26,7 +26,7 @@ from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions
     DRIVEN,
     EDGES,
     LAG_3,
-    OUTSIDE,
+    OUTSIDE_PART,
     SINGLE_ANGLE,
     AngleGains,
     State,
@@ -282,7 +282,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     made.roots = roots_of(order)
     if order == 3:
         made.table = [list(row) for row in noise_table(made.roots)]
-    widest = OUTSIDE * circle.period if circle.period > 0.0 and made.explicit else math.inf
+    widest = OUTSIDE_PART * circle.period if circle.period > 0.0 and made.explicit else math.inf
     made.longest_dt = (widest / gains.bound) ** (1.0 / (order + 1))
     # Convergence from an error that one sample can hide: about the time that the bound needs to
     # make a speed of its own scale.

@@ -72,7 +72,7 @@ def sensed(angles, dts=None, quantum=0.01):
         if step != 0.0:
             edge_quantum.search_quantum(steps, step, abs(angles[i]), quantum, sensor)
         dt, found = 1e-3 if dts is None else dts[i], edge_quantum.quantum_of(steps, quantum)
-        edge_sensor.follow_sensor(sensor, step, step, dt, found, math.inf)
+        edge_sensor.follow_sensor(sensor, step, dt, found, math.inf)
     return sensor, steps
 
 
@@ -162,7 +162,7 @@ def stood(quantum):
 
 
 def test_a_shaft_that_stood_is_a_straight_line_from_its_cell_to_the_edge():
-    blur, floor, long = edge_constants.BLUR, Q * Q / 12.0, edge_constants.LONGEST
+    blur, floor, long = edge_constants.BLUR, Q * Q / 12.0, edge_constants.LONGEST_MEMORY
     expected = (blur * blur, 0.0, 0.0, floor / long**2, 0.0, floor / long**4)
     assert stood(Q) == pytest.approx(expected)
     assert stood(0.1 * Q) == pytest.approx([0.01 * each for each in stood(Q)])

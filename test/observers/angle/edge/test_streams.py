@@ -24,6 +24,7 @@ KNOWN = {
     '10 Hz, point to point, noise': 2.0,
     '10 Hz, point to point, counts': 1.75,
     '10000 Hz, point to point, counts': 1.55,
+    'glitches, point to point': 1.55,
 }
 
 

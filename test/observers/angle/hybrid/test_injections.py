@@ -99,7 +99,7 @@ def test_values_are_the_papers():
     assert sat(-2.0, TURN, 0.03) == -0.03
 
 
-@pytest.mark.parametrize('name', injections.NAMES)
+@pytest.mark.parametrize('name', injections.INJECTIONS)
 def test_built_in_ones_keep_assumption_1(name):
     found = function(name)
     injections.check_assumption_1(lambda error: found(error, TURN, 1.0), MARGIN, name)

@@ -71,7 +71,7 @@ def algorithm_1(position, velocity, y, dt, l1, l2, phi):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('name', injections.NAMES)
+@pytest.mark.parametrize('name', injections.INJECTIONS)
 def test_algorithm_1_is_the_papers(name):
     ours = Inner(0.01, form='paper', injection=name, epsilon=0.1)
     random = np.random.default_rng(2)
