@@ -483,11 +483,19 @@ def wrong_bags(tmp_path):
     cut = make.rosbags(tmp_path / 'sqlite', messages)
     (database,) = cut.glob('*.db3')
     (tmp_path / 'cut.db3').write_bytes(database.read_bytes()[:9000])
+    for link, target in (('one', 'other'), ('other', 'one'), ('gone.mcap', 'nowhere')):
+        (tmp_path / link).symlink_to(tmp_path / target)
+    linked = tmp_path / 'linked'
+    linked.mkdir()
+    (linked / 'a.mcap').symlink_to('a.mcap')
     lonely = make.ours(tmp_path / 'lonely', messages)
     next(lonely.glob('*.mcap')).unlink()
     return [
         (tmp_path / 'xyz', 'does not exist: check the path'),
         (tmp_path / 'lonly', "does not exist: did you mean 'lonely'?"),
+        (tmp_path / 'one', 'is a link to itself'),
+        (tmp_path / 'gone.mcap', f'is a link to {tmp_path}/nowhere, which does not exist'),
+        (linked, 'a.mcap: it is a link to itself'),
         (empty_folder, 'is not a bag: it has no'),
         (tmp_path / 'empty.mcap', 'is empty (0 bytes)'),
         (tmp_path / 'empty.db3', 'is empty (0 bytes)'),

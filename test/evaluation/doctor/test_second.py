@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
+from estimator_pkg.evaluation.doctor.second import candidates
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from sim_pkg.joints.second import imu
 
@@ -124,3 +126,11 @@ def test_a_reversed_velocity_in_the_messages_is_no_second_sensor(arm, tmp_path):
     path = bag(tmp_path / 'arm', ['elbow', 'wrist'], turned, -velocities)
     _, found = doctor(path, tmp_path)
     assert not found['elbow']
+
+
+def test_the_positions_of_many_joints_are_not_compared_with_one_another(tmp_path):
+    moving = np.cumsum(np.ones((120, 65)), axis=0)
+    for count, kinds in ((64, {'angle', 'rate'}), (65, {'rate'})):
+        names, values = [f'j{i}' for i in range(count)], moving[:, :count].tolist()
+        with open_bag(bag(tmp_path / str(count), names, values, values)) as reader:
+            assert {each.kind for each in candidates(reader)} == kinds
