@@ -28,6 +28,10 @@ NODES: dict[str, tuple[str, ...]] = {
     'adaptive_observer': (),
     'mechanical_observer': ('--ros-args', '-p', 'joints:=[joint_0]'),
     'switched_observer': ('--ros-args', '-p', 'joints:=[joint_0]'),
+    'wheel_odometry': (
+        *('--ros-args', '-p', 'radius:=[0.1]', '-p', 'track:=0.5'),
+        *('-p', 'wheels_left:=[joint_0]', '-p', 'wheels_right:=[joint_1]'),
+    ),
 }
 
 

@@ -31,6 +31,7 @@ LATENCY = {
     'median_ms': ('stamp to receipt, median', 'ms'),
     'late_ms': ('stamp to receipt, 99 %', 'ms'),
 }
+MOST = {'late_ms': 1.3}  # required: a look at the joints must not hold up the answers
 
 
 def start(name: str, rate: float = 200.0) -> dict[str, float]:
@@ -95,5 +96,7 @@ def rows(
             made.append(row(f'{name}: {title}', median, unit))
             if name != NULL:
                 ratio = statistics.median(mine / null for mine, null in pairs)
-                made.append(row(f'{name}: {title} / null node', ratio, 'times'))
+                made.append(
+                    row(f'{name}: {title} / null node', ratio, 'times', limit=MOST.get(key))
+                )
     return made
