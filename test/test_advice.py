@@ -57,6 +57,7 @@ HAVING = {  # texts that are shown only to observers that have the parameter, an
     ('nodes/detection.py', 'stamp_source'): 'the condition `header`',
     ('nodes/detection.py', 'joints'): 'only joints that the parameter names can be missing',
     ('nodes/faults.py', 'joints'): 'samples are refused only by `joints_max`',
+    ('nodes/faults.py', 'counts_per_revolution'): 'sensors are examined only for one angle',
     ('nodes/faults.py', 'joints_max'): 'samples are refused only by `joints_max`',
     ('nodes/health.py', 'joints_max'): 'samples are refused only by `joints_max`',
     (

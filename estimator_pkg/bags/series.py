@@ -98,6 +98,8 @@ def why_none(bag: Bag, topic: str) -> str:
     found = joint_series(bag, topic).values() if bag.topics[topic].type == TYPE else ()
     if any(np.isfinite(series.velocity).any() for series in found):
         return f'{topic} has velocities but no positions, and observers need positions'
+    if found:
+        return f'{topic} has no readable joint: no position is finite'
     return f'{topic} has no positions'
 
 

@@ -253,6 +253,8 @@ class SecondSensor:
         """Return the learnt quantities by name: value, standard deviation, unit."""
         known, p = self.source.known, self.source.p
         ratio, shift = known[SCALE], known[SHIFT]
+        if ratio == 0.0:  # nothing is known yet
+            return {}
         found = {
             'bias': (known[BIAS], p[BIAS][BIAS], ' rad/s'),
             'ratio': (ratio, p[SCALE][SCALE], ''),

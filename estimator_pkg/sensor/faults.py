@@ -43,7 +43,7 @@ KINDS = (  # name, text with (size, speed before, reading)
 )
 LASTING = (REVERSED, TOGGLE, STUCK_BIT)  # the counter is wrong until it is repaired
 SHOWN_NS = 5_000_000_000  # time for which a fault stays in the status [ns],
-LASTING_NS = 60_000_000_000  # and one of LASTING [ns]
+LASTING_NS = 12 * SHOWN_NS  # and one of LASTING: a minute
 
 PAUSE_NS = 300_000_000  # time without a look after an irregular sample time [ns]
 REARMED_AFTER = 8  # readings before a suspicion after it

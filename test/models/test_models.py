@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mechanism_runs import begun, driven, made, moved
+from mechanism_runs import begun, driven, made
 
 from estimator_pkg import observers
 from estimator_pkg.circle import Circle
@@ -18,6 +18,7 @@ from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models import cart_pendulum, check, robotic_leg, single_joint, two_links
 from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import assignments_of
+from estimator_pkg.observers.mechanism.motion import MechanismSimulation
 
 MODELS = (single_joint, cart_pendulum, robotic_leg)
 
@@ -58,7 +59,7 @@ def test_momenta_are_conserved_by_the_leg():
         return psi.T @ mechanics.inertia(q) @ np.array(v)
 
     before = momenta(q, v)
-    q2, v2 = moved(mechanics, q, v, (0.0, 0.0), 0.5, 500)
+    q2, v2 = MechanismSimulation(mechanics, q, v).step((0.0, 0.0), 0.5, 500)
     assert abs(q2[1] - q[1]) > 0.05
     np.testing.assert_allclose(momenta(q2, v2), before, rtol=1e-9)
 
@@ -79,7 +80,7 @@ def test_two_links_keep_their_energy_and_are_not_for_geso():
         )
 
     q, v = (2.0, -1.0), (3.0, -5.0)
-    q2, v2 = moved(mechanics, q, v, (0.0, 0.0), 1.0, 4000)
+    q2, v2 = MechanismSimulation(mechanics, q, v).step((0.0, 0.0), 1.0, 4000)
     assert abs(q2[0] - q[0]) > 0.5
     assert energy(q2, v2) == pytest.approx(energy(q, v), rel=1e-9)
     assert not load('two_links').linearisable
@@ -115,7 +116,8 @@ def test_an_own_model_may_have_more_positions_than_ours():
     velocities, statuses, state = driven(plan, 1e-3, 400, readings)
     np.testing.assert_allclose(velocities[-1], np.diff(readings, axis=0)[-1] / 1e-3, atol=0.25)
     assert np.shape(plan.deviations(state, begun(plan, 1e-3, readings[0])[1])) == (2, 6)
-    q, v = moved(plan.mechanics, (0.0,) * 6, (0.5,) * 6, (0.0,) * 6, 0.1, 3)
+    plant = MechanismSimulation(plan.mechanics, (0.0,) * 6, (0.5,) * 6)
+    q, v = plant.step((0.0,) * 6, 0.1, 3)
     np.testing.assert_allclose(q, 0.05)
 
 

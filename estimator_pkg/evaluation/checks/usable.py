@@ -72,6 +72,6 @@ def _longest(seen: Readings) -> Readings | None:
 
 
 def cut(seen: Readings, kept: slice | np.ndarray) -> Readings:
-    """Return the readings at these indices."""
+    """Return the readings at these indices; `kept`: a slice, or indices of shape (k,)."""
     names = 'stamps_ns', 'arrival_ns', 'position', 'velocity'
     return replace(seen, **{name: getattr(seen, name)[kept] for name in names})

@@ -500,6 +500,7 @@ def test_what_is_recorded_of_the_live_graph(words, topics, monkeypatch):
     command.arguments(parser)
     parsed = parser.parse_args(['--live', '2', '--observer', 'pll', '--out', 'g.yaml', *words])
     monkeypatch.setattr(command.live, 'recorded', lambda *arguments: arguments)
+    command.log_file.columns(parsed)
     assert command._recorded(parsed, command.tune_settings(parsed)) == (
         topics,
         '/ground_truth/joint_states',

@@ -162,7 +162,7 @@ def test_a_gap_keeps_what_was_learnt():
     [
         ('grippr', "unknown switched model 'grippr'"),
         ('nowhere.at:ALL', "cannot import 'nowhere.at'"),
-        ('estimator_pkg.models.gripper:OPEN', 'is not a SwitchedModel'),
+        ('estimator_pkg.models.gripper:UNLOADED', 'is not a SwitchedModel'),
         (f'{__name__}:RESTING', 'is deficient'),
         (f'{__name__}:SHIFTED', 'the derivative of zeta[1]'),
     ],

@@ -75,11 +75,8 @@ def interval(
     hold = SIGMAS * edges
     if flickers:
         near = half - hold
-        return (
-            MEASURED if innovation > near or innovation < -near else NO_INFORMATION,
-            innovation,
-            half,
-        )
+        beyond = innovation > near or innovation < -near
+        return MEASURED if beyond else NO_INFORMATION, innovation, half
     if unpredicted > half or unpredicted < -half:
         side = half if unpredicted > 0.0 else -half
         width = quantum - abs(unpredicted)
