@@ -134,7 +134,7 @@ def columns(parsed: argparse.Namespace) -> Columns | None:
         raise UsageError(f'--counts is {counts:g}: it must be 1 or more')
     found = Columns(parsed.line, angles=angles, **of_logs)
     parsed.angle = None
-    if found.prismatic and getattr(parsed, 'wrap_period', None) == 2.0 * math.pi:
+    if found.prismatic and getattr(parsed, 'wrap_period', 0.0) is None:  # not set by the user
         parsed.wrap_period = 0.0
     return found
 
