@@ -432,7 +432,7 @@ SHORT = stamps_of(1.0)
         (
             {MEASUREMENT: [(s, ('a',), (math.nan,), ()) for s in SHORT]},
             (),
-            (f'{MEASUREMENT} has no positions',),
+            (f'{MEASUREMENT} has no readable joint: no position is finite',),
         ),
         (
             {MEASUREMENT: [(START, *row[1:]) for row in measured(SHORT)]},
