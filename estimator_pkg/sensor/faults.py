@@ -43,7 +43,7 @@ KINDS = (  # name, text with (size, speed before, reading)
 )
 LASTING = (REVERSED, TOGGLE, STUCK_BIT)  # the counter is wrong until it is repaired
 SHOWN_NS = 5_000_000_000  # time for which a fault stays in the status [ns],
-LASTING_NS = 12 * SHOWN_NS  # and one of LASTING: a minute
+LASTING_NS = 60_000_000_000  # and one of LASTING [ns]
 
 PAUSE_NS = 300_000_000  # time without a look after an irregular sample time [ns]
 REARMED_AFTER = 8  # readings before a suspicion after it
@@ -64,7 +64,7 @@ WRONG_AFTER = 8  # equal or reversed readings away from the motion: the sensor i
 STUCK_CHANCE = 0.05  # a stop looks like a stuck sensor less often than this, or it is not reported
 SHORTEST_REST = 0.05  # equal readings for this time are judged [s]
 LONGEST_STOP = 10.0  # time for which a stop may be a stuck sensor [s]
-INFLATED_AFTER = 32  # readings after a fault in which an observer may follow what was wrong
+INFLATED_AFTER = BIT_WINDOW  # readings after a fault in which an observer may follow what was wrong
 ABSURD = 2.5e4  # no joint accelerates and brakes like this [rad/s^2 or m/s^2]
 
 
