@@ -235,7 +235,7 @@ class AdaptiveBank(Bank):
         """One sample of a joint in; True if it was used."""
         settings: Any = joint.settings
         (known_input,) = self._acting_on(name).known_input(
-            joint.stamp_ns if joint.used else 0, stamp_ns, (effort,), settings
+            joint.stamp_ns, stamp_ns, (effort,), settings
         )
         if math.isfinite(known_input):
             self.unknown.discard(name)

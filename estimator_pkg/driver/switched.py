@@ -320,7 +320,7 @@ class SwitchedBank(Received):
         measurement = tuple(positions[place] for place in places)
         system: Any = self.system
         known_input = self._acting.known_input(
-            system.stamp_ns if system.used else 0,
+            system.stamp_ns,
             stamp_ns,
             [efforts[place] if needed else math.nan for place in places[: self._inputs]],
             system.settings,

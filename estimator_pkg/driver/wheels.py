@@ -356,6 +356,7 @@ class WheelOdometry:
         self._by_wheel = np.zeros((2, len(geometry.names)))  # what both sides travel [m/rad]
         self._by_wheel[0, :count] = radii[0] / count
         self._by_wheel[1, count : 2 * count] = radii[-1] / count
+        self._to, self._squared = geometry.twist, self._by_wheel**2
         self.notices, self.slipped, self._noticed_ns = list[str](), 0, -(10**18)
         self.used, self._why = False, 'not used yet: it is compared with the wheels in turns'
         self._fits, self._proof = 0, 0.0  # windows in a row; turns in them [rad]
@@ -384,7 +385,7 @@ class WheelOdometry:
         joints : position [rad], velocity, acceleration, and standard deviations of position and
             velocity of each joint of `Geometry.names`, shape (n, 5).
         """
-        geometry, kept, to = self._geometry, self._filter, self._geometry.twist
+        geometry, kept, to = self._geometry, self._filter, self._to
         before, self._joints = self._joints, joints
         if stamp_ns < self._stamp_ns:  # the clock was set back
             before = None
@@ -395,7 +396,7 @@ class WheelOdometry:
         _, speeds, accelerations, position_sigmas, sigmas = (self._by_wheel @ joints).T
         sigmas = np.sqrt(
             SIDE_CORRELATION * sigmas**2
-            + (1 - SIDE_CORRELATION) * (self._by_wheel**2 @ joints[:, 4] ** 2)
+            + (1 - SIDE_CORRELATION) * (self._squared @ joints[:, 4] ** 2)
         )
         newest = to * position_sigmas**2 @ to.T
         turned, walk = np.zeros(len(joints)), position_sigmas**2  # a start is at the true positions

@@ -162,15 +162,14 @@ class ObserverNode(Node):
         def came(raw: bytes, info: Mapping[str, Any]) -> None:
             begun = perf_counter()
             try:
-                answers = feed(number, raw, info['source_timestamp'])
+                for answer in feed(number, raw, info['source_timestamp']):
+                    for output, message in answer.items():
+                        outputs[output].publish(message)
             except Exception as error:  # of a user's model, or of unexpected numbers
                 if not self.context.ok():
                     raise
                 self._failed(self.stream.topics[number], error)
                 return
-            for answer in answers:
-                for output, message in answer.items():
-                    outputs[output].publish(message)
             if port.answered:
                 self.health.took(perf_counter() - begun)
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -102,12 +102,14 @@ class AdaptiveStream(DrivenStream):
         """See `DrivenStream`."""
         self._seen.update(sample.names)
         taken = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
-        answer = self._answering(sample.stamp_ns, sample.frame_id, taken)
+        return self._answering(sample.stamp_ns, sample.frame_id, taken)
+
+    def further(self, sample: Sample) -> Iterable[Answer]:
+        """See `DrivenStream`: at 10 Hz the identified parameters."""
         if abs(sample.stamp_ns - self._reported_ns) >= PERIOD and self.bank.joints:
             self._reported_ns = sample.stamp_ns
             if self.wanted[2]:
-                answer[2] = diagnostics.encode(sample.stamp_ns, self._identified())
-        return answer
+                yield {2: diagnostics.encode(sample.stamp_ns, self._identified())}
 
     def _identified(self) -> list[diagnostics.Status]:
         return [

@@ -314,8 +314,10 @@ class Stream(ABC):
 
     # Messages
 
-    def feed(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
-        """Return the answers to one message.
+    def feed(self, port: int, raw: bytes, publish_ns: int) -> Iterable[Answer]:
+        """Return the answers to one message; what the first does not need is made after it.
+
+        The caller takes all of them, one by one, and publishes each before it takes the next.
 
         Parameters
         ----------
@@ -333,7 +335,7 @@ class Stream(ABC):
         return answers
 
     @abstractmethod
-    def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
+    def take(self, port: int, raw: bytes, publish_ns: int) -> Iterable[Answer]:
         """As `feed`; raise MalformedMessageError if the bytes are not a message of the port."""
 
     def feed_block(self, ports: Sequence[int], block: Block) -> Iterable[Answers] | None:

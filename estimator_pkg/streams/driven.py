@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, ClassVar
 
 from estimator_pkg.driver.efforts import EFFORT_COMMAND, EFFORT_FIELD
@@ -143,10 +144,11 @@ class DrivenStream(Stream):
         self._sample = JointStates(by_publisher).sample
         self._answering = Answering(self)
 
-    def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
+    def take(self, port: int, raw: bytes, publish_ns: int) -> Iterable[Answer]:
         """See `Stream`."""
         if port == 0:
-            return (self.answer(self._sample(raw, publish_ns)),)
+            sample = self._sample(raw, publish_ns)
+            return chain((self.answer(sample),), self.further(sample))
         if port == self._efforts:
             self.bank.command(*self._commands.decode(raw, publish_ns))
         else:
@@ -156,6 +158,10 @@ class DrivenStream(Stream):
     @abstractmethod
     def answer(self, sample: Sample) -> Answer:
         """Return the answer to a sample."""
+
+    def further(self, sample: Sample) -> Iterable[Answer]:
+        """Return what else answers a sample, made after the answer has left."""
+        return ()
 
     def event(self, raw: bytes) -> None:
         """Take a message of the port of events."""

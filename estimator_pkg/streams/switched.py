@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -81,17 +81,21 @@ class SwitchedStream(DrivenStream):
             outputs=[DISCRETE, *([ACCELERATION] if accelerates else [])],
         )
         self._decode_event, self._encode_discrete = Decoder().decode, Encoder().encode
+        self._has_estimate = False  # the newest sample
 
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""
         taken = self.bank.take(sample.stamp_ns, sample.names, sample.positions, sample.efforts)
-        answered = self.answered
+        before = self.answered
         answer = self._answering(sample.stamp_ns, sample.frame_id, taken)
-        if self.wanted[2] and self.answered > answered:
-            answer[2] = self._encode_discrete(
-                sample.stamp_ns, sample.frame_id, self._model.names, self.bank.system.discrete()[0]
-            )
+        self._has_estimate = self.answered > before
         return answer
+
+    def further(self, sample: Sample) -> Iterable[Answer]:
+        """See `DrivenStream`: the discrete state."""
+        if self.wanted[2] and self._has_estimate:
+            z, names = self.bank.system.discrete()[0], self._model.names
+            yield {2: self._encode_discrete(sample.stamp_ns, sample.frame_id, names, z)}
 
     def event(self, raw: bytes) -> None:
         """See `DrivenStream`."""

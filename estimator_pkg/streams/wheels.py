@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -106,7 +107,7 @@ class WheelStream(Stream):
             super().read_field(field)
         self._field = field
 
-    def take(self, port: int, raw: bytes, publish_ns: int) -> Sequence[Answer]:
+    def take(self, port: int, raw: bytes, publish_ns: int) -> Iterable[Answer]:
         """See `Stream`."""
         if port:
             stamp_ns, _, value = self._field.decode(raw)
@@ -117,12 +118,15 @@ class WheelStream(Stream):
         stamp_ns, frame_id, names, positions, efforts = self._sample(raw, publish_ns)
         taken = self.bank.update(stamp_ns, names, positions, efforts)
         answer = self._answering(stamp_ns, frame_id, taken)
+        return chain((answer,), self._of_base(stamp_ns, taken))
+
+    def _of_base(self, stamp_ns: int, taken: TakenOfJoints | None) -> Iterator[Answer]:
+        """Move the base and give its odometry, after the estimates of its wheels have left."""
         joints = None if taken is None else self._joints(taken)
         if joints is not None:
             self.base.update(stamp_ns, joints)
             if self.wanted[2]:
-                answer[2] = self._odometry(stamp_ns)
-        return (answer,)
+                yield {2: self._odometry(stamp_ns)}
 
     def _odometry(self, stamp_ns: int) -> bytes:
         base, settings = self.base, self.settings

@@ -129,7 +129,7 @@ def test_wheels_of_a_side_that_differ_are_slip():
         extra = 0.1 * 8.0 * min(max(t - 2.0, 0.0), 1.0)
         angles = [8.0 * t, 8.0 * t + extra, 8.0 * t, 8.0 * t]
         names = [name for side in runs.SKID.values() for name in side]
-        stream.feed(0, encoder.encode(runs.START + round(t * 1e9), '', names, angles), 0)
+        list(stream.feed(0, encoder.encode(runs.START + round(t * 1e9), '', names, angles), 0))
         if row == 250:
             assert 'wheels of one side differ by 0.08' in stream.about(names[0])['slip']
             assert stream.base.twist_covariance[0, 0] > 0.01**2
@@ -214,7 +214,7 @@ def test_a_pause_of_the_wheels_is_in_the_covariance_and_named():
         raw = Encoder().encode(
             runs.START + round(t * 1e9), '', base.WHEELS['differential'], [8.0 * t, 8.0 * t]
         )
-        stream.feed(0, raw, 0)
+        list(stream.feed(0, raw, 0))
         notices += stream.notices()
         if row == 299:
             before = stream.base.covariance[0, 0]

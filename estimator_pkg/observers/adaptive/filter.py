@@ -12,6 +12,7 @@ filters n x n, and a product with A costs n multiplications.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 from estimator_pkg.observers.maths.vectors import dot
 
@@ -47,12 +48,21 @@ def series(
     These are G0 = int_0^h exp(A s) ds and G1 = (1/h) int_0^h exp(A (h - s)) s ds. `size` is an
     upper bound of the magnitudes of A's eigenvalues [1/s].
     """
+    f, g0, g1 = _series(tuple(a), size, h)
+    return [*f], [*g0], [*g1]
+
+
+@lru_cache(maxsize=16)
+def _series(
+    a: tuple[float, ...], size: float, h: float
+) -> tuple[list[float], list[float], list[float]]:
+    """Return `series`, computed once for all joints of a message."""
     doublings = 0
     while size * h > 0.5:
         h = 0.5 * h
         doublings += 1
     power = [1.0, *(0.0,) * (len(a) - 1)]  # first row of (A h)^j / j!
-    f = power
+    f = power[:]
     g, q = [h * x for x in power], [0.5 * h * x for x in power]
     j, term = 1.0, 1.0
     while term > SERIES_TOLERANCE:
@@ -62,9 +72,10 @@ def series(
         j += 1.0
         w = h / j
         s = w / (j + 1.0)
-        f = [x + y for x, y in zip(f, power)]
-        g = [x + w * y for x, y in zip(g, power)]
-        q = [x + s * y for x, y in zip(q, power)]
+        for i, x in enumerate(power):
+            f[i] += x
+            g[i] += w * x
+            q[i] += s * x
     for _ in range(doublings):
         m = rows(f, a)
         x, y = left(g, m), left(q, m)

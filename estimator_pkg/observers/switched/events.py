@@ -24,7 +24,8 @@ def discrete(state: State, design: Design) -> tuple[tuple[float, ...], tuple[flo
         return tuple(state.predicted), (math.nan,) * len(state.z), state.fitted
     if not settled(state, design) or state.forgetting > 0.0:
         return tuple(state.predicted), (math.inf,) * len(state.z), False
-    return tuple(state.z), sigmas(state), certain(state)
+    found = sigmas(state)
+    return tuple(state.z), found, certain(state, found)
 
 
 def settled(state: State, design: Design) -> bool:

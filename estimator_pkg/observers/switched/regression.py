@@ -121,7 +121,7 @@ def carry(state: State, design: Design) -> None:
                 content[0] += state.last_columns[i][j + 1] - state.origin[i][j + 1]
             own.carried = [old + state.z[j] * x for old, x in zip(own.carried, content)]
             column[:] = [0.0] * len(column)
-    if not certain(state):
+    if not certain(state, sigmas(state)):
         state.forgetting = design.forget
     state.origin = state.last_columns
 
@@ -131,7 +131,7 @@ def sigmas(state: State) -> tuple[float, ...]:
     return tuple(math.sqrt(max(0.0, state.power * row[j])) for j, row in enumerate(state.p))
 
 
-def certain(state: State) -> bool:
-    """Return True if least squares has determined Z to within `CERTAIN`."""
+def certain(state: State, deviations: tuple[float, ...]) -> bool:
+    """Return True if least squares has determined Z to within `CERTAIN`; `deviations` : of Z."""
     most = CERTAIN * max(abs(x) for x in state.z)
-    return state.forgetting <= 0.0 and max(sigmas(state)) <= most
+    return state.forgetting <= 0.0 and max(deviations) <= most

@@ -18,10 +18,10 @@ changes by the opposite amount, so that the acceleration does not jump.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg.models.switched import SwitchedModel
 from estimator_pkg.observers.maths.steady_noise import steady_variances
@@ -31,7 +31,7 @@ from estimator_pkg.observers.switched.state import Coefficients, Correction, Des
 from estimator_pkg.observers.switched.system import ending
 
 GRID_FROM, GRID_TO, GRID_POINTS = 1e-4, 20.0, 65  # grid of pole times dt for the table of variances
-LOG_GRID = np.linspace(math.log(GRID_FROM), math.log(GRID_TO), GRID_POINTS, dtype=np.float64)
+LOG_GRID = np.linspace(math.log(GRID_FROM), math.log(GRID_TO), GRID_POINTS).tolist()
 INNOVATION_WEIGHT = 0.02  # weight of the newest sample in the innovation's mean square
 
 
@@ -52,24 +52,25 @@ def correction(length: int, pole: float, dt: float) -> Correction:
     n, made = length + 1, Correction()
     weights, noise = _unit(n)
     decayed = 1.0 - math.exp(-pole * dt)
-    made.gains = [
-        sum(decayed ** (j + 1) * weights[j][i] for j in range(n)) / dt**i for i in range(n)
-    ]
+    powers = [decayed ** (j + 1) for j in range(n)]
+    made.gains = [sum(powers[j] * weights[j][i] for j in range(n)) / dt**i for i in range(n)]
     made.factors = [dt**i / math.factorial(i) for i in range(n)]
-    place = np.log(pole * dt)
+    place = min(max(float(np.log(pole * dt)), LOG_GRID[0]), LOG_GRID[-1])
+    j = min(bisect_right(LOG_GRID, place), GRID_POINTS - 1) - 1
+    beyond, cell = place - LOG_GRID[j], LOG_GRID[j + 1] - LOG_GRID[j]
     position, velocity, innovation = (
-        math.exp(np.interp(place, LOG_GRID, noise[:, c])) for c in range(3)
+        math.exp((column[j + 1] - column[j]) / cell * beyond + column[j]) for column in noise
     )
     made.noise = [position, velocity / (dt * dt), innovation]
     return made
 
 
 @lru_cache
-def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
+def _unit(n: int) -> tuple[list[list[float]], list[list[float]]]:
     """Return what n integrators with n equal poles need at dt = 1.
 
     weights : shape (n, n): row j belongs to (1 - exp(-pole dt))^(j + 1) in the gains.
-    noise : log of the (position, velocity, innovation) variances at unit noise, (GRID_POINTS, 3).
+    noise : log of the (position, velocity, innovation) variances at unit noise, (3, GRID_POINTS).
     """
     a = np.array(
         [[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(n)] for i in range(n)]
@@ -84,7 +85,7 @@ def _unit(n: int) -> tuple[tuple[tuple[float, ...], ...], NDArray[np.float64]]:
     for place in np.exp(LOG_GRID):
         gain = sum((1.0 - math.exp(-place)) ** (j + 1) * weights[j] for j in range(n))
         noise.append(steady_variances(a, np.asarray(gain)))
-    return tuple(tuple(row.tolist()) for row in weights), np.log(noise)
+    return [row.tolist() for row in weights], np.log(noise).T.tolist()
 
 
 @lru_cache
