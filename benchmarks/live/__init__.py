@@ -25,7 +25,7 @@ def live(quick: bool = False) -> list[dict[str, Any]]:
     return [
         *(made for name in NODES for made in cost.rows(name)),
         *(made for case in loss.CASES for made in loss.rows(*case)),
-        *timing.rows(timing.start, timing.START, 1 if quick else 5),
-        *timing.rows(timing.latency, timing.LATENCY, 1 if quick else 3),
+        *timing.rows(timing.start, timing.START, 1 if quick else 5, timing.OF_JOINTS),
+        *timing.rows(timing.latency, timing.LATENCY, 1 if quick else 3, timing.ALL),
         *drive.rows(),
     ]

@@ -14,7 +14,7 @@ from typing import Any
 
 import psutil
 
-from benchmarks.live.processes import JOINTS, cpu, observer, process, result
+from benchmarks.live.processes import JOINTS, NULL, cpu, observer, process, result
 from benchmarks.timing import not_run, row
 from estimator_pkg.ros.domain import free_domain
 
@@ -30,10 +30,10 @@ def rows(name: str) -> list[dict[str, Any]]:
         def start(*words: str):
             return stack.enter_context(process(*words, domain=domain))
 
-        nodes = {'node': stack.enter_context(observer(name, domain)), 'null': start('null')}
+        nodes = {'node': stack.enter_context(observer(name, domain)), 'null': start(NULL)}
         listeners = {
             'node': start('time_answers', f'/{name}/estimate'),
-            'null': start('time_answers', '/null_node/estimate'),
+            'null': start('time_answers', f'/{NULL}/estimate'),
         }
         for listener in listeners.values():
             listener.stdout.readline()  # it listens

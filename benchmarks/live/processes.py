@@ -15,12 +15,13 @@ from contextlib import contextmanager
 import psutil
 
 from benchmarks import outside
+from benchmarks.drive import MOTOR
 from estimator_pkg.errors import UserError
 from estimator_pkg.ros.runtime import prepare_environment
 
 JOINTS = 7  # in each message
 MODULE = 'estimator_pkg.nodes.executables {}'
-NULL = 'null_node'
+NULL, NULL_DRIVE = 'null_node', 'null_drive'
 # The observer nodes with input joint_states, and the arguments that they need for these joints.
 # `mechanical_observer` and `switched_observer` take one of the joints, the others all.
 NODES: dict[str, tuple[str, ...]] = {
@@ -32,6 +33,12 @@ NODES: dict[str, tuple[str, ...]] = {
         *('--ros-args', '-p', 'radius:=[0.1]', '-p', 'track:=0.5'),
         *('-p', 'wheels_left:=[joint_0]', '-p', 'wheels_right:=[joint_1]'),
     ),
+}
+DRIVES: dict[str, tuple[str, ...]] = {  # the same with currents and voltages as input
+    'pmsm_observer': (
+        *('--ros-args', '-p', 'input:=current_voltage'),
+        *(word for name, value in MOTOR.items() for word in ('-p', f'{name}:={value}')),
+    )
 }
 
 
@@ -70,12 +77,13 @@ def process(
 
 @contextmanager
 def observer(name: str, domain: int) -> Iterator[subprocess.Popen]:
-    """Run one of `NODES`, or the null node, as a process that ends with the block."""
-    if name == NULL:
-        with process('null', domain=domain) as child:
+    """Run one of `NODES` or `DRIVES`, or a null node, as a process that ends with the block."""
+    if name in (NULL, NULL_DRIVE):
+        with process(name, domain=domain) as child:
             yield child
         return
-    with process('node', domain=domain, extra=NODES[name], module=MODULE.format(name)) as child:
+    words = (NODES | DRIVES)[name]
+    with process('node', domain=domain, extra=words, module=MODULE.format(name)) as child:
         yield child
 
 

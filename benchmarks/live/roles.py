@@ -10,19 +10,22 @@ import math
 import statistics
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from estimator_pkg.ros.runtime import run as run_node  # first: rclpy reads it  # isort: skip
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from benchmarks.live.processes import JOINTS
+from benchmarks.drive import simulate
+from benchmarks.live.processes import JOINTS, NULL, NULL_DRIVE
+from estimator_pkg.messages import vector3
 from estimator_pkg.messages.joint_state import Decoder, Encoder
 
 TURNING = 2.0 * math.pi / 6.0  # of the published motion [rad/s]
@@ -47,14 +50,34 @@ def feed(hz: str) -> None:
     _play(float(hz), sys.maxsize, JOINTS, 0)
 
 
-def _play(rate: float, count: int, joints: int, subscribers: int) -> float:
-    """Publish JointStates with efforts, stamped when sent; return the seconds that it took."""
-    publisher, names, encode = *_publisher(joints, subscribers), Encoder().encode
+def feed_drive(hz: str) -> None:
+    """Publish currents and voltages of a simulated drive at `hz`, stamped when sent, for 20 s."""
+    signal = {'publish_rate': float(hz), 'profile': 'ramps', 'profile_time': 1.0}
+    samples = simulate(signal, 20.0).samples.tolist()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node('benchmark_drive')
+    outputs = [node.create_publisher(Vector3Stamped, name, 50) for name in ('current', 'voltage')]
+    for sample, _ in zip(samples, _paced(float(hz), len(samples))):
+        stamp = time.time_ns()
+        for k, output in enumerate(outputs):
+            output.publish(vector3.encode(stamp, '', *sample[2 * k : 2 * k + 2]))
+
+
+def _paced(rate: float, count: int) -> Iterator[int]:
+    """Count at this rate, by absolute deadlines."""
     begun = time.perf_counter()
     for i in range(count):
         wait = begun + i / rate - time.perf_counter()
         if wait > 0.0:
             time.sleep(wait)
+        yield i
+
+
+def _play(rate: float, count: int, joints: int, subscribers: int) -> float:
+    """Publish JointStates with efforts, stamped when sent; return the seconds that it took."""
+    publisher, names, encode = *_publisher(joints, subscribers), Encoder().encode
+    begun = time.perf_counter()
+    for i in _paced(rate, count):
         angle = math.sin(TURNING * i / rate)
         positions, efforts = [angle] * joints, [-0.1 * TURNING * TURNING * angle] * joints
         publisher.publish(encode(time.time_ns(), 'base', names, positions, (), efforts))
@@ -127,11 +150,11 @@ def diagnose() -> None:
     say(**newest)
 
 
-def null() -> None:
+def null_node() -> None:
     """Receive and republish JointStates, typed, as any rclpy node would: the minimum cost."""
 
     def make() -> Node:
-        node = rclpy.create_node('null_node')
+        node = rclpy.create_node(NULL)
         publisher = node.create_publisher(JointState, '~/estimate', 50)
         quality = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
         node.create_subscription(JointState, 'joint_states', publisher.publish, quality)
@@ -140,8 +163,27 @@ def null() -> None:
     run_node(make, [])
 
 
+def null_drive() -> None:
+    """Receive currents and voltages, typed, and publish a JointState for each voltage."""
+
+    def make() -> Node:
+        node = rclpy.create_node(NULL_DRIVE)
+        publisher = node.create_publisher(JointState, '~/estimate', 50)
+        quality = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+        def answer(voltage: Vector3Stamped) -> None:
+            publisher.publish(JointState(header=voltage.header, name=['rotor'], velocity=[0.0]))
+
+        node.create_subscription(Vector3Stamped, 'current', lambda current: None, quality)
+        node.create_subscription(Vector3Stamped, 'voltage', answer, quality)
+        return node
+
+    run_node(make, [])
+
+
 ROLES: dict[str, Callable[..., None]] = {
-    each.__name__: each for each in (publish, feed, time_answers, diagnose, null)
+    each.__name__: each
+    for each in (publish, feed, feed_drive, time_answers, diagnose, null_node, null_drive)
 }
 if __name__ == '__main__':
     ROLES[sys.argv[1]](*sys.argv[2:])

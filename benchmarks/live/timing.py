@@ -19,7 +19,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
-from benchmarks.live.processes import NODES, NULL, observer, process, result
+from benchmarks.live.processes import DRIVES, NODES, NULL, NULL_DRIVE, observer, process, result
 from benchmarks.timing import not_run, row
 from estimator_pkg.progress import progress
 from estimator_pkg.ros.domain import free_domain
@@ -31,7 +31,10 @@ LATENCY = {
     'median_ms': ('stamp to receipt, median', 'ms'),
     'late_ms': ('stamp to receipt, 99 %', 'ms'),
 }
-MOST = {'late_ms': 1.3}  # required: a look at the joints must not hold up the answers
+# the null node of each node, which takes and publishes the same types
+OF_JOINTS = dict.fromkeys(NODES, NULL)
+ALL = OF_JOINTS | dict.fromkeys(DRIVES, NULL_DRIVE)
+MOST: dict[str, float] = {}
 
 
 def start(name: str, rate: float = 200.0) -> dict[str, float]:
@@ -64,17 +67,21 @@ def latency(name: str, rate: float = 1000.0, seconds: float = 5.0) -> dict[str, 
         assert listener.stdout is not None
         listener.stdout.readline()
         time.sleep(1.5)
-        stack.enter_context(process('feed', str(rate), domain=domain))
+        feeder = 'feed_drive' if name in (*DRIVES, NULL_DRIVE) else 'feed'
+        stack.enter_context(process(feeder, str(rate), domain=domain))
         time.sleep(1.0 + seconds)
         listener.send_signal(signal.SIGINT)
         return result(listener)
 
 
 def rows(
-    once: Callable[[str], dict[str, float]], titles: dict[str, tuple[str, str]], rounds: int
+    once: Callable[[str], dict[str, float]],
+    titles: dict[str, tuple[str, str]],
+    rounds: int,
+    null_of: dict[str, str],
 ) -> list[dict[str, Any]]:
-    """Return for each node the medians over the rounds, and the ratio to the null node's."""
-    names = (NULL, *NODES)
+    """Return for each node the medians over the rounds, and the ratio to its null node's."""
+    names = list(dict.fromkeys([*null_of.values(), *null_of]))
     found: dict[str, list[dict[str, float]]] = {name: [] for name in names}
     with progress(once.__name__, rounds * len(names)) as advance:
         for _ in range(rounds):
@@ -86,7 +93,7 @@ def rows(
         for key, (title, unit) in titles.items():
             pairs = [
                 (mine[key], null[key])
-                for mine, null in zip(found[name], found[NULL])
+                for mine, null in zip(found[name], found[null_of.get(name, name)])
                 if key in mine and key in null
             ]
             if not pairs:
@@ -94,9 +101,8 @@ def rows(
                 continue
             median = statistics.median(mine for mine, _ in pairs)
             made.append(row(f'{name}: {title}', median, unit))
-            if name != NULL:
+            if name in null_of:
                 ratio = statistics.median(mine / null for mine, null in pairs)
-                made.append(
-                    row(f'{name}: {title} / null node', ratio, 'times', limit=MOST.get(key))
-                )
+                most = MOST.get(name) if key == 'late_ms' else None
+                made.append(row(f'{name}: {title} / null node', ratio, 'times', limit=most))
     return made

@@ -276,10 +276,27 @@ def test_doctor_and_tune_write_parameters_of_a_log(recorded, tmp_path, capsys):
     assert tuned['tuned'][0]['joint'] == '' and "observer: 'pll'" in out.read_text()
 
 
+@pytest.mark.parametrize(('rate', 'level'), [(6.0, 'WARN'), (60.0, 'FAIL')])
+def test_degrees_of_a_log_have_its_option_and_it_has_no_arrival(rate, level, tmp_path, capsys):
+    """At 6 deg/s they wrap once."""
+    path = tmp_path / 'log.csv'
+    lines = (f'{t:.2f},{(300.0 + rate * t) % 360.0:.1f}' for t in np.arange(0, 20, 1e-2))
+    path.write_text('t,q\n' + '\n'.join(lines))
+    cli.main(['doctor', str(path), '--time', 't', '--angle', 'q', '--json', '-'])
+    (found,) = json.loads(capsys.readouterr().out)['joints'].values()
+    checks = {each['check']: each for each in found['findings']}
+    assert checks['wrap']['level'] == level and '--unit deg' in checks['wrap']['remedy']
+    assert 'clock' not in checks and checks['jumps']['level'] == 'PASS'
+    assert level == 'FAIL' or found['verdict'] is not None
+
+
 @pytest.mark.parametrize('command', ['doctor', 'tune', 'replay'])
 def test_lengths_do_not_wrap(command, tmp_path, capsys):
+    """In replay they pass 4 m a sample, which a period would take for something else."""
     path, out = tmp_path / 'log.csv', tmp_path / 'out'
-    lines = (f'{t:.3f},{8000 * t * t + 50 * math.sin(9 * t):.2f}' for t in np.arange(0, 2, 2e-3))
+    time = np.arange(0, 2, 2e-3)
+    lengths = 2e6 * time if command == 'replay' else 8000 * time**2 + 50 * np.sin(9 * time)
+    lines = (f'{t:.3f},{x:.2f}' for t, x in zip(time, lengths))
     path.write_text('t,x\n' + '\n'.join(lines))
     words = ['--observer', 'kalman', '--trials', 2] if command == 'tune' else []
     found = result(
@@ -287,8 +304,9 @@ def test_lengths_do_not_wrap(command, tmp_path, capsys):
     )
     if command == 'replay':
         with open_bag(out) as bag:
-            position = joint_series(bag, '/joint_observer/estimate')['x'].position
-        assert position[-1] == pytest.approx(32.0, abs=0.2) and found['ok']
+            series = joint_series(bag, '/joint_observer/estimate')['x']
+        assert series.position[-1] == pytest.approx(2e3 * time[-1], abs=0.2)
+        assert series.velocity[-1] == pytest.approx(2e3, rel=1e-3)
     else:
         assert 'wrap_period: 0.0' in out.read_text()
 

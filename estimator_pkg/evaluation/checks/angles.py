@@ -49,8 +49,7 @@ AMBIGUOUS_MOVE = 0.4  # moves beyond this fraction of the wrap period are ambigu
 SELDOM, FEW_REPEATS = 0.005, 5  # repeated readings up to this fraction, or number, are not reported
 
 FREE = "set 'wrap_period: 0' (--wrap-period 0)"
-AS_COUNTS = 'publish radians, or read the number by --angle with counts_per_revolution={}'
-IN_DEGREES = AS_COUNTS.format(360)
+DEGREES, DEGREES_DIFFER = 360.0, 4.0  # the period of degrees, and its allowed error
 
 
 def finite(seen: Readings) -> Finding:
@@ -95,22 +94,28 @@ def wrap(seen: Readings) -> Finding:
     raw = np.diff(seen.raw)
     low, high = float(np.min(seen.raw)), float(np.max(seen.raw))
     text = f'readings from {low:.3g} to {high:.3g}'
-    period = _period(seen)
+    period, count = _period(seen)
+    degrees = _as_counts(seen, '360')
+    if count == 1:
+        text += f'; they wrap once, by {period:.4g}'
+        remedy = f'if degrees, {degrees}; if not, they jump there: mend or cut the record'
+        return Finding('wrap', WARN, text, remedy, {'wrap_period': DEGREES})
     if period:
         text += f'; their period is {period:.4g}, not {seen.period:.4g}'
         remedy = f"set 'wrap_period: {period:.6g}'"
-        if abs(period - 360.0) < 4.0:
-            remedy = f'the angle is in degrees: {IN_DEGREES}'
+        if abs(period - DEGREES) < DEGREES_DIFFER:
+            remedy = f'the angle is in degrees: {degrees}'
         elif seen.raw_counts:
-            remedy = f'they are raw counts: {AS_COUNTS.format(f"{period:.0f}")}'
+            remedy = f'they are raw counts: {_as_counts(seen, f"{period:.0f}")}'
         return Finding('wrap', FAIL, text, remedy, {'wrap_period': period})
     if seen.free or (seen.period and _of_another_unit(seen)):
         text += '; nothing wraps, and their steps are not those of radians'
         if seen.free:
             text += ': judged without a wrap period'
-        remedy = f'if degrees, {IN_DEGREES}; if mm, publish m; if prismatic or multi-turn, {FREE}'
+        mm = 'read it with --unit mm' if seen.log else 'publish m'
+        remedy = f'if degrees, {degrees}; if mm, {mm}; if prismatic or multi-turn, {FREE}'
         if seen.raw_counts:
-            remedy = f'if counts, {AS_COUNTS.format("N")}; {remedy}'
+            remedy = f'if counts, {_as_counts(seen, "N")}; {remedy}'
         return Finding('wrap', WARN, text, remedy, {'wraps': 0})
     if not seen.period:
         return Finding('wrap', PASS, f'{text}; no wrap period')
@@ -134,17 +139,26 @@ def wrap(seen: Readings) -> Finding:
     return Finding('wrap', PASS, f'{text}; {count or "no"} wrap{"s" * (count > 1)}', '', numbers)
 
 
-def _period(seen: Readings) -> float:
-    """Return the period by which the readings wrap, if it is not the wrap period; else 0.
+def _as_counts(seen: Readings, counts: str) -> str:
+    """Return how to read an angle with this number of counts per turn; 360: degrees."""
+    if seen.log:
+        unit = 'deg' if counts == '360' else f'count --counts {counts}'
+        return f'read it with --unit {unit}'
+    return f'publish radians, or read the number by --angle with counts_per_revolution={counts}'
 
-    It shows in more than one wrap between neighbours, one sample apart.
+
+def _period(seen: Readings) -> tuple[float, int]:
+    """Return the period by which the readings wrap, and how often; 0: none but the wrap period.
+
+    It shows in more than one wrap between neighbours, one sample apart; in one, if it is that of
+    degrees.
     """
     raw, low, high = np.diff(seen.raw), float(np.min(seen.raw)), float(np.max(seen.raw))
     size = np.abs(raw)
     near = seen.joined & (seen.steps < ONE_SAMPLE * seen.step)
     far = np.flatnonzero(near & (size > 0.5 * (high - low)))
-    if not 1 < len(far) < 0.2 * len(raw):
-        return 0.0
+    if not 0 < len(far) < 0.2 * len(raw):
+        return 0.0, 0
     slack = NEAR_END * (neighbour_motion(size, far) + seen.quantum) + 1e-3 * (high - low)
     before, after = seen.raw[far], seen.raw[far + 1]
     ends = np.minimum(
@@ -156,19 +170,18 @@ def _period(seen: Readings) -> float:
     along = np.array([np.sum(small[max(0, at - WRAP_SIDE) : at + WRAP_SIDE]) for at in far])
     usual = np.array([_middle(raw, int(at)) for at in far])
     wraps = (ends <= slack) & (along * raw[far] < 0.0)
-    if (
-        np.count_nonzero(wraps) < 2
-        or np.mean(wraps) < WRAPS_AGREE
-        or np.max(slack) > 0.2 * (high - low)
-    ):
-        return 0.0
+    count = int(np.count_nonzero(wraps))
+    if not count or np.mean(wraps) < WRAPS_AGREE or np.max(slack) > 0.2 * (high - low):
+        return 0.0, 0
     sizes = size[far] + np.abs(usual)
     found = float(np.median(sizes[wraps]))
     if np.mean(np.abs(sizes - found) <= slack) < WRAPS_AGREE:
-        return 0.0
+        return 0.0, 0
     if seen.period and abs(found - seen.period) <= OTHER_PERIOD * seen.period + np.max(slack):
-        return 0.0
-    return found
+        return 0.0, 0
+    if count == 1 and abs(found - DEGREES) >= DEGREES_DIFFER:
+        return 0.0, 0
+    return found, count
 
 
 def _of_another_unit(seen: Readings) -> bool:

@@ -49,9 +49,11 @@ def checked(seen: Readings) -> list[Finding]:
     wrap = angles.wrap(seen)
     if other := wrap.numbers.get('wrap_period'):  # the other checks read the angle by it
         seen = replace(seen, period=other)
-    every = (*stamps.CHECKS, *angles.CHECKS)
+    every = [*stamps.CHECKS, *angles.CHECKS]
+    if seen.log:
+        every.remove(stamps.clock)
     found = [wrap if check is angles.wrap else check(seen) for check in every]
-    found.insert(len(stamps.CHECKS), missing)
+    found.insert(len(stamps.CHECKS) - seen.log, missing)
     return found
 
 

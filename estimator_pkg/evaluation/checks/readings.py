@@ -84,7 +84,8 @@ class Readings:
     velocity : shape (n,), the velocity in the same messages [rad/s or m/s], nan without one.
     period : wrap period [rad]; 0: none.
     start_ns : the time zero of texts.
-    free : a wrap period was set, but it is left out: see `as_read`.
+    free : the wrap period that was set is replaced: by none, see `as_read`, or by that of degrees.
+    log : of a log, whose stamps are its only times.
     """
 
     name: str
@@ -95,6 +96,7 @@ class Readings:
     period: float
     start_ns: int = 0
     free: bool = False
+    log: bool = False
 
     @cached_property
     def difference(self) -> Estimates:

@@ -172,7 +172,7 @@ def missing_stamps(seen: Readings) -> Finding:
         'missing stamps',
         seen.count(ZERO_STAMP),
         'have no time stamp and are dropped',
-        stamp_remedy(HEADER if np.any(seen.arrival_ns > 0) else PUBLISHER),
+        stamp_remedy(PUBLISHER if seen.log or not np.any(seen.arrival_ns > 0) else HEADER),
     )
 
 

@@ -224,7 +224,7 @@ def _examined(
     if period != WRAP_PERIOD:
         settings.setdefault(PERIOD_KEY, period)
     if len(examined) == 1 and examined[0].readings.free:
-        settings[PERIOD_KEY] = 0.0
+        settings[PERIOD_KEY] = examined[0].readings.period
     parameters = report.as_yaml(examined, choice, origin, settings, chosen.remaps)
     return _reported(parsed, examined, choice, origin, parameters, chosen)
 

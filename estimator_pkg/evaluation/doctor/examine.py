@@ -14,6 +14,7 @@ import numpy as np
 
 from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
+from estimator_pkg.bags.log_file import is_log
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.bags.series import joint_series, why_none
@@ -126,6 +127,7 @@ def readings(bag: Bag, chosen: Setup, begin: float = 0.0, end: float = math.inf)
             each.velocity,
             own_periods.get(name, period),
             start,
+            log=is_log(bag.path),
         )
         for name, each in by_stamp.items()
     ]
@@ -151,6 +153,9 @@ def examine(
     """
     seen = as_read(seen)
     found, seen = checked(seen), stamped(seen)
+    for each in found:
+        if each.level == WARN and 'wrap_period' in each.numbers:  # one wrap, of degrees
+            seen = replace(seen, period=each.numbers['wrap_period'], free=True)
     if len(seen.rows) < FEWEST_READINGS:
         return Examined(seen, found)
     found = _repairable(seen, found)

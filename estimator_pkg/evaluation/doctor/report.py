@@ -205,7 +205,7 @@ def as_yaml(
         name = each.readings.name
         values = dict(choice.gains.get(name, {}))
         if each.readings.free and len(examined) > 1:
-            values['wrap_period'] = 0.0
+            values['wrap_period'] = each.readings.period
         if not common and name in known:
             values['quantum'] = known[name]
         if values and name:

@@ -10,7 +10,7 @@
 - A candidate is a velocity at each of `reference.stamps`, nan where there is no estimate;
   `at_reference(reference, stamps, velocity)` makes it from estimates at other stamps.
 - `rank` never refuses. Where nothing can be ranked, `Verdict.best` is '' and `Verdict.why` has the
-  reason; `Verdict.choice` is then the default.
+  reason; `Verdict.choice` is then the default, or '' where the readings must be mended first.
 - `reference` may be None: `motion` returns that for too few readings.
 - `motion_hz` is the user's one number: the highest frequency at which the joint moves.
 - `Verdict` (evaluation.ranking.verdict) has best, ties, rms, pairs, other, cautions, sentences()
@@ -88,7 +88,7 @@ def rank(
             'to show the motion: record a longer or faster motion',
         )
     if unseen(reference):
-        return replace(nothing, why=unseen(reference))
+        return replace(nothing, default='', why=unseen(reference))
     elapsed = reference.time - reference.time[0]
     counted = reference.firm & (
         elapsed >= (min(SKIPPED, SKIP_PART * elapsed[-1]) if skip is None else skip)

@@ -130,6 +130,10 @@ CASES = {  # stream of a seed, checks that do not pass: (check, level, remedy), 
         lambda seed: turning(seed, 360.0, 360.0 / 4096, speed=-1.0),
         [('wrap', FAIL, 'degrees.*' + COUNTS + '360')],
     ),
+    'degrees, wrapped once': (
+        lambda seed: (lambda t: (t, rounded(np.mod(300.0 + 4.0 * seed * t, 360.0), 0.1)))(time(100)),
+        [('wrap', WARN, 'if degrees.*' + COUNTS + '360')],
+    ),
     'degrees that do not wrap': (
         lambda seed: (lambda t, x: (t, rounded(np.degrees(x), 0.1)))(*sway(seed, 200, 0.8)),
         [UNIT],

@@ -3,6 +3,7 @@
 
 """Ranking without truth: the tests of pairs, and the sentences of a verdict."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -152,6 +153,15 @@ def test_without_a_reference_the_default_is_the_choice():
     assert found.sentences()[0] == (
         'No ranking: there are too few readings; use edge_adaptive as it is.'
     )
+
+
+def test_where_readings_must_be_mended_first_nothing_is_recommended():
+    found = swinging()
+    verdict = rank(
+        {'a': found.velocity + 0.1}, dataclasses.replace(found, unseen=0.75), default='a'
+    )
+    assert verdict.choice == '' and 'use a' not in ' '.join(verdict.sentences())
+    assert verdict.sentences()[0].startswith('No ranking: 75% of the readings have no reference')
 
 
 def test_a_default_without_estimates_is_not_recommended():
