@@ -54,18 +54,18 @@ def measurement_topic(bag: Bag, named: str | None = None) -> str:
             f'{bag.path} has several topics of joint states: choose one with '
             f'--measurement ({", ".join(sorted(names))})'
         )
-    number = next(
-        (
-            f'{topic.name}:data'
-            for topic in bag.topics.values()
-            if topic.type in NUMBER_TYPES and topic.count
-        ),
-        'TOPIC:FIELD',
-    )
     raise UserError(
         f'{bag.path} has no measured joint states: choose a topic with --measurement, or '
-        f'a number with --angle {number}; it has {bag.listing()}'
+        f'a number with --angle {a_number(bag)}; it has {bag.listing()}'
     )
+
+
+def a_number(bag: Bag) -> str:
+    """Return what ``--angle`` takes for the first number in the bag; 'TOPIC:FIELD': none."""
+    numbers = (
+        each.name for each in bag.topics.values() if each.type in NUMBER_TYPES and each.count
+    )
+    return next((f'{name}:data' for name in numbers), 'TOPIC:FIELD')
 
 
 def measured_topics(bag: Bag, *, empty: bool = False) -> list[str]:

@@ -24,7 +24,7 @@ from estimator_pkg.streams.driven import DrivenStream, EffortSettings
 from estimator_pkg.streams.sources import Sample
 
 SWITCH_EVENT = Port('switch_event', JOINT_STATE, answered=False, optional=True)
-DISCRETE = Output('discrete_state', JOINT_STATE)
+DISCRETE = Output('discrete_state', JOINT_STATE, on_demand=True)
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ from estimator_pkg.streams.contract import (
 )
 from estimator_pkg.streams.sources import JointStates
 
-ODOMETRY = Output('odometry', odometry.TYPE)
+ODOMETRY = Output('odometry', odometry.TYPE, on_demand=True)
 
 
 @dataclass(frozen=True)

@@ -292,14 +292,17 @@ def test_degrees_of_a_log_have_its_option_and_it_has_no_arrival(rate, level, tmp
 
 @pytest.mark.parametrize('command', ['doctor', 'tune', 'replay'])
 def test_lengths_do_not_wrap(command, tmp_path, capsys):
-    """In replay they pass 4 m a sample, which a period would take for something else."""
+    """In replay they pass 4 m a sample, and hybrid_angle wraps whatever has a period."""
     path, out = tmp_path / 'log.csv', tmp_path / 'out'
     time = np.arange(0, 2, 2e-3)
     lengths = 2e6 * time if command == 'replay' else 8000 * time**2 + 50 * np.sin(9 * time)
     lines = (f'{t:.3f},{x:.2f}' for t, x in zip(time, lengths))
     path.write_text('t,x\n' + '\n'.join(lines))
-    words = ['--observer', 'kalman', '--trials', 2] if command == 'tune' else []
-    found = result(
+    words = {
+        'tune': ['--observer', 'kalman', '--trials', 2],
+        'replay': ['--observer', 'hybrid_angle'],
+    }.get(command, [])
+    result(
         capsys, command, path, '--time', 't', '--angle', 'x', '--unit', 'mm', *words, '--out', out
     )
     if command == 'replay':

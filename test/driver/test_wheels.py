@@ -205,6 +205,17 @@ def test_an_arc_and_its_derivatives():
             assert by[:, k] == pytest.approx((arc(distance, angle, 0.4)[0] - step) / h, abs=1e-5)
 
 
+def test_the_estimates_leave_before_the_base_is_moved():
+    stream, encoder = runs.made(), Encoder()
+    for row in range(20):
+        stamp, angle = runs.START + 10_000_000 * row, 0.08 * row
+        raw = encoder.encode(stamp, '', base.WHEELS['differential'], [angle, angle])
+        before, answers = stream.base.pose[0], iter(stream.feed(0, raw, 0))
+        assert set(next(answers)) == {0, 1} and stream.base.pose[0] == before
+        last = list(answers)
+    assert [set(answer) for answer in last] == [{2}] and stream.base.pose[0] > before
+
+
 def test_a_pause_of_the_wheels_is_in_the_covariance_and_named():
     """Wrapped wheels may have turned any number of times."""
     stream, notices = runs.made(), []

@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.selection import ESTIMATE_SUFFIXES, USUAL_MEASUREMENT, measured_topics
+from estimator_pkg.bags.selection import (
+    ESTIMATE_SUFFIXES,
+    USUAL_MEASUREMENT,
+    a_number,
+    measured_topics,
+)
 from estimator_pkg.bags.series import Series, joint_series, why_none
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked, stretch
@@ -106,7 +111,7 @@ def _from_topic(bag: Bag, path: str, measurement: dict[str, Series], options: Op
             + (f', and {why_none(bag, USUAL_MEASUREMENT)}' if unread else '')
             + '; name another JointState with '
             f'velocities with --truth ({_joint_state_topics(bag)}), or a measurement for an '
-            'off-line reference with --measurement or --angle'
+            f'off-line reference with --measurement or --angle {a_number(bag)}'
         )
     bag.require(topic, (TYPE,))
     series = joint_series(bag, topic)

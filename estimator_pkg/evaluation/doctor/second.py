@@ -162,8 +162,7 @@ def _follows(each: Candidate, moved: ReferenceMotion, period: float) -> float:
         angle = np.cumsum(angle * np.diff(time, prepend=time[0]))
     elif period:
         angle = np.unwrap(angle, period=period)
-    position = np.unwrap(moved.position, period=period) if period else moved.position
-    other = np.interp(time, (moved.stamps - start) * 1e-9, position)
+    other = np.interp(time, (moved.stamps - start) * 1e-9, moved.position)
     a, b = (v - np.polyval(np.polyfit(time, v, 1), time) for v in (angle, other))
     size = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
     return abs(float(np.sum(a * b))) / size if size > 0.0 else 0.0

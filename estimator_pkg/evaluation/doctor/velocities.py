@@ -76,8 +76,7 @@ def checks(seen: Readings, found: ReferenceMotion | None, rows: Rows) -> list[Fi
     good = np.isfinite(at)
     what = None
     if np.count_nonzero(good) > FEWEST_FOR_REFERENCE:
-        position = np.unwrap(found.position, period=seen.period) if seen.period else found.position
-        given = time[good], at[good], truth[good], position[firm][good]
+        given = time[good], at[good], truth[good], found.position[firm][good]
         what = relation(*given, found.uncertainty)
         compared.append((PUBLISHED, 'that of the topic', seen.velocity))
     for name, words, values in compared:

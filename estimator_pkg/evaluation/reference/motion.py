@@ -47,6 +47,7 @@ class ReferenceMotion:
     time : shape (n,), strictly increasing [s].
     velocity : shape (n,) [rad/s], with the vibration that was recovered.
     plain : shape (n,) [rad/s], without it; the same array if nothing was recovered.
+    position : shape (n,) [rad or m], of the smoother, without wraps.
     firm : shape (n,), False near the ends of a piece, where the reference is less accurate.
     stddev : rms of the smoother's own standard deviation where `firm` [rad/s].
     vibration_hz : mean frequency of the vibration that was recovered; nan: none was.

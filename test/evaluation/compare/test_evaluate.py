@@ -426,6 +426,13 @@ def test_wrong_use(good, capsys, words, code, said):
 SHORT = stamps_of(1.0)
 
 
+def test_a_bag_of_a_number_has_the_option_that_reads_it(tmp_path, capsys):
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/encoder', 'std_msgs/msg/Float64')
+        bag.write('/encoder', START, b'\0\1\0\0' + bytes(8))
+    assert '--angle /encoder:data' in fails(capsys, str(tmp_path / 'bag'))
+
+
 @pytest.mark.parametrize(
     ('topics', 'words', 'said'),
     [

@@ -12,6 +12,7 @@ import pytest
 from estimator_pkg.evaluation.checks.joint import as_read, checked, reference, stretch
 from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Readings
 from estimator_pkg.evaluation.doctor import velocities
+from estimator_pkg.evaluation.doctor.published import relation
 
 TURN = 2.0 * math.pi
 START = 1_700_000_000_000_000_000
@@ -131,7 +132,9 @@ CASES = {  # stream of a seed, checks that do not pass: (check, level, remedy), 
         [('wrap', FAIL, 'degrees.*' + COUNTS + '360')],
     ),
     'degrees, wrapped once': (
-        lambda seed: (lambda t: (t, rounded(np.mod(300.0 + 4.0 * seed * t, 360.0), 0.1)))(time(100)),
+        lambda seed: (lambda t: (t, rounded(np.mod(300.0 + 4.0 * seed * t, 360.0), 0.1)))(
+            time(100)
+        ),
         [('wrap', WARN, 'if degrees.*' + COUNTS + '360')],
     ),
     'degrees that do not wrap': (
@@ -241,6 +244,7 @@ PUBLISHED = {  # velocity made of (true velocity, reading, random), level, text,
     'a tenth': (lambda v, x, r: 0.1 * differences(x), WARN, '0.1 times', 'scaling'),
     'in rpm': (lambda v, x, r: v * 60.0 / TURN, WARN, 'rpm', 'rad/s'),
     'in deg/s': (lambda v, x, r: np.degrees(v), WARN, '57.3 times the velocity: deg/s', 'rad/s'),
+    'in turns per second': (lambda v, x, r: v / TURN, WARN, 'turns per second', 'rad/s'),
     'reversed': (lambda v, x, r: -v, WARN, 'reversed', 'sign'),
     'reversed, in rpm, late': (
         lambda v, x, r: late(-v * 60.0 / TURN, 0.03),
@@ -249,7 +253,7 @@ PUBLISHED = {  # velocity made of (true velocity, reading, random), level, text,
         'sign; publish rad/s',
     ),
     'the position': (
-        lambda v, x, r: 0.7 * x,
+        lambda v, x, r: 0.7 * np.unwrap(x),
         WARN,
         r'proportional to the position \(0.7',
         'driver',
@@ -272,15 +276,21 @@ PUBLISHED = {  # velocity made of (true velocity, reading, random), level, text,
 }
 
 
-@pytest.mark.parametrize('pure', [False, True], ids=('sines', 'a sine'))
-@pytest.mark.parametrize('case', PUBLISHED)
-def test_the_published_velocity_is_checked(case, pure):
+SINES = [(0.7, 0.31, 1.0), (0.3, 0.83, 2.0), (0.2, 1.3, 0.0)]
+MOTIONS = {'sines': (0.0, SINES), 'a sine': (0.0, [(1.0, 0.5, 0.3)]), 'turning': (3.0, SINES)}
+OF_READING = ('a finite difference', 'a tenth')  # that does not wrap
+
+
+@pytest.mark.parametrize(
+    'case, motion',
+    [(c, m) for c in PUBLISHED for m in MOTIONS if m != 'turning' or c not in OF_READING],
+)
+def test_the_published_velocity_is_checked(case, motion):
     make, level, text, remedy = PUBLISHED[case]
-    t = time(200, 20.0)
-    parts = [(1.0, 0.5, 0.3)] if pure else [(0.7, 0.31, 1.0), (0.3, 0.83, 2.0), (0.2, 1.3, 0.0)]
-    angle = sum(a * np.sin(TURN * f * t + p) for a, f, p in parts)
-    speed = sum(a * TURN * f * np.cos(TURN * f * t + p) for a, f, p in parts)
-    reading = rounded(angle, TURN / 4096)
+    t, (mean, parts) = time(200, 20.0), MOTIONS[motion]
+    angle = mean * t + sum(a * np.sin(TURN * f * t + p) for a, f, p in parts)
+    speed = mean + sum(a * TURN * f * np.cos(TURN * f * t + p) for a, f, p in parts)
+    reading = rounded(wrapped(angle, TURN) if mean else angle, TURN / 4096)
     stamps = START + np.round(t * 1e9).astype(np.int64)
     given = make(speed, reading, random(5))
     seen = Readings('joint', stamps, stamps, reading, given, TURN, START)
@@ -289,3 +299,30 @@ def test_the_published_velocity_is_checked(case, pure):
     (own,) = [each for each in found if each.check == velocities.PUBLISHED]
     assert own.level == level and re.search(text, own.value) and re.search(remedy, own.remedy), own
     assert velocities.misleads(found) is (level == WARN and case != 'late')
+
+
+def two_sines(t):
+    return np.sin(5.0 * t) + np.sin(7.7 * t)
+
+
+T20 = time(200, 20.0)
+SWING, DECAY = np.sin(3.0 * T20), np.exp(-0.2 * T20)
+NOISE = random(5).standard_normal(len(T20))
+RELATIONS = {  # published velocity, true one, deviation of that, what is wrong
+    'constant, as the joint': (0.3 + 0.0 * T20, 0.3 + 1e-4 * SWING, 1e-3, ''),
+    'zero, the joint at a constant speed': (0.0 * T20, 0.3 + 1e-4 * SWING, 1e-3, 'zero'),
+    'right, where the position is like it': (DECAY, DECAY, 1e-4, ''),
+    'right, with much noise': (SWING + 1.6 * NOISE, SWING, 1e-3, ''),
+    'late by a third of a period': (two_sines(T20 - 0.24), two_sines(T20), 1e-4, ''),
+    'another, the truth uncertain': (NOISE, 0.1 * SWING, 0.1, ''),
+    'another, the truth certain': (NOISE, 0.1 * SWING, 1e-3, 'not the derivative'),
+    '1.1 of it, the truth uncertain': (1.1 * SWING, SWING, 0.1, ''),
+    '1.1 of it, the truth certain': (1.1 * SWING, SWING, 1e-3, '1.1 times'),
+}
+
+
+@pytest.mark.parametrize('case', RELATIONS)
+def test_what_is_wrong_depends_on_the_motion_and_on_what_is_known_of_it(case):
+    values, truth, unsure, wrong = RELATIONS[case]
+    found = relation(T20, values, truth, np.cumsum(truth) / 200.0, unsure).wrong
+    assert found.startswith(wrong) and bool(found) == bool(wrong), found

@@ -39,7 +39,9 @@ def test_a_mechanical_observer(pendulum, tmp_path):
     words = ['--observer', 'geso', '--params', params, '--trials', 12]
     found, out = tuned(tmp_path, pendulum, *words)
     (each,) = found['tuned']
-    assert each['held_out'] and each['best']['cost'] < 0.75 * each['default']['cost']
+    assert each['held_out'] and each['pair']['sign'] == 1
+    # the cost also has a tenth of the noise, which is that of the readings with either gains
+    assert 0.5 < each['best']['error'] / each['default']['error'] < 0.65
     values = params_file.load(out, 'mechanical_observer')
     assert values['observer'] == 'geso' and values['bandwidth_hz'] < 10.0
     run('replay', pendulum, '--params', out, '--json', tmp_path / 'replayed.json')

@@ -14,6 +14,7 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.adaptive import observer as adaptive
+from estimator_pkg.observers.adaptive.filter import _series, series
 from estimator_pkg.observers.adaptive.law import ADAPTING, FROZEN, GATED, INIT
 from estimator_pkg.observers.adaptive.observer import Gains
 from estimator_pkg.observers.adaptive.structure import structure
@@ -305,3 +306,11 @@ def test_an_observer_whose_numbers_ran_away_starts_again():
     out, _ = feed(made, angle[3000:], excited(6000)[3000:], start_ns=10**18 + 3 * 10**9)
     assert out.status[1] == INITIALISING and out.status[-1] == TRACKING
     assert np.max(np.abs(out.velocity[-500:] - velocity[-500:])) < 0.05
+
+
+def test_joints_of_a_message_share_the_filters_and_none_can_spoil_them():
+    before = _series.cache_info().misses
+    first, second = (series([-30.0, -200.0], 20.0, 1.234567e-3) for _ in 'ab')
+    assert _series.cache_info().misses == before + 1 and first == second
+    first[0][0] = 7.0
+    assert series([-30.0, -200.0], 20.0, 1.234567e-3) == second
