@@ -34,7 +34,9 @@ LATENCY = {
 # the null node of each node, which takes and publishes the same types
 OF_JOINTS = dict.fromkeys(NODES, NULL)
 ALL = OF_JOINTS | dict.fromkeys(DRIVES, NULL_DRIVE)
-MOST: dict[str, float] = {}
+# largest ratio of the latencies at 99 %: of observers in plain Python, and of one with two
+# messages a sample, what is reached (1.5 to 1.65) and a margin
+MOST = dict.fromkeys(ALL, 2.0) | {'joint_observer': 1.3, 'mechanical_observer': 1.3}
 
 
 def start(name: str, rate: float = 200.0) -> dict[str, float]:
@@ -103,6 +105,6 @@ def rows(
             made.append(row(f'{name}: {title}', median, unit))
             if name in null_of:
                 ratio = statistics.median(mine / null for mine, null in pairs)
-                most = MOST.get(name) if key == 'late_ms' else None
+                most = MOST[name] if key == 'late_ms' else None
                 made.append(row(f'{name}: {title} / null node', ratio, 'times', limit=most))
     return made

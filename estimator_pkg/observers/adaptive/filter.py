@@ -72,10 +72,10 @@ def _series(
         j += 1.0
         w = h / j
         s = w / (j + 1.0)
-        for i, x in enumerate(power):
-            f[i] += x
-            g[i] += w * x
-            q[i] += s * x
+        for i, each in enumerate(power):
+            f[i] += each
+            g[i] += w * each
+            q[i] += s * each
     for _ in range(doublings):
         m = rows(f, a)
         x, y = left(g, m), left(q, m)
