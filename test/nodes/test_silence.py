@@ -313,21 +313,13 @@ class OtherNames(Case):
     )
 
 
-class OtherNamesInAnOverride(Case):
+class OtherNamesLive(Case):
     """a joint of `per_joint` that the messages do not carry"""
 
-    parameters = ('per_joint.elbow_jiont.gap_max:=0.3',)
     report = (
         r"joint 'elbow_jiont' is not in SPACE/joint_states: did you mean 'elbow_joint'\? "
         "correct 'per_joint.elbow_jiont.gap_max'"
     )
-    estimates = True
-
-
-class OtherNamesLive(Case):
-    """the same, set while the node runs"""
-
-    report = OtherNamesInAnOverride.report
     later = estimates = True
 
     def begin(self):
@@ -339,42 +331,11 @@ class OtherNamesLive(Case):
             self.kind, f'{self.space}/{self.node}/set_parameters_atomically'
         )
 
-    def inject(self, joint='elbow_jiont'):
+    def inject(self):
         from rclpy.parameter import Parameter
 
-        changed = Parameter(f'per_joint.{joint}.gap_max', value=0.3).to_parameter_msg()
+        changed = Parameter('per_joint.elbow_jiont.gap_max', value=0.3).to_parameter_msg()
         self.client.call_async(self.kind.Request(parameters=[changed]))
-
-
-class OtherNamesLiveAgain(OtherNamesLive):
-    """the same, after another one"""
-
-    parameters = OtherNamesInAnOverride.parameters
-    report = (
-        r"joint 'shouldr_pan_joint' is not in SPACE/joint_states.*did you mean 'shoulder_pan_joint"
-        r"'\? correct 'per_joint.shouldr_pan_joint.gap_max'"
-    )
-
-    def inject(self):
-        super().inject('shouldr_pan_joint')
-
-
-class OtherNamesAdaptive(OtherNames):
-    """the same (adaptive_observer)"""
-
-    node = 'adaptive_observer'
-
-
-class OtherNamesSwitched(OtherNames):
-    """the same (switched_observer)"""
-
-    node = 'switched_observer'
-
-
-class OtherNamesMechanical(OtherNames):
-    """the same (mechanical_observer)"""
-
-    node = 'mechanical_observer'
 
 
 class AnotherLayout(NobodyPublishes):
@@ -469,23 +430,6 @@ class TwoThatDiffer(TwoThatAgree):
             self.send(1, names=('elbow_joint', 'finger'), position=-1.0)
 
 
-class Three(TwoThatAgree):
-    """three publishers, two of them of the same joint"""
-
-    report = (
-        r"joint 'elbow_joint' comes on SPACE/joint_states from several of the publishers "
-        'SPACE/driver, SPACE/gripper, SPACE/relay'
-    )
-
-    def inject(self):
-        self.publisher('relay')
-        self.publisher('gripper')
-
-    def tick(self):
-        for number, names in zip(range(len(self.publishers)), (ARM, ('elbow_joint',), ('finger',))):
-            self.send(number, names)
-
-
 class OneNameTwice(Case):
     """one name twice in a message"""
 
@@ -574,17 +518,6 @@ class RepeatedStamps(Case):
         stamp = time.time_ns()
         for _ in range(1 if self.cause is None else 2):
             self.send(stamp_ns=stamp)
-
-
-class OneStamp(Case):
-    """a stamp that never changes"""
-
-    report = RepeatedStamps.report
-    later = True
-
-    def tick(self):
-        self.stamp = time.time_ns() if self.cause is None else self.stamp
-        self.send(stamp_ns=self.stamp)
 
 
 class RepeatedReadings(Case):
@@ -708,19 +641,6 @@ class JointGone(Case):
         self.send(names=ARM if self.cause is None else (*ARM[:2], 'elbow'))
 
 
-class JointGoneAmongOthers(Case):
-    """a joint that the messages do not carry any more, of a name like that of another one"""
-
-    report = (
-        "joint 'shoulder_lift_joint' is not in SPACE/joint_states: check its publisher "
-        r'\(it carries elbow_joint, shoulder_pan_joint\)'
-    )
-    later = estimates = True
-
-    def tick(self):
-        self.send(names=ARM if self.cause is None else (ARM[0], ARM[2]))
-
-
 class Fine(Case):
     """no fault: the good news, and not a word of warning (disjoint joints of two publishers)"""
 
@@ -764,11 +684,7 @@ class SimulatedTime(Fine):
 
 FAULTS = [name for name, case in CASES.items() if not issubclass(case, Fine)]
 # The same fault in another node, or part of another one: each node takes two seconds of processor.
-ALIKE = (
-    *('OnlyTheCurrent', 'OtherNamesInAnOverride', 'OtherNamesAdaptive', 'OtherNamesSwitched'),
-    *('OtherNamesMechanical', 'OtherNamesLiveAgain', 'TwoThatAgree', 'OneStamp', 'Killed'),
-    *('OneOfTwoEnded', 'Three', 'JointGoneAmongOthers'),
-)
+ALIKE = ('OnlyTheCurrent', 'TwoThatAgree', 'Killed', 'OneOfTwoEnded')
 
 
 def world(names, file):
