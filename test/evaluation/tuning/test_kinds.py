@@ -49,7 +49,7 @@ def test_a_mechanical_observer(pendulum, tmp_path):
 
 def test_gains_that_change_nothing_are_left_alone(pendulum, tmp_path, capsys):
     fixed = held(f'model_parameters={MODEL}', 'L=[60.0]', 'K=[900.0]')
-    found, out = tuned(tmp_path, pendulum, '--observer', 'hgo', '--trials', 12, *fixed)
+    found, out = tuned(tmp_path, pendulum, '--observer', 'hgo', '--trials', 8, *fixed)
     (each,) = found['tuned']
     assert each['idle'] == ['bandwidth_hz', 'damping'] and 'disturbance_hz' in each['tried']
     values = params_file.load(out, 'mechanical_observer')
