@@ -134,7 +134,8 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize('ratio', [0.0, 1.0])
+# a known ratio: nodes/test_sources.py
+@pytest.mark.parametrize('ratio', [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('fault', FAULTS)
 def test_a_source_that_contradicts_is_withheld_and_taken_again(fault, ratio):
     run = sine(16.0)

@@ -51,7 +51,16 @@ BASES = {  # the base, and the parameters of the node that differ from the defau
 }
 
 
-@pytest.mark.parametrize('case', BASES)
+SIMILAR = {  # to another one, and slow
+    *('of 512 counts', 'of noisy encoders', 'small', 'gyro of little noise', 'gyro of much noise'),
+    *('gyro that is late', 'gyro, 512 counts', 'gyro, radii that differ by 1 %'),
+}
+
+
+@pytest.mark.parametrize(
+    'case',
+    [pytest.param(case, marks=pytest.mark.slow if case in SIMILAR else ()) for case in BASES],
+)
 def test_the_interval_of_the_yaw_rate_is_right(case):
     plant, values = BASES[case]
     result = runs.run(plant, 20.0, 1, runs.made(plant, **{**EXACT, **values}))
@@ -79,7 +88,7 @@ def test_a_gyro_makes_it_better_and_is_learnt():
     assert known[0] == pytest.approx(0.02, abs=0.003)
 
 
-@pytest.mark.parametrize('gyro', [False, True])
+@pytest.mark.parametrize('gyro', [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_pose_is_in_its_covariance(gyro):
     """NEES of drives whose constants are spread as the parameters say: its mean would be 3."""
     found, spread = [], [NormalDist().inv_cdf((k + 0.5) / 12.0) for k in range(12)]
