@@ -262,6 +262,7 @@ def imported():
                 yield from (name.partition('.')[0] for name in names)
 
 
+@pytest.mark.long
 def test_every_imported_library_is_a_requirement(monkeypatch):
     declared = {}
     monkeypatch.setattr(setuptools, 'setup', lambda **options: declared.update(options))
@@ -283,6 +284,7 @@ def test_every_imported_library_is_a_requirement(monkeypatch):
     assert {'apsw', 'lz4', 'zstandard'} <= libraries
 
 
+@pytest.mark.long
 def test_every_package_of_ros_that_is_used_is_a_dependency_and_declared():
     used = {name for name in imported() if optional.OF_ROS.fullmatch(name)}
     for package in optional.OWN:

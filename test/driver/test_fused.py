@@ -69,6 +69,7 @@ def sine(seconds=10.0, **kwargs):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('noise', 'bound'), [(0.005, 0.15), (0.02, 0.45), (0.3, 1.02)])
 def test_a_gyro_is_worth_its_noise(noise, bound):
     run = sine()
@@ -135,6 +136,7 @@ FAULTS = {
 
 
 # a known ratio: nodes/test_sources.py
+@pytest.mark.long
 @pytest.mark.parametrize('ratio', [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('fault', FAULTS)
 def test_a_source_that_contradicts_is_withheld_and_taken_again(fault, ratio):

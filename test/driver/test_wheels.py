@@ -57,6 +57,7 @@ SIMILAR = {  # to another one, and slow
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'case',
     [pytest.param(case, marks=pytest.mark.slow if case in SIMILAR else ()) for case in BASES],
@@ -75,6 +76,7 @@ def test_a_steering_joint_that_is_only_quantised_is_covered():
     assert runs.covered(runs.run(plant, 20.0, 1, runs.made(plant, **EXACT, **ZERO))) > 0.98
 
 
+@pytest.mark.long
 def test_a_gyro_makes_it_better_and_is_learnt():
     plant = {**GROUND, 'track': 0.525, 'gyro_delay': 0.01}
     alone, both = (
@@ -88,6 +90,7 @@ def test_a_gyro_makes_it_better_and_is_learnt():
     assert known[0] == pytest.approx(0.02, abs=0.003)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('gyro', [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_pose_is_in_its_covariance(gyro):
     """NEES of drives whose constants are spread as the parameters say: its mean would be 3."""
@@ -107,6 +110,7 @@ def test_the_pose_is_in_its_covariance(gyro):
     assert max(found) < 17.0  # chi-square of 3: one in 1400
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('plant', [{}, SKID, ACKERMANN], ids=['differential', 'skid', 'ackermann'])
 def test_slip_is_named_and_covered(plant):
     plant, steps = {**plant, 'slip': 0.5}, []
@@ -160,6 +164,7 @@ WRONG = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('case', WRONG)
 def test_a_wrong_gyro_is_not_used_and_learnt_again(case, monkeypatch):
     """It is wrong from 8 s on; the biased one is right with its new bias."""

@@ -188,6 +188,7 @@ def wrong(kind, t):
     return (-0.02 if late and t > 0.1 else 0.0), turned
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'kind, named',
     [

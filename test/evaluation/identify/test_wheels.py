@@ -53,6 +53,7 @@ CASES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('case', CASES)
 def test_within_1_percent_and_its_deviations(case, drives, tmp_path):
     drive, words = CASES[case]

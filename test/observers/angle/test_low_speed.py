@@ -170,6 +170,7 @@ def test_a_stream_that_repeats_its_readings_is_not_slowed(variant, known, repeat
     assert np.nanmean(out.velocity[settled]) == pytest.approx(unbounded, rel=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'variant',
     [
