@@ -163,7 +163,7 @@ def test_a_silent_source_is_named_and_used_again_at_once():
     assert sensor.used and run.error(3.0, 4.0) <= 1.05 and run.error(4.1) <= 0.2
 
 
-@pytest.mark.parametrize('phase', [0.3, 0.8])
+@pytest.mark.parametrize('phase', [0.3, pytest.param(0.8, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(('backlash', 'bound'), [(0.0, 1.03), (0.1, 1.0), (0.5, 0.9), (2.0, 0.7)])
 def test_an_encoder_behind_backlash_is_not_worse_than_the_better_one(backlash, bound, phase):
     time = np.arange(80_000) / 10_000

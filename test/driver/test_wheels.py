@@ -111,7 +111,11 @@ def test_the_pose_is_in_its_covariance(gyro):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('plant', [{}, SKID, ACKERMANN], ids=['differential', 'skid', 'ackermann'])
+@pytest.mark.parametrize(
+    'plant',
+    [{}, pytest.param(SKID, marks=pytest.mark.slow), ACKERMANN],
+    ids=['differential', 'skid', 'ackermann'],
+)
 def test_slip_is_named_and_covered(plant):
     plant, steps = {**plant, 'slip': 0.5}, []
     alone, both = (
