@@ -314,7 +314,7 @@ class OtherNames(Case):
 
 
 class OtherNamesLive(Case):
-    """a joint of `per_joint` that the messages do not carry"""
+    """the same, in an override that is set while the node runs"""
 
     report = (
         r"joint 'elbow_jiont' is not in SPACE/joint_states: did you mean 'elbow_joint'\? "
