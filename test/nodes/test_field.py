@@ -318,13 +318,3 @@ def test_a_wrong_type_or_field_ends_the_start(values, reported, probe):
     with pytest.raises(UsageError) as caught:
         ObserverNode('angle', parameter_overrides=ros_values({'input': 'field', **values}))
     assert reported in str(caught.value) and '\n' not in str(caught.value)
-
-
-def test_a_wrong_start_is_one_line(tmp_path):
-    words = dds.ros_args('input:=field', f'field_type:={POSE}', 'field:=pose.orientaton.yaw')
-    with dds.NodeProcess(MODULE, *words) as process:
-        assert process.ends() == 2
-    assert process.output == (
-        "joint_observer: geometry_msgs/msg/Pose has no field 'orientaton': did you mean "
-        "'orientation'?"
-    )

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The node switched_observer over real DDS: the gripper live, events, wrong models."""
+"""The node switched_observer over real DDS: events and status."""
 
 import math
 
