@@ -3,6 +3,8 @@
 
 """A joint that other sensors inform: the errors, what is learnt, what is withheld."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -135,10 +137,17 @@ FAULTS = {
 }
 
 
-# a known ratio: nodes/test_sources.py
+QUICK = {('reversed', 0.0), ('late', 0.0), ('glitches', 0.0)}  # nodes/test_sources.py has the rest
+
+
 @pytest.mark.long
-@pytest.mark.parametrize('ratio', [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize('fault', FAULTS)
+@pytest.mark.parametrize(
+    'fault, ratio',
+    [
+        pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow)
+        for case in itertools.product(FAULTS, (0.0, 1.0))
+    ],
+)
 def test_a_source_that_contradicts_is_withheld_and_taken_again(fault, ratio):
     run = sine(16.0)
     time, values = run.gyro(0.02)
