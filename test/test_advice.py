@@ -3,15 +3,13 @@
 
 """Advice names parameters that the observer has: every text, for every observer that it reaches."""
 
-import ast
 import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from docs.tools.rooms import PACKAGE
-from estimator_pkg import observers, registry, streams
+from estimator_pkg import registry, streams
 from estimator_pkg.bags.series import of_positions
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.truth import from_smoother
@@ -24,51 +22,6 @@ from estimator_pkg.streams.contract import HEADER, stamp_remedy
 EVERY = registry.names(registry.OBSERVERS)
 DECLARED = {name: set(streams.parameters(name)) for name in EVERY}
 NAMES = set.union(*DECLARED.values())
-ADVICE = re.compile(
-    r'\b(set|unset|raise|lower|increase|reduce|correct|see|use|check|name|beyond|above)\b', re.I
-)
-KINDS = {  # of the observers whose users see the texts of these files
-    'evaluation/doctor/drive.py': ('drive',),
-    'evaluation/checks/': ('angle',),
-    'evaluation/doctor/': ('angle',),
-    'streams/adaptive.py': ('angle_and_input',),
-    'streams/angle.py': ('angle',),
-    'streams/drive.py': ('drive',),
-    'streams/informed.py': ('angle',),
-    'streams/mechanical.py': ('mechanical',),
-    'streams/switched.py': ('switched',),
-    'driver/drive.py': ('drive',),
-    'driver/efforts.py': ('angle_and_input', 'mechanical', 'switched'),
-    'driver/identified.py': ('angle_and_input',),
-    'driver/mechanism.py': ('mechanical',),
-    'driver/wheels.py': ('wheels',),
-    'streams/wheels.py': ('wheels',),
-    'evaluation/identify/wheels.py': ('wheels',),
-    'sensor/clock.py': ('angle',),  # only for measurements that are one angle
-}
-HAVING = {  # texts that are shown only to observers that have the parameter, and where this is held
-    ('evaluation/report/findings.py', 'bandwidth_hz'): 'test_findings_fit_the_observer',
-    ('evaluation/report/findings.py', 'prefer'): 'test_findings_fit_the_observer',
-    ('evaluation/report/findings.py', 'quantum'): 'test_findings_fit_the_observer',
-    (
-        'streams/contract.py',
-        'stamp_source',
-    ): 'test_only_who_has_a_source_of_stamps_is_told_to_set_it',
-    ('nodes/detection.py', 'stamp_source'): 'the condition `header`',
-    ('nodes/detection.py', 'joints'): 'only joints that the parameter names can be missing',
-    ('nodes/faults.py', 'joints'): 'samples are refused only by `joints_max`',
-    ('nodes/faults.py', 'counts_per_revolution'): 'sensors are examined only for one angle',
-    ('nodes/faults.py', 'joints_max'): 'samples are refused only by `joints_max`',
-    ('nodes/health.py', 'joints_max'): 'samples are refused only by `joints_max`',
-    (
-        'evaluation/compare/truth.py',
-        'stamp_source',
-    ): 'test_only_who_has_a_source_of_stamps_is_told_to_set_it',
-    ('evaluation/compare/truth.py', 'angle_joint'): 'only with --angle, of single angles',
-    ('driver/configuration.py', 'observer'): '`observers.instead`: another observer of the node',
-    ('bags/wiring.py', 'observer'): 'the parameter itself is wrong',
-    ('bags/wiring.py', 'gyro_topic'): 'the condition `named`: only wheels lack sources',
-}
 
 
 def named(text):
@@ -79,45 +32,6 @@ def named(text):
         if re.search(rf"'{name}(?:'|: )", text)
         or ('_' in name and re.search(rf"(?<![\w.'-]){name}(?![\w'])", text))
     }
-
-
-def texts(path):
-    """Each text of a file, without docstrings, descriptions and helps; {} for a value."""
-    tree = ast.parse(path.read_text())
-    skipped = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.keyword) and node.arg in ('description', 'help', 'examples'):
-            skipped.update(map(id, ast.walk(node.value)))
-        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            skipped.add(id(node.value))
-    for node in ast.walk(tree):  # an f-string comes before its parts
-        if id(node) in skipped:
-            continue
-        if isinstance(node, ast.JoinedStr):
-            skipped.update(map(id, ast.walk(node)))
-            yield ''.join(
-                getattr(part, 'value', '') if isinstance(part, ast.Constant) else '{}'
-                for part in node.values
-            )
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.value
-
-
-@pytest.mark.parametrize(
-    'room', ['evaluation', 'streams', 'nodes', 'driver', 'sensor', 'bags', 'ros']
-)
-def test_every_text_names_parameters_of_the_observers_that_it_reaches(room):
-    for path in sorted((PACKAGE / room).rglob('*.py')):
-        place = path.relative_to(PACKAGE).as_posix()
-        kinds = next((each for start, each in KINDS.items() if place.startswith(start)), ())
-        reached = [name for kind in kinds for name in observers.of_kind(kind)]
-        for text in texts(path):
-            for parameter in named(text) if ADVICE.search(text) else ():
-                if (place, parameter) in HAVING:
-                    continue
-                assert reached, f'{place}: who sees "{text}"? Add it to KINDS or HAVING'
-                without = [name for name in reached if parameter not in DECLARED[name]]
-                assert not without, f'{place}: "{text}", but {without} have no {parameter}'
 
 
 def row(source, late=0.0, noise=0.0):

@@ -25,6 +25,7 @@ def test_a_page_prints_what_its_command_gives(entry):
     assert figures.filled(page, entry)[1] == [], 'make figures writes them'
 
 
+@pytest.mark.long
 def test_the_picture_of_the_readme_is_drawn(tmp_path):
     pytest.importorskip('matplotlib', reason='not run: matplotlib is not installed')
     creep.main(str(tmp_path / 'creep.png'))

@@ -3,6 +3,7 @@
 
 """Observers and models of another package, as docs/architecture.md says: one file, one line."""
 
+import json
 import os
 import re
 import subprocess
@@ -83,51 +84,66 @@ def environment(foreign):
     return {**os.environ, 'PYTHONPATH': os.pathsep.join([str(foreign), *sys.path])}
 
 
-def reported(foreign, *words, code=0):
-    """What `velocity_estimator` prints where that package is installed too."""
+MODEL_OF_SLIDE = '--set model=slide --set model_parameters=[stiffness=5.0]'
+REPLAY = f'replay {BAG} --out OUT --observer'
+RUNS = {  # words of a command -> its exit code, and what it prints
+    'list': (0, ' mine an alpha-beta filter', ' slide a slide on a spring'),
+    'list observers': (
+        0,
+        r"\(observer 'broken' \(broken:OBSERVER\) cannot be imported: SyntaxError",
+        r"has no attribute 'NOTHING'\)",
+        ' hybrid_angle ',
+    ),
+    f'{REPLAY} mine --set alpha=0.2': (0, 'tracking'),
+    f'evaluate {BAG} --observer mine': (0, 'mine', 'rms'),
+    'export mine --out OUT': (0, r'(\d+) samples: \1 equal to the last bit'),
+    'list mine': (0, "plain Python: the engine has observers of this package alone, and 'mine' is"),
+    'export other --out OUT': (
+        2,
+        "^velocity_estimator export: 'other' cannot be exported: other.py:",
+    ),
+    f'list geso {MODEL_OF_SLIDE}': (0, 'effect of the gains'),
+    f'{REPLAY} geso {MODEL_OF_SLIDE} --set joints=[pendulum]': (0, 'received'),
+    f'{REPLAY} broken': (1, 'SyntaxError'),
+    f'{REPLAY} a_number': (1, 'which is not an Observer'),
+    f'{REPLAY} geso --set model=ruin': (1, 'SyntaxError'),
+}
+EACH = """
+import contextlib, io, json, sys
+from estimator_pkg.cli import main
+found = {}
+for words in sys.argv[1:]:
+    said, error = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(error):
+        code = main(words.replace('OUT', f'out_{len(found)}').split())
+    found[words] = code, said.getvalue(), error.getvalue()
+print(json.dumps(found))
+"""
+
+
+@pytest.fixture(scope='module')
+def ran(foreign, tmp_path_factory):
+    """(exit code, what is printed, errors) of each command, where that package is installed."""
     done = subprocess.run(
-        [sys.executable, '-m', 'estimator_pkg.cli', *map(str, words)],
+        [sys.executable, '-c', EACH, *RUNS],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=200,
+        cwd=tmp_path_factory.mktemp('runs'),
         env=environment(foreign),
     )
-    assert done.returncode == code, done.stderr
-    return done.stdout if code == 0 else done.stderr
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 @pytest.mark.long
-def test_the_list_knows_them_and_says_what_cannot_be_imported(foreign):
-    said = reported(foreign, 'list')
-    assert re.search(r'  mine +an alpha-beta filter', said)
-    assert re.search(r'  slide +a slide on a spring', said)
-    said = reported(foreign, 'list', 'observers') + reported(foreign, 'list', 'models')
-    said = ' '.join(said.split())
-    assert "(observer 'broken' (broken:OBSERVER) cannot be imported: SyntaxError" in said
-    assert "has no attribute 'NOTHING')" in said
-    assert ' hybrid_angle ' in said
-
-
-@pytest.mark.long
-def test_an_observer_of_another_package_replays_and_is_judged(foreign, tmp_path):
-    words = ['--observer', 'mine', '--set', 'alpha=0.2', '--out', tmp_path / 'out']
-    assert 'tracking' in reported(foreign, 'replay', BAG, *words)
-    said = reported(foreign, 'evaluate', BAG, '--observer', 'mine')
-    assert 'mine' in said and 'rms' in said
-
-
-@pytest.mark.long
-def test_an_observer_of_another_package_is_exported_and_runs_as_plain_python(foreign, tmp_path):
-    said = reported(foreign, 'export', 'mine', '--out', tmp_path / 'out')
-    assert re.search(r'(\d+) samples: \1 equal to the last bit', said)
-    said = ' '.join(reported(foreign, 'list', 'mine').split())
-    assert "plain Python: the engine has observers of this package alone, and 'mine' is" in said
-
-
-@pytest.mark.long
-def test_an_observer_of_another_package_that_is_not_translated_has_its_line(foreign, tmp_path):
-    said = reported(foreign, 'export', 'other', '--out', tmp_path / 'out', code=2)
-    assert said.startswith("velocity_estimator export: 'other' cannot be exported: other.py:")
+@pytest.mark.parametrize('words', RUNS, ids=lambda words: words.replace(str(BAG), 'BAG'))
+def test_a_command_with_an_observer_or_a_model_of_another_package(words, ran):
+    (code, *patterns), (ended, said, error) = RUNS[words], ran[words]
+    assert ended == code, error
+    said = ' '.join((error if code else said).split())
+    assert all(re.search(pattern, said) for pattern in patterns), said
+    assert not code or error.count('\n') == 1
 
 
 @pytest.mark.long
@@ -140,26 +156,3 @@ def test_the_tests_of_the_contract_run_on_an_observer_of_another_package(foreign
     )
     assert done.returncode == 0, done.stdout
     assert int(re.search(r'(\d+) passed', done.stdout)[1]) >= 20
-
-
-@pytest.mark.long
-def test_a_model_of_another_package_serves_every_observer_of_mechanisms(foreign, tmp_path):
-    model = ['--set', 'model=slide', '--set', 'model_parameters=[stiffness=5.0]']
-    assert 'effect of the gains' in reported(foreign, 'list', 'geso', *model)
-    words = ['--observer', 'geso', *model, '--set', 'joints=[pendulum]', '--out', tmp_path / 'out']
-    assert 'received' in reported(foreign, 'replay', BAG, *words)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    'words, wanted',
-    [
-        ('broken', 'SyntaxError'),
-        ('a_number', 'which is not an Observer'),
-        ('geso --set model=ruin', 'SyntaxError'),
-    ],
-)
-def test_what_cannot_be_used_is_one_line(foreign, tmp_path, words, wanted):
-    words = ['--observer', *words.split(), '--out', tmp_path / 'out']
-    said = reported(foreign, 'replay', BAG, *words, code=1)
-    assert wanted in said and len(said.strip().splitlines()) == 1

@@ -118,6 +118,7 @@ def assert_is_the_motion(series, tolerance=1e-6):
     assert np.abs(series.position[:COUNT] - ANGLE).max() < tolerance
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', CSVS)
 def test_a_csv_and_the_line_to_type(name, tmp_path):
     path, options = written(tmp_path, name)
@@ -267,6 +268,7 @@ def test_a_log_gives_what_its_bag_gives(recorded, tmp_path, capsys):
         assert rms[0] == pytest.approx(rms[1], rel=1e-3)
 
 
+@pytest.mark.long
 def test_doctor_and_tune_write_parameters_of_a_log(recorded, tmp_path, capsys):
     out = tmp_path / 'params.yaml'
     found = result(capsys, 'doctor', recorded, *OPTIONS)

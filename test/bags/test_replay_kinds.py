@@ -115,6 +115,7 @@ def test_evaluate_a_drive(tmp_path):
     assert set(rows['joints']) == {'motor', 'motor_electrical'}
 
 
+@pytest.mark.long
 def test_mechanical_stands_beside_angle_observers(tmp_path, capsys):
     run('simulate', 'pendulum', '--duration', 3, '--set', 'rate=500', '--out', tmp_path / 'bag')
     params = tmp_path / 'params.yaml'

@@ -253,6 +253,7 @@ def asked(bag, tmp_path, *words):
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('schema', [('ros2msg', b'float64 data\n'), ('', b'')])
 def test_a_type_without_msg_in_its_name_is_read(schema, tmp_path, capsys):
     kind = 'std_msgs/msg/Float64'

@@ -19,6 +19,7 @@ BOUNDS = {
 }
 
 
+@pytest.mark.slow  # driver/test_fused.py holds the same noises and backlashes
 def test_the_figures_are_those_of_the_docs():
     rows = [second.judged(case) for case in second.simulated()]
     assert {row['case'] for row in rows} == set(BOUNDS)

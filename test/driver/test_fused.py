@@ -3,6 +3,8 @@
 
 """A joint that other sensors inform: the errors, what is learnt, what is withheld."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,7 @@ def sine(seconds=10.0, **kwargs):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('noise', 'bound'), [(0.005, 0.15), (0.02, 0.45), (0.3, 1.02)])
 def test_a_gyro_is_worth_its_noise(noise, bound):
     run = sine()
@@ -134,8 +137,17 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize('ratio', [0.0, 1.0])
-@pytest.mark.parametrize('fault', FAULTS)
+QUICK = {('reversed', 0.0), ('late', 0.0), ('glitches', 0.0)}  # nodes/test_sources.py has the rest
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    'fault, ratio',
+    [
+        pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow)
+        for case in itertools.product(FAULTS, (0.0, 1.0))
+    ],
+)
 def test_a_source_that_contradicts_is_withheld_and_taken_again(fault, ratio):
     run = sine(16.0)
     time, values = run.gyro(0.02)
@@ -160,7 +172,7 @@ def test_a_silent_source_is_named_and_used_again_at_once():
     assert sensor.used and run.error(3.0, 4.0) <= 1.05 and run.error(4.1) <= 0.2
 
 
-@pytest.mark.parametrize('phase', [0.3, 0.8])
+@pytest.mark.parametrize('phase', [0.3, pytest.param(0.8, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(('backlash', 'bound'), [(0.0, 1.03), (0.1, 1.0), (0.5, 0.9), (2.0, 0.7)])
 def test_an_encoder_behind_backlash_is_not_worse_than_the_better_one(backlash, bound, phase):
     time = np.arange(80_000) / 10_000

@@ -51,7 +51,17 @@ BASES = {  # the base, and the parameters of the node that differ from the defau
 }
 
 
-@pytest.mark.parametrize('case', BASES)
+SIMILAR = {  # to another one, and slow
+    *('of 512 counts', 'of noisy encoders', 'small', 'gyro of little noise', 'gyro of much noise'),
+    *('gyro that is late', 'gyro, 512 counts', 'gyro, radii that differ by 1 %'),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    'case',
+    [pytest.param(case, marks=pytest.mark.slow if case in SIMILAR else ()) for case in BASES],
+)
 def test_the_interval_of_the_yaw_rate_is_right(case):
     plant, values = BASES[case]
     result = runs.run(plant, 20.0, 1, runs.made(plant, **{**EXACT, **values}))
@@ -66,6 +76,7 @@ def test_a_steering_joint_that_is_only_quantised_is_covered():
     assert runs.covered(runs.run(plant, 20.0, 1, runs.made(plant, **EXACT, **ZERO))) > 0.98
 
 
+@pytest.mark.long
 def test_a_gyro_makes_it_better_and_is_learnt():
     plant = {**GROUND, 'track': 0.525, 'gyro_delay': 0.01}
     alone, both = (
@@ -79,7 +90,8 @@ def test_a_gyro_makes_it_better_and_is_learnt():
     assert known[0] == pytest.approx(0.02, abs=0.003)
 
 
-@pytest.mark.parametrize('gyro', [False, True])
+@pytest.mark.long
+@pytest.mark.parametrize('gyro', [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_pose_is_in_its_covariance(gyro):
     """NEES of drives whose constants are spread as the parameters say: its mean would be 3."""
     found, spread = [], [NormalDist().inv_cdf((k + 0.5) / 12.0) for k in range(12)]
@@ -98,7 +110,12 @@ def test_the_pose_is_in_its_covariance(gyro):
     assert max(found) < 17.0  # chi-square of 3: one in 1400
 
 
-@pytest.mark.parametrize('plant', [{}, SKID, ACKERMANN], ids=['differential', 'skid', 'ackermann'])
+@pytest.mark.long
+@pytest.mark.parametrize(
+    'plant',
+    [{}, pytest.param(SKID, marks=pytest.mark.slow), ACKERMANN],
+    ids=['differential', 'skid', 'ackermann'],
+)
 def test_slip_is_named_and_covered(plant):
     plant, steps = {**plant, 'slip': 0.5}, []
     alone, both = (
@@ -151,6 +168,7 @@ WRONG = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('case', WRONG)
 def test_a_wrong_gyro_is_not_used_and_learnt_again(case, monkeypatch):
     """It is wrong from 8 s on; the biased one is right with its new bias."""

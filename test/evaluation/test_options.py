@@ -78,6 +78,7 @@ def test_the_wrap_period_is_one_wherever_it_is_set(requested, parameters, expect
         assert wrap_periods(requested, parameters) == expected
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('way', ['file', 'set'])
 def test_a_wrap_period_acts_in_every_command(turning, params, tmp_path, way):
     sets = [word for name, value in BOTH.items() for word in ('--set', f'{name}={value}')]
@@ -166,6 +167,7 @@ def flawed(kind):
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'kind, words, caution',
     [

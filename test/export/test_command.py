@@ -21,6 +21,7 @@ def refused(capsys, *words):
     return line
 
 
+@pytest.mark.long
 def test_a_folder_is_complete_and_passes_its_check(tmp_path, capsys):
     out = tmp_path / 'firmware'
     result = tmp_path / 'result.json'
@@ -50,6 +51,7 @@ def test_vectors_come_from_a_bag(tmp_path, capsys):
     assert 'equal to the last bit, ' in text.out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'words, remedy',
     [

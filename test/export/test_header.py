@@ -123,6 +123,7 @@ def motion(seed, quantum, turns=1.0, count=6000):
     return stamps, angle
 
 
+@pytest.mark.long
 @EACH
 def test_a_header_gives_the_estimates_of_the_driver(name, tmp_path):
     joint, header = made(name)

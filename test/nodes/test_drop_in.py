@@ -25,8 +25,6 @@ STRANGERS = str(Path(strangers.__file__))
 # name: reliability, durability, rate [Hz], velocity of the driver; errors [rad, rad/s]
 DRIVERS = {
     'slow': ('reliable,transient_local,5,nan', (1e-3, 0.05)),
-    'ur': ('best_effort,volatile,125,nan', (1e-3, 0.02)),
-    'fast': ('reliable,volatile,500,empty', (1e-3, 0.02)),
     'fastest': ('best_effort,volatile,1000,empty', (1e-3, 0.02)),
 }
 # its readings have no noise, and edge_adaptive is less accurate below 30 Hz then

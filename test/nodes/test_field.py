@@ -23,7 +23,7 @@ from estimator_pkg.nodes.message_types import fields_of
 from estimator_pkg.ros.message_class import message_types, packages_with_messages
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
-POSE, ODOMETRY = 'geometry_msgs/msg/PoseStamped', 'nav_msgs/msg/Odometry'
+POSE = 'geometry_msgs/msg/PoseStamped'
 LIST = 'std_msgs/msg/Float32MultiArray'
 FLOAT = 'std_msgs/msg/Float64'
 BEGIN, MS = 10**18, 1_000_000
@@ -54,19 +54,6 @@ def pose(stamp_ns, yaw, frame_id='world'):
     return bytes(STORE.serialize_cdr(message, POSE))
 
 
-def odometry(stamp_ns, yaw, frame_id='odom'):
-    zero = T['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.0)
-    message = T[ODOMETRY](
-        header=header(stamp_ns, frame_id),
-        child_frame_id='base_link',
-        pose=T['geometry_msgs/msg/PoseWithCovariance'](pose=pose_at(yaw), covariance=np.zeros(36)),
-        twist=T['geometry_msgs/msg/TwistWithCovariance'](
-            twist=T['geometry_msgs/msg/Twist'](linear=zero, angular=zero), covariance=np.zeros(36)
-        ),
-    )
-    return bytes(STORE.serialize_cdr(message, ODOMETRY))
-
-
 def numbers(values):
     layout = T['std_msgs/msg/MultiArrayLayout'](dim=[], data_offset=0)
     message = T[LIST](layout=layout, data=np.array(values, np.float32))
@@ -86,7 +73,6 @@ def faulty(make):
 
 CASES = {
     'mocap': (POSE, 'pose.orientation.yaw', list(faulty(pose))),
-    'wheel': (ODOMETRY, 'pose.pose.orientation.yaw', list(faulty(odometry))),
     'list': (LIST, 'data[2]', [numbers([7.0, 8.0, 0.001 * k, 9.0]) for k in range(200)]),
 }
 
@@ -332,13 +318,3 @@ def test_a_wrong_type_or_field_ends_the_start(values, reported, probe):
     with pytest.raises(UsageError) as caught:
         ObserverNode('angle', parameter_overrides=ros_values({'input': 'field', **values}))
     assert reported in str(caught.value) and '\n' not in str(caught.value)
-
-
-def test_a_wrong_start_is_one_line(tmp_path):
-    words = dds.ros_args('input:=field', f'field_type:={POSE}', 'field:=pose.orientaton.yaw')
-    with dds.NodeProcess(MODULE, *words) as process:
-        assert process.ends() == 2
-    assert process.output == (
-        "joint_observer: geometry_msgs/msg/Pose has no field 'orientaton': did you mean "
-        "'orientation'?"
-    )

@@ -75,14 +75,12 @@ NODE = """
         sys.exit(twin_observer())
 """
 FILES = {
-    'mine.py': OBSERVER,
     'twin.py': OBSERVER.replace("name='mine'", "name='twin', kind='two_encoders'"),
     'twin_stream.py': FAMILY,
     'twin_node.py': NODE,
 }
 ENTRY_POINTS = """
     [velocity_estimator.observers]
-    mine = mine:OBSERVER
     twin = twin:OBSERVER
     [velocity_estimator.streams]
     two_encoders = twin_stream:TwinStream
@@ -97,14 +95,7 @@ def foreign(tmp_path, monkeypatch):
     return folder
 
 
-@pytest.mark.parametrize(
-    'module, node, words',
-    [
-        ('estimator_pkg.nodes.executables joint_observer', 'joint_observer', ['observer:=mine']),
-        ('twin_node', 'twin_observer', ['offset:=0.5']),
-    ],
-)
-def test_live_is_replay(module, node, words, foreign, probe, tmp_path):
+def test_live_is_replay(foreign, probe, tmp_path):
     encode = Encoder().encode
     angles = 3.0 * np.sin(0.004 * np.arange(500))
     raws = [
@@ -115,18 +106,17 @@ def test_live_is_replay(module, node, words, foreign, probe, tmp_path):
         writer.add_topic('/joint_states', TYPE)
         for k, raw in enumerate(raws):
             writer.write('/joint_states', 10**15 + k * 10**6, raw)
-    observer = 'twin' if module == 'twin_node' else 'mine'
-    command = ['replay', tmp_path / 'bag', '--observer', observer, '--out', tmp_path / 'out']
-    command += ['--set', 'offset=0.5'] if observer == 'twin' else []
+    command = ['replay', tmp_path / 'bag', '--observer', 'twin', '--set', 'offset=0.5']
+    command += ['--out', tmp_path / 'out']
     script = 'import sys; from estimator_pkg.cli import main; sys.exit(main())'
     subprocess.run([sys.executable, '-c', script, *command], check=True, env=os.environ.copy())
     with open_bag(tmp_path / 'out') as bag:
         topics = [name for name in bag.topics if name.endswith('/estimate')]
         replayed = [bytes(message.raw) for message in bag.messages(topics)]
-    remap = [f'joint_states:=/{node}_foreign']
+    words = dds.ros_args('offset:=0.5', remap=['joint_states:=/foreign'])
     with (
-        dds.NodeProcess(module, *dds.ros_args(*words, remap=remap)),
-        dds.Observer(probe, f'/{node}', f'/{node}_foreign') as live,
+        dds.NodeProcess('twin_node', *words),
+        dds.Observer(probe, '/twin_observer', '/foreign') as live,
     ):
         live.connect().feed(raws)
         assert live.raw_answers == replayed

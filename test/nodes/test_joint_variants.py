@@ -3,7 +3,6 @@
 
 """joint_observer with other inputs, QoS and clocks; its start and its end."""
 
-import math
 import os
 import re
 import signal
@@ -14,16 +13,13 @@ import time
 from pathlib import Path
 
 import dds
-import numpy as np
 import nursery
 import pytest
-from answers import estimated, valid
+from answers import estimated
 from test_joint import BEGIN, MODULE, MS, turning
 
 from estimator_pkg import observers
 from estimator_pkg.circle import Circle
-from estimator_pkg.driver.bank import Bank
-from estimator_pkg.driver.configuration import Configuration
 
 CONFIG = Path(__file__).parents[2] / 'config/joint_observer.yaml'
 
@@ -39,14 +35,6 @@ def launch(name, *parameters):
 def processes():
     """All variants, started together."""
     parameter_sets = {
-        'counts': [
-            'input:=angle',
-            'angle_type:=Int32',
-            'counts_per_revolution:=4096',
-            'angle_sign:=-1',
-            'angle_offset:=0.5',
-            'angle_joint:=wheel',
-        ],
         'misspelt': [
             'qos_overrides./misspelt/joint_states.subscription.reliability:=reliable',
             'qos_overrides./mispelt/joint_states.subscription.depth:=9',
@@ -79,45 +67,6 @@ def observe(probe):
     yield observe
     for observer in made:
         observer.__exit__()
-
-
-def test_raw_counts_without_a_stamp(processes, observe, probe):
-    from std_msgs.msg import Int32
-    from std_srvs.srv import Trigger
-
-    live = observe('counts')
-    assert probe.call(Trigger, '/counts/counts/reset', Trigger.Request()).success
-    publisher = probe.node.create_publisher(Int32, '/counts/angle', 50)
-    try:
-        probe.until(publisher.get_subscription_count)
-        probe.until(lambda: all(each.get_publisher_count() for each in live._subscriptions))
-        probe.spin(0.3)
-        before = time.time_ns()
-        for i in range(60):
-            publisher.publish(Int32(data=10 * i % 4096))
-            probe.spin(0.01)
-        probe.until(lambda: len(live.answers) == 60)
-    finally:
-        probe.node.destroy_publisher(publisher)
-    stamps = [answer.stamp_ns for answer in live.answers]
-    assert before <= stamps[0] and stamps[-1] <= time.time_ns()  # the publisher's time
-    assert stamps == sorted(set(stamps))
-    bank = Bank(
-        Configuration(observers.find(observers.DEFAULT), {'quantum': 2.0 * math.pi / 4096})
-    )  # as the counts imply
-    for i, answer in enumerate(live.answers):
-        angle = -2.0 * math.pi / 4096 * (10 * i % 4096) + 0.5
-        expected = valid(bank.update(answer.stamp_ns, ['wheel'], [angle]))
-        assert answer.names == ('wheel',)
-        if expected:
-            assert (*answer.positions, *answer.velocities) == expected[0][1][:2]
-        else:
-            assert answer.positions == (angle,) and math.isnan(answer.velocities[0])
-    steps = 1e-9 * np.diff(stamps[-30:])  # of 10 counts each, as late as this process was
-    speeds = 10 * 2.0 * math.pi / 4096 / steps  # each the mean over a step
-    accelerations = np.diff(speeds) / (0.5 * (steps[1:] + steps[:-1]))
-    beyond = 0.5 * max(abs(accelerations)) * max(steps)  # from the middle of a step to its end
-    assert min(speeds) - beyond <= -answer.velocities[0] <= max(speeds) + beyond
 
 
 def test_incompatible_qos_and_misspelt_names_are_reported(processes, observe, probe):
@@ -246,36 +195,6 @@ def test_a_simulated_clock_that_rests_and_jumps_back(processes, observe, probe):
         assert 50 * 1000 * MS <= header <= 51 * 1000 * MS  # in simulated time
     finally:
         probe.node.destroy_publisher(clock)
-
-
-def test_what_is_lost_is_known(processes, observe):
-    live = observe('sim', sim_time=True).connect()
-    names = [f'joint_{i}' for i in range(100)]
-
-    def message(i):
-        return live.encode(BEGIN + i * MS, names, [0.001 * i] * 100)
-
-    burst = [message(i) for i in range(1, 2000)]
-    calm = live.next_report()['/sim/sim']['lost_by_dds']  # not 0 at a second try
-    live.feed([message(0)])
-    live.next_report()
-    before = live.next_report()['/sim/sim']
-    for raw in burst:  # far faster than any node takes them, and more than the queue holds
-        live.publisher.publish(raw)
-    sent = len(burst)
-
-    def counted(key):
-        return int(dds.value(live.diagnostics['/sim/sim'], key)) - int(before[key])
-
-    while live.answers[-1].stamp_ns <= BEGIN + len(burst) * MS:
-        sent += 1  # what was lost at the end shows with the next message, unless that is lost, too
-        live.publisher.publish(message(sent))
-        live.probe.spin(0.1)
-    live.next_report()
-    live.next_report()
-    assert counted('messages_received') + counted('lost_by_dds') == sent
-    assert counted('lost_by_dds') > 0
-    assert before['lost_by_dds'] == calm
 
 
 def test_the_class_in_an_executor_of_ones_own(probe):

@@ -105,30 +105,3 @@ def test_skip_sends_nothing_until_every_joint_has_an_estimate(probe):
             probe.until(lambda: stamp_of(stranger.found[-1]) == BEGIN + 400 * MS)
         assert math.isnan(stranger.found[-1].velocity[1])
         assert process.alive
-
-
-def test_names_beyond_the_most_and_a_word_that_ros_reads_as_a_number(probe):
-    """They keep their place, as measured; ROS makes a number of ``nan`` on the command line."""
-    words = dds.ros_args(
-        'joints_max:=1', 'no_estimate:=nan', remap=('joint_states:=/driver', '__node:=few')
-    )
-    with dds.NodeProcess(MODULE, *words), Stranger(probe, '/few/estimate') as stranger:
-        messages = driver(200)
-        stranger.publish(messages)
-        probe.until(lambda: len(stranger.found) == 200)
-        last = stranger.found[-1]
-    assert list(last.name) == NAMES
-    assert last.velocity[0] == pytest.approx(1.0, rel=1e-3)
-    assert all(map(math.isnan, last.velocity[1:]))
-    assert list(last.position)[1:] == messages[-1][0][1:]
-
-
-def test_selected_joints_keep_the_order_of_the_message(probe):
-    words = dds.ros_args(
-        "joints:=['tool', 'slide']", remap=('joint_states:=/driver', '__node:=chosen')
-    )
-    with dds.NodeProcess(MODULE, *words), Stranger(probe, '/chosen/estimate') as stranger:
-        stranger.publish(driver(50))
-        probe.until(lambda: len(stranger.found) == 50)
-        assert all(list(each.name) == ['slide', 'tool'] for each in stranger.found)
-        assert [list(each.effort) for each in stranger.found] == [[1.0 + k, 0.5] for k in range(50)]

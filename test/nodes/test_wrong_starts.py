@@ -112,26 +112,13 @@ def test_a_wrong_start_is_one_line(node, values, reported, probe):
 
 
 def test_executables_print_it_and_end():
-    children = [
-        subprocess.Popen(
-            [
-                sys.executable,
-                '-m',
-                'estimator_pkg.nodes.executables',
-                f'{node}_observer',
-                '--ros-args',
-                '-p',
-                given,
-            ],
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
-        for node, given in EXECUTABLES
+    module = 'estimator_pkg.nodes.executables'
+    runs = [
+        nursery.Run(module, f'{node}_observer', *dds.ros_args(given)) for node, given in EXECUTABLES
     ]
-    for child, (_, given) in zip(children, EXECUTABLES):
-        output, error = child.communicate(timeout=3.0 * dds.PATIENCE)
-        assert child.returncode == 2, error
+    for run, (_, given) in zip(runs, EXECUTABLES):
+        code, output, error = run.done()
+        assert code == 2, error
         assert given.split(':=')[0] in error and len(error.splitlines()) == 1 and output == ''
 
 

@@ -69,7 +69,7 @@ def test_no_admitted_gains_break_an_observer_on_any_stream(name):
 
 @pytest.mark.long
 @pytest.mark.parametrize('model', ['constant_velocity', 'constant_acceleration'])
-@pytest.mark.parametrize('bandwidth_hz', [60.0, 300.0, 1e5])
+@pytest.mark.parametrize('bandwidth_hz', [60.0, pytest.param(300.0, marks=pytest.mark.slow), 1e5])
 def test_kalman_beyond_nyquist_has_its_deviation_from_the_first_samples_on(model, bandwidth_hz):
     """Against noise alone, 2000 starts. The gains of the third sample, if they stayed, would make
     the observer unstable.

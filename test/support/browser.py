@@ -52,11 +52,16 @@ def until(driver, script, *arguments):
     raise AssertionError(f'never true: {script}')
 
 
+def prefer(driver, scheme):
+    """Prefer 'light' or 'dark' colours."""
+    feature = {'name': 'prefers-color-scheme', 'value': scheme}
+    driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
+
+
 def on_screen(driver, page, width, scheme='light'):
     """Show a page of ours in a window of this width, until its plots are drawn."""
     driver.get_log('performance')
-    feature = {'name': 'prefers-color-scheme', 'value': scheme}
-    driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
+    prefer(driver, scheme)
     driver.execute_cdp_cmd(
         'Emulation.setDeviceMetricsOverride',
         {'width': width, 'height': 900, 'deviceScaleFactor': 1, 'mobile': width < 500},

@@ -304,6 +304,7 @@ def test_without_truth_the_smoother_is_the_reference(tmp_path, capsys):
     assert "the off-line smoother's own error is" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_joint_that_moves_too_little_is_not_ranked(tmp_path, capsys):
     stamps = stamps_of(4.0, 100.0)
     bag = write_bag(

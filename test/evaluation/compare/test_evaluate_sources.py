@@ -6,6 +6,8 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from estimator_pkg.cli import main
 from estimator_pkg.params_file import load
 
@@ -46,6 +48,7 @@ def test_a_source_that_is_not_in_the_bag_or_misspelt_is_named(capsys):
     assert "did you mean 'source.gyro.ratio'?" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_tune_writes_the_parameters_of_the_source(tmp_path):
     out = tmp_path / 'tuned.yaml'
     words = ('--observer', 'edge_adaptive', *GYRO, '--trials', '2', '--out', str(out))

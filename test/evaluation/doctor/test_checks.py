@@ -219,13 +219,6 @@ def test_true_stamps_of_irregular_readings_do_not_lie():
     assert look(stamps, arrival, angle)['lying stamps'].level == PASS
 
 
-def test_the_wrap_period_is_found():
-    plant, *_ = FAULTS['behind a gear of 1 to 2']
-    found = look(*plant(*clean()))['wrap']
-    assert found.numbers['wrap_period'] == pytest.approx(math.pi, rel=0.01)
-    assert 'degrees' in look(*read(np.degrees)(*clean()))['wrap'].remedy
-
-
 @pytest.mark.parametrize('digit', (0.001, 0.0001, 0.01, 0.0005, 0.0015, 0.002, 0.005))
 def test_radians_that_a_driver_rounds_to_decimals_are_not_degrees(digit):
     stamps, arrival, angle = clean(count=0.0)
@@ -233,15 +226,6 @@ def test_radians_that_a_driver_rounds_to_decimals_are_not_degrees(digit):
     assert found['resolution'].numbers['quantum'] == pytest.approx(digit, rel=1e-3)
     assert found['wrap'].level == PASS
     assert found['resolution'].numbers['counts_per_turn'] == pytest.approx(TURN / digit, rel=1e-3)
-
-
-@pytest.mark.parametrize('part', (1.0, 0.1), ids=('wraps', 'does not wrap'))
-@pytest.mark.parametrize('counts', (4096, 1000, 3600, 20000))
-def test_an_encoder_in_degrees_is_found(counts, part):
-    stamps, arrival, angle = clean(count=0.0, wrapped=part == 1.0)
-    count = 360.0 / counts
-    found = look(stamps, arrival, np.round(np.degrees(part * angle) / count) * count)
-    assert 'degrees' in found['wrap'].remedy
 
 
 def test_few_readings_are_one_finding():

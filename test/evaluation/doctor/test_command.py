@@ -184,17 +184,15 @@ def wrong(kind, t):
     turned = (angle + math.pi) % (2.0 * math.pi) - math.pi
     if kind == 'degrees':
         return 0.0, math.degrees(turned)
-    if kind == 'flips':
-        return 0.0, math.sin(2.0 * t) + (2.0 if t % 2.0 > 1.0 else 0.0)
     late = round(250.0 * t) % 3 == 0
     return (-0.02 if late and t > 0.1 else 0.0), turned
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'kind, named',
     [
         ('degrees', 'the angle is in degrees: publish radians'),
-        ('flips', '9 jumps that no joint can make'),
         ('unordered', 'publish in the order of the stamps'),
     ],
 )

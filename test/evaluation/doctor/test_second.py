@@ -93,6 +93,7 @@ def test_a_velocity_in_the_messages_is_a_second_sensor_of_its_joint(arm, tmp_pat
     assert 'wrist: source' not in output
 
 
+@pytest.mark.long
 def test_sensors_that_do_not_agree_are_named(arm, tmp_path, capsys):
     turned, _, speed, other = arm
     nothing = np.full(turned.shape, np.nan)
@@ -110,6 +111,7 @@ def test_sensors_that_do_not_agree_are_named(arm, tmp_path, capsys):
     assert 'Use the second sensor' not in capsys.readouterr().out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('gear', [True, False])
 def test_another_joint_of_the_messages_is_a_sensor_only_if_geared_to_it(gear, arm, tmp_path):
     """Joints of an arm move together, too: their positions are correlated by more than 0.9."""

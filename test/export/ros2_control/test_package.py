@@ -121,6 +121,7 @@ def updates(periods, *positions, begin=0):
     ]
 
 
+@pytest.mark.long
 @needs_compiler
 @pytest.mark.parametrize('observer', ['edge_adaptive', 'kalman', 'hybrid_angle'])
 @pytest.mark.parametrize('jitter', [0.0, 0.4])
@@ -135,6 +136,7 @@ def test_the_estimates_are_those_of_replay(compiled, observer, jitter):
     np.testing.assert_array_equal(found[used, :6], expected[used])
 
 
+@pytest.mark.long
 @needs_compiler
 def test_float32_is_near_replay(compiled):
     program, setup = compiled('edge_adaptive', float32=True)
@@ -144,6 +146,7 @@ def test_float32_is_near_replay(compiled):
     assert 0.0 < np.sqrt(np.mean(errors**2)) < 1e-2
 
 
+@pytest.mark.long
 @needs_compiler
 def test_each_joint_has_its_own_gains(compiled):
     program, setup = compiled('edge_adaptive', wrist=0.0)
@@ -300,6 +303,7 @@ def test_bad_input_is_one_line_and_writes_nothing(words, line, tmp_path, capsys)
     assert not out.exists()
 
 
+@pytest.mark.long
 def test_the_command_writes_a_package_once(tmp_path, capsys):
     params = tmp_path / 'joint_observer.yaml'
     params.write_text(
@@ -321,6 +325,7 @@ def test_the_command_writes_a_package_once(tmp_path, capsys):
     assert 'exists: name another folder, or remove it' in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_joints_whose_names_differ_in_signs_alone_get_a_header_each():
     own = {'a-b': {'wrap_period': 1.0}, 'a_b': {'wrap_period': 2.0}, 'A.b': {'wrap_period': 3.0}}
     files = package(NAME, configured('kalman', own), list(own))

@@ -170,7 +170,15 @@ def test_a_stream_that_repeats_its_readings_is_not_slowed(variant, known, repeat
     assert np.nanmean(out.velocity[settled]) == pytest.approx(unbounded, rel=0.02)
 
 
-@each_variant
+@pytest.mark.long
+@pytest.mark.parametrize(
+    'variant',
+    [
+        pytest.param(each, marks=pytest.mark.slow if number % 4 else ())
+        for number, each in enumerate(tunable_variants())
+    ],
+    ids=label,
+)
 def test_it_acts_on_the_output_and_never_on_the_state(variant):
     measured = read(1.0 + np.cumsum(stop_and_go()) * DT)
     held, free = (with_gains(slow(variant), low_speed_bound=on) for on in (True, False))
