@@ -16,18 +16,11 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, Deviation, Estimate
 from estimator_pkg.record import record
 from estimator_pkg.sensor.calibration import BROKEN, Calibration, begin_calibration, calibrate
-from estimator_pkg.sensor.clock import (
-    QUEUE_EVIDENCE,
-    QUEUED,
-    RATE_WEIGHT,
-    Clock,
-    follow_outage,
-    judge_stamp,
-    was_queued,
-)
+from estimator_pkg.sensor.clock import RATE_WEIGHT, Clock, follow_outage, judge_stamp
 from estimator_pkg.sensor.faults import (
     EncoderFaults,
     begin_faults,
@@ -52,6 +45,7 @@ from estimator_pkg.sensor.guard import (
     Limits,
 )
 from estimator_pkg.sensor.repeats import Repeats, is_repeated
+from estimator_pkg.sensor.sample_time import SampleTime, begin_sample_time, sample_time
 from estimator_pkg.sensor.turns import Turns, follow_turns, is_news
 
 
@@ -60,6 +54,7 @@ class Track:
     """What is known of one joint: of its clock, its readings, its motion."""
 
     clock: Clock
+    sample_time: SampleTime
     reading: float  # the newest reading, of a single angle [rad or m]
     earlier: float  # the reading before it
     repeats: Repeats
@@ -103,7 +98,7 @@ def use_frame(channel: Any, frame: Any) -> None:
     """Go on with a circle, or without; the next sample computes the coefficients anew."""
     channel.design.take(frame.design)
     channel.limits.longest_dt, channel.limits.period = frame.longest_dt, frame.period
-    channel.track.clock.dt_ns = 0
+    channel.track.clock.dt = 0.0
 
 
 def reset_channel(observer: Any, channel: Channel) -> None:
@@ -117,7 +112,9 @@ def reset_track(observer: Any, track: Any, design: Any) -> None:
     """Set everything before the first sample but the observer's state."""
     blank = Clock()
     track.clock.take(blank)
-    track.clock.queue = QUEUE_EVIDENCE
+    unknown = SampleTime()
+    track.sample_time.take(unknown)
+    begin_sample_time(track.sample_time)
     track.reading = track.earlier = 0.0
     no_pattern = Repeats()
     track.repeats.take(no_pattern)
@@ -180,12 +177,12 @@ def advance(
             clock.late_in_a_row += 1
         return verdict
     if verdict == USED_SAMPLE or verdict == AFTER_STRAY_STAMP:
-        before_ns = clock.dt_ns
+        before_ns, before_dt = clock.dt_ns, clock.dt
         verdict, passed = follow_time(
             observer, track, design, limits, stamp_ns, measurement, verdict
         )
-        if clock.dt_ns != before_ns:
-            observer.prepare(track.coefficients, design, clock.dt_ns * 1e-9)
+        if clock.dt != before_dt:
+            observer.prepare(track.coefficients, design, clock.dt)
         if (
             verdict == USED_SAMPLE
             and passed <= limits.longest_dt
@@ -244,6 +241,9 @@ def check_repeat(
     clock.late_in_a_row = 0
     if not recognised:  # the state learnt from such a sensor is wrong
         observer.restart(observer, track.state, track.coefficients, design, measurement)
+        unknown = SampleTime()
+        track.sample_time.take(unknown)
+        begin_sample_time(track.sample_time)
         track.calibration.due_ns = BROKEN
     return REPEATED_READING
 
@@ -259,8 +259,7 @@ def follow_time(
 ) -> tuple[int, float]:
     """Follow the sample time; return (verdict, time since the last sample [s]).
 
-    The verdict becomes AFTER_OUTAGE where the mean sample time came from a gap. A sample that
-    waited in a queue is taken as one after the mean time.
+    The verdict becomes AFTER_OUTAGE where the mean sample time came from a gap.
     """
     clock = track.clock
     before_dt_ns, last_ns, before_ns = clock.dt_ns, clock.last_ns, clock.before_ns
@@ -283,19 +282,15 @@ def follow_time(
     elif before_ns != 0 and before_dt_ns == last_ns - before_ns:
         clock.mean_dt = passed  # the mean came from a gap
         verdict = AFTER_OUTAGE
+    elif before_ns != 0 and SLOW_STREAM * 1e-9 * before_dt_ns < clock.mean_dt:
+        clock.mean_dt = passed  # the mean came from two gaps
     else:
-        waits = False
-        if observer.SINGLE_ANGLE:
-            if passed < QUEUED * clock.mean_dt:
-                waits = was_queued(observer, track, design, measurement, passed, limits.period)
-        if waits:  # it is taken as a sample after the mean time
-            clock.dt_ns = round(1e9 * clock.mean_dt)
-            clock.mean_dt += RATE_WEIGHT * (passed - clock.mean_dt)
-            passed = clock.mean_dt
-        elif before_ns != 0 and SLOW_STREAM * 1e-9 * before_dt_ns < clock.mean_dt:
-            clock.mean_dt = passed  # the mean came from two gaps
-        else:
-            clock.mean_dt += RATE_WEIGHT * (passed - clock.mean_dt)
+        clock.mean_dt += RATE_WEIGHT * (passed - clock.mean_dt)
+    if observer.SINGLE_ANGLE:
+        passed = sample_time(
+            track.sample_time, passed, wrap(measurement - track.reading, limits.period)
+        )
+    clock.dt = passed
     return verdict, passed
 
 
@@ -315,6 +310,7 @@ def start_at(
     clock.late_in_a_row = 0
     if observer.SINGLE_ANGLE:
         track.reading = track.earlier = measurement
+        begin_sample_time(track.sample_time)
         track.calibration.due_ns = BROKEN
 
 
@@ -324,10 +320,10 @@ def resume_after_gap(
     """Go on after a gap; the coefficients are those of its length."""
     clock = track.clock
     gap_ns = stamp_ns - clock.last_ns if verdict == AFTER_GAP else clock.dt_ns
-    if observer.EDGES and clock.dt_ns > 0:  # it takes the line through the gap
+    if observer.EDGES and clock.dt > 0.0:  # it takes the line through the gap
         observer.prepare(track.coefficients, design, gap_ns * 1e-9)
         observer.resume(observer, track.state, track.coefficients, design, measurement)
-        observer.prepare(track.coefficients, design, clock.dt_ns * 1e-9)
+        observer.prepare(track.coefficients, design, clock.dt)
     else:
         observer.resume(observer, track.state, track.coefficients, design, measurement)
 

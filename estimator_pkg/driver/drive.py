@@ -122,7 +122,7 @@ class DriveJoint(Joint):
         with self._changing() as channel:
             channel.design.take(design)
             channel.limits.take(limits(self.settings, self.longest_dt))
-            channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
+            channel.track.clock.dt = 0.0  # the next sample computes the coefficients anew
         self._tighten()
 
     def _reset_channel(self) -> None:

@@ -27,10 +27,10 @@ from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.record import values
-from estimator_pkg.sensor.clock import note_on_queue
 from estimator_pkg.sensor.faults import KINDS, LASTING, LASTING_NS, note_on_faults, text_of
 from estimator_pkg.sensor.guard import DUPLICATE, limits, longest_dt
 from estimator_pkg.sensor.repeats import note_on_repeats
+from estimator_pkg.sensor.sample_time import note_on_stamps
 from estimator_pkg.sensor.turns import begin_turns
 
 TYPICAL_DT = 1e-3  # [s]
@@ -362,7 +362,9 @@ class Joint(Counted):
             note = self.module.why(channel.track.state, channel.design)
         if not note and self.settings.unwrap and self.new_starts() > self._new_starts:
             note = LOST_TURNS
-        return note or note_on_queue(clock.queue)
+        if not note and self._shows_faults:
+            note = note_on_stamps(channel.track.sample_time)
+        return note
 
     @property
     def _shows_faults(self) -> bool:

@@ -114,7 +114,7 @@ class Mechanism(Joint):
         with self._changing() as channel:
             channel.design.take(self.plan.design)
             channel.limits.take(limits(self.settings, self.longest_dt))
-            channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
+            channel.track.clock.dt = 0.0  # the next sample computes the coefficients anew
 
     def _reset_channel(self) -> None:
         with self._changing() as channel:

@@ -77,7 +77,7 @@ class SwitchedJoint(Joint):
         design = self.module.design(self.gains, Circle(settings.wrap_period, settings.unwrap))
         channel.design.take(design)
         channel.limits.take(limits(settings, self.longest_dt))
-        channel.track.clock.dt_ns = 0  # the next sample computes the coefficients anew
+        channel.track.clock.dt = 0.0  # the next sample computes the coefficients anew
 
     def _reset_channel(self) -> None:
         self._use_gains()  # the settings may be others

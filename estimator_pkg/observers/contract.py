@@ -44,7 +44,6 @@ FUNCTIONS = {
     'restart': '(observer, state, coefficients, design, measurement): start again after an outage '
     'or a jump of the clock; what does not depend on the motion stays',
     'is_reading': '(measurement) -> False: the guard drops and counts the sample',
-    'lateness': '(state) -> by how much the last stamp is taken to be wrong [s]; 0: it is believed',
 }
 # Ordinary Python:
 METHODS = {
@@ -56,7 +55,7 @@ METHODS = {
     'why': '(state, design) -> the reason for the status, as text for users, or an empty text',
 }
 # An observer of a mechanism has `plan`, (gains, circle) -> `core.Plan`, in place of these:
-PLANNED = ('design', 'deviation', 'lateness')
+PLANNED = ('design', 'deviation')
 CONSTANTS = {
     'SINGLE_ANGLE': 'a sample is one angle alone, so that the driver can compare it with others',
     'EDGES': 'it takes a changed count as the time at which an edge was crossed',
@@ -64,11 +63,6 @@ CONSTANTS = {
     'state fits both, and it needs no circle to tell an outlier',
     'DRIVEN': 'a known input acts between two samples: none may be dropped or taken later',
 }
-
-
-def never_late(state: Any) -> float:
-    """Return 0 [s]: every stamp is believed."""
-    return 0.0
 
 
 def no_limit(design: Any, dt: float) -> str | None:

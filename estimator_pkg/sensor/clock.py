@@ -1,23 +1,13 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The clock of one joint: the sample time, and samples that waited in a queue.
+"""The stamps of one joint: their order, their gaps, the mean sample time.
 
 Stamps stay int64 nanoseconds until two are subtracted.
-
-A receiver that pauses stamps the samples of the pause when it goes on, some 0.1 ms apart. Each of
-them moved as in a sample time, so that its stamp shows a speed a hundred times too large. Where
-sampling is truly irregular, some samples come as soon after another, and moved as little. So the
-stamps are believed where they explain the readings better than the mean sample time does, the more
-readily the more often they did before (docs/stamps_and_quantisation.md).
 """
 
 from __future__ import annotations
 
-from typing import Any
-
-from estimator_pkg.circle import wrap
-from estimator_pkg.estimate import Estimate
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import (
     AFTER_CLOCK_JUMP,
@@ -35,11 +25,6 @@ from estimator_pkg.sensor.guard import (
 )
 
 RATE_WEIGHT = 0.02  # weight of the newest sample time in the mean
-QUEUED = 0.1  # mean sample times: a sample that comes sooner may have waited in a queue
-QUEUE_ODDS = 16.0  # times that its stamp may explain its reading better if all before it had waited
-VOTES = 16.0  # samples over which the evidence is averaged
-QUEUE_EVIDENCE = 0.25  # at a start
-IN_BURSTS = 0.5  # evidence that the status reports
 
 
 @record
@@ -50,9 +35,9 @@ class Clock:
     last_ns: int  # the last stamp
     before_ns: int  # the stamp before it, after a gap or an implausible first sample time; else 0
     late_in_a_row: int  # late stamps in a row
-    dt_ns: int  # the last sample time
+    dt_ns: int  # between the last two stamps
+    dt: float  # the time that the observer took for it [s], see `sensor.sample_time`
     mean_dt: float  # the mean sample time [s]; 0: not known yet
-    queue: float  # evidence that samples which come at once waited in a queue, from 0 to 1
 
 
 def judge_stamp(clock: Clock, limits: Limits, stamp_ns: int) -> int:
@@ -78,30 +63,6 @@ def judge_stamp(clock: Clock, limits: Limits, stamp_ns: int) -> int:
     return LATE_STAMP
 
 
-def was_queued(
-    observer: Any, track: Any, design: Any, measurement: float, passed: float, period: float
-) -> bool:
-    """Return True if the reading moved as in a mean sample time, and note what it shows.
-
-    Parameters
-    ----------
-    measurement : the newest reading [rad]. passed : time between its stamp and the last [s].
-    period : wrap period [rad]; 0: none.
-    """
-    clock, reading = track.clock, track.reading
-    if measurement == reading or observer.lateness(track.state) != 0.0:
-        return False
-    before = Estimate()
-    observer.estimate(observer, before, track.state, track.coefficients, design, reading, 0.0)
-    moved = wrap(measurement - reading, period)
-    at_stamps = abs(moved - before.velocity * passed)
-    evenly = abs(moved - before.velocity * clock.mean_dt)
-    waited = evenly <= QUEUE_ODDS * clock.queue * clock.queue * at_stamps
-    vote = 1.0 if evenly < at_stamps else 0.0
-    clock.queue += (vote - clock.queue) / VOTES
-    return waited
-
-
 def follow_outage(clock: Clock, stamp_ns: int) -> None:
     """Follow the sample time over a gap or an outage before the sample at `stamp_ns`.
 
@@ -113,13 +74,3 @@ def follow_outage(clock: Clock, stamp_ns: int) -> None:
         if shorter > clock.mean_dt:
             clock.mean_dt = shorter
     clock.before_ns = clock.last_ns
-
-
-def note_on_queue(queue: float) -> str:
-    """Return a note for the status on samples that wait in a queue; '' if they do not."""
-    if queue <= IN_BURSTS:
-        return ''
-    return (
-        'stamps come in bursts: samples that waited in a queue are taken at the mean '
-        'sample time (stamp them where they are measured, or see stamp_repair)'
-    )

@@ -15,15 +15,11 @@ shaft moves on, and such a reading is none. The next one shows whether the senso
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from estimator_pkg.record import record
-from estimator_pkg.sensor.noise import NOISE_SAMPLES, SIGMAS, Sensor
+from estimator_pkg.sensor.noise import NOISE_SAMPLES, SIGMAS
 
-LEAST_ODD = 0.1  # of the mean sample time: what differs by less is never odd
-ODD = 4.0  # mean deviations: a sample time that differs by more is odd
-WRONG_STAMP_RATIO = 0.25  # of an innovation: a mean sample time that leaves less: a wrong stamp
 EVEN_SAMPLING = 0.5  # mean deviation: with a larger one no sample time is known to be the usual one
 STOPS = 4.0  # samples: a shaft that is about to stop within them may have stopped
 REPEAT_EVIDENCE = 0.25  # what one repeat adds to the evidence of another clock, from 0 to 1
@@ -35,19 +31,14 @@ EVIDENCE_MEMORY = 8.0 * NOISE_SAMPLES  # samples in which evidence of another cl
 class Sampling:
     """What is known of the stamps, and of the sensor's own clock."""
 
-    lateness: float  # by how much the last stamp was late [s]
-    uneven: float  # mean deviation of the sample times, over their mean
     repeat_duration: float  # time since the reading repeats [s]; 0: it does not
     longest_repeat: float  # the longest such time after which the shaft had moved on [s]
     evidence: float  # that the sensor has another clock, 0 to 1
-    lateness_grew: bool  # the last stamp was even later than the one before
 
 
 def begin_sampling(clock: Sampling) -> None:
     """Set the clock of a start, which has to show that its stream is even."""
-    clock.lateness = clock.repeat_duration = clock.longest_repeat = clock.evidence = 0.0
-    clock.uneven = 1.0
-    clock.lateness_grew = False
+    clock.repeat_duration = clock.longest_repeat = clock.evidence = 0.0
 
 
 def is_repeat(
@@ -89,56 +80,3 @@ def resume_sampling(
         0.0 if clock.evidence < 0.0 else 1.0 if clock.evidence > 1.0 else clock.evidence
     )
     clock.repeat_duration = 0.0
-
-
-def corrected_sample_time(
-    clock: Sampling, dt: float, moved: float, motion: Any, p: Any, sensor: Sensor
-) -> float:
-    """Return the time that passed between two readings [s].
-
-    Parameters
-    ----------
-    dt : sample time by the stamps [s].
-    moved : distance of the reading from the last estimate [rad].
-    motion, p : estimate before this reading, and its covariance.
-    """
-    mean_dt = sensor.mean_sample_time
-    if mean_dt <= 0.0:
-        return dt
-    odd, taken, lateness, grows = dt - mean_dt, dt, clock.lateness, False
-    limit = (ODD * clock.uneven if ODD * clock.uneven > LEAST_ODD else LEAST_ODD) * mean_dt
-    if odd > limit or -odd > limit or lateness != 0.0:
-        # an innovation that is larger is no noise
-        v, a = motion.velocity, motion.acceleration
-        variance = p.p00 + sensor.noise + dt * (2.0 * p.p01 + dt * p.p11)
-        doubtful = sensor.quantum + SIGMAS * math.sqrt(variance)
-        right = dt + lateness
-        least = abs(moved - (v + 0.5 * a * dt) * dt)
-        after = abs(moved - (v + 0.5 * a * right) * right)
-        evenly = abs(moved - (v + 0.5 * a * mean_dt) * mean_dt)
-        lies = evenly < WRONG_STAMP_RATIO * least
-        if lateness == 0.0:
-            if lies and least > doubtful and clock.uneven < EVEN_SAMPLING:
-                taken, lateness = mean_dt, odd
-        elif abs(lateness + odd) < limit and after < doubtful:  # the stamps have caught up
-            taken, lateness = right, 0.0
-        elif not (clock.lateness_grew and lateness + odd > lateness > 0.0) and (
-            lies
-            or (
-                evenly < doubtful and abs(odd) > 0.5 * limit and abs(lateness + odd) < abs(lateness)
-            )
-        ):
-            grows = lateness + odd > lateness > 0.0
-            taken, lateness = mean_dt, lateness + odd  # late still, mostly less
-        else:  # they have caught up, and samples were lost; or the motion did change
-            taken, lateness = right if after < least and right > 0.0 else dt, 0.0
-        if abs(lateness) > NOISE_SAMPLES * mean_dt:  # no stamp: the mean sample time is wrong
-            begin_sampling(clock)
-            return dt
-        odd = taken - mean_dt
-    clock.lateness, clock.lateness_grew = lateness, grows
-    off = abs(odd) / mean_dt
-    clock.uneven += ((off if off < 1.0 else 1.0) - clock.uneven) / NOISE_SAMPLES
-    if ODD * clock.uneven < LEAST_ODD:  # even enough to trust the next stamp, unless it is late
-        clock.uneven = 0.0 if lateness == 0.0 else LEAST_ODD / ODD
-    return taken

@@ -72,7 +72,6 @@ from estimator_pkg.observers.contract import (
     Estimate,
     Observer,
 )
-from estimator_pkg.observers.contract import never_late as lateness  # noqa: F401
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.observers.maths.least_squares import kept
 from estimator_pkg.observers.maths.vectors import add_square, dot, empty, quadratic, transformed

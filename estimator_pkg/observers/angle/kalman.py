@@ -36,7 +36,6 @@ from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions
     deviation,
     estimate,
     is_reading,
-    lateness,
     pace,
     restart,
     resume,

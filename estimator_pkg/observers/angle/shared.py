@@ -36,7 +36,6 @@ from estimator_pkg.observers.angle.starts import linear_pace as pace  # noqa: F4
 from estimator_pkg.parameters import parameter
 from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
-from estimator_pkg.sensor.late_stamps import Timing, follow_sample_time, is_uneven, retake
 from estimator_pkg.sensor.outliers import OUTLIER_GATE, Outliers, believed
 from estimator_pkg.sensor.quantum import FINEST_QUANTUM
 
@@ -140,7 +139,6 @@ class State:
     reading: Reading
     lock: Lock
     start: Start
-    stamps: Timing
     doubt: Outliers
 
 
@@ -179,11 +177,6 @@ def is_reading(measurement: float) -> bool:
     return is_angle(measurement)
 
 
-def lateness(state: Any) -> float:
-    """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
-    return state.stamps.lateness
-
-
 def start(observer: Any, state: Any, design: Any, measurement: float) -> None:
     """Set the state after the first sample [rad]."""
     begin_convention(state.convention, measurement)
@@ -205,10 +198,6 @@ def _begin_but_convention(observer: Any, state: Any, design: Any, measurement: f
     reading.count = 1.0
     unlock(state.lock)
     set_start(state.start, -REST_TIME, measurement, 0.0, 0.0, 0.0, 0.0)
-    stamps = state.stamps
-    stamps.mean_dt = stamps.taken_dt = stamps.lateness = 0.0
-    stamps.before.take(state.core)
-    stamps.other.take(state.core)
     state.doubt.far, state.doubt.off = 0, 0.0
 
 
@@ -227,7 +216,6 @@ def resume(observer: Any, state: Any, coefficients: Any, design: Any, measuremen
     observer.resume_core(state.core, design, measurement)
     follow_convention(state.convention, measurement, period)
     state.reading.change = state.reading.since = 0.0
-    state.stamps.taken_dt = state.stamps.lateness = 0.0
     state.doubt.far = 0
 
 
@@ -240,36 +228,20 @@ def step(
     known_input: float,
 ) -> None:
     """Take one sample [rad]: the core's correction, what it shows of the noise, and the lock."""
-    core, stamps = state.core, state.stamps
-    speed, dt, mean_dt = core.velocity, coefficients.dt, stamps.mean_dt
-    uneven = is_uneven(stamps, dt)
+    core = state.core
+    speed, dt = core.velocity, coefficients.dt
     off = measurement - core.position - speed * dt
-    if off * off > OUTLIER_GATE * state.reading.recent and not uneven and design.shared.restarts:
+    if off * off > OUTLIER_GATE * state.reading.recent and design.shared.restarts:
         taken = believe(state, design.shared, measurement, dt)
         if taken != measurement:
             observer.correct(core, coefficients, design, taken)
             if not is_inside(state.doubt.off, state.reading, design.shared):
-                size = abs(state.doubt.off)
-                relock(observer, state, design, measurement, size, speed, dt, mean_dt)
+                relock(observer, state, design, measurement, abs(state.doubt.off), speed, dt)
             return
     else:
         state.doubt.far = 0
-    if uneven:
-        stamps.before.take(core)
     innovation = observer.correct(core, coefficients, design, measurement)
-    if uneven:
-        power = state.reading.recent if state.lock.status != INITIALISING else math.inf
-        innovation, dt = retake(
-            observer, core, stamps, power, coefficients, design, measurement, innovation
-        )
-    else:
-        follow_sample_time(stamps, dt)
-    if dt == coefficients.dt:
-        learn(observer, state, coefficients, design, measurement, innovation, speed, mean_dt)
-    else:  # its stamp was wrong
-        taken = observer.Coefficients()
-        observer.prepare(taken, design, dt)
-        learn(observer, state, taken, design, measurement, innovation, speed, mean_dt)
+    learn(observer, state, coefficients, design, measurement, innovation, speed)
 
 
 def believe(state: Any, shared: SharedDesign, measurement: float, dt: float) -> float:
@@ -294,14 +266,12 @@ def learn(
     measurement: float,
     innovation: float,
     speed: float,
-    mean_dt: float,
 ) -> None:
     """Learn from a sample and its innovation [rad]: a start, the noise, the lock.
 
     Parameters
     ----------
     speed : the core's before this sample [rad/s].
-    mean_dt : mean sample time before it [s].
     """
     reading, lock, start, dt = state.reading, state.lock, state.start, coefficients.dt
     inside = is_inside(innovation, reading, design.shared)
@@ -340,7 +310,7 @@ def learn(
             reading.power += (square - reading.power) / FRESH
         reading.count = FRESH
     size = 0.0 if inside else abs(innovation)
-    relock(observer, state, design, measurement, size, speed, dt, mean_dt)
+    relock(observer, state, design, measurement, size, speed, dt)
 
 
 def change_reading(
@@ -385,21 +355,14 @@ def unlock(lock: Lock) -> None:
 
 
 def relock(
-    observer: Any,
-    state: Any,
-    design: Any,
-    measurement: float,
-    size: float,
-    speed: float,
-    dt: float,
-    mean_dt: float,
+    observer: Any, state: Any, design: Any, measurement: float, size: float, speed: float, dt: float
 ) -> None:
     """Follow the lock where it is in doubt or not settled yet; a core that is lost begins again.
 
     Parameters
     ----------
     size : of the innovation [rad]. speed : the core's before this sample [rad/s].
-    dt : time since the last sample [s]. mean_dt : mean sample time before it [s].
+    dt : time since the last sample [s].
     """
     core, lock, shared = state.core, state.lock, design.shared
     if lock.status == TRACKING:
@@ -408,7 +371,7 @@ def relock(
     if shared.restarts:
         turn = shared.period if shared.period > 0.0 else math.inf
         leap = abs(core.velocity - lock.trusted)
-        lost = lock.astray > shared.lost_after or leap * mean_dt > turn
+        lost = lock.astray > shared.lost_after or leap * dt > turn
         if lock.status == TRACKING:
             lost = lost or leap * dt > 0.5 * turn
         if lost:
@@ -520,18 +483,6 @@ def deviation(
     observer: Any, out: Deviation, state: Any, coefficients: Any, design: Any, scale: float
 ) -> None:
     """Set one standard deviation of position and velocity, the latter times `scale`."""
-    taken_dt = state.stamps.taken_dt
-    if taken_dt != 0.0:
-        taken = observer.Coefficients()
-        observer.prepare(taken, design, taken_dt)
-        _deviation(observer, out, state, taken, design, scale)
-    else:
-        _deviation(observer, out, state, coefficients, design, scale)
-
-
-def _deviation(
-    observer: Any, out: Deviation, state: Any, coefficients: Any, design: Any, scale: float
-) -> None:
     reading, shared, start = state.reading, design.shared, state.start
     dt, clock = coefficients.dt, start.clock
     of_position, of_velocity, of_innovation = observer.noise_gains(state.core, coefficients, design)

@@ -25,7 +25,6 @@ from estimator_pkg.observers.contract import (
     Estimate,
     Observer,
 )
-from estimator_pkg.observers.contract import never_late as lateness  # noqa: F401
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401  (see `DriveJoint.why`)
 from estimator_pkg.observers.maths.tracking import natural_frequency
 from estimator_pkg.observers.pmsm.drive import (  # noqa: F401  (is_reading: of the observer)

@@ -32,7 +32,6 @@ from estimator_pkg.models.switched import OUR_MODELS
 from estimator_pkg.observers.adaptive.filter import rows, series
 from estimator_pkg.observers.angle.shared import variance_floor
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
-from estimator_pkg.observers.contract import never_late as lateness  # noqa: F401
 from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
 from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
 from estimator_pkg.observers.maths.least_squares import kept

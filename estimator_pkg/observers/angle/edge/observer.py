@@ -167,11 +167,6 @@ def why(state: State, design: Design) -> str:
     return counts.misfit(state.steps, design.quantum)
 
 
-def lateness(state: State) -> float:
-    """Return by how much the last stamp is taken to be wrong [s]; 0: it is believed."""
-    return state.clock.lateness
-
-
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     """Set what follows from dt [s]."""
     square = dt * dt
@@ -256,8 +251,7 @@ def resume(
     starts.set_start_uncertainty(
         state.uncertainty, variance, starts.SETTLES, state.uncertainty.time_since_first_motion, 0.0
     )
-    clock.lateness = clock.repeat_duration = 0.0
-    clock.lateness_grew = False
+    clock.repeat_duration = 0.0
     preference.reset_second_filter(state.second)
 
 
@@ -270,28 +264,11 @@ def step(
     known_input: float,
 ) -> None:
     """Process one reading [rad]: what it is, when it came, what it shows."""
-    reading, dt = state.reading, coefficients.dt
     state.fusion.now = False
-    if not classify_reading(state, design, measurement, dt):
-        predict_through_repeat(state, coefficients, design)
-        return
-    clock, pace, taken = state.clock, state.sensor.mean_sample_time, dt
-    if (
-        clock.uneven > 0.0
-        or dt > (1.0 + sampling.LEAST_ODD) * pace
-        or dt < (1.0 - sampling.LEAST_ODD) * pace
-    ):
-        moved = reading.change + state.convention.last - state.motion.angle
-        taken = sampling.corrected_sample_time(
-            clock, dt, moved, state.motion, state.p, state.sensor
-        )
-    if taken == dt:
+    if classify_reading(state, design, measurement, coefficients.dt):
         process_reading(state, coefficients, design)
-    else:  # the stamp was wrong
-        reading.passed = reading.passed + taken - dt
-        evenly = Coefficients()
-        prepare(evenly, design, taken)
-        process_reading(state, evenly, design)
+    else:
+        predict_through_repeat(state, coefficients, design)
 
 
 def classify_reading(state: State, design: Design, measurement: float, dt: float) -> bool:

@@ -25,7 +25,6 @@ from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions
     deviation,
     estimate,
     is_reading,
-    lateness,
     restart,
     resume,
     set_shared,
