@@ -99,6 +99,7 @@ def use_frame(channel: Any, frame: Any) -> None:
     channel.design.take(frame.design)
     channel.limits.longest_dt, channel.limits.period = frame.longest_dt, frame.period
     channel.track.clock.dt = 0.0
+    begin_sample_time(channel.track.sample_time)
 
 
 def reset_channel(observer: Any, channel: Channel) -> None:

@@ -102,6 +102,11 @@ def sample_time(clock: SampleTime, passed: float, change: float) -> float:
             clock.period = passed
         elif passed < 0.5 * period:
             clock.count = min(clock.count, FEW)
+            clock.early += 1.0
+            if clock.early == LATER_IN_A_ROW:  # it is no hole that was the first
+                period, clock.period = passed, passed
+        else:
+            clock.early = 0.0
         if odd < even and clock.count > FEW:
             clock.count = KNOWN
     clock.phase = clock.mean_phase = 0.0
@@ -117,7 +122,8 @@ def sample_time(clock: SampleTime, passed: float, change: float) -> float:
         correct(clock.by_period, passed, change, clock.changes, period)
     if change != 0.0:
         clock.changes = min(clock.changes + 1.0, MEMORY)
-    return give_back(clock, passed, max(passed, LEAST_TIME * period), 0.0)
+    least = LEAST_TIME * period if clock.count > 2.0 else 0.0
+    return give_back(clock, passed, max(passed, least), 0.0)
 
 
 def give_back(clock: SampleTime, passed: float, taken: float, late: float) -> float:
@@ -212,7 +218,8 @@ def follow_phase(clock: SampleTime, passed: float, number: float) -> float:
     clock.phase = late - shift
     clock.period += 0.25 * weight * shift
     if late < -EARLIEST * period or clock.lost > 0.5:  # it is another period
-        clock.lost = clock.phase = clock.mean_phase = clock.count = 0.0
+        clock.lost = clock.phase = clock.mean_phase = 0.0
+        clock.count = FEW
         clock.odds = min(clock.odds, 0.0)
         clock.locked, clock.even = FEW, False
     return number * period + shift
