@@ -122,7 +122,7 @@ def sample_time(clock: SampleTime, passed: float, change: float) -> float:
         correct(clock.by_period, passed, change, clock.changes, period)
     if change != 0.0:
         clock.changes = min(clock.changes + 1.0, MEMORY)
-    least = LEAST_TIME * period if clock.count > 2.0 else 0.0
+    least = LEAST_TIME * period if clock.count > FEW else 0.0
     return give_back(clock, passed, max(passed, least), 0.0)
 
 
