@@ -219,9 +219,8 @@ def follow_phase(clock: SampleTime, passed: float, number: float) -> float:
     clock.period += 0.25 * weight * shift
     if late < -EARLIEST * period or clock.lost > 0.5:  # it is another period
         clock.lost = clock.phase = clock.mean_phase = 0.0
-        clock.count = FEW
         clock.odds = min(clock.odds, 0.0)
-        clock.locked, clock.even = FEW, False
+        clock.count, clock.locked, clock.even = FEW, FEW, False
     return number * period + shift
 
 
@@ -258,6 +257,11 @@ def correct(
 
 def note_on_stamps(clock: SampleTime) -> str:
     """Return a note for the status on stamps that are wrong; '' if they are right."""
+    if clock.queue > REGULAR:
+        return (
+            'stamps come in bursts: samples that waited in a queue are taken at the mean '
+            'sample time (stamp them where they are measured, or see stamp_repair)'
+        )
     if not clock.even or clock.jitter < SHOWN * clock.period:
         return ''
     return (

@@ -16,7 +16,7 @@ OBSERVER = '''
 
     from estimator_pkg.observers.angle.shared import (  # noqa: F401  (its functions too)
         DRIVEN, EDGES, LAG_2, SINGLE_ANGLE, TURNS, AngleGains, SharedDesign, State, deviation,
-        estimate, is_reading, lateness, pace, restart, resume, set_shared, start, step)
+        estimate, is_reading, pace, restart, resume, set_shared, start, step)
     from estimator_pkg.circle import Circle, wrap
     from estimator_pkg.observers.contract import Observer
     from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401

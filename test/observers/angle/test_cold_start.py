@@ -208,6 +208,6 @@ def test_a_speed_in_doubt_is_lost_a_turn_per_sample_from_the_last_trusted_one(sp
     observer.start(observer, state, design, 0.0)
     state.lock.status, state.lock.astray, state.lock.trusted = COASTING, 0.1, 1.0
     state.core.velocity = speed
-    relock(observer, state, design, 3.0, 1.0, 2.0, 0.1 * DT, DT)
+    relock(observer, state, design, 3.0, 1.0, 2.0, DT)
     assert state.lock.status == (INITIALISING if lost else COASTING)
     assert (state.core.velocity, state.core.last) == ((0.0, 3.0) if lost else (speed, 0.0))
