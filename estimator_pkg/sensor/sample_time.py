@@ -257,14 +257,10 @@ def correct(
 
 def note_on_stamps(clock: SampleTime) -> str:
     """Return a note for the status on stamps that are wrong; '' if they are right."""
-    if clock.queue > REGULAR:
-        return (
-            'stamps come in bursts: samples that waited in a queue are taken at the mean '
-            'sample time (stamp them where they are measured, or see stamp_repair)'
-        )
     if not clock.even or clock.jitter < SHOWN * clock.period:
         return ''
     return (
         f'stamps are off by {1e3 * clock.jitter:.2g} ms on average: samples are taken '
-        f'{1e3 * clock.period:.4g} ms apart (stamp them where they are measured)'
+        f'{1e3 * clock.period:.4g} ms apart (stamp them where they are measured, or see '
+        'stamp_repair)'
     )

@@ -51,7 +51,7 @@ def test_readings_of_another_clock_are_up_to_a_sample_old() -> None:
     angle = np.round(_motion(taken)[0], 6)
     velocity, _ = _estimate(time, angle)
     later = time > 1.0
-    assert _rms((velocity - _motion(time)[1])[later]) < 0.008  # 0.016 without the noise of the age
+    assert _rms((velocity - _motion(time)[1])[later]) < 0.04  # 0.008 by the stamps of the host
 
 
 @pytest.mark.parametrize('pause', [1, 4, 8])
