@@ -9,16 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg import registry
 from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.load import load
-from estimator_pkg.models.mechanics import Mechanics, assignments_of
+from estimator_pkg.models.mechanics import Array, Mechanics, assignments_of
 from estimator_pkg.parameters import build, parameter, structural
-
-Array = NDArray[np.float64]
 
 EXACT_FORM, PAPER_FORM = 'exact', 'paper'
 LINEAR, PREVIOUS = 'linear', 'previous'
@@ -211,7 +208,7 @@ def operating_point(gains: BandwidthGains, mechanics: Mechanics) -> Array:
             f"parameter 'operating_point' has {len(gains.operating_point)} numbers "
             f'for {mechanics.degrees} positions: set {mechanics.degrees}'
         )
-    if not mechanics.admits(gains.operating_point):
+    if not mechanics.admits(np.array(gains.operating_point, float)):
         raise UsageError(
             f"model '{mechanics.name}' is not valid at operating_point "
             f'{list(gains.operating_point)}: choose positions inside its domain'
