@@ -121,7 +121,7 @@ class Hgo(HighGain):
     """HGO with its gains; see `HighGain`."""
 
     def tuned(self, gains: Gains, n: int) -> tuple[Array, Array, Array | None]:
-        """Return the gain matrices, see `HighGain`."""
+        """Return the gain matrices, shape (n, n)."""
         slow, eye = TURN * gains.disturbance_hz, np.eye(n)
         if gains.h is not None:
             if gains.L is not None or gains.K is not None:

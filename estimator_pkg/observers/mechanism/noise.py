@@ -163,7 +163,13 @@ class StandardDeviations:
         return found, back, np.square(A[:n, :n])
 
     def __call__(
-        self, at: Array, squares: Array, drift_squares: Array, of_white: float, dt: float
+        self,
+        at: Array,
+        squares: Array,
+        drift_squares: Array,
+        of_white: float,
+        late: Array,
+        dt: float,
     ) -> tuple[list[float], list[float]]:
         """Return the standard deviations of all positions and of all velocities.
 
@@ -171,6 +177,7 @@ class StandardDeviations:
         ----------
         squares, drift_squares : mean squares of the innovation and of its slow part, of which white
             noise has the part `of_white`.
+        late : errors of the velocities that are not in the innovation.
         """
         power = np.maximum(squares, 1e-300)
         sizes = np.round(0.5 * np.log(power) / GRID) if self._by_size else np.zeros(len(at))
@@ -180,14 +187,12 @@ class StandardDeviations:
             round(math.log(dt) / GRID),
         )
         if kept is None:
-            nothing = [math.inf] * len(at)
-            return nothing, nothing
+            return ([math.inf] * len(at),) * 2
         found, back, L_squared = kept
         slow = np.maximum(drift_squares - of_white * squares, 0.0)
         used = self._variance
         if self._measured:
             used = np.maximum(back @ (power - found.own_innovation), self._floor)
-        return (
-            np.sqrt(found.position @ used + found.own_position + slow).tolist(),
-            np.sqrt(found.velocity @ used + found.own_velocity + L_squared @ slow).tolist(),
-        )
+        position = found.position @ used + found.own_position + slow
+        velocity = found.velocity @ used + found.own_velocity + L_squared @ slow + late**2
+        return np.sqrt(position).tolist(), np.sqrt(velocity).tolist()

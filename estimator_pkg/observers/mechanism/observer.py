@@ -47,7 +47,7 @@ class Core(NamedTuple):
 
     e: Array  # estimate minus measurement [rad or m]
     x: Array  # momenta (geso) or velocities
-    d: Array  # disturbances (geso, hgo, ehgo)
+    d: Array  # disturbances (geso, hgo, ehgo) or the acceleration of the model (smo)
     v: Array  # velocities [rad/s or m/s]
     innovation: Array  # [rad or m]
 
@@ -59,7 +59,7 @@ class State:
     ----------
     measurement : the last one. conventions : of the positions.
     squares : mean squares of the innovation. drift : its slow part. drift_squares : mean squares of
-        that.
+        that. held, held_squares : the same of the injection of smo, over its limit.
     valid_time, invalid_time : since the last sample that was not valid, and of such samples [s].
     reason : why the last sample was not valid, as NO_INPUT.
     """
@@ -69,6 +69,8 @@ class State:
     squares: Array
     drift: Array
     drift_squares: Array
+    held: Array
+    held_squares: Array
     status, reason = INITIALISING, NO_REASON
     valid_time = invalid_time = 0.0
 
@@ -158,6 +160,10 @@ class MechanismObserver:
     def noise_gains(self, at: Array, power: Array, dt: float) -> NoiseGains:
         """Return the variances of estimate and innovation."""
         raise NotImplementedError
+
+    def late(self, core: Core, dt: float) -> Array:
+        """Return by how much the velocities are wrong because a step of dt [s] delays them."""
+        return np.zeros_like(core.v)
 
     def describe(self, dt: float) -> dict[str, Any]:
         """Return properties of the gains by name; `gains.MEANINGS` has their titles and units."""
@@ -280,7 +286,8 @@ class MechanismObserver:
         """Return the standard deviations of all positions and of all velocities."""
         corner = self._drift(dt)[0]
         of_white = corner / (2.0 - corner)
-        return self._deviations(state.measurement, state.squares, state.drift_squares, of_white, dt)
+        powers = state.squares, state.drift_squares
+        return self._deviations(state.measurement, *powers, of_white, self.late(state.core, dt), dt)
 
     def place(self, core: Core, before: Array, moved: Array) -> Array:
         """Return the positions at which a step evaluates the model."""

@@ -24,16 +24,18 @@ from typing import Any
 
 import numpy as np
 
+from estimator_pkg.estimate import TRACKING
 from estimator_pkg.models.mechanics import Array, solved
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.describing import Describing, describing
 from estimator_pkg.observers.maths.steady_noise import steady_covariance
 from estimator_pkg.observers.mechanism.friction import resist
 from estimator_pkg.observers.mechanism.noise import NoiseGains, per_noise, variances
-from estimator_pkg.observers.mechanism.observer import Core, MechanismObserver
+from estimator_pkg.observers.mechanism.observer import Core, MechanismObserver, State
 from estimator_pkg.observers.mechanism.parameters import MechanicalGains, model_of, per_joint
 from estimator_pkg.parameters import parameter, structural
 
+MISFIT = 0.5  # rms injection, slowly averaged, over its limit: the model does not fit
 NEWTON = 60  # most steps of Newton's method; from above it converges monotonically
 
 
@@ -197,7 +199,43 @@ class Smo(MechanismObserver):
             e, two = self.implicit(innovation, dt)
             e = e - after
         v = v + dt * (f - two)
-        return Core(e, v, core.d, v, innovation)
+        return Core(e, v, f, v, innovation)
+
+    def start(self, state: State, measurement: Any) -> None:
+        """Set every field, after the first sample."""
+        super().start(state, measurement)
+        state.held = state.held_squares = np.zeros(len(state.measurement))
+
+    def _accept(self, state: State, dt: float) -> None:
+        """Follow status and powers, and for how long the injection is at its limit."""
+        super()._accept(state, dt)
+        corner, memory = self._drift(dt)
+        of_limit = np.clip(state.core.innovation / (dt * dt * self.acceleration_limit), -1.0, 1.0)
+        state.held = state.held + corner * (of_limit - state.held)
+        weight = dt / min(state.valid_time, memory)
+        state.held_squares = state.held_squares + weight * (state.held**2 - state.held_squares)
+
+    def why(self, state: State) -> str:
+        """Return why the estimate is not published, or that the model does not fit, or ''."""
+        held = np.sqrt(state.held_squares)
+        worst = int(np.argmax(held))
+        if state.status != TRACKING or not held[worst] > MISFIT:
+            return super().why(state)
+        unit = 'rad/s^2' if self.periods[worst] > 0.0 else 'm/s^2'
+        return (
+            f"model '{self.mechanics.name}' does not fit: its acceleration of "
+            f'{self.mechanics.joints[worst]} is often wrong by more than '
+            f'{self.acceleration_limit[worst]:.3g} {unit}, the most that these gains correct: '
+            "increase them, or correct model and effort ('velocity_estimator identify')"
+        )
+
+    def late(self, core: Core, dt: float) -> Array:
+        """Return the errors of a step with one velocity: it is that of the middle of the sample."""
+        return 0.5 * dt * core.d
+
+    def group_delay(self, dt: float) -> float:
+        """Return the delay of the velocity at low frequency [s]."""
+        return super().group_delay(dt) + 0.5 * dt
 
     def _braked(self, at: Array, v: Array, u: Array, dt: float) -> Array:
         """Return the mean acceleration over dt [s]: (M + dt D) a = force - C v - D v.
