@@ -58,43 +58,17 @@ class MechanismSettings(DrivenSettings):
     )
 
 
-class Steps:
-    """What `driver.channel.advance` calls: an observer of matrices is the design of a channel."""
-
-    SINGLE_ANGLE = EDGES = TURNS = False
-    DRIVEN = True
-
-    @staticmethod
-    def is_reading(measurement: Any) -> bool:
-        """Return False for a position that is not finite, or that no encoder gives."""
-        return all(map(is_angle, measurement))
-
-    @staticmethod
-    def prepare(coefficients: Any, design: Any, dt: float) -> None:
-        """Note the sample time [s]."""
-        coefficients.dt = dt
-
-    @staticmethod
-    def start(observer: Any, state: State, design: MechanismObserver, measurement: Any) -> None:
-        """Take the first sample."""
-        design.start(state, measurement)
-
-    @staticmethod
-    def step(
-        observer: Any, state: State, coefficients: Any, design: Any, measurement: Any, u: Any
-    ) -> None:
-        """Take a sample."""
-        design.step(state, coefficients.dt, measurement, u)
-
-    @staticmethod
-    def resume(observer: Any, state: State, coefficients: Any, design: Any, y: Any) -> None:
-        """Go on after a gap."""
-        design.resume(state, y)
-
-    @staticmethod
-    def restart(observer: Any, state: State, coefficients: Any, design: Any, y: Any) -> None:
-        """Start again after an outage."""
-        design.restart(state, y)
+# What `driver.channel.advance` calls: the observer with its gains is the design of a channel.
+STEPS = SimpleNamespace(
+    SINGLE_ANGLE=False,
+    EDGES=False,
+    is_reading=lambda y: all(map(is_angle, y)),
+    prepare=lambda coefficients, plan, dt: setattr(coefficients, 'dt', dt),
+    start=lambda _, state, plan, y: plan.start(state, y),
+    step=lambda _, state, coefficients, plan, y, u: plan.step(state, coefficients.dt, y, u),
+    resume=lambda _, state, coefficients, plan, y: plan.resume(state, y),
+    restart=lambda _, state, coefficients, plan, y: plan.restart(state, y),
+)
 
 
 class Channel:
@@ -187,7 +161,7 @@ class Mechanism(Joint):
         """Take one sample; return True if it was used, False if it was dropped (and counted)."""
         channel = self._channel
         verdict = advance(
-            Steps, channel.track, self.plan, channel.limits, stamp_ns, measurement, known_input
+            STEPS, channel.track, self.plan, channel.limits, stamp_ns, measurement, known_input
         )
         channel.verdict = verdict
         channel.counts[verdict] += 1

@@ -185,6 +185,7 @@ class MechanismObserver:
         state.status, state.reason = INITIALISING, reason
         state.valid_time = state.invalid_time = 0.0
 
+    @np.errstate(all='ignore')  # what is not finite is found below
     def step(self, state: State, dt: float, measurement: Any, known_input: Any) -> None:
         """Take one sample, `dt` [s] after the last one."""
         y, u = np.array(measurement, float), np.array(known_input, float)
@@ -263,6 +264,7 @@ class MechanismObserver:
         velocity = self.propagated(core, state.measurement)
         state.core = core._replace(e=np.zeros_like(core.e), v=velocity)
 
+    @np.errstate(all='ignore')
     def resume(self, state: State, measurement: Any) -> None:
         """Go on after a gap: position from the measurement, motion kept."""
         self._follow(state, np.array(measurement, float))
