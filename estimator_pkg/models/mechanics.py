@@ -48,13 +48,13 @@ def transposed(matrix: Array) -> Array:
 
 def vector(*entries: Any) -> Array:
     """Return the vector of these entries: numbers, or arrays of one shape."""
-    try:
-        found = np.array(entries, float)
-    except ValueError:  # some are numbers, and some arrays
-        found = np.empty((len(entries), *max((np.shape(each) for each in entries), key=len)))
-        for row, entry in zip(found, entries):
-            row[...] = entry
-    return found if found.ndim == 1 else np.moveaxis(found, 0, -1)
+    arrays = [each for each in entries if getattr(each, 'ndim', 0)]
+    if not arrays:
+        return np.array(entries, float)
+    found = np.empty((*arrays[0].shape, len(entries)))
+    for k, entry in enumerate(entries):
+        found[..., k] = entry
+    return found
 
 
 def matrix(*rows: tuple[Any, ...]) -> Array:
@@ -66,8 +66,8 @@ def matrix(*rows: tuple[Any, ...]) -> Array:
 class Mechanics:
     """A model with its numbers: what it returns, as arrays whose shapes are checked.
 
-    Positions and velocities have shape (n,). A model of ours takes shape (..., n) too; what does
-    not depend on them may have fewer axes.
+    Positions and velocities have shape (n,), or (..., n). The methods of a model of ours take both;
+    what does not depend on them may have fewer axes. A user's take shape (n,).
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Mechanics:
 
     Attributes
     ----------
-    ours : it takes shape (..., n).
+    ours : it is no user's own.
     joints : names of the positions, in order.
     periods : of each position [rad], 0 if it does not wrap.
     actuated : for each input, which position's effort it is (index into `joints`).
@@ -194,6 +194,9 @@ class Mechanics:
         self, name: str, function: Callable[..., Any], axes: int, *given: Array, count: int = 0
     ) -> Array:
         """Return what a method of the model gives, as an array; raise UserError for its shape."""
+        if given[0].ndim > 1 and not self.ours:
+            rows = [self._called(name, function, axes, *row, count=count) for row in zip(*given)]
+            return np.stack(rows, axis=1 if count else 0)
         wanted = given[0].shape + given[0].shape[-1:] * (axes - 1)
         wanted = (count, *wanted) if count else wanted
         try:

@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 Pieces = Sequence[slice]
 Predict = Callable[[Array, Pieces, Sequence[Array]], list[Array]]  # of the starts: positions
 
-MODEL_STEP = 1e-3  # longest integration step of a model of ours [s]
+MODEL_STEP = 5e-4  # longest integration step of a model of ours [s]
 ROUNDS = 60  # largest number of simulations of all pieces in a fit
 START_STEP = 1e-5  # of the slopes by the start [rad or m, and per second]
 SETTLING = 4  # steps of Gauss and Newton to the starts at given parameters
@@ -139,32 +139,25 @@ def fit(
 
 def _predictor(recording: MechanismSamples, unknowns: Unknowns, driven: bool) -> Predict:
     """Return a function for the positions in pieces by parameters and starts (q, then v)."""
-    time, n = recording.time, recording.positions.shape[1]
+    time = recording.time
     total = accumulated(time, recording.inputs)
 
     def predict(numbers: Array, pieces: Pieces, starts: Sequence[Array]) -> list[Array]:
+        """Move all pieces side by side: short ones stop, with steps of length 0."""
         mechanics = unknowns.make(numbers[:-1] if driven else numbers)
+        lengths = [piece.stop - piece.start for piece in pieces]
+        steps = np.zeros((max(lengths) - 1, len(pieces), 1))
+        inputs = np.zeros((len(steps), len(pieces), mechanics.inputs))
+        for k, (piece, length) in enumerate(zip(pieces, lengths)):
+            steps[: length - 1, k, 0] = np.diff(time[piece])
+            for column in range(mechanics.inputs):
+                acted = np.interp(time[piece] - numbers[-1], time, total[:, column])
+                inputs[: length - 1, k, column] = np.diff(acted) / np.diff(time[piece])
         longest = MODEL_STEP if mechanics.ours else PLAIN_STEP
-
-        def moved(pieces: Pieces, starts: Sequence[Array]) -> list[Array]:
-            """Move all pieces side by side: short ones stop, with steps of length 0."""
-            lengths = [piece.stop - piece.start for piece in pieces]
-            steps = np.zeros((max(lengths) - 1, len(pieces), 1))
-            inputs = np.zeros((len(steps), len(pieces), mechanics.inputs))
-            for k, piece in enumerate(pieces):
-                at = time[piece]
-                steps[: len(at) - 1, k, 0] = np.diff(at)
-                for column in range(mechanics.inputs):
-                    acted = np.interp(at - numbers[-1], time, total[:, column])
-                    inputs[: len(at) - 1, k, column] = np.diff(acted) / np.diff(at)
-            parts = np.ceil(steps.max(axis=(1, 2)) / longest - 1e-6).astype(int)
-            start = np.array(starts)
-            q, _ = course(mechanics, start[:, :n], start[:, n:], inputs, steps, parts.tolist())
-            return [q[:length, k] for k, length in enumerate(lengths)]
-
-        if mechanics.ours:
-            return moved(pieces, starts)
-        return [moved([piece], [start])[0] for piece, start in zip(pieces, starts)]
+        parts = np.ceil(steps.max(axis=(1, 2)) / longest - 1e-6).astype(int)
+        q, v = np.split(np.array(starts), 2, axis=1)
+        positions, _ = course(mechanics, q, v, inputs, steps, parts.tolist())
+        return [positions[:length, k] for k, length in enumerate(lengths)]
 
     return predict
 

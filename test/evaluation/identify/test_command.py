@@ -124,9 +124,9 @@ def of_crane(seed):
     'of, seeds',
     [
         (of_joint, 4),
-        pytest.param(of_joint, 30, marks=pytest.mark.slow),
-        pytest.param(of_cart, 20, marks=pytest.mark.slow),
-        pytest.param(of_leg, 40, marks=pytest.mark.slow),
+        pytest.param(of_joint, 12, marks=pytest.mark.slow),
+        pytest.param(of_cart, 10, marks=pytest.mark.slow),
+        pytest.param(of_leg, 12, marks=pytest.mark.slow),
         pytest.param(of_crane, 10, marks=pytest.mark.slow),
     ],
 )
