@@ -222,12 +222,11 @@ class MechanismObserver:
             state.status, state.invalid_time = TRACKING, 0.0
         state.reason = NO_REASON
         memory = min(state.valid_time, POWER_MEMORY * dt)
-        innovation, (corner, longest) = state.core.innovation, self._drift(dt)
+        innovation, corner = state.core.innovation, self._drift(dt)[0]
         state.squares = state.squares + dt / memory * (innovation**2 - state.squares)
         state.drift = state.drift + corner * (innovation - state.drift)
         if state.status == TRACKING:  # the transient of the start is not an error of the model
-            since = max(state.valid_time - self.settle, 0.0) + dt
-            weight = dt / min(since, longest)
+            weight = self._slowly(state, dt)
             state.drift_squares = state.drift_squares + weight * (
                 state.drift**2 - state.drift_squares
             )
@@ -237,6 +236,11 @@ class MechanismObserver:
         corner = START_SETTLING * dt / self.settle
         memory = max(POWER_MEMORY * dt, DRIFT_MEMORY * self.settle / START_SETTLING)
         return corner / (1.0 + corner), memory
+
+    def _slowly(self, state: State, dt: float) -> float:
+        """Return the weight of a sample in the power of a slow part, since the start settled."""
+        since = max(state.valid_time - self.settle, 0.0) + dt
+        return dt / min(since, self._drift(dt)[1])
 
     def _doubt(self, state: State, dt: float) -> None:
         """Follow the status after an innovation that is too large."""

@@ -209,11 +209,12 @@ class Smo(MechanismObserver):
     def _accept(self, state: State, dt: float) -> None:
         """Follow status and powers, and for how long the injection is at its limit."""
         super()._accept(state, dt)
-        corner, memory = self._drift(dt)
+        corner = self._drift(dt)[0]
         of_limit = np.clip(state.core.innovation / (dt * dt * self.acceleration_limit), -1.0, 1.0)
         state.held = state.held + corner * (of_limit - state.held)
-        weight = dt / min(state.valid_time, memory)
-        state.held_squares = state.held_squares + weight * (state.held**2 - state.held_squares)
+        if state.status == TRACKING:
+            weight = self._slowly(state, dt)
+            state.held_squares = state.held_squares + weight * (state.held**2 - state.held_squares)
 
     def why(self, state: State) -> str:
         """Return why the estimate is not published, or that the model does not fit, or ''."""
