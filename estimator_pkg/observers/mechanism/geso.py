@@ -19,8 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.models import check
+from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import Array, apply, transposed
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.tracking import natural_frequency
@@ -30,7 +32,6 @@ from estimator_pkg.observers.mechanism.parameters import (
     LoopGains,
     MechanicalGains,
     gain_matrix,
-    model_of,
     operating_point,
 )
 from estimator_pkg.parameters import parameter
@@ -67,8 +68,8 @@ class Gains(MechanicalGains, LoopGains):
 class Geso(LinearObserver):
     """GESO with its gains; see `MechanismObserver`, also for shapes."""
 
-    def __init__(self, gains: Gains, circle: Any) -> None:
-        mechanics = model_of(gains)
+    def __init__(self, gains: Gains, circle: Circle) -> None:
+        mechanics = load(gains.model, gains.model_parameters)
         if not mechanics.linearisable:
             raise UserError(
                 f"model '{mechanics.name}' is not partially linearisable (it has no Psi, and the "

@@ -16,8 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models import check
+from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import Array, solved
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.tracking import natural_frequency
@@ -27,7 +29,6 @@ from estimator_pkg.observers.mechanism.parameters import (
     LoopGains,
     MechanicalGains,
     gain_matrix,
-    model_of,
     operating_point,
 )
 from estimator_pkg.parameters import parameter
@@ -70,8 +71,8 @@ class HighGain(LinearObserver):
 
     complaint = "the error does not decay with these gains: 'L' and 'K' must be positive definite"
 
-    def __init__(self, gains: Any, circle: Any) -> None:
-        mechanics = model_of(gains)
+    def __init__(self, gains: Any, circle: Circle) -> None:
+        mechanics = load(gains.model, gains.model_parameters)
         super().__init__(gains, mechanics, circle)
         self.L, self.K, self.E = self.tuned(gains, mechanics.degrees)
         points = [operating_point(gains, mechanics)]

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator_pkg.circle import LARGEST
+from estimator_pkg.circle import LARGEST, Circle
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.models.mechanics import Array, Mechanics, apply
 from estimator_pkg.observers.mechanism import gains as mechanical_gains
@@ -27,7 +27,6 @@ from estimator_pkg.observers.mechanism.parameters import (
     LINEAR,
     PAPER_FORM,
     MechanicalGains,
-    circles_of,
     per_joint,
 )
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
@@ -91,7 +90,7 @@ class MechanismObserver:
 
     Parameters
     ----------
-    gains : of the observer. circle : of all positions, or one each.
+    gains : of the observer. circle : whether turns are counted; the model has the periods.
 
     Attributes
     ----------
@@ -107,14 +106,12 @@ class MechanismObserver:
     settle = longest = math.inf
     lag = 0.0
 
-    def __init__(self, gains: MechanicalGains, mechanics: Mechanics, circle: Any) -> None:
+    def __init__(self, gains: MechanicalGains, mechanics: Mechanics, circle: Circle) -> None:
         self.mechanics, n = mechanics, mechanics.degrees
         self.paper = gains.form == PAPER_FORM
         self.at_measurement = gains.schedule == AT_MEASUREMENT
         self.linear_hold = gains.hold == LINEAR and not self.paper
-        circles = circles_of(mechanics, circle)
-        self.periods = np.array([float(each.period) for each in circles])
-        self.unwrap = [bool(each.unwrap) for each in circles]
+        self.periods, self.unwrap = np.array(mechanics.periods), circle.unwrap
         self._turns = np.where(self.periods > 0.0, self.periods, math.inf)
         self._deviations = StandardDeviations(
             mechanics,
@@ -285,8 +282,8 @@ class MechanismObserver:
     def estimate(self, state: State) -> tuple[list[float], list[float]]:
         """Return positions, in the convention of the measurement, and velocities."""
         at = (state.measurement + state.core.e).tolist()
-        shown = zip(state.conventions, at, self.periods.tolist(), self.unwrap)
-        return [present(*each) for each in shown], state.core.v.tolist()
+        shown = zip(state.conventions, at, self.periods.tolist())
+        return [present(*each, self.unwrap) for each in shown], state.core.v.tolist()
 
     def deviations(self, state: State, dt: float) -> tuple[list[float], list[float]]:
         """Return the standard deviations of all positions and of all velocities."""

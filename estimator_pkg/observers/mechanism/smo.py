@@ -24,7 +24,9 @@ from typing import Any
 
 import numpy as np
 
+from estimator_pkg.circle import Circle
 from estimator_pkg.estimate import TRACKING
+from estimator_pkg.models.load import load
 from estimator_pkg.models.mechanics import Array, solved
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.describing import Describing, describing
@@ -32,7 +34,7 @@ from estimator_pkg.observers.maths.steady_noise import steady_covariance
 from estimator_pkg.observers.mechanism.friction import resist
 from estimator_pkg.observers.mechanism.noise import NoiseGains, per_noise, variances
 from estimator_pkg.observers.mechanism.observer import Core, MechanismObserver, State
-from estimator_pkg.observers.mechanism.parameters import MechanicalGains, model_of, per_joint
+from estimator_pkg.observers.mechanism.parameters import MechanicalGains, per_joint
 from estimator_pkg.parameters import parameter, structural
 
 MISFIT = 0.5  # rms injection, slowly averaged, over its limit: the model does not fit
@@ -138,8 +140,8 @@ class Smo(MechanismObserver):
 
     by_size = True
 
-    def __init__(self, gains: Gains, circle: Any) -> None:
-        mechanics = model_of(gains)
+    def __init__(self, gains: Gains, circle: Circle) -> None:
+        mechanics = load(gains.model, gains.model_parameters)
         super().__init__(gains, mechanics, circle)
         n = mechanics.degrees
         if gains.variant == SUPER_TWISTING:  # (22)

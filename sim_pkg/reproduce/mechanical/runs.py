@@ -22,8 +22,6 @@ from estimator_pkg.models.motion import course
 from estimator_pkg.observers.mechanism.observer import Core, MechanismObserver
 from estimator_pkg.parameters import build
 
-ONE_SIZE = Circle(0.0, False)  # no wrapping: the runs stay on one turn, or count turns
-
 
 def quantise(values: Array, quantum: Any) -> Array:
     """Return Q(x) = d floor(x/d + 1/2), in the shape and units of `values`.
@@ -37,7 +35,7 @@ def quantise(values: Array, quantum: Any) -> Array:
 
 
 def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any) -> MechanismObserver:
-    """Return an observer of a built-in model, without wrapping (forward Euler)."""
+    """Return an observer of a built-in model (forward Euler)."""
     record = observers.find(observer)
     values = {
         'form': 'paper',
@@ -46,8 +44,7 @@ def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any) ->
         'model_parameters': [f'{name}={value!r}' for name, value in parameters.items()],
     }
     checked: Any = build(record.gains, values, owner=observer)
-    count = {'single_joint': 1, 'cart_pendulum': 2, 'robotic_leg': 3}[model]
-    made: MechanismObserver = record.module.plan(checked, (ONE_SIZE,) * count)
+    made: MechanismObserver = record.module.plan(checked, Circle())
     return made
 
 
