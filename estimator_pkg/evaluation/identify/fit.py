@@ -129,12 +129,10 @@ def fit(
     names = (*unknowns.names, *more)
     deviations = _deviations(first, numbers, names)
     second.settle(numbers)
-    elsewhere = second.quality(numbers)
-    _, explained = first.quality(numbers)
+    residual_elsewhere, explained_elsewhere = second.quality(numbers)
+    of_all = residual, residual_elsewhere, first.quality(numbers)[1], explained_elsewhere
     pieces = len(first.pieces), len(second.pieces)
-    return FitResult(
-        names, numbers, deviations, residual, elsewhere[0], explained, elsewhere[1], pieces
-    )
+    return FitResult(names, numbers, deviations, *of_all, pieces)
 
 
 def _predictor(recording: MechanismSamples, unknowns: Unknowns, driven: bool) -> Predict:
@@ -200,11 +198,9 @@ class _Part:
             for line in self._lines
         ]
 
-    def _rests(
-        self, numbers: Array, starts: Sequence[Array], pieces: Pieces | None = None
-    ) -> list[Array]:
-        """Return weighted position minus measurement of each piece, shape (m,)."""
-        pieces = self.pieces if pieces is None else pieces
+    def _rests(self, numbers: Array, starts: Sequence[Array]) -> list[Array]:
+        """Return weighted position minus measurement, shape (m,), for starts of all pieces."""
+        pieces = [*self.pieces] * (len(starts) // len(self.pieces))
         measured = self._recording.positions
         with np.errstate(all='ignore'):  # parameters far off: the model may run away
             return [
@@ -218,9 +214,9 @@ class _Part:
 
     def _by_start(self, numbers: Array, starts: Sequence[Array]) -> tuple[list[Array], list[Array]]:
         """Return residuals, and their slopes by the start, shape (m, 2 n), of each piece."""
-        count, width = len(self.pieces), len(starts[0])
-        moved = [start + step for step in START_STEP * np.eye(width) for start in starts]
-        rests = self._rests(numbers, [*starts, *moved], [*self.pieces] * (width + 1))
+        count, steps = len(self.pieces), START_STEP * np.eye(len(starts[0]))
+        moved = [start + step for step in steps for start in starts]
+        rests = self._rests(numbers, [*starts, *moved])
         slopes = [
             np.stack([each - rests[k] for each in rests[k + count :: count]], axis=1) / START_STEP
             for k in range(count)
@@ -253,17 +249,8 @@ class _Part:
 
     def settle(self, numbers: Array) -> None:
         """Fit the starts at these parameters, shape (p,)."""
-        for _ in range(SETTLING):
-            rests, slopes = self._by_start(numbers, self._starts)
-            better = [
-                start - np.linalg.lstsq(slope, rest, rcond=None)[0]
-                for start, slope, rest in zip(self._starts, slopes, rests)
-            ]
-            costs = zip(rests, self._rests(numbers, better))
-            self._starts = [
-                new if np.sum(after**2) < np.sum(before**2) else old
-                for new, old, (before, after) in zip(better, self._starts, costs)
-            ]
+        for _ in range(SETTLING):  # each begins where the linear pieces have their starts
+            self.slopes(numbers)
 
     def quality(self, numbers: Array) -> tuple[Array, float]:
         """Return the rms of position minus measurement, shape (n,), and the explained fraction.
