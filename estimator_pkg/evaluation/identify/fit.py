@@ -88,10 +88,8 @@ def fit(
     from scipy.optimize import least_squares
 
     mechanics = unknowns.make(unknowns.start)
-    if not mechanics.ours:
-        recording = thinned(recording)
+    recording = recording if mechanics.ours else thinned(recording)
     driven = mechanics.inputs > 0
-    more = [DELAY] if driven else []
     numbers = np.append(unknowns.start, [delay] if driven else [])
     low = np.append(unknowns.lowest, [-LARGEST_DELAY] if driven else [])
     high = np.append(unknowns.highest, [LARGEST_DELAY] if driven else [])
@@ -126,7 +124,7 @@ def fit(
         numbers = np.where(solved.active_mask > 0, high, numbers)
         residual, explained = first.quality(numbers)
         first.weights = second.weights = 1.0 / np.maximum(residual, 1e-12)
-    names = (*unknowns.names, *more)
+    names = (*unknowns.names, DELAY) if driven else unknowns.names
     deviations = _deviations(first, numbers, names)
     second.settle(numbers)
     residual_elsewhere, explained_elsewhere = second.quality(numbers)
