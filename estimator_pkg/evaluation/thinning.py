@@ -40,21 +40,6 @@ def extremes(values: Array, points: int) -> NDArray[np.int64]:
     return chosen[chosen < count]
 
 
-def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Array, NDArray]:
-    """Return (time [s], values), shape (k,), of chosen samples; nan where the record has a gap."""
-    steps = np.diff(time)
-    known = steps[np.isfinite(steps)]
-    if not len(known):
-        return time[chosen], values[chosen]
-    holes = np.flatnonzero(steps > LINE_GAP * float(np.median(known)))
-    at = np.unique(np.searchsorted(chosen, holes, side='right'))
-    at = at[(at > 0) & (at < len(chosen))]
-    return (
-        np.insert(time[chosen], at, time[chosen[at - 1]]),
-        np.insert(np.asarray(values[chosen], float), at, np.nan),
-    )
-
-
 def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
     """Return the range to draw, in the lines' unit, if outliers would compress them; or None.
 

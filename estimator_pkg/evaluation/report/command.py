@@ -14,7 +14,6 @@ from typing import Any
 from estimator_pkg import interrupts
 from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.cli import Command, add_set
-from estimator_pkg.evaluation import image
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.compare.description import describe
@@ -153,7 +152,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Compare, print, draw; return the results by bag."""
     chosen = options(parsed)
     if parsed.plot:
-        image.check(parsed.plot)
+        plot.check(parsed.plot)
     bags = expanded(parsed.bags)
     result: dict[str, Any] = {}
     drawn: list[Comparison] = []
@@ -175,7 +174,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                     print(text + '\n')
                     result[comparison.bag] = comparison.as_dict()
                     if data is not None:
-                        data.add(comparison)
+                        data(comparison)
                     if page is not None:
                         findings = page.add(comparison)
                         result[comparison.bag]['findings'] = findings
@@ -193,7 +192,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             interrupts.say(f'interrupted: {len(result)} of {len(bags)} bags are evaluated')
         interrupts.finish()
         if page is not None:
-            page.leave_out(left_out)
+            page.left_out = left_out
     if parsed.html:
         show(f'page: {parsed.html}')
     if parsed.data:
