@@ -45,17 +45,13 @@ def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
 
     Each line has shape (n,), with an n of its own; nan: none.
     """
-    some, least, most = [], np.inf, -np.inf
-    for line in lines:  # one at a time: they may be long
-        if np.isfinite(line).any():
-            least, most = min(least, float(np.nanmin(line))), max(most, float(np.nanmax(line)))
-        part = line[:: max(1, len(line) // PERCENTILE_VALUES)]
-        some.append(part[np.isfinite(part)])
-    known = np.concatenate([np.zeros(0), *some])
+    known = np.concatenate([np.zeros(0), *(line[np.isfinite(line)] for line in lines)])
     if not len(known):
         return None
-    low, high = np.percentile(known, [100.0 - OUTLIER_PERCENT, OUTLIER_PERCENT])
+    some = known[:: max(1, len(known) // PERCENTILE_VALUES)]
+    low, high = np.percentile(some, [100.0 - OUTLIER_PERCENT, OUTLIER_PERCENT])
     room = 0.5 * (OUTLIER_ROOM - 1.0) * max(float(high - low), 1e-9)
+    least, most = float(known.min()), float(known.max())
     if least >= low - room and most <= high + room:
         return None
     return max(float(low) - room, least - 0.1 * room), min(float(high) + room, most + 0.1 * room)

@@ -23,14 +23,13 @@ from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
     SMOOTHER,
-    Options,
     check_joints,
     check_window,
     joint_arguments,
+    options_of,
     truth_argument,
     window_arguments,
     worker_arguments,
-    wrap_periods,
 )
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import full_data
@@ -121,36 +120,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plot', metavar='FILE', help='draw velocities and errors (PNG, SVG, PDF)')
 
 
-def options(parsed: argparse.Namespace) -> Options:
-    """Return the arguments as `Options`; raise UsageError."""
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Compare, print, draw; return the results by bag."""
     check_window(parsed)
     columns = log_file.columns(parsed)
     check_joints(parsed)
-    observers = tuple(requested.entries(parsed.observer, parsed.params, parsed.set))
-    period, own_periods = wrap_periods(
-        parsed.wrap_period, [dict(each.values) for each in observers]
-    )
-    return Options(
-        parsed.measurement,
-        parsed.truth,
-        tuple(parsed.estimate),
-        observers,
-        parsed.begin,
-        parsed.end,
-        period,
-        parsed.correct_reference,
-        parsed.reference,
-        parsed.angle,
-        parsed.unpack_limit,
-        parsed.motion_hz,
-        columns,
-        own_periods,
-    )
-
-
-def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Compare, print, draw; return the results by bag."""
-    chosen = options(parsed)
+    observers = requested.entries(parsed.observer, parsed.params, parsed.set)
+    chosen = options_of(parsed, observers, columns, parsed.estimate)
     if parsed.plot:
         plot.check(parsed.plot)
     bags = expanded(parsed.bags)

@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.verdict import Verdict, listed
 from estimator_pkg.evaluation.report.findings import grouped
-from estimator_pkg.evaluation.report.tables import SHOWN_GAINS, changed
+from estimator_pkg.evaluation.report.tables import changed
 from estimator_pkg.evaluation.report.tradeoff import RAW
 from estimator_pkg.evaluation.text import number
 from estimator_pkg.observers import DEFAULT
@@ -81,13 +81,9 @@ def words(
             by_source.setdefault(to_use(row, verdicts.get(joint)), []).append(joint)
     use = []
     for source, joints in by_source.items():
-        values, *others = [changed(entries.get(source), joint) for joint in joints]
-        if len(values) > SHOWN_GAINS or any(each != values for each in others):
+        how = ' as it is' if source in entries or _known(source) else ''
+        if any(changed(entries.get(source), joint) for joint in joints):
             how = ' with the parameters below'
-        elif values:
-            how = ' with ' + ', '.join(f'{name} {text}' for name, text in values.items())
-        else:
-            how = ' as it is' if source in entries or _known(source) else ''
         on = '' if len(by_source) == 1 else f' on {listed(joints)}'
         if len(by_source) == 1 and len(joints) > 1:
             on = f' on all {len(joints)} joints'
