@@ -107,7 +107,7 @@ def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:
     """Return (times [s], shape (k,), what is left out, as a sentence or '').
 
     These are all times, or those of the lowest and the highest value of each curve in stretches of
-    equal length; and one in each gap. At each of them all curves have the values of that instant.
+    equal length; and two in each gap. At each of them all curves have the values of that instant.
     """
     most = max(len(each.time) for each in curves)
     drawn = [each for each in curves if each.kind != 'band']
@@ -117,7 +117,7 @@ def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:
         steps = np.diff(each.time)
         if each.kind == 'line':
             holes = np.flatnonzero(steps > longest(each.time))
-            times.append(each.time[holes] + 0.5 * steps[holes])
+            times += [each.time[holes] + part * steps[holes] for part in (0.001, 0.999)]
     chosen = np.unique(np.concatenate(times))
     if most <= points:
         return chosen, ''
@@ -180,6 +180,8 @@ def over_time(
         for each in panel:
             name = f'c{len(columns)}'
             columns[name] = each.at(times)
+            if each.kind == 'band':  # Bokeh fills it across nan
+                columns[name] = np.nan_to_num(columns[name])
             formats[f'@{name}'] = status if each.kind == 'step' else 'printf'
             tip = each.text.replace('@', f'@{name}{{%.4g}}')
             tips.setdefault(printable(each.label), []).append(tip)

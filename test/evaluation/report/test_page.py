@@ -387,6 +387,19 @@ def test_a_long_record_keeps_each_extreme_and_its_instants_are_of_all_curves():
     assert plots.instants([curve('a', time[:20_000], a[:20_000])], 20_000)[1] == ''
 
 
+def test_a_band_ends_where_a_gap_begins():
+    from bokeh.models import ColumnDataSource
+
+    time = np.array([0.0, 0.01, 0.02, 1.0, 1.01, 1.02])
+    curves = [curve('a', time, np.ones(6)), curve('a', time, 5.0 * np.ones(6), 'band')]
+    plot, _ = plots.over_time({'error': curves}, 1000)
+    (data,) = {each.id: each.data for each in plot.select({'type': ColumnDataSource})}.values()
+    line, band = (data[name] for name in list(data)[-2:])
+    hole = (data['time'] > 0.02) & (data['time'] < 1.0)
+    assert np.isclose(data['time'][hole], [0.021, 0.999], atol=1e-3).all()
+    assert np.isnan(line[hole]).all() and np.array_equal(band, np.where(hole, 0.0, 5.0))
+
+
 def test_a_status_lasts_until_the_next():
     steps = curve('a', np.array([1.0, 2.0, 3.0]), np.array([0, 1, 2], np.int8), 'step')
     assert steps.at(np.array([0.5, 1.0, 1.9, 2.0, 9.0])).tolist()[1:] == [0.0, 0.0, 1.0, 2.0]
