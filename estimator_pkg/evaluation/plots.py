@@ -259,7 +259,6 @@ def page(template: str, drawn: Sequence[Any], **values: Any) -> str:
     from bokeh.embed import components
     from bokeh.resources import Resources
     from jinja2 import Environment, FileSystemLoader
-    from markupsafe import Markup
 
     library, script, places = '', '', ()
     if drawn:
@@ -269,9 +268,9 @@ def page(template: str, drawn: Sequence[Any], **values: Any) -> str:
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=lambda each: each if isinstance(each, Markup) else printable(each),
+        finalize=lambda each: each if hasattr(each, '__html__') else printable(each),
         loader=FileSystemLoader(str(TEMPLATES)),
     )
     return environment.get_template(template).render(
-        plots=[*map(Markup, places)], library=Markup(library), script=Markup(script), **values
+        plots=places, library=library, script=script, **values
     )

@@ -25,7 +25,7 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, findings, opening, tradeoff
 from estimator_pkg.evaluation.report.tables import changed
-from estimator_pkg.evaluation.thinning import extremes, limits
+from estimator_pkg.evaluation.thinning import limits
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 PENDULUM = BAGS / 'dfki_simple_pendulum' / 'gravity_compensation_1000hz'
@@ -347,15 +347,6 @@ def test_the_findings_on_the_readings_are_those_of_doctor(jump, said):
 
 
 # ---------------------------------------------------------------- what is drawn
-
-
-def test_thinning_keeps_the_extremes():
-    values = np.zeros(100_000)
-    values[31_415], values[77_777] = 5.0, -3.0
-    chosen = extremes(values, 600)
-    assert len(chosen) <= 602
-    assert {0, 31_415, 77_777, 99_999} <= set(chosen.tolist())
-    assert np.array_equal(extremes(values[:500], 600), np.arange(500))
 
 
 def test_outliers_do_not_crush_the_picture():
