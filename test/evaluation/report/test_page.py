@@ -318,6 +318,17 @@ def test_without_truth_the_page_has_the_verdict(tmp_path):
     assert page.count('<tr class="best">') == 1
 
 
+def test_a_bag_without_any_comparison_has_a_page_and_a_plot(tmp_path):
+    stamps = [10**9 + 4 * 10**6 * k for k in range(5)]
+    bag = write_bag(tmp_path / 'bag', {'/joint_states': [(t, ['j'], (0.5,), ()) for t in stamps]})
+    plot = tmp_path / 'plot.png'
+    page, found = report(tmp_path, bag, '--plot', str(plot))
+    assert not found[bag]['estimates'] and plot.stat().st_size
+    assert 'Use edge_adaptive as it is.' in page and 'class="legend"' not in page
+    page, _ = report(tmp_path, bag, str(FAULTS))
+    assert page.count('class="legend"') == 1  # it is above the first plots
+
+
 @pytest.mark.parametrize(
     ('option', 'name', 'said'),
     [('--html', 'no/p.svg', 'does not exist'), ('--plot', 'p.svg', 'is a folder')],
