@@ -24,7 +24,7 @@ EXTRAS = {
         'ros-jazzy-common-interfaces>=5.3,<6',
         'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9',
     ],
-    'report': ['matplotlib>=3.8,<4', 'bokeh>=3.7,<4'],
+    'report': ['matplotlib>=3.8,<4', 'bokeh>=3.7,<4', 'jinja2>=3.1,<4'],
     'reproduce': ['scipy>=1.11,<2'],
     'tune': ['optuna>=4,<5'],
     'identify': ['scipy>=1.11,<2'],
@@ -96,7 +96,7 @@ setup(
     package_data={
         'estimator_pkg': [
             'py.typed',
-            'evaluation/page.css',
+            'evaluation/templates/*',
             'export/ros2_control/templates/**/*.in',
         ],
         'sim_pkg': ['py.typed', 'reproduce/*/references.csv'],

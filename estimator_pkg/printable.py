@@ -8,7 +8,6 @@ Such a name may clear the screen, reverse the line, or forge a second one.
 
 from __future__ import annotations
 
-import html
 from typing import Any, TextIO
 
 LONGEST = 10_000  # characters of a line in a log, on a terminal or on a page
@@ -40,11 +39,6 @@ def _escaped(line: str) -> str:
 def show(*lines: object, file: TextIO | None = None) -> None:
     """Print each of `lines` as one `printable` line."""
     print('\n'.join(map(printable, lines)), file=file)
-
-
-def escaped(text: object) -> str:
-    """Return `text` for an HTML page: `printable`, with HTML escaped."""
-    return html.escape(printable(text))
 
 
 def drawn(text: object) -> str:

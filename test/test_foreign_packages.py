@@ -18,45 +18,30 @@ CONTRACT = Path(__file__).parent / 'observers' / 'test_contract.py'
 MODEL = '''
     """A slide on a spring."""
 
-    import sys
     from dataclasses import dataclass
 
-    from estimator_pkg.models.mechanics import Mechanics, Model
-    from estimator_pkg.models.mechanics import everywhere as admits, no_damping as damping
-    from estimator_pkg.parameters import parameter
+    import numpy as np
 
-    JOINTS, INPUTS = 1, 1
+    from estimator_pkg.models.mechanics import Model
+    from estimator_pkg.parameters import structural
 
 
     @dataclass(frozen=True)
     class Parameters:
-        stiffness: float = parameter(20.0, unit='N/m', range=(0.0, 1e6), structural=True,
-                                     description='of the spring')
+        joints = ('slide',)
+        periods = (0.0,)
+
+        stiffness: float = structural(20.0, unit='N/m', range=(0.0, 1e6),
+                                      description='of the spring')
+
+        def inertia(self, q):
+            return np.array([[2.0]])
+
+        def force(self, q, v, u):
+            return u - self.stiffness * q
 
 
-    def inertia(out, values, q):
-        out[0][0] = 2.0
-
-
-    def factors(calm, psi, values, q):
-        calm[0][0], psi[0][0] = 0.5, 1.0
-
-
-    def force(out, values, q, v, u):
-        out[0] = u[0] - values[0] * q[0]
-
-
-    def coriolis(out, values, q, v):
-        out[0] = 0.0
-
-
-    def build(parameters):
-        return Mechanics(
-            name='slide', joints=('slide',), periods=(0.0,), values=(parameters.stiffness,),
-            actuated=(0,), model=sys.modules[__name__], centre=(0.0,), reach=(1.0,))
-
-
-    MODEL = Model(name='slide', summary='a slide on a spring', parameters=Parameters, build=build)
+    MODEL = Model(name='slide', summary='a slide on a spring', parameters=Parameters)
 '''
 ENTRY_POINTS = """
     [velocity_estimator.observers]

@@ -13,13 +13,12 @@ from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
-
-from estimator_pkg.circle import Circle, nearest_turn
-from estimator_pkg.driver import mechanism_channel
+from estimator_pkg.circle import Circle, is_angle, nearest_turn
 from estimator_pkg.driver.bank import Received, Taken
+from estimator_pkg.driver.channel import advance
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import (
     EFFORT_COMMAND,
@@ -29,14 +28,13 @@ from estimator_pkg.driver.efforts import (
     DrivenSettings,
 )
 from estimator_pkg.driver.joint import TYPICAL_DT, Joint
-from estimator_pkg.engine.calls import Memory, functions_of
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.estimate import MISCONFIGURED, STATUS_NAMES, VALID
+from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, VALID
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanism.core import Plan
-from estimator_pkg.observers.mechanism.state import Coefficients, enlarge
+from estimator_pkg.observers.mechanism.observer import MechanismObserver, State
 from estimator_pkg.parameters import parameter, structural
-from estimator_pkg.sensor.guard import DUPLICATE, limits, longest_dt
+from estimator_pkg.sensor.clock import Clock
+from estimator_pkg.sensor.guard import DUPLICATE, VERDICTS, Limits, limits, longest_dt
 
 MOST_PARTIAL = 16  # largest number of incomplete stamps of a mechanism
 
@@ -60,30 +58,52 @@ class MechanismSettings(DrivenSettings):
     )
 
 
+# What `driver.channel.advance` calls: the observer with its gains is the design of a channel.
+STEPS = SimpleNamespace(
+    SINGLE_ANGLE=False,
+    EDGES=False,
+    is_reading=lambda y: all(map(is_angle, y)),
+    prepare=lambda coefficients, plan, dt: setattr(coefficients, 'dt', dt),
+    start=lambda _, state, plan, y: plan.start(state, y),
+    step=lambda _, state, coefficients, plan, y, u: plan.step(state, coefficients.dt, y, u),
+    resume=lambda _, state, coefficients, plan, y: plan.resume(state, y),
+    restart=lambda _, state, coefficients, plan, y: plan.restart(state, y),
+)
+
+
+class Channel:
+    """One mechanism's numbers, with the fields of `driver.channel.Channel` that it has."""
+
+    def __init__(self, degrees: int) -> None:
+        self.track = SimpleNamespace(
+            clock=Clock(),
+            coefficients=SimpleNamespace(dt=TYPICAL_DT),
+            state=State(degrees),
+            state_before_gap=State(degrees),
+        )
+        self.limits = Limits()
+        self.counts = [0] * len(VERDICTS)
+        self.verdict, self.stamp_ns = DUPLICATE, 0
+
+
 class Mechanism(Joint):
     """A mechanism's observer, live: a `Joint` whose measurement is a vector.
 
     Attributes
     ----------
-    plan : what the gains imply.
+    plan : the observer with its gains.
     """
 
     settings: MechanismSettings
-    plain = mechanism_channel
-    compiled: Any
+    memory = compiled = None
 
     def __init__(
         self, name: str, observer: Observer, gains: Any, settings: MechanismSettings, source: str
     ) -> None:
-        self.name, self.observer, self.settings, self.gains = name, observer, settings, gains
+        self.name, self.observer, self.settings = name, observer, settings
         self.reset_count, self._new_starts = 0, 0
-        self._plan(gains)
+        self.set_gains(gains)
         mechanics = self.plan.mechanics
-        self.compiled: Any = functions_of(self.module)
-        self._channel = enlarge(mechanism_channel.Channel(), mechanics.degrees)
-        self.memory: Any = None if self.compiled is None else Memory(type(self._channel))
-        self._use_gains()
-        self._reset_channel()
         self.names = settings.joints or mechanics.joints
         if len(self.names) != mechanics.degrees:
             raise UsageError(
@@ -103,43 +123,33 @@ class Mechanism(Joint):
         self._before_ns = 0
         settings.check_inputs(mechanics.inputs, f"mechanism '{name}'")
 
-    def _plan(self, gains: Any) -> None:
-        """Plan for these gains and the settings."""
-        circle = Circle(self.settings.wrap_period, self.settings.unwrap)
-        self.plan: Plan = self.observer.module.plan(gains, circle)
-        self.module = self.plan.module
-        self.longest_dt = longest_dt(self.plan.limits)
-
-    def _use_gains(self) -> None:
-        with self._changing() as channel:
-            channel.design.take(self.plan.design)
-            channel.limits.take(limits(self.settings, self.longest_dt))
-            channel.track.clock.dt = 0.0  # the next sample computes the coefficients anew
-
-    def _reset_channel(self) -> None:
-        with self._changing() as channel:
-            channel.stamp_ns, channel.verdict = 0, DUPLICATE
-            self.plain.reset_channel(self.module, channel)
-
     def set_gains(self, gains: Any) -> None:
         """Use other gains from the next sample on; the state is kept."""
         self.gains = gains
-        self._plan(gains)
-        self._use_gains()
+        circle = Circle(self.settings.wrap_period, self.settings.unwrap)
+        self.plan: MechanismObserver = self.observer.module.plan(gains, circle)
+        if not hasattr(self, '_channel'):
+            self._channel = Channel(self.plan.mechanics.degrees)
+        self.longest_dt = longest_dt(self.plan.limits)
+        self._channel.limits.take(limits(self.settings, self.longest_dt))
+        self._channel.track.clock.dt = 0.0  # the next sample notes its sample time
 
-    def try_step(self, design: Any) -> None:
-        """Take a step with another plan and a copy of the state."""
-        plan: Plan = design
-        state, now = plan.state(), self.channel.track
-        state.take(now.state)
-        coefficients = Coefficients()
-        plan.module.prepare(coefficients, plan.design, now.clock.mean_dt or TYPICAL_DT)
-        at, known_input = self._channel.measurement, self._channel.known_input
-        plan.module.step(plan.module, state, coefficients, plan.design, at, known_input)
+    def _reset_channel(self) -> None:
+        channel = self._channel
+        channel.track.clock.take(Clock())
+        channel.stamp_ns, channel.verdict = 0, DUPLICATE
+
+    def try_step(self, design: MechanismObserver) -> None:
+        """Take a step with other gains and a copy of the state."""
+        track = self._channel.track
+        if track.clock.running:
+            state = State(len(self.names))
+            state.take(track.state)
+            dt = track.clock.mean_dt or TYPICAL_DT
+            design.step(state, dt, state.measurement, (0.0,) * design.mechanics.inputs)
 
     def warm_up(self) -> None:
         """Take samples with another mechanism and discard them, so that everything is imported."""
-        mechanics = self.plan.mechanics
         other = Mechanism(self.name, self.observer, self.gains, self.settings, self._source)
         mechanics = self.plan.mechanics
         for k in range(1, 4):
@@ -149,69 +159,41 @@ class Mechanism(Joint):
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = ()) -> bool:
         """Take one sample; return True if it was used, False if it was dropped (and counted)."""
-        if self.memory is not None:
-            row = self.memory.array[0]
-            row['measurement'][: len(measurement)] = measurement
-            row['known_input'][: len(known_input)] = known_input
-            verdict = self.compiled.take(self.memory.pointer, stamp_ns)
-        else:
-            channel = self._channel
-            channel.measurement[: len(measurement)] = measurement
-            channel.known_input[: len(known_input)] = known_input
-            verdict = self.plain.take(self.module, channel, stamp_ns)
-        return bool(verdict < DUPLICATE)
-
-    def run(self, stamps: Any, measurements: Any, known_input: Any = None, **_: Any) -> Any:
-        """Take many samples; return (positions, velocities, statuses, verdicts).
-
-        Parameters
-        ----------
-        stamps : shape (N,), int64 nanoseconds. measurements : shape (N, n) [rad or m].
-        known_input : shape (N, m); None: not known. Positions and velocities are nan where a sample
-            was not used.
-        """
-        mechanics, count = self.plan.mechanics, len(stamps)
-        given = np.full((count, max(1, mechanics.inputs)), math.nan)
-        if known_input is not None:
-            given[:, : mechanics.inputs] = known_input
-        kinds = zip((stamps, measurements, given), (np.int64, np.float64, np.float64))
-        columns = [np.ascontiguousarray(array, kind) for array, kind in kinds]
-        results: list[Any] = [np.full((count, mechanics.degrees), math.nan) for _ in range(2)]
-        results += [np.zeros(count, np.int8) for _ in range(2)]
-        if self.memory is not None:
-            self.compiled.run(self.memory.pointer, count, *columns, *results)
-        else:
-            rows, flat = (
-                [column.ravel().tolist() for column in columns],
-                [result.reshape(-1) for result in results],
-            )
-            self.plain.batch(self.module, self._channel, count, *rows, *flat)
-        return tuple(results)
+        channel = self._channel
+        verdict = advance(
+            STEPS, channel.track, self.plan, channel.limits, stamp_ns, measurement, known_input
+        )
+        channel.verdict = verdict
+        channel.counts[verdict] += 1
+        if verdict >= DUPLICATE:
+            return False
+        channel.stamp_ns = stamp_ns
+        return True
 
     def estimate(self) -> tuple[Any, Any, float, int]:
         """Return (positions, velocities, nan, status) at the last used sample."""
-        n = len(self.names)
-        if self.memory is not None:
-            self.compiled.write_estimate(self.memory.pointer)
-            position, velocity, status = self.memory.array['estimate'][0].item()
-            position, velocity = position.tolist(), velocity.tolist()
-        else:
-            self.plain.write_estimate(self.module, self._channel)
-            out = self._channel.estimate
-            position, velocity, status = out.position, out.velocity, out.status
-        if status == MISCONFIGURED or not self._is_running():
-            return math.nan, math.nan, math.nan, status
-        return position[:n], velocity[:n], math.nan, status
-
-    def _is_running(self) -> bool:
-        if self.memory is None:  # called for each sample
-            return bool(self._channel.track.clock.running)
-        return self.running
+        track = self._channel.track
+        if not track.clock.running:
+            return math.nan, math.nan, math.nan, INITIALISING
+        if track.clock.mean_dt > self.longest_dt:
+            return math.nan, math.nan, math.nan, MISCONFIGURED
+        return *self.plan.estimate(track.state), math.nan, track.state.status
 
     def stddev(self) -> Any:
         """Return the standard deviations of all positions and of all velocities."""
-        track = self.channel.track
-        return self.plan.deviations(track.state, track.coefficients)
+        track = self._channel.track
+        if not track.clock.running:
+            nothing = [math.nan] * len(self.names)
+            return nothing, nothing
+        return self.plan.deviations(track.state, track.coefficients.dt)
+
+    def limit(self, dt: float) -> str | None:
+        """Return why the gains cannot work at this sample time [s]; None: they can."""
+        return self.plan.limits(dt)
+
+    def group_delay(self, dt: float) -> float:
+        """Return the delay of the velocity at low frequency [s] at this dt [s]."""
+        return self.plan.group_delay(dt)
 
     def take(
         self,
@@ -318,8 +300,8 @@ class Mechanism(Joint):
     def why(self) -> str:
         """Return the meaning of the status as text."""
         status = self.estimate()[3]
-        if STATUS_NAMES[status] == 'misconfigured':
-            return self.plan.limits(self.mean_dt) or ''
+        if status == MISCONFIGURED:
+            return self.limit(self.mean_dt) or ''
         if not self.running:
             return self.why_silent()
         said = self.plan.why(self.state)

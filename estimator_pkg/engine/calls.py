@@ -40,7 +40,7 @@ class Memory:
 
 
 class Functions:
-    """The compiled functions of one observer or model."""
+    """The compiled functions of one observer."""
 
     take: Any
     inform: Any
@@ -50,7 +50,6 @@ class Functions:
     deviations: Any
     batch: Any
     trace: Any
-    course: Any
 
     def __init__(self, library: Any, module: str) -> None:
         for function in Functions.__annotations__:
@@ -84,7 +83,7 @@ def _refused(reason: str) -> None:
 
 @cache
 def functions_of(module: Any) -> Functions | None:
-    """Return the engine's functions of an observer or a model; None: it runs as plain Python."""
+    """Return the engine's functions of an observer; None: it runs as plain Python."""
     library = _loaded()
     found = Functions(library, getattr(module, '__name__', ''))
     return found if vars(found) else None
@@ -101,7 +100,7 @@ def why_plain(observer: Any) -> str:
     if package not in OWN:
         return f"the engine has observers of this package alone, and '{package}' is another"
     if observer.kind not in CHANNELS and functions_of(observer.module) is None:
-        return 'the engine is for observers of one angle, of drives and of mechanisms'
+        return 'the engine is for observers of one angle and of drives'
     return load()[1]
 
 

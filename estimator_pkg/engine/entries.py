@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The functions that the engine has: those of the observers and models that setup.py names."""
+"""The functions that the engine has: those of the observers that setup.py names, and loops."""
 
 import ast
 import re
@@ -12,7 +12,7 @@ from pathlib import Path
 from .sources import Found, Module, RefusedError, Sources
 from .translate import Entry
 
-OBSERVERS, MODELS = 'velocity_estimator.observers', 'velocity_estimator.models'
+OBSERVERS = 'velocity_estimator.observers'
 CHANNELS = {  # of a kind of observers: the module of the channel, and its functions
     'angle': (
         'estimator_pkg.driver.channel',
@@ -22,9 +22,7 @@ CHANNELS = {  # of a kind of observers: the module of the channel, and its funct
         'estimator_pkg.driver.drive_channel',
         ('take', 'write_estimate', 'write_deviation', 'batch', 'trace'),
     ),
-    'mechanical': ('estimator_pkg.driver.mechanism_channel', ('take', 'write_estimate', 'batch')),
 }
-MECHANISM = 'estimator_pkg.observers.mechanism'
 SMOOTHER = 'estimator_pkg.evaluation.reference.smoother'
 LOOPS = {  # functions of a module whose arguments are numbers, arrays and records
     f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
@@ -35,13 +33,13 @@ LOOPS = {  # functions of a module whose arguments are numbers, arrays and recor
 
 
 def c_name(module: str, function: str) -> str:
-    """Return the name in C of a function of a loop's module, or for an observer's or a model's."""
+    """Return the name in C of a function of a loop's module, or for an observer's."""
     return re.sub(r'\W+', '_', f'{module}_{function}')
 
 
 def installed() -> dict[str, list[str]]:
     """Return the entry points of the installed package by group, as `entries` takes them."""
-    found: dict[str, list[str]] = {OBSERVERS: [], MODELS: []}
+    found: dict[str, list[str]] = {OBSERVERS: []}
     for point in distribution('velocity_estimator').entry_points:
         found.setdefault(point.group, []).append(f'{point.name} = {point.value}')
     return found
@@ -59,40 +57,27 @@ def entries(points: Mapping[str, Iterable[str]], root: Path) -> list[Entry]:
     ------
     RefusedError : an entry point names no object of the sources.
     """
-    sources = Sources(root)
-    models = [module.name for _, module in _objects(sources, points[MODELS])]
-    made = {}
-    for entry in (*_of_observers(sources, points[OBSERVERS], models), *_of_models(models)):
+    sources, made = Sources(root), {}
+    for entry in _of_observers(sources, points[OBSERVERS]):
         made[entry.name] = entry  # observers of one module have the same functions
+    for module, functions in LOOPS.items():
+        for function in functions:
+            made[c_name(module, function)] = Entry(module, function, {}, c_name(module, function))
     return list(made.values())
 
 
-def _of_observers(sources: Sources, points: Iterable[str], models: list[str]) -> Iterator[Entry]:
+def _of_observers(sources: Sources, points: Iterable[str]) -> Iterator[Entry]:
     """Yield the functions of each observer whose kind has a channel."""
     for found, module in _objects(sources, points):
         kind = _kind(found)
-        if kind not in CHANNELS:  # its records have no fixed size: plain Python runs them
+        if kind not in CHANNELS:  # plain Python runs them
             continue
         channel, functions = CHANNELS[kind]
-        names = [module.name]
-        if kind == 'mechanical':  # the module that its steps are from, once for each model
-            steps = sources.find(module, 'advance')
-            owner = steps.module.name if isinstance(steps, Found) else module.name
-            names = [f'{owner} model={model}' for model in models]
-        elif sources.find(module, 'inform'):  # another sensor may inform it
+        if sources.find(module, 'inform'):  # another sensor may inform it
             functions = (*functions, 'inform')
-        for name in names:
-            for function in functions:
-                yield Entry(channel, function, {'observer': name}, c_name(name, function))
-
-
-def _of_models(models: Iterable[str]) -> Iterator[Entry]:
-    """Yield the functions of models, and those that belong to neither observer nor model."""
-    for name in models:
-        yield Entry(f'{MECHANISM}.motion', 'course', {'model': name}, c_name(name, 'course'))
-    for module, functions in LOOPS.items():
         for function in functions:
-            yield Entry(module, function, {}, c_name(module, function))
+            name = c_name(module.name, function)
+            yield Entry(channel, function, {'observer': module.name}, name)
 
 
 def _objects(sources: Sources, points: Iterable[str]) -> Iterator[tuple[Found, Module]]:

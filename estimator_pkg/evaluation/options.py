@@ -187,3 +187,36 @@ def wrap_periods(
             raise UsageError(f'{differ}: joints have one wrap period, so omit one of the two')
     periods = {joint: next(iter(each)) for joint, each in found.items() if each}
     return periods.pop('', WRAP_PERIOD), periods
+
+
+def options_of(
+    parsed: argparse.Namespace,
+    observers: Sequence[Entry],
+    columns: Columns | None,
+    estimates: Sequence[str] = (),
+) -> Options:
+    """Return the arguments of a command as `Options`.
+
+    Raises
+    ------
+    UsageError : the observers have different wrap periods.
+    """
+    period, own_periods = wrap_periods(
+        parsed.wrap_period, [dict(each.values) for each in observers]
+    )
+    return Options(
+        parsed.measurement,
+        parsed.truth,
+        tuple(estimates),
+        tuple(observers),
+        parsed.begin,
+        parsed.end,
+        period,
+        parsed.correct_reference,
+        parsed.reference,
+        parsed.angle,
+        parsed.unpack_limit,
+        parsed.motion_hz,
+        columns,
+        own_periods,
+    )

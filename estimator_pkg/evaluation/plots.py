@@ -15,42 +15,17 @@ from numpy.typing import NDArray
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.thinning import LINE_GAP, extremes, limits
 from estimator_pkg.optional import needs
-from estimator_pkg.printable import escaped, printable
+from estimator_pkg.printable import printable
 
 Array = NDArray[np.float64]
 
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#b8508f', '#b98500', '#3d3d3d', '#56b4e9')
-DASHES = ('solid', (7, 3), (2, 3), (9, 3, 2, 3), (5, 2), (12, 4), (4, 3, 1, 3))
+DASHES = ('', '7 3', '2 3', '9 3 2 3', '5 2', '12 4', '4 3 1 3')
 GREY = '#9a9a9e'  # of references
 MOST_NUMBERS = 1_200_000  # of all curves over time of a page: 6.4 MB
 FEWEST_POINTS = 200  # points of a curve
 TALL_PANEL, LOW_PANEL = 250, 130  # height of a panel [pixels]
-# The legend shows and hides estimates in all plots. On a touch screen a swipe over a plot scrolls
-# the page until a tool is tapped: Bokeh leaves it to the browser while no tool takes it.
-SCRIPT = """
-const models = () => Bokeh.documents.flatMap(each => [...each.all_models]);
-const rest = () => {
-  if (!window.Bokeh?.documents.length) return setTimeout(rest, 50);
-  for (const each of models()) {
-    const tool = each.type === 'ToolProxy' ? each.tools[0] : each;
-    if (/ZoomTool$/.test(tool.type)) each.active = false;
-  }
-};
-if (document.querySelector('.plot') && matchMedia('(pointer: coarse)').matches) rest();
-for (const button of document.querySelectorAll('.legend button'))
-  button.onclick = () => {
-    const on = button.ariaPressed !== 'true';
-    button.ariaPressed = on;
-    for (const each of models())
-      if (each.type === 'GlyphRenderer' && each.name === button.dataset.s) each.visible = on;
-  };
-for (const button of document.querySelectorAll('button.copy'))
-  button.onclick = async () => {
-    try { await navigator.clipboard.writeText(button.previousElementSibling.textContent);
-          button.textContent = 'copied'; }
-    catch { getSelection().selectAllChildren(button.previousElementSibling); }
-  };
-"""
+TEMPLATES = resources.files(__package__) / 'templates'
 
 
 def check() -> None:
@@ -62,23 +37,15 @@ def check() -> None:
 
 
 class Style(NamedTuple):
-    """Colour and dashes of an estimate's lines, the same in all plots."""
+    """Colour and dashes [pixels] of an estimate's lines, the same in all plots."""
 
     colour: str
-    dash: Any
+    dash: str = ''
 
     @property
     def line(self) -> dict[str, Any]:
         """Properties of a line of Bokeh."""
         return {'line_color': self.colour, 'line_dash': self.dash, 'line_width': 1.5}
-
-    def svg(self) -> str:
-        """Return a short line for the legend."""
-        dash = '' if self.dash == 'solid' else ' '.join(map(str, self.dash))
-        return (
-            '<svg viewBox="0 0 30 10"><path d="M0 5H30" stroke-width="3" '
-            f'stroke="{self.colour}" stroke-dasharray="{dash}"/></svg>'
-        )
 
 
 def styles(sources: Iterable[str]) -> dict[str, Style]:
@@ -127,7 +94,7 @@ def ahead(time: NDArray[np.floating]) -> NDArray[np.bool_]:
 
 def sample_times(time: NDArray[np.floating]) -> dict[str, list[Curve]]:
     """Return the panel of the times between samples at `time`, shape (n,) [s], by its title."""
-    steps, line = np.diff(time, prepend=np.nan) * 1e3, Style(COLOURS[0], 'solid').line
+    steps, line = np.diff(time, prepend=np.nan) * 1e3, Style(COLOURS[0]).line
     return {'time since the sample before [ms]': [Curve('sample time', '@ ms', time, steps, line)]}
 
 
@@ -140,7 +107,7 @@ def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:
     """Return (times [s], shape (k,), what is left out, as a sentence or '').
 
     These are all times, or those of the lowest and the highest value of each curve in stretches of
-    equal length; and one in each gap. At each of them all curves have the values of that instant.
+    equal length; and two in each gap. At each of them all curves have the values of that instant.
     """
     most = max(len(each.time) for each in curves)
     drawn = [each for each in curves if each.kind != 'band']
@@ -150,7 +117,7 @@ def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:
         steps = np.diff(each.time)
         if each.kind == 'line':
             holes = np.flatnonzero(steps > longest(each.time))
-            times.append(each.time[holes] + 0.5 * steps[holes])
+            times += [each.time[holes] + part * steps[holes] for part in (0.001, 0.999)]
     chosen = np.unique(np.concatenate(times))
     if most <= points:
         return chosen, ''
@@ -190,73 +157,65 @@ def over_time(
 
     curves = [each for panel in panels.values() for each in panel]
     times, note = instants(curves, rows)
-    columns: dict[str, NDArray] = {'time': times}
+    columns: dict[str, NDArray] = {'time': times, 'zero': np.zeros(len(times), np.int8)}
     tips: dict[str, list[str]] = {'time': ['@time{%.4f} s']}
     formats: dict[str, Any] = {'@time': 'printf'}
-    for number, each in enumerate(curves):
-        name = f'c{number}'
-        columns[name] = each.at(times)
-        if each.text:
-            tips.setdefault(printable(each.label), []).append(
-                each.text.replace('@', f'@{name}{{%.4g}}')
-            )
-        formats[f'@{name}'] = 'printf'
-        if each.kind == 'step':
-            formats[f'@{name}'] = CustomJSHover(
-                args={'names': list(names)}, code='return names[Math.round(value)] ?? "-"'
-            )
-    data = ColumnDataSource({**columns, 'zero': np.zeros(len(times), np.int8)})
+    status = CustomJSHover(
+        args={'names': list(names)}, code='return names[Math.round(value)] ?? "-"'
+    )
     minus = CustomJSTransform(v_func='return xs.map(x => -x)')
-    tips_ = [(label, ', '.join(texts)) for label, texts in tips.items()]
     cursor = CrosshairTool(
         overlay=Span(dimension='height', line_color=GREY, line_dash='dotted'), visible=False
     )
+    data, shown = ColumnDataSource(), {'', *shown}
     made: list[Any] = []
-    shown, names_ = {'', *shown}, iter(columns)
-    next(names_)
+    hovers: list[Any] = []
     for title, panel in panels.items():
         steps = any(each.kind == 'step' for each in panel)
-        low = len(panel) == 1 or steps
-        plot = figure(title, '', '', LOW_PANEL if low else TALL_PANEL)
-        if made:
-            plot.x_range = made[0].x_range
+        plot = figure(title, '', '', LOW_PANEL if len(panel) == 1 or steps else TALL_PANEL)
         # A line that is not seen has a point at each instant, which the pointer finds.
         plot.extra_y_ranges = {'middle': Range1d(-1, 1)}
         every = plot.line('time', 'zero', source=data, line_alpha=0.0, y_range_name='middle')
-        lines = []
-        for each, name in reversed(list(zip(panel, names_))):  # the first is on top
-            more = {'source': data, 'visible': each.source in shown}
+        lines, draws = [], []
+        for each in panel:
+            name = f'c{len(columns)}'
+            columns[name] = each.at(times)
+            if each.kind == 'band':  # Bokeh fills it across nan
+                columns[name] = np.nan_to_num(columns[name])
+            formats[f'@{name}'] = status if each.kind == 'step' else 'printf'
+            tip = each.text.replace('@', f'@{name}{{%.4g}}')
+            tips.setdefault(printable(each.label), []).append(tip)
+            draws.append((each, name))
+        for each, name in reversed(draws):  # the first is on top
+            more = {'source': data, 'visible': each.source in shown, **each.style}
             more |= {'name': printable(each.source)} if each.source else {}
             if each.kind == 'band':
-                below = {'field': name, 'transform': minus}
-                plot.varea('time', below, name, **more, **each.style)
+                plot.varea('time', {'field': name, 'transform': minus}, name, **more)
             elif each.kind == 'step':
-                lines.append(plot.step('time', name, mode='after', **more, **each.style))
+                lines.append(plot.step('time', name, mode='after', **more))
             else:
-                lines.append(plot.line('time', name, **more, **each.style))
+                lines.append(plot.line('time', name, **more))
         plot.y_range.renderers = lines  # not `every`, nor bands: they are wide at a start
         front = [each for each in panel if each.kind == 'line' and each.source in shown]
         outer = None if whole else limits(each.values for each in front)
         if outer:
             plot.y_range = Range1d(*outer)
-            plot.title.text += '; outliers are beyond'
+            plot.title.text += '\noutliers are beyond'
         if steps:
             ticks = range(1 + round(max(float(np.nanmax(each.values)) for each in panel)))
             plot.y_range = Range1d(-0.6, len(ticks) - 0.4)
             plot.yaxis.ticker = FixedTicker(ticks=list(ticks))
             plot.yaxis.major_label_overrides = {i: names[i] for i in ticks}
-        plot.add_tools(
-            HoverTool(
-                renderers=[every],
-                mode='vline',
-                tooltips=tips_,
-                formatters=formats,
-                point_policy='follow_mouse',
-                visible=False,
-            ),
-            cursor,
+        hovers.append(
+            HoverTool(renderers=[every], mode='vline', point_policy='follow_mouse', visible=False)
         )
+        plot.add_tools(hovers[-1], cursor)
+        plot.x_range = made[0].x_range if made else plot.x_range
         made.append(plot)
+    data.data = columns
+    for hover in hovers:  # each shows the values of all panels
+        hover.tooltips = [(label, ', '.join(texts)) for label, texts in tips.items()]
+        hover.formatters = formats
     made[-1].xaxis.axis_label = 'time [s]'
     made[-1].height += 25
     return gridplot([[each] for each in made], sizing_mode='stretch_width'), note
@@ -268,7 +227,7 @@ def figure(title: str, x: str, y: str, height: int = TALL_PANEL, **more: Any) ->
     from bokeh.plotting import figure as plot
 
     made = plot(
-        title=title,
+        title=title.replace('; ', '\n'),  # short lines fit a phone
         x_axis_label=x,
         y_axis_label=y,
         height=height,
@@ -289,32 +248,29 @@ def figure(title: str, x: str, y: str, height: int = TALL_PANEL, **more: Any) ->
     return made
 
 
-class Plots:
-    """The plots of a page, in the order in which they are added."""
+def page(template: str, drawn: Sequence[Any], **values: Any) -> str:
+    """Return a page with style, library, data and plots in it: it loads nothing.
 
-    def __init__(self) -> None:
-        self._made: list[Any] = []
+    Parameters
+    ----------
+    template : a file of `TEMPLATES`, for which ``plots[i]`` is the place of ``drawn[i]``. Texts
+        become `printable` there, and HTML in them is escaped.
+    """
+    from bokeh.embed import components
+    from bokeh.resources import Resources
+    from jinja2 import Environment, FileSystemLoader
 
-    def add(self, plot: Any) -> str:
-        """Return the place of a plot in the body of the page."""
-        self._made.append(plot)
-        return f'<div class="plot"><!--plot {len(self._made)}--></div>'
-
-    def page(self, title: str, body: str) -> str:
-        """Return the page: HTML with style, library, data and plots in it."""
-        from bokeh.embed import components
-        from bokeh.resources import Resources
-
-        scripts = ''
-        if self._made:
-            script, places = components(tuple(self._made))
-            scripts = f'{Resources(mode="inline", components=["bokeh"]).render_js()}{script}'
-            for number, place in enumerate(places, 1):
-                body = body.replace(f'<!--plot {number}-->', place, 1)
-        style = resources.files(__package__).joinpath('page.css').read_text()
-        return (
-            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f'<title>{escaped(title)}</title><style>{style}</style></head><body>\n'
-            f'{body}\n{scripts}\n<script>{SCRIPT}</script>\n</body></html>\n'
-        )
+    library, script, places = '', '', ()
+    if drawn:
+        script, places = components(tuple(drawn))
+        library = Resources(mode='inline', components=['bokeh']).render_js()
+    environment = Environment(
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda each: each if hasattr(each, '__html__') else printable(each),
+        loader=FileSystemLoader(str(TEMPLATES)),
+    )
+    return environment.get_template(template).render(
+        plots=places, library=library, script=script, **values
+    )

@@ -40,37 +40,18 @@ def extremes(values: Array, points: int) -> NDArray[np.int64]:
     return chosen[chosen < count]
 
 
-def broken(time: Array, values: NDArray, chosen: NDArray[np.int64]) -> tuple[Array, NDArray]:
-    """Return (time [s], values), shape (k,), of chosen samples; nan where the record has a gap."""
-    steps = np.diff(time)
-    known = steps[np.isfinite(steps)]
-    if not len(known):
-        return time[chosen], values[chosen]
-    holes = np.flatnonzero(steps > LINE_GAP * float(np.median(known)))
-    at = np.unique(np.searchsorted(chosen, holes, side='right'))
-    at = at[(at > 0) & (at < len(chosen))]
-    return (
-        np.insert(time[chosen], at, time[chosen[at - 1]]),
-        np.insert(np.asarray(values[chosen], float), at, np.nan),
-    )
-
-
 def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
     """Return the range to draw, in the lines' unit, if outliers would compress them; or None.
 
     Each line has shape (n,), with an n of its own; nan: none.
     """
-    some, least, most = [], np.inf, -np.inf
-    for line in lines:  # one at a time: they may be long
-        if np.isfinite(line).any():
-            least, most = min(least, float(np.nanmin(line))), max(most, float(np.nanmax(line)))
-        part = line[:: max(1, len(line) // PERCENTILE_VALUES)]
-        some.append(part[np.isfinite(part)])
-    known = np.concatenate([np.zeros(0), *some])
+    known = np.concatenate([np.zeros(0), *(line[np.isfinite(line)] for line in lines)])
     if not len(known):
         return None
-    low, high = np.percentile(known, [100.0 - OUTLIER_PERCENT, OUTLIER_PERCENT])
+    some = known[:: max(1, len(known) // PERCENTILE_VALUES)]
+    low, high = np.percentile(some, [100.0 - OUTLIER_PERCENT, OUTLIER_PERCENT])
     room = 0.5 * (OUTLIER_ROOM - 1.0) * max(float(high - low), 1e-9)
+    least, most = float(known.min()), float(known.max())
     if least >= low - room and most <= high + room:
         return None
     return max(float(low) - room, least - 0.1 * room), min(float(high) + room, most + 0.1 * room)

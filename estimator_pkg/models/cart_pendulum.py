@@ -12,14 +12,13 @@ Cholesky factor of M^-1.
 
 from __future__ import annotations
 
-import math
-import sys
 from dataclasses import dataclass
+
+import numpy as np
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.friction import asymmetric
-from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Values, Vector
-from estimator_pkg.models.mechanics import everywhere as admits  # noqa: F401
+from estimator_pkg.models.mechanics import TURN, Array, Model, matrix, vector
 from estimator_pkg.parameters import structural
 
 GRAVITY = 9.81  # m/s^2
@@ -27,7 +26,12 @@ GRAVITY = 9.81  # m/s^2
 
 @dataclass(frozen=True)
 class Parameters:
-    """The parameters of a cart-pendulum; the defaults are those of section 6."""
+    """A cart-pendulum; the defaults are those of section 6. Arrays have shape (..., 2)."""
+
+    joints = ('pendulum', 'cart')
+    periods = (TURN, 0.0)
+    actuated = (1,)
+    reach = (np.pi, 1.0)
 
     pendulum_inertia: float = structural(
         0.0484,
@@ -100,84 +104,50 @@ class Parameters:
                 f'{self.pendulum_moment**2:g}: the mass matrix is not positive definite'
             )
 
+    @property
+    def damped(self) -> bool:
+        """True if D is not zero."""
+        return self.pendulum_damping > 0.0 or self.cart_damping > 0.0
 
-JOINTS, INPUTS = 2, 1
-# values: J, B, m, Gv, force constant, friction forward and backward, its width, damping of both
+    @property
+    def dry(self) -> bool:
+        """True if the cart has Coulomb friction."""
+        return self.friction_forward > 0.0 or self.friction_backward > 0.0
 
+    def inertia(self, q: Array) -> Array:
+        """Return M."""
+        coupling = self.pendulum_moment * np.cos(q[..., 0])
+        return matrix((self.pendulum_inertia, coupling), (coupling, self.moving_mass))
 
-def inertia(out: Matrix, values: Values, q: Vector) -> None:
-    """Set M."""
-    coupling = values[1] * math.cos(q[0])
-    out[0][0] = values[0]
-    out[0][1] = out[1][0] = coupling
-    out[1][1] = values[2]
+    def factors(self, q: Array) -> tuple[Array, Array]:
+        """Return calM and Psi, which are the same here."""
+        mass, coupling = self.moving_mass, self.pendulum_moment * np.cos(q[..., 0])
+        rest = np.sqrt(mass / (self.pendulum_inertia * mass - coupling * coupling))
+        psi = matrix((rest, 0.0), (-coupling * rest / mass, np.sqrt(1.0 / mass)))
+        return psi, psi
 
+    def force(self, q: Array, v: Array, u: Array) -> Array:
+        """Return gravity on the pendulum [N m]; motor and Coulomb friction on the cart [N]."""
+        largest = GRAVITY * self.pendulum_moment if self.gravity is None else self.gravity
+        on_cart = self.force_constant * u[..., 0]
+        if self.dry:
+            levels = self.friction_forward, self.friction_backward
+            on_cart = on_cart - asymmetric(v[..., 1], *levels, self.friction_speed)
+        return vector(largest * np.sin(q[..., 0]), on_cart)
 
-def factors(calm: Matrix, psi: Matrix, values: Values, q: Vector) -> None:
-    """Set calM and Psi, which are the same here."""
-    mass = values[2]
-    coupling = values[1] * math.cos(q[0])
-    rest = math.sqrt(mass / (values[0] * mass - coupling * coupling))
-    calm[0][0] = psi[0][0] = rest
-    calm[0][1] = psi[0][1] = 0.0
-    calm[1][0] = psi[1][0] = -coupling * rest / mass
-    calm[1][1] = psi[1][1] = math.sqrt(1.0 / mass)
+    def coriolis(self, q: Array, v: Array) -> Array:
+        """Return C v."""
+        turning = v[..., 0]
+        return vector(0.0, -self.pendulum_moment * np.sin(q[..., 0]) * turning * turning)
 
-
-def force(out: Vector, values: Values, q: Vector, v: Vector, u: Vector) -> None:
-    """Set gravity on the pendulum [N m]; motor and Coulomb friction on the cart [N]."""
-    on_cart = values[4] * u[0]
-    if values[5] != 0.0 or values[6] != 0.0:
-        on_cart -= asymmetric(v[1], values[5], values[6], values[7])
-    out[0] = values[3] * math.sin(q[0])
-    out[1] = on_cart
-
-
-def coriolis(out: Vector, values: Values, q: Vector, v: Vector) -> None:
-    """Set C v."""
-    out[0] = 0.0
-    out[1] = -values[1] * math.sin(q[0]) * v[0] * v[0]
-
-
-def damping(out: Matrix, values: Values, q: Vector) -> None:
-    """Set D."""
-    out[0][0], out[1][1] = values[8], values[9]
-    out[0][1] = out[1][0] = 0.0
-
-
-def build(parameters: Parameters) -> Mechanics:
-    """The cart-pendulum with these numbers."""
-    p = parameters
-    gravity = GRAVITY * p.pendulum_moment if p.gravity is None else p.gravity
-    return Mechanics(
-        name='cart_pendulum',
-        joints=('pendulum', 'cart'),
-        periods=(TURN, 0.0),
-        values=(
-            p.pendulum_inertia,
-            p.pendulum_moment,
-            p.moving_mass,
-            gravity,
-            p.force_constant,
-            p.friction_forward,
-            p.friction_backward,
-            p.friction_speed,
-            p.pendulum_damping,
-            p.cart_damping,
-        ),
-        actuated=(1,),
-        model=sys.modules[__name__],
-        damped=p.pendulum_damping > 0.0 or p.cart_damping > 0.0,
-        centre=(0.0, 0.0),
-        reach=(math.pi, 1.0),
-        speed_matters=p.friction_forward > 0.0 or p.friction_backward > 0.0,
-    )
+    def damping(self, q: Array) -> Array:
+        """Return D."""
+        return np.diag((self.pendulum_damping, self.cart_damping))
 
 
 MODEL = Model(
     name='cart_pendulum',
     parameters=Parameters,
-    build=build,
     summary='a pendulum on a driven cart, with asymmetric friction',
     reference='Aranovskiy, Ortega, Romero, Sokolov (IJC 2019), sections 5.1 and 6, equation (24)',
     identified=(

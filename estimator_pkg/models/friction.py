@@ -5,18 +5,18 @@
 
 from __future__ import annotations
 
-import math
+from typing import Any
+
+import numpy as np
 
 STRIBECK = 0.02  # default width of the smoothed sign [rad/s or m/s]
 
 
-def smooth_sign(v: float, width: float) -> float:
+def smooth_sign(v: Any, width: float) -> Any:
     """Return tanh(v / width); for width 0 the sign of v, with 0 at 0."""
-    if width > 0.0:
-        return math.tanh(v / width)
-    return 1.0 if v > 0.0 else -1.0 if v < 0.0 else 0.0
+    return np.tanh(v / width) if width > 0.0 else np.sign(v)
 
 
-def asymmetric(v: float, forward: float, backward: float, width: float) -> float:
+def asymmetric(v: Any, forward: float, backward: float, width: float) -> Any:
     """Return Coulomb friction with a different level per direction: forward for v >= 0."""
-    return (forward if v >= 0.0 else backward) * smooth_sign(v, width)
+    return np.where(v >= 0.0, forward, backward) * smooth_sign(v, width)

@@ -11,13 +11,12 @@ the motor's current [A]. Everything else is on the joint's side of the gear.
 
 from __future__ import annotations
 
-import math
-import sys
 from dataclasses import dataclass
 
+import numpy as np
+
 from estimator_pkg.models.friction import STRIBECK, smooth_sign
-from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Values, Vector
-from estimator_pkg.models.mechanics import everywhere as admits  # noqa: F401
+from estimator_pkg.models.mechanics import TURN, Array, Model, matrix
 from estimator_pkg.parameters import structural
 
 
@@ -80,71 +79,49 @@ class Parameters:
     )
 
 
-JOINTS, INPUTS = 1, 1
-# values: J, b, c, coulomb width, g1, hanging, bias, gear kt
+class SingleJoint:
+    """The joint with these numbers. Arrays have shape (..., 1)."""
 
+    joints = ('joint',)
+    reach = (np.pi,)
 
-def inertia(out: Matrix, values: Values, q: Vector) -> None:
-    """Set M."""
-    out[0][0] = values[0]
+    def __init__(self, parameters: Parameters) -> None:
+        self.numbers = parameters
+        self.periods, self.centre = (parameters.period,), (parameters.hanging,)
+        self.dry = parameters.coulomb > 0.0
 
+    def inertia(self, q: Array) -> Array:
+        """Return M."""
+        return np.array([[self.numbers.inertia]])
 
-def factors(calm: Matrix, psi: Matrix, values: Values, q: Vector) -> None:
-    """Set calM = 1/J and Psi = 1."""
-    calm[0][0] = 1.0 / values[0]
-    psi[0][0] = 1.0
+    def factors(self, q: Array) -> tuple[Array, Array]:
+        """Return calM = 1/J and Psi = 1."""
+        one = matrix((np.ones(q.shape[:-1]),))
+        return one / self.numbers.inertia, one
 
+    def force(self, q: Array, v: Array, u: Array) -> Array:
+        """Return all torques except the viscous one [N m]."""
+        p = self.numbers
+        return (
+            p.gear_ratio * p.torque_constant * u
+            - p.gravity * np.sin(q - p.hanging)
+            - p.bias
+            - p.coulomb * smooth_sign(v, p.coulomb_speed)
+        )
 
-def force(out: Vector, values: Values, q: Vector, v: Vector, u: Vector) -> None:
-    """Set all torques except the viscous one [N m]."""
-    out[0] = (
-        values[7] * u[0]
-        - values[4] * math.sin(q[0] - values[5])
-        - values[6]
-        - values[2] * smooth_sign(v[0], values[3])
-    )
+    def coriolis(self, q: Array, v: Array) -> Array:
+        """Return zero: a single joint has no Coriolis force."""
+        return np.zeros(1)
 
-
-def coriolis(out: Vector, values: Values, q: Vector, v: Vector) -> None:
-    """Set zero: a single joint has no Coriolis force."""
-    out[0] = 0.0
-
-
-def damping(out: Matrix, values: Values, q: Vector) -> None:
-    """Set D."""
-    out[0][0] = values[1]
-
-
-def build(parameters: Parameters) -> Mechanics:
-    """The joint with these numbers."""
-    p = parameters
-    return Mechanics(
-        name='single_joint',
-        joints=('joint',),
-        periods=(p.period,),
-        values=(
-            p.inertia,
-            p.damping,
-            p.coulomb,
-            p.coulomb_speed,
-            p.gravity,
-            p.hanging,
-            p.bias,
-            p.gear_ratio * p.torque_constant,
-        ),
-        actuated=(0,),
-        model=sys.modules[__name__],
-        damped=True,
-        centre=(p.hanging,),
-        reach=(math.pi,),
-        speed_matters=p.coulomb > 0.0,
-    )
+    def damping(self, q: Array) -> Array:
+        """Return D."""
+        return np.array([[self.numbers.damping]])
 
 
 MODEL = Model(
     name='single_joint',
     parameters=Parameters,
-    build=build,
+    form=SingleJoint,
     summary='one joint with its motor: inertia, friction, gravity, torque constant, gear ratio',
     identified=('inertia', 'damping', 'coulomb', 'gravity', 'hanging', 'bias'),
 )

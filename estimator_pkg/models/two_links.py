@@ -13,21 +13,23 @@ cannot use it; `hgo`, `ehgo` and `smo` can.
 
 from __future__ import annotations
 
-import math
-import sys
 from dataclasses import dataclass
+
+import numpy as np
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models.friction import STRIBECK, smooth_sign
-from estimator_pkg.models.mechanics import TURN, Matrix, Mechanics, Model, Values, Vector
-from estimator_pkg.models.mechanics import everywhere as admits  # noqa: F401
-from estimator_pkg.models.mechanics import no_factors as factors  # noqa: F401
+from estimator_pkg.models.mechanics import Array, Model, matrix, vector
 from estimator_pkg.parameters import structural
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """The parameters of two links; the defaults are about those of an arm of two 0.2 m links."""
+    """Two links; the defaults are about those of 0.2 m each. Arrays have shape (..., 2)."""
+
+    joints = ('shoulder', 'elbow')
+    reach = (np.pi, np.pi)
+    dry = True
 
     shoulder_inertia: float = structural(
         0.15,
@@ -96,74 +98,36 @@ class Parameters:
                 'mass matrix is not positive definite'
             )
 
+    def inertia(self, q: Array) -> Array:
+        """Return M."""
+        coupling = self.coupling * np.cos(q[..., 1])
+        other = self.elbow_inertia + coupling
+        whole = self.shoulder_inertia + self.elbow_inertia + 2.0 * coupling
+        return matrix((whole, other), (other, self.elbow_inertia))
 
-JOINTS, INPUTS = 2, 2
-# values: a, b, k, ga, gb, damping of both, Coulomb friction of both, its width
+    def force(self, q: Array, v: Array, u: Array) -> Array:
+        """Return motors, gravity and Coulomb friction [N m]."""
+        lower = self.elbow_gravity * np.sin(q[..., 0] + q[..., 1])
+        upper = self.shoulder_gravity * np.sin(q[..., 0])
+        signs = smooth_sign(v, self.coulomb_speed)
+        return vector(
+            u[..., 0] - upper - lower - self.shoulder_coulomb * signs[..., 0],
+            u[..., 1] - lower - self.elbow_coulomb * signs[..., 1],
+        )
 
+    def coriolis(self, q: Array, v: Array) -> Array:
+        """Return C v."""
+        h, first, second = self.coupling * np.sin(q[..., 1]), v[..., 0], v[..., 1]
+        return vector(-h * second * (2.0 * first + second), h * first * first)
 
-def inertia(out: Matrix, values: Values, q: Vector) -> None:
-    """Set M."""
-    coupling = values[2] * math.cos(q[1])
-    other = values[1] + coupling
-    out[0][0] = values[0] + values[1] + 2.0 * coupling
-    out[0][1] = out[1][0] = other
-    out[1][1] = values[1]
-
-
-def force(out: Vector, values: Values, q: Vector, v: Vector, u: Vector) -> None:
-    """Set motors, gravity and Coulomb friction [N m]."""
-    lower = values[4] * math.sin(q[0] + q[1])
-    upper = values[3] * math.sin(q[0])
-    out[0] = u[0] - upper - lower - values[7] * smooth_sign(v[0], values[9])
-    out[1] = u[1] - lower - values[8] * smooth_sign(v[1], values[9])
-
-
-def coriolis(out: Vector, values: Values, q: Vector, v: Vector) -> None:
-    """Set C v."""
-    h = values[2] * math.sin(q[1])
-    out[0] = -h * v[1] * (2.0 * v[0] + v[1])
-    out[1] = h * v[0] * v[0]
-
-
-def damping(out: Matrix, values: Values, q: Vector) -> None:
-    """Set D."""
-    out[0][0], out[1][1] = values[5], values[6]
-    out[0][1] = out[1][0] = 0.0
-
-
-def build(parameters: Parameters) -> Mechanics:
-    """The links with these numbers."""
-    p = parameters
-    return Mechanics(
-        name='two_links',
-        joints=('shoulder', 'elbow'),
-        periods=(TURN, TURN),
-        values=(
-            p.shoulder_inertia,
-            p.elbow_inertia,
-            p.coupling,
-            p.shoulder_gravity,
-            p.elbow_gravity,
-            p.shoulder_damping,
-            p.elbow_damping,
-            p.shoulder_coulomb,
-            p.elbow_coulomb,
-            p.coulomb_speed,
-        ),
-        actuated=(0, 1),
-        model=sys.modules[__name__],
-        linearisable=False,
-        damped=True,
-        centre=(0.0, 0.0),
-        reach=(math.pi, math.pi),
-        speed_matters=True,
-    )
+    def damping(self, q: Array) -> Array:
+        """Return D."""
+        return np.diag((self.shoulder_damping, self.elbow_damping))
 
 
 MODEL = Model(
     name='two_links',
     parameters=Parameters,
-    build=build,
     summary='two links in a vertical plane with a motor in each joint, for hgo, ehgo and smo',
     identified=(
         'shoulder_inertia',

@@ -54,8 +54,8 @@ METHODS = {
     'used (may be left out)',
     'why': '(state, design) -> the reason for the status, as text for users, or an empty text',
 }
-# An observer of a mechanism has `plan`, (gains, circle) -> `core.Plan`, in place of these:
-PLANNED = ('design', 'deviation')
+# A module of an observer of mechanisms has `plan` in place of all these: (gains, circle) ->
+# `mechanism.observer.MechanismObserver`.
 CONSTANTS = {
     'SINGLE_ANGLE': 'a sample is one angle alone, so that the driver can compare it with others',
     'EDGES': 'it takes a changed count as the time at which an edge was crossed',

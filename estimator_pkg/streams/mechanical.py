@@ -16,8 +16,8 @@ from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings, che
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanism.core import Plan
 from estimator_pkg.observers.mechanism.gains import in_words
+from estimator_pkg.observers.mechanism.observer import MechanismObserver
 from estimator_pkg.observers.mechanism.parameters import default_numbers
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.contract import Answer, Output
@@ -73,12 +73,12 @@ class MechanicalStream(DrivenStream):
         """See `Stream`: checks each mechanism; common values need not suit any of them."""
         check_names(configuration, self.settings.mechanisms)
 
-    def _build(self, configuration: Configuration, joint: str) -> Plan:
+    def _build(self, configuration: Configuration, joint: str) -> MechanismObserver:
         """Return what the gains of this mechanism imply ('': of one without override)."""
         settings: Any
         gains, settings = configuration.for_joint(joint)
         circle = Circle(settings.wrap_period, settings.unwrap)
-        plan: Plan = self.observer.module.plan(gains, circle)
+        plan: MechanismObserver = self.observer.module.plan(gains, circle)
         settings.check_inputs(max(1, plan.mechanics.inputs), self._called(joint))
         return plan
 

@@ -20,7 +20,7 @@ from estimator_pkg.circle import wrap
 from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanism.motion import MechanismSimulation, acceleration
+from estimator_pkg.models.motion import move
 from estimator_pkg.parameters import structural
 from sim_pkg.chunks import JointStates, sample_count
 from sim_pkg.contract import Message, Topic, check_rate, diverged
@@ -115,12 +115,11 @@ class Encoders:
 
 def fastest(mechanics: Mechanics, q: Vector) -> float:
     """Return the largest rate [1/s] of the mechanism about `q`, at unit speeds (no stiction)."""
-    n = mechanics.degrees
-    at_rest = (0.0,) * max(1, mechanics.inputs)
+    n, at_rest = mechanics.degrees, np.zeros(mechanics.inputs)
     state, step = np.concatenate([q, np.ones(n)]), 1e-6
 
     def derivative(x: np.ndarray) -> np.ndarray:
-        return np.concatenate([x[n:], acceleration(mechanics, x[:n], x[n:], at_rest)])
+        return np.concatenate([x[n:], mechanics.acceleration(x[:n], x[n:], at_rest)])
 
     slopes = np.array(
         [
@@ -184,7 +183,6 @@ def _samples(
     released: Callable[[], bool],
 ) -> Iterator[list[Message]]:
     n, dt = mechanics.degrees, 1.0 / rate
-    plant = MechanismSimulation(mechanics, q, v)
     measured, true = (JointStates(each, mechanics.joints) for each in (MEASURED, TRUTH))
     left = sample_count(duration, rate)
     k = 0
@@ -202,10 +200,10 @@ def _samples(
             messages = []
         if released():
             u = drive((k - 1) * dt, reading, v)
-            try:
-                q, v = plant.step(u, dt, parts)
-            except (ArithmeticError, ValueError):  # of math, for numbers beyond the floats
-                raise diverged(k * dt) from None
+            with np.errstate(all='ignore'):
+                state = np.array(q), np.array(v)
+                moved = move(mechanics, *state, np.array(u[: mechanics.inputs]), dt, parts)
+            q, v = (tuple(each.tolist()) for each in moved)
             if not all(-RUNAWAY < value < RUNAWAY for value in q + v):
                 raise diverged(k * dt)
             acting = [0.0] * n

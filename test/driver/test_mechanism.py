@@ -107,7 +107,7 @@ def through_a_missing_effort(observer):
         observer=observer, model='cart_pendulum', model_parameters=list(FAST), **gains
     )
     mechanism, velocities = mechanisms.joints['m'], []
-    for k, position in enumerate(positions):
+    for k, position in enumerate(positions.tolist()):
         effort = math.nan if 1500 <= k < 1650 else 0.0
         mechanisms.update(START + k * MS, mechanism.names, position, (effort, effort))
         velocities.append(mechanism.estimate()[1])

@@ -5,7 +5,7 @@
 
 import pytest
 
-from estimator_pkg.engine.entries import MODELS, OBSERVERS
+from estimator_pkg.engine.entries import OBSERVERS
 from estimator_pkg.engine.entries import entries as every
 from estimator_pkg.engine.sources import RefusedError
 from estimator_pkg.engine.translate import Entry, translate
@@ -380,4 +380,4 @@ def test_an_entry_is_refused(tmp_path, name):
 def test_an_entry_point_to_nothing_is_refused(tmp_path, value):
     (tmp_path / 'tiny.py').write_text(DRIVER)
     with pytest.raises(RefusedError, match=f"setup.py:1: entry point 'mine = {value}' names no"):
-        every({OBSERVERS: [f'mine = {value}'], MODELS: []}, tmp_path)
+        every({OBSERVERS: [f'mine = {value}']}, tmp_path)

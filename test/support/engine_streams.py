@@ -14,18 +14,16 @@ from pathlib import Path
 import numpy as np
 from observer_cases import drawn_gains
 
-from estimator_pkg import observers, registry
+from estimator_pkg import observers
 from estimator_pkg.driver.bank import Line
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.driver.joint import Joint
-from estimator_pkg.driver.mechanism import Mechanism, MechanismSettings
 from estimator_pkg.engine import calls
 from estimator_pkg.engine.load import PACKAGE, load
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.checks.angles import faults_of
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth
-from estimator_pkg.observers.mechanism.motion import MechanismSimulation
 from estimator_pkg.parameters import build
 from sim_pkg.pmsm.drive import Drive
 from sim_pkg.pmsm.parameters import PmsmParameters
@@ -68,18 +66,16 @@ def drawn_stream(random, columns=1, dt_ns=10**6):
 
 
 def made(kind, name, random, **fixed):
-    """A joint, drive or mechanism with random gains; None: all are refused."""
+    """A joint or drive with random gains; None: all are refused."""
     observer = observers.find(name)
-    settings = {'unwrap': bool(random.integers(2)), 'gap_max': random.choice([0.01, 0.3])}
-    if kind is not Mechanism:
-        settings['wrap_period'] = random.choice([0.0, 2.0 * math.pi, 360.0])
+    settings = {
+        'unwrap': bool(random.integers(2)),
+        'gap_max': random.choice([0.01, 0.3]),
+        'wrap_period': random.choice([0.0, 2.0 * math.pi, 360.0]),
+    }
     for _ in range(100):
         with contextlib.suppress(UserError):
             gains = build(observer.gains, {**drawn_gains(observer.gains, random), **fixed})
-            if kind is Mechanism:
-                return kind(
-                    'm', observer, gains, build(MechanismSettings, settings), 'joint_states'
-                )
             return kind(observer, gains, build(JointSettings, settings))
     return None
 
@@ -118,21 +114,6 @@ def drive(name, random):
     run_states(joint.design, readings, 1e-4, joint.state)
 
 
-def mechanism(name, random):
-    for model in registry.names(registry.MODELS):
-        joint = made(Mechanism, name, random, model=model)
-        if joint is None:
-            continue
-        mechanics = joint.plan.mechanics
-        n = mechanics.degrees
-        stamps, readings = drawn_stream(random, n + mechanics.inputs)
-        positions, efforts = readings[:, :n] + mechanics.centre, readings[:, n:]
-        run(joint, stamps, positions, efforts)
-        joint.run(stamps, positions, efforts)
-        moved = MechanismSimulation(mechanics, mechanics.centre, np.zeros(n))
-        moved.run(efforts, np.full(COUNT, 1e-3), np.full(COUNT, 2, np.int64))
-
-
 def loops(random):
     stamps, readings = drawn_stream(random)
     readings = readings[:, 0]
@@ -148,7 +129,7 @@ def main(path, runs):
     recorded = Recorded(library)
     calls.load = lambda: (recorded, '')
     random = np.random.default_rng(int(runs))
-    kinds = {'angle': angle, 'drive': drive, 'mechanical': mechanism}
+    kinds = {'angle': angle, 'drive': drive}
     for _ in range(int(runs)):
         for kind, function in kinds.items():
             for name in observers.of_kind(kind):

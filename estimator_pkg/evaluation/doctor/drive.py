@@ -100,7 +100,7 @@ def _panels(drive: Drive) -> dict[str, list[Curve]]:
     for what, values, unit in (('current', drive.current, 'A'), ('voltage', drive.voltage, 'V')):
         axes = {'alpha': values.real[later], 'beta': values.imag[later]}
         panels[f'{what} [{unit}]; blue: alpha, orange: beta'] = [
-            Curve(f'{what} {axis}', f'@ {unit}', time, each, Style(colour, 'solid').line)
+            Curve(f'{what} {axis}', f'@ {unit}', time, each, Style(colour).line)
             for (axis, each), colour in zip(axes.items(), COLOURS)
         ]
     return panels | sample_times(time)
@@ -294,8 +294,8 @@ def _lock(
     if made is not None and len(made.stamps):
         share = len(np.unique(made.stamps)) / max(len(made.due), 1)
         velocity = exact(moved.stamps, made.stamps, made.velocity)[run]
-        speed.append(Curve(PMSM, '@ rad/s', time, velocity, Style(COLOURS[0], 'solid').line))
-    speed.append(Curve('back-EMF', '@ rad/s', time, moved.plain[run], Style(GREY, 'solid').line))
+        speed.append(Curve(PMSM, '@ rad/s', time, velocity, Style(COLOURS[0]).line))
+    speed.append(Curve('back-EMF', '@ rad/s', time, moved.plain[run], Style(GREY).line))
     text = f'pmsm has an estimate for {100.0 * share:.0f} % of the samples'
     remedy = '' if share >= SEEN_PART else why or 'see flux linkage and resistance'
     level = PASS if share >= SEEN_PART else WARN if share else FAIL

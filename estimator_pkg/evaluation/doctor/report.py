@@ -33,7 +33,7 @@ from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.ranking.verdict import Verdict, percent
 from estimator_pkg.evaluation.text import WIDTH, for_node, units
 from estimator_pkg.observers import DEFAULT
-from estimator_pkg.printable import escaped, printable
+from estimator_pkg.printable import printable
 from estimator_pkg.streams.angle import AngleStream
 
 NAME_COLUMNS = 19  # columns of a check's name
@@ -219,40 +219,31 @@ def as_yaml(
 
 def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: str) -> str:
     """Return the report as a page, readable on a phone and in the dark."""
-    made = plots.Plots()
-    parts = [f'<h1>{escaped(origin)}</h1><h2>Verdict</h2>']
-    for name, said in verdicts(examined, choice).items():
-        use = [each for each in said[:1] if name != ALL_JOINTS]
-        parts.append(f'<h3>{escaped(name or "joint")}</h3>')
-        parts += [f'<p class="use">{escaped(each)}</p>' for each in use]
-        parts += ['<ul>', *(f'<li>{escaped(each)}</li>' for each in said[len(use) :]), '</ul>']
-    if parameters:
-        code = '\n'.join(map(escaped, parameters.split('\n')))
-        parts.append(f'<h2>Parameter file</h2><pre>{code}</pre>')
-    parts.append(f'<h2>Checks</h2><p>{escaped(summary(examined).replace(chr(10), " "))}</p>')
-    for heading, findings in blocks(examined):
-        parts.append(f'<h3>{escaped(heading)}</h3><table>')
-        parts += [
-            f'<tr><td class="text {each.level}">{each.level}</td>'
-            f'<td class="text">{escaped(each.check)}</td><td class="text">{escaped(each.value)}'
-            + (f'<small>{escaped(each.remedy)}</small>' if each.remedy else '')
-            + '</td></tr>'
-            for each in findings
-        ]
-        parts.append('</table>')
+    said = []
+    for name, verdict in verdicts(examined, choice).items():
+        first = 0 if name == ALL_JOINTS else 1
+        said.append((name, ''.join(verdict[:first]), verdict[first:]))
     found = {
         each.readings.name: each.panels or panels(each.readings, _recommended(each, choice))
         for each in examined
         if each.panels or len(each.readings.rows) > 1
     }
-    if found:
-        parts.append('<h2>Plots</h2>')
     numbers = sum(2 + sum(map(len, each.values())) for each in found.values())  # of an instant
-    for name, curves in found.items():
-        drawn, note = plots.over_time(curves, plots.MOST_NUMBERS // numbers, whole=True)
-        parts += [f'<h3>{escaped(name or "joint")}</h3>', made.add(drawn)]
-        parts += [f'<p class="note">{note}</p>'] if note else []
-    return made.page(f'Doctor: {origin}', '\n'.join(parts))
+    drawn = [
+        plots.over_time(curves, plots.MOST_NUMBERS // numbers, whole=True)
+        for curves in found.values()
+    ]
+    return plots.page(
+        'doctor.html',
+        [plot for plot, _ in drawn],
+        title=f'Doctor: {origin}',
+        origin=origin,
+        verdicts=said,
+        parameters=parameters,
+        summary=summary(examined).replace('\n', ' '),
+        blocks=blocks(examined),
+        joints=[(name, note) for name, (_, note) in zip(found, drawn)],
+    )
 
 
 def _recommended(examined: Examined, choice: Choice) -> Entry | None:
@@ -274,7 +265,7 @@ def panels(readings: Readings, recommended: Entry | None = None) -> dict[str, li
     time = (readings.stamps_ns[rows] - readings.start_ns) * 1e-9
     later = plots.ahead(time)
     rows, time = rows[later], time[later]
-    grey, blue = (plots.Style(each, 'solid').line for each in (plots.GREY, plots.COLOURS[0]))
+    grey, blue = (plots.Style(each).line for each in (plots.GREY, plots.COLOURS[0]))
     unit = units('rad', readings.period)
     recorded = readings.velocity[rows]
     difference = np.where(estimates.used, estimates.velocity, np.nan)[rows]
@@ -282,7 +273,7 @@ def panels(readings: Readings, recommended: Entry | None = None) -> dict[str, li
     if np.isfinite(recorded).any():
         velocities.insert(0, Curve('in the messages', f'@ {unit}/s', time, recorded, grey))
     title = f'velocity [{unit}/s]; blue: finite difference'
-    title += ', grey: in the messages' * (len(velocities) > 1)
+    title += '; grey: in the messages' * (len(velocities) > 1)
     if recommended is not None:
         more = {'quantum': readings.own_quantum} if readings.own_quantum else {}
         made = recommended.joint(wrap_period=readings.period, **more).run(
@@ -290,9 +281,9 @@ def panels(readings: Readings, recommended: Entry | None = None) -> dict[str, li
         )
         shown = made.used & np.isin(made.status, VALID)
         estimate = np.where(shown, made.velocity, np.nan)[rows]
-        orange = plots.Style(plots.COLOURS[1], 'solid').line
+        orange = plots.Style(plots.COLOURS[1]).line
         velocities.append(Curve(recommended.label, f'@ {unit}/s', time, estimate, orange))
-        title += f', orange: {recommended.label}, recommended'
+        title += f'; orange: {recommended.label}, recommended'
     return {
         f'position [{unit}]': [Curve('position', f'@ {unit}', time, readings.position[rows], blue)],
         title: velocities,

@@ -17,7 +17,6 @@ Ljung, System Identification (1999), 7.4 and 9.2; MacKinnon and White (1985) for
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,14 +31,16 @@ from estimator_pkg.evaluation.identify.pieces import (
     cut,
     thinned,
 )
-from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanism.motion import MechanismSimulation
+from estimator_pkg.models.motion import course
 
 Array = NDArray[np.float64]
-Predict = Callable[[Array, slice, Array], Array]  # (parameters, piece, start) -> positions
+Pieces = Sequence[slice]
+Predict = Callable[[Array, Pieces, Sequence[Array]], list[Array]]  # of the starts: positions
 
 MODEL_STEP = 5e-4  # longest integration step of a model of ours [s]
 ROUNDS = 60  # largest number of simulations of all pieces in a fit
+START_STEP = 1e-5  # of the slopes by the start [rad or m, and per second]
+SETTLING = 4  # steps of Gauss and Newton to the starts at given parameters
 CONVERGED = 1e-3, 1e-6  # smallest relative changes of cost and parameters, for weights and fit
 DELAY = 'input_delay'
 LARGEST_DELAY = 0.1  # largest delay of the inputs [s]
@@ -87,10 +88,8 @@ def fit(
     from scipy.optimize import least_squares
 
     mechanics = unknowns.make(unknowns.start)
-    if not mechanics.ours:
-        recording = thinned(recording)
+    recording = recording if mechanics.ours else thinned(recording)
     driven = mechanics.inputs > 0
-    more = [DELAY] if driven else []
     numbers = np.append(unknowns.start, [delay] if driven else [])
     low = np.append(unknowns.lowest, [-LARGEST_DELAY] if driven else [])
     high = np.append(unknowns.highest, [LARGEST_DELAY] if driven else [])
@@ -125,38 +124,36 @@ def fit(
         numbers = np.where(solved.active_mask > 0, high, numbers)
         residual, explained = first.quality(numbers)
         first.weights = second.weights = 1.0 / np.maximum(residual, 1e-12)
-    names = (*unknowns.names, *more)
+    names = (*unknowns.names, DELAY) if driven else unknowns.names
     deviations = _deviations(first, numbers, names)
     second.settle(numbers)
-    elsewhere = second.quality(numbers)
-    _, explained = first.quality(numbers)
+    residual_elsewhere, explained_elsewhere = second.quality(numbers)
+    of_all = residual, residual_elsewhere, first.quality(numbers)[1], explained_elsewhere
     pieces = len(first.pieces), len(second.pieces)
-    return FitResult(
-        names, numbers, deviations, residual, elsewhere[0], explained, elsewhere[1], pieces
-    )
+    return FitResult(names, numbers, deviations, *of_all, pieces)
 
 
 def _predictor(recording: MechanismSamples, unknowns: Unknowns, driven: bool) -> Predict:
-    """Return a function for the positions of a piece by parameters and start (q, then v)."""
-    time, n = recording.time, recording.positions.shape[1]
+    """Return a function for the positions in pieces by parameters and starts (q, then v)."""
+    time = recording.time
     total = accumulated(time, recording.inputs)
 
-    @lru_cache(64)
-    def moving(numbers: tuple[float, ...]) -> tuple[Mechanics, MechanismSimulation]:
-        mechanics = unknowns.make(np.array(numbers))
-        return mechanics, MechanismSimulation(mechanics, np.zeros(n), np.zeros(n))
-
-    def predict(numbers: Array, piece: slice, start: Array) -> Array:
-        mechanics, motion = moving(tuple((numbers[:-1] if driven else numbers).tolist()))
-        at = time[piece]
-        steps = np.diff(at)
-        inputs = np.zeros((len(steps), mechanics.inputs))
-        for column in range(mechanics.inputs):
-            acted = np.interp(at - numbers[-1], time, total[:, column])
-            inputs[:, column] = np.diff(acted) / steps
-        parts = (steps / (MODEL_STEP if mechanics.ours else PLAIN_STEP)).astype(np.int64) + 1
-        motion.begin(start[:n], start[n:])
-        return motion.run(inputs, steps, parts)[0]
+    def predict(numbers: Array, pieces: Pieces, starts: Sequence[Array]) -> list[Array]:
+        """Move all pieces side by side: short ones stop, with steps of length 0."""
+        mechanics = unknowns.make(numbers[:-1] if driven else numbers)
+        lengths = [piece.stop - piece.start for piece in pieces]
+        steps = np.zeros((max(lengths) - 1, len(pieces), 1))
+        inputs = np.zeros((len(steps), len(pieces), mechanics.inputs))
+        for k, (piece, length) in enumerate(zip(pieces, lengths)):
+            steps[: length - 1, k, 0] = np.diff(time[piece])
+            for column in range(mechanics.inputs):
+                acted = np.interp(time[piece] - numbers[-1], time, total[:, column])
+                inputs[: length - 1, k, column] = np.diff(acted) / np.diff(time[piece])
+        longest = MODEL_STEP if mechanics.ours else PLAIN_STEP
+        parts = np.ceil(steps.max(axis=(1, 2)) / longest - 1e-6).astype(int)
+        q, v = np.split(np.array(starts), 2, axis=1)
+        positions, _ = course(mechanics, q, v, inputs, steps, parts.tolist())
+        return [positions[:length, k] for k, length in enumerate(lengths)]
 
     return predict
 
@@ -179,7 +176,7 @@ class _Part:
     """A part of a recording, whose pieces have the starts that fit best."""
 
     def __init__(
-        self, recording: MechanismSamples, predict: Predict, pieces: Sequence[slice], high: Array
+        self, recording: MechanismSamples, predict: Predict, pieces: Pieces, high: Array
     ) -> None:
         self.pieces = pieces
         self.weights: Array = np.ones(recording.positions.shape[1])  # of the joints
@@ -199,33 +196,46 @@ class _Part:
             for line in self._lines
         ]
 
-    def _rest(self, numbers: Array, piece: slice, start: Array) -> Array:
-        positions = self._predict(numbers, piece, start)
-        return ((positions - self._recording.positions[piece]) * self.weights).ravel()
+    def _rests(self, numbers: Array, starts: Sequence[Array]) -> list[Array]:
+        """Return weighted position minus measurement, shape (m,), for starts of all pieces."""
+        pieces = [*self.pieces] * (len(starts) // len(self.pieces))
+        measured = self._recording.positions
+        with np.errstate(all='ignore'):  # parameters far off: the model may run away
+            return [
+                ((positions - measured[piece]) * self.weights).ravel()
+                for positions, piece in zip(self._predict(numbers, pieces, starts), pieces)
+            ]
 
     def rest(self, numbers: Array) -> Array:
-        """Return weighted position minus measurement, shape (size,)."""
-        starts = self._starts_at(numbers)
-        with np.errstate(all='ignore'):  # parameters far off: the model may run away
-            return np.concatenate([self._rest(numbers, *each) for each in zip(self.pieces, starts)])
+        """Return the residuals of all pieces, shape (size,)."""
+        return np.concatenate(self._rests(numbers, self._starts_at(numbers)))
+
+    def _by_start(self, numbers: Array, starts: Sequence[Array]) -> tuple[list[Array], list[Array]]:
+        """Return residuals, and their slopes by the start, shape (m, 2 n), of each piece."""
+        count, steps = len(self.pieces), START_STEP * np.eye(len(starts[0]))
+        moved = [start + step for step in steps for start in starts]
+        rests = self._rests(numbers, [*starts, *moved])
+        slopes = [
+            np.stack([each - rests[k] for each in rests[k + count :: count]], axis=1) / START_STEP
+            for k in range(count)
+        ]
+        return rests[:count], slopes
 
     def slopes(self, numbers: Array) -> Array:
         """Linearise at these parameters; return the slopes by parameter, shape (size, p)."""
-        starts, self._starts = self._starts_at(numbers), []
-        lines = [self._linear(numbers, *each) for each in zip(self.pieces, starts)]
-        self._at, self._lines = numbers.copy(), lines
-        return np.concatenate([line.without(line.by_number) for line in lines])
-
-    def _linear(self, numbers: Array, piece: slice, start: Array) -> _Linear:
-        rest = self._rest(numbers, piece, start)
-        by_start = _slopes(
-            lambda x: self._rest(numbers, piece, x), start, rest, np.full(len(start), 1e-5)
-        )
+        starts = self._starts_at(numbers)
+        rests, by_start = self._by_start(numbers, starts)
         steps = 1e-4 * np.maximum(np.abs(numbers), 0.01)
         steps = np.where(numbers + steps > self._high, -steps, steps)
-        by_number = _slopes(lambda x: self._rest(x, piece, start), numbers, rest, steps)
-        basis, triangle = np.linalg.qr(by_start)
-        return _Linear(start, rest, by_number, basis, np.linalg.pinv(triangle) @ basis.T)
+        others = [self._rests(numbers + step, starts) for step in np.diag(steps)]
+        self._at, self._starts, self._lines = numbers.copy(), [], []
+        for k, start in enumerate(starts):
+            columns = [(other[k] - rests[k]) / step for other, step in zip(others, steps)]
+            by_number = np.array(columns).T.reshape(len(rests[k]), len(numbers))
+            basis, triangle = np.linalg.qr(by_start[k])
+            to_start = np.linalg.pinv(triangle) @ basis.T
+            self._lines.append(_Linear(start, rests[k], by_number, basis, to_start))
+        return np.concatenate([line.without(line.by_number) for line in self._lines])
 
     def projected(self, numbers: Array) -> list[tuple[Array, Array]]:
         """Return (residual, slopes by parameter) of each piece, with its start eliminated.
@@ -237,12 +247,8 @@ class _Part:
 
     def settle(self, numbers: Array) -> None:
         """Fit the starts at these parameters, shape (p,)."""
-        from scipy.optimize import least_squares
-
-        self._starts = [
-            least_squares(lambda x, piece=piece: self._rest(numbers, piece, x), start, max_nfev=6).x
-            for piece, start in zip(self.pieces, self._starts)
-        ]
+        for _ in range(SETTLING):  # each begins where the linear pieces have their starts
+            self.slopes(numbers)
 
     def quality(self, numbers: Array) -> tuple[Array, float]:
         """Return the rms of position minus measurement, shape (n,), and the explained fraction.
@@ -268,12 +274,6 @@ def _parabola(recording: MechanismSamples, piece: slice) -> Array:
     time = recording.time[rows] - recording.time[piece.start]
     found = np.linalg.lstsq(np.vander(time, 3), recording.positions[rows], rcond=None)[0]
     return np.concatenate([found[2], found[1]])
-
-
-def _slopes(function: Callable[[Array], Array], at: Array, value: Array, step: Array) -> Array:
-    """Return the derivatives of `function` by each parameter, one-sided."""
-    columns = [(function(at + move) - value) / size for move, size in zip(np.diag(step), step)]
-    return np.array(columns).T.reshape(len(value), len(at))
 
 
 def _deviations(part: _Part, numbers: Array, names: Sequence[str]) -> Array:

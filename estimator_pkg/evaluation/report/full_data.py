@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -18,49 +18,11 @@ from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 COMPRESSION = 1  # compression level: one second more saves a third
 
 
-class FullData:
-    """An .npz file that grows, so that not all bags must be in memory at once.
-
-    Parameters
-    ----------
-    file : see `full_data`.
-    """
-
-    def __init__(self, file: zipfile.ZipFile) -> None:
-        self._zip = file
-
-    def add(self, comparison: Comparison) -> None:
-        """Add every compared sample of one bag."""
-        for joint in dict.fromkeys(row.joint for row in comparison.rows):
-            base = _name(comparison.bag, joint)
-            if joint in comparison.measurement:
-                series = comparison.measurement[joint]
-                self.write(f'{base}/measurement/stamps_ns', series.stamps_ns)
-                self.write(f'{base}/measurement/position', series.position)
-            shared: Row | None = None
-            for row in (row for row in comparison.rows if row.joint == joint):
-                here = _name(base, row.source)
-                if (
-                    shared is None
-                    or len(shared.time) != len(row.time)
-                    or not np.array_equal(shared.time, row.time)
-                ):
-                    shared = row
-                    self.write(f'{here}/time', row.time)
-                    self.write(f'{here}/reference', row.truth)
-                self.write(f'{here}/velocity', row.estimate)
-                if np.isfinite(row.stddev).any():
-                    self.write(f'{here}/velocity_stddev', row.stddev)
-
-    def write(self, name: str, values: NDArray) -> None:
-        """Add an array of any shape, which ``numpy.load(path)[name]`` returns."""
-        with self._zip.open(f'{name}.npy', 'w', force_zip64=True) as stream:
-            np.lib.format.write_array(stream, np.ascontiguousarray(values), allow_pickle=False)
-
-
 @contextmanager
-def full_data(path: str) -> Iterator[FullData]:
-    """Write an .npz file, which appears when it is complete.
+def full_data(path: str) -> Iterator[Callable[[Comparison], None]]:
+    """Write an .npz file, which appears when it is complete, by a function that adds one bag.
+
+    It grows array by array, so that not all bags must be in memory at once.
 
     Raises
     ------
@@ -71,7 +33,36 @@ def full_data(path: str) -> Iterator[FullData]:
         whole_file.replacing(path) as temporary,
         zipfile.ZipFile(temporary, 'w', zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as file,
     ):
-        yield FullData(file)
+
+        def add(comparison: Comparison) -> None:
+            """Add every compared sample of one bag; ``numpy.load(path)[name]`` returns an array."""
+            for name, values in _arrays(comparison):
+                with file.open(f'{name}.npy', 'w', force_zip64=True) as stream:
+                    np.lib.format.write_array(
+                        stream, np.ascontiguousarray(values), allow_pickle=False
+                    )
+
+        yield add
+
+
+def _arrays(comparison: Comparison) -> Iterator[tuple[str, NDArray]]:
+    """Yield the names and arrays of one bag; times that are those of the row before only once."""
+    for joint in dict.fromkeys(row.joint for row in comparison.rows):
+        base = _name(comparison.bag, joint)
+        if joint in comparison.measurement:
+            series = comparison.measurement[joint]
+            yield f'{base}/measurement/stamps_ns', series.stamps_ns
+            yield f'{base}/measurement/position', series.position
+        shared: Row | None = None
+        for row in (row for row in comparison.rows if row.joint == joint):
+            here = _name(base, row.source)
+            if shared is None or not np.array_equal(shared.time, row.time):
+                shared = row
+                yield f'{here}/time', row.time
+                yield f'{here}/reference', row.truth
+            yield f'{here}/velocity', row.estimate
+            if np.isfinite(row.stddev).any():
+                yield f'{here}/velocity_stddev', row.stddev
 
 
 def _name(*parts: str) -> str:

@@ -11,20 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator_pkg import observers, params_file, registry, streams, yaml_text
+from estimator_pkg import params_file, registry, streams, yaml_text
 from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.verdict import Verdict, listed
 from estimator_pkg.evaluation.report.findings import grouped
-from estimator_pkg.evaluation.report.tables import SHOWN_GAINS, changed
-from estimator_pkg.evaluation.report.tradeoff import RAW, of_row
-from estimator_pkg.evaluation.text import interval, number
+from estimator_pkg.evaluation.report.tables import changed
+from estimator_pkg.evaluation.report.tradeoff import RAW
+from estimator_pkg.evaluation.text import number
 from estimator_pkg.observers import DEFAULT
-from estimator_pkg.parameters import declared
-
-NO_DELAY = 1e-4  # shorter delays are not worth a number [s]
 
 
 def ordered(rows: Sequence[Row], verdict: Verdict | None) -> list[Row]:
@@ -46,7 +43,7 @@ def choice(rows: Sequence[Row], verdict: Verdict | None) -> Row:
         return next((row for row in order if row.source == verdict.choice), order[0])
     by_source = {row.source: row for row in order}
     errors = {
-        source: row.velocity['rms'] if _finite(row, 'rms') else math.inf
+        source: row.velocity['rms'] if math.isfinite(row.velocity['rms']) else math.inf
         for source, row in by_source.items()
     }
 
@@ -70,8 +67,8 @@ def words(
     raw: Mapping[str, Row],
     entries: Mapping[str, Entry],
     verdicts: Mapping[str, Verdict],
-) -> list[str]:
-    """Return the verdict in sentences.
+) -> tuple[list[str], list[str]]:
+    """Return the recommendations, and the other sentences of the verdict.
 
     Parameters
     ----------
@@ -82,32 +79,30 @@ def words(
     for joint, row in chosen.items():
         if not faulty(verdicts.get(joint)):
             by_source.setdefault(to_use(row, verdicts.get(joint)), []).append(joint)
-    found = []
+    use = []
     for source, joints in by_source.items():
-        rows = [chosen[joint] for joint in joints if chosen[joint].source == source]
-        values, *others = [changed(entries.get(source), joint) for joint in joints]
-        if len(values) > SHOWN_GAINS or any(each != values for each in others):
+        how = ' as it is' if source in entries or _known(source) else ''
+        if any(changed(entries.get(source), joint) for joint in joints):
             how = ' with the parameters below'
-        elif values:
-            how = ' with ' + ', '.join(f'{name} {text}' for name, text in values.items())
-        else:
-            how = ' as it is' if source in entries or _known(source) else ''
         on = '' if len(by_source) == 1 else f' on {listed(joints)}'
         if len(by_source) == 1 and len(joints) > 1:
             on = f' on all {len(joints)} joints'
-        beside = [raw[row.joint] for row in rows if row.joint in raw and source != RAW]
-        found.append(
-            ' '.join([f'Use {source}{how}{on}.', *_quality(rows), *_against(rows, beside, entries)])
-        )
-    of_joints = [
+        text = f'Use {source}{how}{on}.'
+        own = [row for joint in joints if (row := chosen[joint]).source == source]
+        theirs = [raw[row.joint] for row in own if row.joint in raw and source != RAW]
+        if own:
+            text += f' Its error is {_worst(own)} rad/s rms'
+            text += f', that of {RAW} {_worst(theirs)}.' if theirs else '.'
+        use.append(text)
+    said = [
         f'{joint}: {text}'
         for joint, verdict in verdicts.items()
         if joint in chosen
         for text in verdict.sentences()
     ]
     if len(chosen) > 1:
-        return found + grouped(of_joints, chosen)
-    return found + [text.partition(': ')[2] for text in of_joints]
+        return use, grouped(said, chosen)
+    return use, [text.partition(': ')[2] for text in said]
 
 
 def to_use(row: Row, verdict: Verdict | None) -> str:
@@ -120,76 +115,8 @@ def faulty(verdict: Verdict | None) -> bool:
     return verdict is not None and not verdict.choice
 
 
-def _quality(rows: Sequence[Row]) -> list[str]:
-    """Return error, delay, noise and coverage of the worst joint."""
-    if not rows:
-        return []
-    parts = [f'its error is {number(_worst(rows), 2)} rad/s rms']
-    late = max(
-        (
-            abs(row.velocity['delay_s']) + row.velocity['delay_95_s']
-            for row in rows
-            if _finite(row, 'delay_s')
-        ),
-        default=-1.0,
-    )
-    if late > NO_DELAY:
-        parts.append(f'it follows within {number(late * 1e3, 2)} ms')
-    elif late >= 0.0:
-        parts.append('it follows within 0.1 ms')
-    noise = max((row.velocity['noise'] for row in rows if _finite(row, 'noise')), default=-1.0)
-    if noise >= 0.0:
-        parts.append(f'noise {number(noise, 2)} rad/s at constant speed')
-    covered = [row.coverage for row in rows if math.isfinite(row.coverage)]
-    if covered:
-        parts.append(f'its 95 % interval contained {100.0 * min(covered):.0f} % of the errors')
-    text = '; '.join(parts)
-    return [text[0].upper() + text[1:] + '.']
-
-
-def _against(rows: Sequence[Row], raw: Sequence[Row], entries: Mapping[str, Entry]) -> list[str]:
-    """Return the sentence on the finite difference."""
-    late, ratios = [], []
-    for row, other in zip(rows, raw):
-        if _finite(other, 'delay_s'):
-            late.append((other.velocity['delay_s'], other.velocity['delay_95_s']))
-        if _finite(row, 'noise') and _finite(other, 'noise') and row.velocity['noise'] > 0.0:
-            ratios.append(other.velocity['noise'] / row.velocity['noise'])
-            continue
-        own, theirs = of_row(row)[1], of_row(other)[1]
-        if own > 0.0 and math.isfinite(theirs):
-            ratios.append(theirs / own)
-    if not raw:
-        return []
-    parts = [f'has an error of {number(_worst(raw), 2)} rad/s rms']
-    if late:
-        middle, half = sorted(late)[len(late) // 2]
-        parts.append(
-            'has no delay'
-            if abs(middle) + half < 0.5 * NO_DELAY
-            else f'is {interval(middle * 1e3, half * 1e3, "ms")} late'
-        )
-    if ratios:
-        ratio = float(np.median(ratios))
-        parts.append(
-            'has the same noise'
-            if 0.95 < ratio < 1.05
-            else f'is {number(ratio, 2)} times noisier'
-            if ratio >= 2.0
-            else f'has {number(ratio, 2)} times the noise'
-        )
-    known_gains = declared(observers.find(RAW).gains)
-    values = dict(entries[RAW].values) if RAW in entries else {}
-    hz = values.get('bandwidth_hz', known_gains['bandwidth_hz'].default)
-    return [f'Your finite difference, low-passed at {hz:g} Hz, {listed(parts)}.']
-
-
-def _worst(rows: Sequence[Row]) -> float:
-    return max(float(row.velocity['rms']) for row in rows)
-
-
-def _finite(row: Row, name: str) -> bool:
-    return bool(math.isfinite(row.velocity[name]))
+def _worst(rows: Sequence[Row]) -> str:
+    return number(max(float(row.velocity['rms']) for row in rows), 2)
 
 
 def _known(source: str) -> bool:

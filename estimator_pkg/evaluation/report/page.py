@@ -5,32 +5,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from estimator_pkg import __version__, destination, whole_file
 from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
+from estimator_pkg.evaluation.compare.description import describe_smoother, describe_truth
 from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, opening, tradeoff
 from estimator_pkg.evaluation.report.findings import NO_FINDINGS, grouped, look, of_joint, sentences
-from estimator_pkg.evaluation.report.tables import Overview, table, worth
+from estimator_pkg.evaluation.report.tables import COLUMNS, cells, gains
+from estimator_pkg.evaluation.text import filled
 from estimator_pkg.observers import DEFAULT
-from estimator_pkg.printable import escaped
 from estimator_pkg.progress import progress
 from estimator_pkg.streams.drive import ELECTRICAL
 
 PER_ESTIMATE, SHARED = 4, 4  # numbers per instant: velocity, error, deviation, status; and others
-USE = (
-    'Drag to zoom; Ctrl and the wheel zoom, too. The tools beside a plot pan, reset and save it. '
-    'On a touch screen a swipe scrolls the page: tap a tool before you zoom or pan. '
-    'The pointer shows the values of all estimates at one instant. The names below show and hide '
-    'an estimate in all plots.'
-)
 
 
 class ReportPage:
@@ -44,6 +40,10 @@ class ReportPage:
     data : file with every sample, to which the page refers; None: none.
     entries : the observers that were run, with their parameters.
 
+    Attributes
+    ----------
+    left_out : the bags that could not be evaluated.
+
     Raises
     ------
     UserError : the file cannot be written, or the library is missing.
@@ -52,255 +52,142 @@ class ReportPage:
     def __init__(
         self, path: str, bags: int, period: float, data: str | None, entries: Sequence[Entry]
     ) -> None:
-        self.path = Path(path)
+        self._path = Path(path)
         destination.check(path)
         plots.check()
         self._data = data
         self._period = period
-        self._bags = max(1, bags)
+        self._count = max(1, bags)
         self._entries = {entry.label: entry for entry in entries}
-        self._overview = Overview()
-        self._sections: list[str] = []
-        self._plots = plots.Plots()
+        self._bags: list[dict[str, Any]] = []
+        self._drawn: list[Any] = []
         self._sources: dict[str, None] = {}  # in the order of the first verdict
-        self._chosen: dict[str, None] = {}
-        self._left_out = ''
+        self._front: dict[str, None] = {}  # those that are visible at first
+        self.left_out: list[LeftOut] = []
 
     @contextmanager
     def written(self) -> Iterator[ReportPage]:
         """Write the page at the end, unless an error occurred."""
         yield self
-        with progress(f'{self.path}: page', None):
-            self._write()
+        with progress(f'{self._path}: page', None):
+            every = 'Every compared sample: evaluate --data FILE.'
+            if self._data is not None:
+                every = f'Every compared sample is in {Path(self._data).name} (numpy.load).'
+            text = plots.page(
+                'evaluate.html',
+                self._drawn,
+                title='Velocity estimates',
+                bags=self._bags,
+                styles=plots.styles(self._sources),
+                front=self._front,
+                left_out=self.left_out,
+                data=every,
+                version=__version__,
+            )
+            whole_file.write_text(self._path, text)
 
     def add(self, comparison: Comparison) -> list[str]:
         """Add a bag; return its findings as sentences."""
         verdicts = comparison.verdicts
         joints = list(dict.fromkeys(row.joint for row in comparison.rows))
-        if not joints:
-            return self._nothing(comparison)
+        bag: dict[str, Any] = {'name': Path(comparison.bag).name, 'path': comparison.bag}
+        bag['faulty'] = any(map(opening.faulty, verdicts.values()))
+        self._bags.append(bag)
+        if not joints:  # nothing was compared: the default observer
+            said = [f'{name}: {text}' for name, v in verdicts.items() for text in v.sentences()]
+            use = [] if bag['faulty'] else [f'Use {DEFAULT} as it is.']
+            bag |= {'use': use, 'said': grouped(said, verdicts), 'errors': {}}
+            return list(comparison.refused.values())
         quanta: dict[str, float] = {}
         of_readings: dict[str, list[str]] = {}
         rows: dict[str, list[Row]] = {}
         raw: dict[str, Row] = {}
-        with progress(f'{comparison.bag}: page', 3 * len(joints)) as advance:
+        chosen: dict[str, Row] = {}
+        with progress(f'{comparison.bag}: page', 2 * len(joints)) as advance:
             for joint in joints:
-                if joint in comparison.measurement and not joint.endswith(ELECTRICAL):
-                    found = look(
-                        comparison.measurement[joint], comparison.starts[joint], self._period
-                    )
-                    if found is not None:
-                        quanta[joint] = found.own_quantum
-                        of_readings[joint] = of_joint(comparison, joint, found)
+                series = comparison.measurement.get(joint)
+                if series is not None and not joint.endswith(ELECTRICAL):
+                    seen = look(series, comparison.starts[joint], self._period)
+                    if seen is not None:
+                        quanta[joint] = seen.own_quantum
+                        of_readings[joint] = of_joint(comparison, joint, seen)
                 own = [row for row in comparison.rows if row.joint == joint]
-                raw_row = next((row for row in own if row.source == tradeoff.RAW), None)
-                if raw_row is None:
-                    raw_row = tradeoff.raw_difference(comparison, joint, own[0], self._period)
-                    own += [raw_row] if raw_row is not None else []
-                if raw_row is not None:
-                    raw[joint] = raw_row
+                chosen[joint] = opening.choice(own, verdicts.get(joint))
+                difference = next((row for row in own if row.source == tradeoff.RAW), None)
+                if difference is None:
+                    difference = tradeoff.raw_difference(comparison, joint, own[0], self._period)
+                    own += [] if difference is None else [difference]
+                if difference is not None:
+                    raw[joint] = difference
                 rows[joint] = opening.ordered(own, verdicts.get(joint))
                 advance(1)
-            chosen = {
-                joint: opening.choice(
-                    [row for row in each if any(row is one for one in comparison.rows)],
-                    verdicts.get(joint),
-                )
-                for joint, each in rows.items()
-            }
-            self._know(rows, chosen)
-            findings = grouped(sentences(comparison, of_readings), joints) or [NO_FINDINGS]
-            parts = self._opening(comparison, rows, chosen, raw, quanta)
-            ordered = [row for joint in joints for row in rows[joint]]
-            parts += [
-                f'<p class="note">Velocity errors against {escaped(comparison.truth)}, at zero '
-                'shift, and the delay.</p>',
-                table(comparison, ordered, _ranked(chosen, verdicts), self._entries),
-                worth(comparison),
-            ]
-            parts += [
-                '<h3>Findings and recommendations</h3>',
-                '<ul>' + ''.join(f'<li>{escaped(each)}</li>' for each in findings) + '</ul>',
-            ]
-            if not self._sections:
-                parts.append('<!--legend-->')
-            instants = self._instants(comparison)
+            order = [row.source for each in rows.values() for row in each]
+            front = [*(row.source for row in chosen.values()), *([tradeoff.RAW] if raw else [])]
+            self._front |= dict.fromkeys(front)
+            self._sources |= dict.fromkeys([*front, *order])
+            bag['findings'] = grouped(sentences(comparison, of_readings), joints) or [NO_FINDINGS]
+            bag['use'], said = opening.words(chosen, raw, self._entries, verdicts)
+            every = f'all {len(joints)} joints: '
+            common = [text for text in said if len(joints) == 1 or text.startswith(every)]
+            bag['said'] = [text.removeprefix(every) for text in common]
+            bag['of_joints'] = [text for text in said if text not in common]
+            bag['parameters'] = opening.parameter_file(
+                comparison, chosen, self._entries, quanta, self._period, verdicts
+            )
+            bag |= self._table(comparison, rows, chosen) | self._picture(comparison, rows)
+            numbers = PER_ESTIMATE * (len(comparison.rows) + len(joints)) + SHARED * len(joints)
+            instants = plots.MOST_NUMBERS // (self._count * numbers)
+            bag['joints'] = []
             for joint in joints:
+                styles = plots.styles(self._sources)
+                panels, note = figures.over_time_of_joint(
+                    comparison, joint, rows[joint], instants, styles, self._front
+                )
+                bag['joints'].append((joint, self._place(panels), note))
                 advance(1)
-                parts += self._of_joint(comparison, joint, rows[joint], chosen[joint], instants)
-                advance(1)
-        self._sections.append('\n'.join(parts))
-        return findings
+        return bag['findings']
 
-    def _nothing(self, comparison: Comparison) -> list[str]:
-        """Add a bag without any comparison: the default observer."""
-        verdicts = comparison.verdicts
-        sentences = grouped(
-            [f'{joint}: {text}' for joint, each in verdicts.items() for text in each.sentences()],
-            verdicts,
-        )
-        bag = Path(comparison.bag)
-        self._sections.append(
-            f'<h2 id="{self._overview.add(comparison)}">{escaped(bag.name)}</h2>'
-            + (
-                ''
-                if any(map(opening.faulty, verdicts.values()))
-                else f'<div class="verdict"><p>Use {DEFAULT} as it is.</p></div>'
-            )
-            + ''.join(f'<p>{escaped(each)}</p>' for each in sentences)
-        )
-        return list(comparison.refused.values())
+    def _place(self, plot: Any) -> int:
+        """Add a plot; return its number on the page."""
+        self._drawn.append(plot)
+        return len(self._drawn) - 1
 
-    def leave_out(self, bags: Sequence[LeftOut]) -> None:
-        """Add the list of bags that could not be evaluated."""
-        if bags:
-            self._left_out = (
-                '<h2>Skipped</h2><ul>'
-                + ''.join(f'<li>{escaped(str(bag))}</li>' for bag in bags)
-                + '</ul>'
-            )
+    def _picture(self, comparison: Comparison, rows: Mapping[str, Sequence[Row]]) -> dict[str, Any]:
+        """Return the picture of noise against delay, of the joint that moves fastest."""
+        moving = max(rows, key=lambda joint: float(np.mean(rows[joint][0].truth ** 2)))
+        found = tradeoff.sweeps(comparison, moving, rows[moving], self._entries, self._period)
+        picture = figures.noise_against_delay(found, plots.styles(self._sources))
+        return {'moving': moving, 'picture': None if picture is None else self._place(picture)}
 
-    def _know(self, rows: Mapping[str, Sequence[Row]], chosen: Mapping[str, Row]) -> None:
-        """Note the estimates, in the order of the legend, and those that are in front."""
-        first = [row.source for row in chosen.values()]
-        there = {row.source for each in rows.values() for row in each}
-        front = [*first, *({tradeoff.RAW} & there)]
-        self._sources.update(dict.fromkeys(front))
-        for each in rows.values():
-            self._sources.update(dict.fromkeys(row.source for row in each))
-        self._chosen.update(dict.fromkeys(front))
-
-    def _opening(
-        self,
-        comparison: Comparison,
-        rows: Mapping[str, Sequence[Row]],
-        chosen: Mapping[str, Row],
-        raw: Mapping[str, Row],
-        quanta: Mapping[str, float],
-    ) -> list[str]:
-        """Return heading, verdict, parameter file and picture."""
-        bag, verdicts, joints = Path(comparison.bag), comparison.verdicts, len(rows)
-        anchor = self._overview.add(comparison)
-        sentences = opening.words(chosen, raw, self._entries, verdicts)
-        recommended = sum(text.startswith('Use ') for text in sentences)
-        parameters = opening.parameter_file(
-            comparison, chosen, self._entries, quanta, self._period, verdicts
-        )
-        moving = max(rows, key=lambda joint: _speed(rows[joint][0]))
-        drawn = tradeoff.picture(
-            tradeoff.sweeps(comparison, moving, rows[moving], self._entries, self._period),
-            plots.styles(self._sources),
-        )
-        picture = (
-            f'{self._plots.add(drawn)}<p class="note">Down and to the left is better. A point is '
-            'an estimate, its line the same observer with other gains. The grey band is the Pareto '
-            'front: nothing has both less delay and less noise. A dark rim marks the points on it. '
-            'Noise: rms error after the delay is taken out'
-            + (f', of {escaped(moving)}, which moves fastest' if joints > 1 else '')
-            + '.</p>'
-            if drawn is not None
-            else '<p class="note">No picture of noise against delay: the motion determines no '
-            'delay.</p>'
-        )
-        file = (
-            '<div><p>The parameter file:</p><pre>' + _shown(parameters) + '</pre>'
-            '<button class="copy">copy</button></div>'
-            if parameters
-            else '<p>No parameter file: mend what the verdict names first.</p>'
-            if any(map(opening.faulty, verdicts.values()))
-            else '<p>The best estimate is a recorded topic: there are no parameters to set.</p>'
-        )
-        return [
-            f'<h2 id="{anchor}">{escaped(bag.name)}</h2>',
-            f'<p class="note">{escaped(str(bag))}</p>',
-            '<div class="verdict">'
-            + ''.join(f'<p>{escaped(each)}</p>' for each in sentences[:recommended])
-            + '</div>',
-            _folded(sentences[recommended:], joints),
-            f'<div class="first">{file}<div>{picture}</div></div>',
+    def _table(
+        self, comparison: Comparison, rows: Mapping[str, Sequence[Row]], chosen: Mapping[str, Row]
+    ) -> dict[str, Any]:
+        """Return the table of the estimates, and how good their reference is."""
+        ordered = [row for each in rows.values() for row in each]
+        kept, texts = filled([*COLUMNS], [cells(row) for row in ordered])
+        lines = []
+        errors: dict[str, dict[str, Any]] = {}
+        for row, shown in zip(ordered, texts):
+            verdict = comparison.verdicts.get(row.joint)
+            ranked = verdict.best if verdict is not None else not row.reference_cannot_tell
+            small = [row.joint] * (len(rows) > 1) + [gains(row, self._entries.get(row.source))]
+            best = bool(ranked) and chosen[row.joint] is row
+            line = {'source': row.source, 'best': best, 'small': small, 'cells': shown}
+            lines.append(line | {'rms': cells(row)[0]})
+            errors.setdefault(row.joint, {})[row.source] = lines[-1]
+        references = [
+            f'{joint}: {describe_smoother(comparison.smoothed[joint], known.noise)}'
+            if joint in comparison.smoothed
+            else f'The truth of {joint}, compared with the measured position: '
+            f'{describe_truth(known)}'
+            for joint, known in comparison.references.items()
+            if joint in rows
         ]
-
-    def _instants(self, comparison: Comparison) -> int:
-        """Return the largest number of instants of a joint."""
-        joints = len({row.joint for row in comparison.rows})
-        numbers = PER_ESTIMATE * (len(comparison.rows) + joints) + SHARED * joints
-        return plots.MOST_NUMBERS // (self._bags * numbers)
-
-    def _of_joint(
-        self, comparison: Comparison, joint: str, rows: Sequence[Row], best: Row, instants: int
-    ) -> list[str]:
-        """Return the plots of a joint."""
-        known = plots.styles(self._sources)
-        panels, note = figures.group(comparison, joint, rows, instants, known, self._chosen)
-        small = [
-            figures.lines(plot, found, known, self._chosen)
-            for plot, found in (
-                figures.around_the_worst(best, rows),
-                figures.error_by_speed(rows),
-                figures.error_spectrum(rows),
-            )
-        ]
-        if note:
-            note = f'<p class="note">{note} {self._where()}</p>'
-        return [
-            f'<h3>{escaped(joint)}</h3>',
-            self._plots.add(panels),
-            note,
-            f'<div class="small">{"".join(map(self._plots.add, small))}</div>',
-        ]
-
-    def _legend(self) -> str:
-        buttons = []
-        for source, style in plots.styles(self._sources).items():
-            pressed = 'true' if source in self._chosen else 'false'
-            buttons.append(
-                f'<button data-s="{escaped(source)}" aria-pressed="{pressed}">'
-                f'{style.svg()}{escaped(source)}</button>'
-            )
-        return (
-            f'<h2>Plots</h2><p class="note">{USE}</p><div class="legend">{"".join(buttons)}</div>'
-        )
-
-    def _write(self) -> None:
-        body = '\n'.join([self._overview.html(), *self._sections, self._left_out])
-        body = body.replace('<!--legend-->', self._legend(), 1)
-        note = f'<p class="note">Made by velocity_estimator {__version__}. {self._where()}</p>'
-        page = self._plots.page(
-            'Velocity estimates', f'<h1>Velocity estimates</h1>\n{body}\n{note}'
-        )
-        whole_file.write_text(self.path, page)
-
-    def _where(self) -> str:
-        if self._data is None:
-            return 'Every compared sample: evaluate --data FILE.'
-        return f'Every compared sample is in {escaped(Path(self._data).name)} (numpy.load).'
-
-
-def _ranked(chosen: Mapping[str, Row], verdicts: Mapping[str, Verdict]) -> dict[str, Row]:
-    """Return the chosen rows of the joints whose estimates can be ranked."""
-    return {
-        joint: row
-        for joint, row in chosen.items()
-        if (verdicts[joint].best if joint in verdicts else not row.reference_cannot_tell)
-    }
-
-
-def _speed(row: Row) -> float:
-    """Return the rms speed of the reference, 0 if it is unknown."""
-    power = float((row.truth**2).mean()) if len(row.truth) else 0.0
-    return math.sqrt(power) if math.isfinite(power) else 0.0
-
-
-def _folded(sentences: Sequence[str], joints: int) -> str:
-    """Return sentences; those on some of several joints only when they are opened."""
-    every = f'all {joints} joints: '
-    shown = [text for text in sentences if joints == 1 or text.startswith(every)]
-    rest = ''.join(f'<p>{escaped(each)}</p>' for each in sentences if each not in shown)
-    return ''.join(f'<p>{escaped(each.removeprefix(every))}</p>' for each in shown) + (
-        f'<details><summary>Each joint</summary>{rest}</details>' if rest else ''
-    )
-
-
-def _shown(text: str) -> str:
-    """Return lines for HTML, each without unprintable characters."""
-    return '\n'.join(map(escaped, text.splitlines()))
+        columns = [(title, COLUMNS[title]) for title in kept]
+        return {
+            'truth': comparison.truth,
+            'columns': columns,
+            'rows': lines,
+            'errors': errors,
+            'references': references,
+        }

@@ -5,82 +5,81 @@
 
 from __future__ import annotations
 
+import logging
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from estimator_pkg import destination, whole_file
+from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
-from estimator_pkg.evaluation.image import check, save
-from estimator_pkg.evaluation.thinning import broken, extremes, limits
+from estimator_pkg.evaluation.plots import Curve, instants
+from estimator_pkg.evaluation.thinning import limits
+from estimator_pkg.optional import needs
 from estimator_pkg.printable import drawn
 
-Array = NDArray[np.float64]
-
 PANEL_COLUMNS = 4
+TITLE_COLUMNS = 60  # characters of a line of a title
 LINE_POINTS = 20_000  # largest number of points of a line
 
 
-def draw(comparisons: Sequence[Comparison], path: str) -> None:
-    """Write a plot (type by the suffix) with a pair of panels per bag and joint.
+def check(path: str) -> None:
+    """Raise UserError unless `path` can be drawn: called before the work, not after it.
 
     Raises
     ------
-    UserError : as `check`.
+    UserError : matplotlib is missing, does not support the file type, or the file is not writable.
     """
-    check(path)
+    try:
+        from matplotlib.backend_bases import FigureCanvasBase
+    except ImportError as error:
+        raise UserError(f'plots: {needs("matplotlib")}') from error
+    logging.getLogger('matplotlib').setLevel(logging.ERROR)  # it lists missing fonts
+    kinds = FigureCanvasBase.get_supported_filetypes()
+    kind = Path(path).suffix[1:].lower()
+    if kind not in kinds:
+        raise UserError(
+            f'{path}: '
+            + (f'{kind} is not supported' if kind else 'the name has no ending')
+            + f': end it in one of {", ".join(sorted(kinds))}'
+        )
+    destination.check(path)
+
+
+def draw(comparisons: Sequence[Comparison], path: str) -> None:
+    """Write a plot (type by the suffix) with a pair of panels per bag and joint."""
     from matplotlib.figure import Figure
 
-    panels: list[tuple[str, str, list[Row]]] = []
+    panels: dict[tuple[str, str], list[Row]] = {}
     for comparison in comparisons:
-        reference = 'reference' if comparison.smoothed else 'truth'
-        by_joint: dict[str, list[Row]] = {}
         for row in comparison.rows:
-            by_joint.setdefault(row.joint, []).append(row)
-        panels += [
-            (f'{Path(comparison.bag).name}: {joint}', reference, rows)
-            for joint, rows in by_joint.items()
-        ]
-    across = min(PANEL_COLUMNS, len(panels))
-    down = -(-len(panels) // across)
+            panels.setdefault((comparison.bag, row.joint), []).append(row)
+    sources = dict.fromkeys(row.source for rows in panels.values() for row in rows)
+    colours = {'reference': 'black'} | {each: f'C{i}' for i, each in enumerate(sources)}
+    across = max(1, min(PANEL_COLUMNS, len(panels)))
+    down = max(1, -(-len(panels) // across))
     figure = Figure(figsize=(max(9.0, 5.0 * across), 5.0 * down + 0.4), layout='constrained')
-    axes = figure.subplots(2 * down, across, squeeze=False, height_ratios=[3, 2] * down)
-    for axis in axes.flat:
-        axis.set_visible(False)
+    parts = figure.subfigures(down, across, squeeze=False)
     names: dict[str, Any] = {}
-    for number, (title, reference, rows) in enumerate(panels):
-        down_at, across_at = divmod(number, across)
-        above, below = axes[2 * down_at][across_at], axes[2 * down_at + 1][across_at]
-        above.set_visible(True)
-        below.set_visible(True)
-        below.sharex(above)
-        names.setdefault(
-            reference, _line(above, rows[0].time, rows[0].truth, color='black', linewidth=1.2)
-        )
-        for row in rows:
-            colour = names[row.source].get_color() if row.source in names else None
-            line = _line(above, row.time, row.estimate, linewidth=0.8, color=colour)
-            names.setdefault(row.source, line)
-            _line(below, row.time, row.estimate - row.truth, linewidth=0.8, color=line.get_color())
-        for axis, lines in (
-            (above, [rows[0].truth, *(row.estimate for row in rows)]),
-            (below, [row.estimate - row.truth for row in rows]),
-        ):
-            outer = limits(lines)
+    for part, ((bag, joint), rows) in zip(parts.flat, panels.items()):
+        above, below = part.subplots(2, sharex=True, height_ratios=[3, 2])
+        velocities = {'reference': Curve('', '', rows[0].time, rows[0].truth, {})}
+        velocities |= {row.source: Curve('', '', row.time, row.estimate, {}) for row in rows}
+        errors = {row.source: Curve('', '', row.time, row.estimate - row.truth, {}) for row in rows}
+        times, _ = instants([*velocities.values(), *errors.values()], LINE_POINTS)
+        for axis, curves in ((above, velocities), (below, errors)):
+            for name, curve in curves.items():
+                values = curve.at(times)
+                (names[name],) = axis.plot(times, values, color=colours[name], linewidth=0.8)
+            outer = limits(curve.values for curve in curves.values())
             if outer:
                 axis.set_ylim(*outer)
-                axis.annotate(
-                    'outliers cut off',
-                    (0.01, 0.03),
-                    xycoords='axes fraction',
-                    fontsize='x-small',
-                    color='dimgrey',
-                )
+                place = {'xycoords': 'axes fraction', 'fontsize': 'x-small', 'color': 'dimgrey'}
+                axis.annotate('outliers cut off', (0.01, 0.03), **place)
             axis.grid(alpha=0.3)
-        above.tick_params(labelbottom=False)
-        above.set_title(drawn(title), fontsize='small')
+        title = textwrap.fill(drawn(f'{Path(bag).name}: {joint}'), TITLE_COLUMNS)
+        above.set_title(title, fontsize='small')
         above.set_ylabel('velocity [rad/s]')
         below.set_ylabel('error [rad/s]')
         below.set_xlabel('time [s]')
@@ -89,14 +88,8 @@ def draw(comparisons: Sequence[Comparison], path: str) -> None:
         map(drawn, names),
         loc='outside upper center',
         fontsize='small',
-        ncols=min(len(names), 7),
+        ncols=max(1, min(len(names), 7)),
         frameon=False,
     )
-    save(figure, path)
-
-
-def _line(axis: Any, time: Array, values: Array, **style: Any) -> Any:
-    """Draw a line, thinned to the visible points and broken at gaps."""
-    at, drawn = broken(time, values, extremes(values, LINE_POINTS))
-    (line,) = axis.plot(at, drawn, **style)
-    return line
+    with whole_file.replacing(path) as temporary:
+        figure.savefig(temporary, dpi=120, format=Path(path).suffix[1:].lower())

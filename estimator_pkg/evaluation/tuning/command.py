@@ -24,12 +24,11 @@ from estimator_pkg.evaluation.options import (
     SMOOTHER,
     TRUTH,
     WRAP_PERIOD,
-    Options,
     joint_arguments,
+    options_of,
     truth_argument,
     window_arguments,
     worker_arguments,
-    wrap_periods,
 )
 from estimator_pkg.evaluation.text import started
 from estimator_pkg.evaluation.tuning import any_observer, live, output
@@ -152,22 +151,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     destination.check(out)
     if parsed.apply:  # before anything is recorded or searched
         live.check(parsed.apply, parsed.observer)
-    period, own_periods = wrap_periods(parsed.wrap_period, [tuning.held])
-    options = Options(
-        parsed.measurement,
-        parsed.truth,
-        observers=(tuning.entry,),
-        begin=parsed.begin,
-        end=parsed.end,
-        wrap_period=period,
-        correct_reference=parsed.correct_reference,
-        reference=parsed.reference,
-        angle=parsed.angle,
-        unpack_limit=parsed.unpack_limit,
-        motion_hz=parsed.motion_hz,
-        columns=columns,
-        own_periods=own_periods,
-    )
+    options = options_of(parsed, [tuning.entry], columns)
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         if parsed.live is not None:
@@ -216,9 +200,9 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 tuning = tune_settings(parsed)
                 tuned = [kept(joint, groups[joint], text) for joint, text in results.items()]
                 notes.append(f'the file has {parsed.observer} as it is')
-    print(output.describe(chosen_results, notes, period))
+    print(output.describe(chosen_results, notes, options.wrap_period))
     wiring = seen[0].seen.recording.setup
-    held = _held(period, tuning, wiring)
+    held = _held(options.wrap_period, tuning, wiring)
     whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))
     node = streams.of_observer(tuning.entry.observer).NODE
     show(f'gains: {out}', *started(node, parsed.out, wiring.remaps))

@@ -76,25 +76,15 @@ def search(
     report : called after each batch with the number of new trials.
     same : whether two trials gave the same. A gain without effect at the start is dropped.
     """
-    study = _study(seed)
-    found = Search()
+    sampler, found = _sampler(seed), Search()
     try:
         while len(found.trials) < trials:
             size = min(BATCH, trials - len(found.trials))
             first = not found.trials
-            if first:
-                points = _first(ranges, start)[:size]
-            else:
-                points = _near(study.sampler, ranges, found, len(found.trials) / trials, size)
-            suggested = [study.ask(ranges) for _ in range(size - len(points))]
-            points += [trial.params for trial in suggested]
-            for values, trial, (cost, details) in zip(
-                points, [*[None] * (size - len(suggested)), *suggested], judge(points)
-            ):
-                if trial is None:
-                    _add(study, ranges, Trial(values, cost))
-                else:
-                    study.tell(trial, cost)
+            points = _first(ranges, start)[:size] if first else []
+            done = len(found.trials) / trials
+            points += _suggested(sampler, ranges, found, done, size - len(points))
+            for values, (cost, details) in zip(points, judge(points)):
                 found.trials.append(Trial(values, cost, details))
             if first and size > len(ranges) > 1:
                 begin, *changed = found.trials[: 1 + len(ranges)]
@@ -111,13 +101,13 @@ def search(
     return found
 
 
-def _study(seed: int) -> Any:
+def _sampler(seed: int) -> Any:
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')  # about experimental options
-        sampler = optuna.samplers.TPESampler(
+        return optuna.samplers.TPESampler(
             seed=seed,
             multivariate=True,
             n_startup_trials=BATCH,
@@ -125,7 +115,6 @@ def _study(seed: int) -> Any:
             constant_liar=True,
             consider_magic_clip=False,  # narrow kernels: costs are smooth and free of noise
         )
-    return optuna.create_study(sampler=sampler)
 
 
 def _first(ranges: Ranges, start: Mapping[str, GainValue]) -> list[dict[str, GainValue]]:
@@ -136,30 +125,27 @@ def _first(ranges: Ranges, start: Mapping[str, GainValue]) -> list[dict[str, Gai
     return [begin, *({**begin, name: moved(each, begin[name])} for name, each in ranges.items())]
 
 
-def _near(
+def _suggested(
     sampler: Any, ranges: Ranges, found: Search, done: float, count: int
 ) -> list[dict[str, GainValue]]:
-    """Return gains near the best, by a study of their own; none before the parts `NARROWED`."""
+    """Return the gains that the sampler suggests after these trials; the last ones near the best.
+
+    Parameters
+    ----------
+    done : the part of the trials that is behind.
+    """
     import optuna
 
-    widths = [width for part, width in NARROWED.items() if done >= part]
-    if not widths or found.best is None:
-        return []
-    near = {
-        name: _around(each, found.best.values[name], widths[-1]) for name, each in ranges.items()
-    }
     study = optuna.create_study(sampler=sampler)
     for trial in found.trials:
-        _add(study, ranges, trial)
-    return [study.ask(near).params for _ in range(count)]
-
-
-def _add(study: Any, ranges: Ranges, trial: Trial) -> None:
-    """Add a trial that another study, or nobody, suggested."""
-    from optuna.trial import create_trial
-
-    values = {name: trial.values[name] for name in ranges}
-    study.add_trial(create_trial(params=values, distributions=ranges, value=trial.cost))
+        values = {name: trial.values[name] for name in ranges}
+        known = {'params': values, 'distributions': ranges, 'value': trial.cost}
+        study.add_trial(optuna.trial.create_trial(**known))
+    widths = [width for part, width in NARROWED.items() if done >= part]
+    if widths and found.best is not None:
+        best = found.best.values
+        ranges = {name: _around(each, best[name], widths[-1]) for name, each in ranges.items()}
+    return [study.ask(ranges).params for _ in range(count)]
 
 
 def _around(gain: Any, value: GainValue, width: float) -> Any:

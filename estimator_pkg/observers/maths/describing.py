@@ -32,24 +32,24 @@ class Describing(NamedTuple):
 
 
 @lru_cache
-def _half() -> tuple[float, ...]:
-    """Return the quantiles of the positive half of a Gaussian: the injections are odd."""
+def _half() -> Array:
+    """Return quantiles of the positive half of a Gaussian, of mean square 1."""
     inverse = NormalDist().inv_cdf
-    return tuple(inverse(0.5 + 0.5 * (k + 0.5) / QUANTILES) for k in range(QUANTILES))
+    points = np.array([inverse(0.5 + 0.5 * (k + 0.5) / QUANTILES) for k in range(QUANTILES)])
+    return points / np.sqrt(np.mean(points**2))
 
 
-def describing(inject: Callable[[float], tuple[float, float]], size: float) -> Describing:
+def describing(inject: Callable[[Array], tuple[Array, Array]], size: float) -> Describing:
     """Return the describing function of `inject` for innovations of standard deviation `size`.
 
     Parameters
     ----------
-    inject : (e) -> the two injections; for an implicit step (e) -> the offset after the step, and
-        the second injection.
+    inject : (e) -> the two injections, shape (N,) all; for an implicit step (e) -> the offset after
+        the step, and the second injection. It is odd.
     size : standard deviation of the innovation [rad or m].
     """
-    points = np.array(_half())
-    points *= size / np.sqrt(np.mean(points**2))
-    found = np.array([inject(e) for e in points.tolist()])
+    points = size * _half()
+    found = np.stack(inject(points), axis=-1)
     gains = points @ found / np.sum(points**2)
     left = found - points[:, None] * gains
     position, velocity = gains.tolist()

@@ -12,39 +12,17 @@ does not predict, is then (K s + E)/(s + w)^3.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError
+from estimator_pkg.models.mechanics import Array
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functions too)
-    DRIVEN,
-    EDGES,
-    SINGLE_ANGLE,
-    TURNS,
-    MechanismEstimate,
-    Plan,
-    estimate,
-    group_delay,
-    is_reading,
-    limits,
-    prepare,
-    restart,
-    resume,
-    start,
-    step,
-)
-from estimator_pkg.observers.mechanism.core import keep_velocities as propagate  # noqa: F401
+from estimator_pkg.observers.mechanism.hgo import HighGain
 from estimator_pkg.observers.mechanism.parameters import BandwidthGains, MechanicalGains
-from estimator_pkg.observers.mechanism.state import Coefficients, Design, State  # noqa: F401
-from estimator_pkg.observers.mechanism.velocity import SLIDING, advance, linear_plan  # noqa: F401  (its functions too)
 from estimator_pkg.parameters import parameter
 
-Array = NDArray[np.float64]
 TRIPLE_POLE = (3.0, 3.0, 1.0)  # (s + 1)^3
 UNIT_BANDWIDTH = 1.642467686  # -3 dB frequency over w of (3 s + 1)/(s + 1)^3: velocity
 
@@ -66,24 +44,26 @@ class Gains(MechanicalGains, BandwidthGains):
     )
 
 
-def tune(gains: Gains, n: int) -> tuple[Array, Array, Array]:
-    """Return h1/eps [1/s], h2/eps^2 [1/s^2], h3/eps^3 [1/s^3], shape (n, n); raises UsageError."""
-    h, epsilon = gains.h, gains.epsilon
-    if h is None:
-        h, epsilon = TRIPLE_POLE, UNIT_BANDWIDTH / (2.0 * np.pi * gains.bandwidth_hz)
-    if len(h) != 3:
-        raise UsageError(f"parameter 'h' has {len(h)} numbers: 'ehgo' takes 3, h1, h2 and h3")
-    eye = np.eye(n)
-    return h[0] / epsilon * eye, h[1] / epsilon**2 * eye, h[2] / epsilon**3 * eye
+class Ehgo(HighGain):
+    """EHGO with its gains, shape (n, n) each; see `HighGain`."""
 
-
-def plan(gains: Gains, circle: Any) -> Plan:
-    """Return what these gains imply; raises UserError, UsageError."""
     complaint = (
-        "the gains 'h' do not make the error decay: every root of s^3 + h1 s^2 + h2 s + h3 needs a "
-        'negative real part'
+        "the gains 'h' do not make the error decay: every root of s^3 + h1 s^2 + h2 s + h3 needs "
+        'a negative real part'
     )
-    return linear_plan(sys.modules[__name__], gains, circle, complaint)
+
+    def tuned(self, gains: Gains, n: int) -> tuple[Array, Array, Array]:
+        """Return h1/eps, h2/eps^2, h3/eps^3, see `HighGain`."""
+        h, epsilon = gains.h, gains.epsilon
+        if h is None:
+            h, epsilon = TRIPLE_POLE, UNIT_BANDWIDTH / (2.0 * np.pi * gains.bandwidth_hz)
+        if len(h) != 3:
+            raise UsageError(f"parameter 'h' has {len(h)} numbers: 'ehgo' takes 3, h1, h2 and h3")
+        eye = np.eye(n)
+        return h[0] / epsilon * eye, h[1] / epsilon**2 * eye, h[2] / epsilon**3 * eye
+
+
+plan = Ehgo
 
 
 OBSERVER = Observer(

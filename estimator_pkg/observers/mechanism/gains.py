@@ -9,25 +9,13 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError
 from estimator_pkg.models import check
-from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanism.flow import LARGEST_PART, MOST_PARTS
+from estimator_pkg.models.mechanics import Array, Mechanics
 
-Array = NDArray[np.float64]
-
+FASTEST = 3000.0  # largest dt (|L| + sqrt(trace K)): beyond it gains do not fit the sample rate
 GUARANTEED_SPEED = 1.0  # of each position, for the guaranteed rate [rad/s or m/s]
-
-
-class GesoGains(NamedTuple):
-    """Gains of GESO: qh' = calM ph + L e, ph' = ... + Gamma calM^T P0 e, d' = E e."""
-
-    L: Array
-    Gamma: Array
-    P0: Array
-    E: Array
 
 
 def require_hurwitz(L: Array) -> None:
@@ -74,27 +62,6 @@ def lyapunov_weight(L: Array) -> Array:
     return 0.5 * (weight + weight.T)
 
 
-def error_matrix(mechanics: Mechanics, tuning: GesoGains, q: Array, disturbed: bool) -> Array:
-    """Return A of (e, p, d)' = A (e, p, d), with the configuration frozen at q [rad or m].
-
-    Its shape is (3 n, 3 n) if `disturbed`, else (2 n, 2 n).
-    """
-    calm, psi = mechanics.factors(q)
-    n = mechanics.degrees
-    size = 3 * n if disturbed else 2 * n
-    matrix = np.zeros((size, size))
-    matrix[:n, :n] = -tuning.L
-    matrix[:n, n : 2 * n] = calm
-    matrix[n : 2 * n, :n] = -tuning.Gamma @ calm.T @ tuning.P0
-    if mechanics.damped:
-        damping = mechanics.damping(q)
-        matrix[n : 2 * n, n : 2 * n] = -psi.T @ damping @ calm
-    if disturbed:
-        matrix[n : 2 * n, 2 * n :] = psi.T
-        matrix[2 * n :, :n] = -tuning.E
-    return matrix
-
-
 def slowest_pole(matrix: Array) -> float:
     """Return the slowest pole of x' = matrix x, shape (n, n): -(largest real part) [1/s]."""
     return -float(np.max(np.linalg.eigvals(matrix).real))
@@ -115,18 +82,15 @@ def longest_euler(matrices: list[Array]) -> float:
 
 
 def longest_exact(matrices: list[Array], n: int) -> float:
-    """Return the longest sample time [s] of the exact step of `flow` with these error systems.
+    """Return the longest sample time [s] of the exact step with these error systems.
 
-    They have shape (2 n, 2 n) or (3 n, 3 n) [1/s], n the number of positions. Gains are refused if
-    they are so fast for the sample rate that a step would take more than `MOST_PARTS` parts.
+    They have shape (2 n, 2 n) or (3 n, 3 n) [1/s], n the number of positions.
     """
-    return LARGEST_PART * MOST_PARTS / max(_pace(matrix, n) for matrix in matrices)
-
-
-def _pace(matrix: Array, n: int) -> float:
-    """Return the rate [1/s] by which `flow` chooses the number of parts."""
-    stiffness = abs(float(np.trace(matrix[:n, n : 2 * n] @ matrix[n : 2 * n, :n])))
-    return float(np.sum(np.abs(np.diag(matrix)[: 2 * n]))) + math.sqrt(stiffness)
+    paces = []
+    for A in matrices:
+        stiffness = abs(float(np.trace(A[:n, n : 2 * n] @ A[n : 2 * n, :n])))
+        paces.append(float(np.abs(np.diag(A)[: 2 * n]).sum()) + math.sqrt(stiffness))
+    return FASTEST / max(paces)
 
 
 class Guarantee(NamedTuple):
@@ -184,49 +148,29 @@ def describe_loop(L: Array, K: Array, matrices: list[Array], dt: float) -> dict[
     }
 
 
-def describe(
-    mechanics: Mechanics, tuning: GesoGains, point: Array, dt: float, *, disturbed: bool
-) -> dict[str, Any]:
-    """Return properties of GESO's gains by name; `MEANINGS` has their titles and units.
+def guaranteed(
+    mechanics: Mechanics, L: Array, Gamma: Array, configurations: list[Array]
+) -> dict[str, float]:
+    """Return the guaranteed rate of decay of (11), and the speed up to which it is valid.
 
-    Parameters
-    ----------
-    point : operating point [rad or m], shape (n,).
-    dt : sample time [s].
-    disturbed : the observer has a disturbance state.
+    L and Gamma have shape (n, n), each configuration (n,).
     """
-    calm = mechanics.factors(point)[0]
-    K = calm @ tuning.Gamma @ calm.T @ tuning.P0
-    configurations = [q for q, _ in check.random_states(mechanics)]
-    matrices = [error_matrix(mechanics, tuning, q, disturbed) for q in (point, *configurations)]
-    found = {
-        'operating_point': point.tolist(),
-        'L': tuning.L.tolist(),
-        'Gamma': tuning.Gamma.tolist(),
-        **describe_loop(tuning.L, K, matrices, dt),
-    }
-    # the proposition applies to (11): L + L^T > 0 and no disturbance state
-    if not disturbed and np.allclose(tuning.P0, np.eye(len(tuning.P0))):
-        sizes = [np.linalg.svd(mechanics.factors(q)[0], compute_uv=False) for q in configurations]
-        turning = max(
-            sum(
-                float(np.linalg.norm(slope, 2)) * GUARANTEED_SPEED
-                for slope in check.slopes(mechanics, lambda x: mechanics.factors(x)[0], q)
-            )
-            for q in configurations
+    sizes = [np.linalg.svd(mechanics.factors(q)[0], compute_uv=False) for q in configurations]
+    turning = max(
+        sum(
+            float(np.linalg.norm(slope, 2)) * GUARANTEED_SPEED
+            for slope in check.slopes(mechanics, lambda x: mechanics.factors(x)[0], q)
         )
-        found['guaranteed_rate'] = guaranteed_rate(
-            tuning.L,
-            tuning.Gamma,
-            min(size[-1] for size in sizes),
-            max(size[0] for size in sizes),
-            turning,
-        ).rate
-        found['guaranteed_for_speed'] = GUARANTEED_SPEED
-    return found
+        for q in configurations
+    )
+    smallest, largest = min(size[-1] for size in sizes), max(size[0] for size in sizes)
+    return {
+        'guaranteed_rate': guaranteed_rate(L, Gamma, smallest, largest, turning).rate,
+        'guaranteed_for_speed': GUARANTEED_SPEED,
+    }
 
 
-# titles of the entries of `describe`
+# titles of what `describe` of an observer returns
 MEANINGS = {
     'operating_point': 'operating point [rad or m]',
     'L': 'L, gain of the position [1/s]',
@@ -246,7 +190,7 @@ MEANINGS = {
 
 
 def in_words(found: dict[str, Any]) -> dict[str, str]:
-    """Return the values of `describe` as texts; of a diagonal matrix only the diagonal."""
+    """Return what `describe` returns as texts; of a diagonal matrix only the diagonal."""
     words = {}
     for name, value in found.items():
         if name == 'poles':

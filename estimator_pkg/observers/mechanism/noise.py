@@ -15,56 +15,34 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator_pkg.models.mechanics import Mechanics
+from estimator_pkg.models.mechanics import Array, Mechanics
 from estimator_pkg.observers.maths.steady_noise import steady_covariance
-from estimator_pkg.observers.mechanism.state import Coefficients, State
-
-Array = NDArray[np.float64]
+from estimator_pkg.observers.mechanism.flow import exponential
 
 GRID = 0.03  # relative spacing of the cached variances in position, dt and innovation
 CACHE_SIZE = 4096  # largest number of cached variances
 
 
-def exponential(matrix: Array) -> Array:
-    """Return exp(matrix), shape (n, n), by scaling, Taylor series and squaring (small matrices)."""
-    size = float(np.max(np.sum(np.abs(matrix), axis=1)))
-    times = max(0, int(np.ceil(np.log2(max(size, 1e-300)))) + 2)
-    part = matrix / 2.0**times
-    term = total = np.eye(len(matrix))
-    for k in range(1, 20):
-        term = term @ part / k
-        total = total + term
-    for _ in range(times):
-        total = total @ total
-    return total
-
-
-def discrete(
-    matrix: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
-) -> tuple[Array, Array]:
+def discrete(A: Array, n: int, dt: float, *, euler: bool, linear_hold: bool) -> tuple[Array, Array]:
     """Return (Phi, W) of the error over one sample: z+ = Phi z + W (y_k - y_{k-1}).
 
     Their shapes are (m, m) and (m, n), in the units of z = (e, x, d) and of the measurement.
 
     Parameters
     ----------
-    matrix : A [1/s] of z' = A z, shape (m, m), with e' containing -rate of the measurement.
+    A : of z' = A z, shape (m, m) [1/s], with e' containing -rate of the measurement.
     n : number of positions. dt : sample time [s].
     """
-    size = len(matrix)
+    size = len(A)
     arrival = np.zeros((size, n))
     arrival[:n] = -np.eye(n)
     if euler:
-        return np.eye(size) + dt * matrix, arrival
-    if not linear_hold:
-        return exponential(matrix * dt), arrival
+        return np.eye(size) + dt * A, arrival
     block = np.zeros((size + n, size + n))
-    block[:size, :size] = matrix
-    block[:size, size:] = arrival / dt
-    whole = exponential(block * dt)
-    return whole[:size, :size], whole[:size, size:]
+    block[:size, :size], block[:size, size:] = dt * A, arrival
+    whole = exponential(block, block)
+    return whole[:size, :size], whole[:size, size:] if linear_hold else arrival
 
 
 class NoiseGains(NamedTuple):
@@ -78,24 +56,22 @@ class NoiseGains(NamedTuple):
     own_innovation: Array
 
 
-def noise_gains(
-    matrix: Array, shown: Array, n: int, dt: float, *, euler: bool, linear_hold: bool
-) -> NoiseGains:
+def noise_gains(A: Array, shown: Array, dt: float, euler: bool, linear_hold: bool) -> NoiseGains:
     """Return the variances of an observer with a linear error system.
 
     The innovation is e, estimate minus measurement.
 
     Parameters
     ----------
-    matrix : A [1/s] of (e, x, d)' = A (e, x, d), shape (m, m).
+    A : of (e, x, d)' = A (e, x, d), shape (m, m) [1/s].
     shown : V of velocities = V x, shape (n, n).
-    n : number of positions.
     dt : sample time [s].
     euler : the step is forward Euler.
     linear_hold : the measurement is interpolated linearly between samples.
     """
-    step, arrival = discrete(matrix, n, dt, euler=euler, linear_hold=linear_hold)
-    size = len(matrix)
+    n = len(shown)
+    step, arrival = discrete(A, n, dt, euler=euler, linear_hold=linear_hold)
+    size = len(A)
     nothing = np.zeros(n)
     # the error of the estimate is e + n_k, which is bounded if Phi is stable; a common drift of
     # estimate and measurement, as at rest, does not matter
@@ -142,9 +118,8 @@ class StandardDeviations:
     Parameters
     ----------
     noise, quantum : standard deviation of the noise and quantum of each position [rad or m].
-    linear, of_size : `linear` and `noise` of `core.Plan`.
+    noise_gains, linear, by_size : of the observer.
     measured : the noise is not a parameter, but estimated from the innovation.
-    euler, linear_hold : as in `noise_gains`.
     """
 
     def __init__(
@@ -152,70 +127,72 @@ class StandardDeviations:
         mechanics: Mechanics,
         noise: tuple[float, ...],
         quantum: tuple[float, ...],
+        noise_gains: Callable[[Array, Array, float], NoiseGains],
         linear: Callable[[Array, Array], tuple[Array, Array]],
-        of_size: Callable[[Array, Array, float], NoiseGains] | None,
         *,
+        by_size: bool,
         measured: bool,
-        euler: bool,
-        linear_hold: bool,
     ) -> None:
-        self._mechanics, self._linear, self._of_size = mechanics, linear, of_size
-        self._measured, self._euler, self._linear_hold = measured, euler, linear_hold
+        self._mechanics, self._noise_gains, self._linear = mechanics, noise_gains, linear
+        self._by_size, self._measured = by_size, measured
         self._floor = np.array(quantum) ** 2 / 12.0
         self._variance = np.array(noise) ** 2 + self._floor
-        self._spacing = [GRID * each for each in mechanics.reach]
+        self._spacing = GRID * np.array(mechanics.reach)
         self._gains = lru_cache(CACHE_SIZE)(self._found)
 
-    def _variances(self, at: Array, sizes: tuple[int, ...], dt: float) -> NoiseGains:
-        if self._of_size is not None:
-            return self._of_size(at, np.exp(2.0 * GRID * np.array(sizes)), dt)
-        n = self._mechanics.degrees
-        matrix, shown = self._linear(at, np.zeros(n))
-        return noise_gains(matrix, shown, n, dt, euler=self._euler, linear_hold=self._linear_hold)
-
     def _found(
-        self, place: tuple[int, ...], sizes: tuple[int, ...], period: int
+        self, place: tuple[float, ...], sizes: tuple[float, ...], period: int
     ) -> tuple[NoiseGains, Array, Array] | None:
         """Return (variances, inverse of the innovation's, L^2 by entry); None: not finite."""
         n = self._mechanics.degrees
-        at, dt = np.array(self._spacing) * np.array(place), math.exp(GRID * period)
+        at, dt = self._spacing * np.array(place), math.exp(GRID * period)
+        power = np.exp(2.0 * GRID * np.array(sizes))
         if not self._mechanics.admits(at):
             return None
         try:
             with np.errstate(all='ignore'):  # checked for finite values below
-                found = self._variances(at, sizes, dt)
-                matrix, _ = self._linear(at, np.exp(2.0 * GRID * np.array(sizes)))
+                found = self._noise_gains(at, power, dt)
+                A, _ = self._linear(at, power)
         except np.linalg.LinAlgError:  # overflow in an intermediate result
             return None
         if not all(np.all(np.isfinite(each)) for each in found):
             return None
         # rounding may make a variance near zero negative
         found = NoiseGains(*(np.maximum(each, 0.0) for each in found))
-        back = np.array(np.linalg.pinv(found.innovation), float)
-        return found, back, np.square(matrix[:n, :n])
+        back: Array = np.array(np.linalg.pinv(found.innovation), float)
+        return found, back, np.square(A[:n, :n])
 
-    def __call__(self, state: State, coefficients: Coefficients) -> tuple[tuple, tuple]:
-        """Return the standard deviations of all positions and of all velocities."""
-        n = self._mechanics.degrees
-        squares = list(state.squares)[:n]
-        power = [max(each, 1e-300) for each in squares]
-        sizes: tuple[int, ...] = ()
-        if self._of_size is not None:
-            sizes = tuple(round(0.5 * math.log(each) / GRID) for each in power)
+    def __call__(
+        self,
+        at: Array,
+        squares: Array,
+        drift_squares: Array,
+        of_white: float,
+        late: Array,
+        dt: float,
+    ) -> tuple[list[float], list[float]]:
+        """Return the standard deviations of all positions and of all velocities.
+
+        Parameters
+        ----------
+        squares, drift_squares : mean squares of the innovation and of its slow part, of which white
+            noise has the part `of_white`.
+        late : errors of the velocities that are not in the innovation.
+        """
+        power = np.maximum(squares, 1e-300)
+        sizes = np.round(0.5 * np.log(power) / GRID) if self._by_size else np.zeros(len(at))
         kept = self._gains(
-            tuple(round(at / each) for at, each in zip(state.before, self._spacing)),
-            sizes,
-            round(math.log(coefficients.dt) / GRID),
+            tuple(np.round(at / self._spacing).tolist()),
+            tuple(sizes.tolist()),
+            round(math.log(dt) / GRID),
         )
         if kept is None:
-            return (math.inf,) * n, (math.inf,) * n
+            return ([math.inf] * len(at),) * 2
         found, back, L_squared = kept
-        of_white = coefficients.drift / (2.0 - coefficients.drift)
-        slow = [max(m - of_white * p, 0.0) for m, p in zip(state.drift_squares, squares)]
+        slow = np.maximum(drift_squares - of_white * squares, 0.0)
         used = self._variance
         if self._measured:
-            used = np.maximum(back @ (np.array(power) - found.own_innovation), self._floor)
-        return (
-            tuple(np.sqrt(found.position @ used + found.own_position + slow).tolist()),
-            tuple(np.sqrt(found.velocity @ used + found.own_velocity + L_squared @ slow).tolist()),
-        )
+            used = np.maximum(back @ (power - found.own_innovation), self._floor)
+        position = found.position @ used + found.own_position + slow
+        velocity = found.velocity @ used + found.own_velocity + L_squared @ slow + late**2
+        return np.sqrt(position).tolist(), np.sqrt(velocity).tolist()

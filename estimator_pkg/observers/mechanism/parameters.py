@@ -6,19 +6,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg import registry
-from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.load import load
-from estimator_pkg.models.mechanics import Mechanics, assignments_of
+from estimator_pkg.models.mechanics import Array, Mechanics, assignments_of
 from estimator_pkg.parameters import build, parameter, structural
-
-Array = NDArray[np.float64]
 
 EXACT_FORM, PAPER_FORM = 'exact', 'paper'
 LINEAR, PREVIOUS = 'linear', 'previous'
@@ -129,36 +123,12 @@ class LoopGains(BandwidthGains):
     )
 
 
-def model_of(gains: MechanicalGains) -> Mechanics:
-    """Return the checked model that the gains name; raises UserError, UsageError."""
-    return load(gains.model, gains.model_parameters)
-
-
 def default_numbers(gains: MechanicalGains) -> str:
     """Return the numbers of a built-in model if all are defaults; else ''."""
     if gains.model_parameters or ':' in gains.model:
         return ''
     model = registry.find(registry.MODELS, gains.model)
     return ', '.join(assignments_of(model, build(model.parameters, {})))
-
-
-def circles_of(mechanics: Mechanics, circle: Any) -> tuple[Circle, ...]:
-    """Return one circle per position: those of `circle`, or the model's periods for a single one.
-
-    A single circle determines only whether turns are counted.
-
-    Raises
-    ------
-    UsageError : the number of circles is not that of the positions.
-    """
-    if isinstance(circle, Circle):
-        return tuple(Circle(period, circle.unwrap) for period in mechanics.periods)
-    circles = tuple(Circle(*each) for each in circle)
-    if len(circles) != mechanics.degrees:
-        raise UsageError(
-            f"model '{mechanics.name}' has {mechanics.degrees} positions, not {len(circles)}"
-        )
-    return circles
 
 
 def gain_matrix(name: str, values: tuple[float, ...], count: int) -> Array:
@@ -211,7 +181,7 @@ def operating_point(gains: BandwidthGains, mechanics: Mechanics) -> Array:
             f"parameter 'operating_point' has {len(gains.operating_point)} numbers "
             f'for {mechanics.degrees} positions: set {mechanics.degrees}'
         )
-    if not mechanics.admits(gains.operating_point):
+    if not mechanics.admits(np.array(gains.operating_point, float)):
         raise UsageError(
             f"model '{mechanics.name}' is not valid at operating_point "
             f'{list(gains.operating_point)}: choose positions inside its domain'

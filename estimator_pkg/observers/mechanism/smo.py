@@ -18,97 +18,27 @@ closed form for super_twisting; for uniform Newton's method converges monotonica
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator_pkg.models.mechanics import Vector
+from estimator_pkg.circle import Circle
+from estimator_pkg.estimate import TRACKING
+from estimator_pkg.models.load import load
+from estimator_pkg.models.mechanics import Array, solved
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.maths.describing import Describing, describing
 from estimator_pkg.observers.maths.steady_noise import steady_covariance
-from estimator_pkg.observers.maths.twisting import implicit_step, injections
-from estimator_pkg.observers.mechanism.core import (  # noqa: F401  (its functions too)
-    DRIVEN,
-    EDGES,
-    SINGLE_ANGLE,
-    TURNS,
-    MechanismEstimate,
-    Plan,
-    estimate,
-    group_delay,
-    is_reading,
-    limits,
-    made_plan,
-    place,
-    prepare,
-    restart,
-    resume,
-    start,
-    step,
-)
-from estimator_pkg.observers.mechanism.core import keep_velocities as propagate  # noqa: F401
+from estimator_pkg.observers.mechanism.friction import resist
 from estimator_pkg.observers.mechanism.noise import NoiseGains, per_noise, variances
-from estimator_pkg.observers.mechanism.parameters import (
-    LINEAR,
-    PAPER_FORM,
-    MechanicalGains,
-    model_of,
-    per_joint,
-)
-from estimator_pkg.observers.mechanism.state import Coefficients, Core, Design, State, Work  # noqa: F401
-from estimator_pkg.observers.mechanism.velocity import accelerate, brake, linear_matrix
+from estimator_pkg.observers.mechanism.observer import Core, MechanismObserver, State
+from estimator_pkg.observers.mechanism.parameters import MechanicalGains, per_joint
 from estimator_pkg.parameters import parameter, structural
 
-SLIDING = True  # d is the innovation
+MISFIT = 0.5  # rms injection, slowly averaged, over its limit: the model does not fit
 NEWTON = 60  # most steps of Newton's method; from above it converges monotonically
-
-
-def uniform(e: float, first: float, second: float, m1: float, m2: float) -> tuple[float, float]:
-    """Return the two injections of uniform at e [rad or m]."""
-    if e == 0.0:
-        return 0.0, 0.0
-    size = abs(e)
-    root = math.sqrt(size)
-    one = first * (m1 * root + m2 * root * size)
-    two = second * (0.5 * m1 * m1 + 2.0 * m1 * m2 * size + 1.5 * m2 * m2 * size * size)
-    if e > 0.0:
-        return one, two
-    return -one, -two
-
-
-def implicit_uniform(
-    free: float, h: float, first: float, second: float, m1: float, m2: float
-) -> tuple[float, float]:
-    """Return the same as `implicit_step` for `uniform`, a quartic in sqrt|e|, by Newton."""
-    size = abs(free)
-    sliding = h * h * second * 0.5 * m1 * m1
-    if size <= sliding:
-        return 0.0, free / (h * h)
-    over = size - sliding
-    a1, a3 = h * first * m1, h * first * m2
-    a2 = 1.0 + h * h * second * 2.0 * m1 * m2
-    a4 = h * h * second * 1.5 * m2 * m2
-    root = math.sqrt(over)
-    for _ in range(NEWTON):
-        value = root * (a1 + root * (a2 + root * (a3 + root * a4))) - over
-        slope = a1 + root * (2.0 * a2 + root * (3.0 * a3 + root * 4.0 * a4))
-        change = value / slope
-        root -= change
-        if change <= 1e-16 * root:
-            break
-    e = root * root
-    two = second * (0.5 * m1 * m1 + 2.0 * m1 * m2 * e + 1.5 * m2 * m2 * e * e)
-    if free > 0.0:
-        return e, two
-    return -e, -two
-
-
-Array = NDArray[np.float64]
 
 
 def noise_variances(
@@ -200,120 +130,159 @@ class Gains(MechanicalGains):
     )
 
 
-def advance(
-    model: Any,
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    measurement: Vector,
-    known_input: Vector,
-) -> bool:
-    """Set `work.after`, the state after one sample; return False where the model is not valid."""
-    core, work, dt = state.core, state.work, coefficients.dt
-    after, moved = work.after, work.moved
-    place(model, state, design)
-    if not model.admits(design.values, work.at):
-        return False
-    if design.paper:
-        accelerate(model, work, design.values, design.damped, work.at, core.x, known_input)
-    else:
-        brake(model, work, design, core.x, known_input, dt)
-    for i in range(model.JOINTS):
-        e, v, f = core.e[i], core.x[i], work.f[i]
-        if design.paper:
-            a, b = inject(e, design, design.first[i], design.second[i])
-            after.e[i] = e + dt * (v - a) - moved[i]
-            after.d[i] = after.e[i]
+class Smo(MechanismObserver):
+    """SMO with its gains; see `MechanismObserver`.
+
+    Both variants have injections of one form, with coefficients of shape (n,):
+
+        one(e) = (a1 |e|^(1/2) + a3 |e|^(3/2)) sgn e,  two(e) = (b0 + b1 |e| + b2 |e|^2) sgn e
+    """
+
+    by_size = True
+
+    def __init__(self, gains: Gains, circle: Circle) -> None:
+        mechanics = load(gains.model, gains.model_parameters)
+        super().__init__(gains, mechanics, circle)
+        n = mechanics.degrees
+        if gains.variant == SUPER_TWISTING:  # (22)
+            mu = np.array(per_joint('mu', gains.mu, n))
+            first, second = POSITION_GAIN * np.sqrt(mu), VELOCITY_GAIN * mu
+            self.one, self.two = np.stack([first, 0.0 * mu]), np.stack([second, 0.0 * mu, 0.0 * mu])
         else:
-            free = e + dt * (v + dt * f)
-            if design.linear_hold:
-                free -= moved[i]
-            after.d[i] = free
-            e, b = step_implicitly(free, dt, design, design.first[i], design.second[i])
-            after.e[i] = e if design.linear_hold else e - moved[i]
-        after.x[i] = v + dt * (f - b)
-        after.v[i] = after.x[i]
-    return True
+            k1, k2 = (np.array(per_joint(k, getattr(gains, k), n)) for k in ('k1', 'k2'))
+            m1, m2 = gains.mu1, gains.mu2
+            self.one = np.stack([k1 * m1, k1 * m2])
+            self.two = np.stack([k2 * 0.5 * m1 * m1, k2 * 2.0 * m1 * m2, k2 * 1.5 * m2 * m2])
+        self.acceleration_limit = self.two[0]
+        self._settle_with(4.0 * float(np.min(self.acceleration_limit)))
 
+    def injections(self, e: Array, joint: Any = slice(None)) -> tuple[Array, Array]:
+        """Return one(e) and two(e) of all positions, or of one [rad or m]."""
+        (a1, a3), (b0, b1, b2) = self.one[:, joint], self.two[:, joint]
+        size, sign = np.abs(e), np.sign(e)
+        root = np.sqrt(size)
+        return (a1 * root + a3 * root * size) * sign, (b0 + b1 * size + b2 * size * size) * sign
 
-def inject(e: float, design: Design, first: float, second: float) -> tuple[float, float]:
-    """Return the two injections at e [rad or m]."""
-    if design.uniform:
-        return uniform(e, first, second, design.m1, design.m2)
-    return injections(e, first, second)
+    def implicit(self, free: Array, h: float, joint: Any = slice(None)) -> tuple[Array, Array]:
+        """Return (e, two(e)) after an implicit step of h [s]: e + h one(e) + h^2 two(e) = free.
 
+        While |free| <= h^2 b0 it slides: e is zero, and h^2 two = free. Else it is a quartic in
+        sqrt|e|.
+        """
+        (a1, a3), (b0, b1, b2) = self.one[:, joint], self.two[:, joint]
+        size, sign = np.abs(free), np.sign(free)
+        over = np.maximum(size - h * h * b0, 0.0)
+        c1, c2, c3, c4 = h * a1, 1.0 + h * h * b1, h * a3, h * h * b2
+        half = 0.5 * c1  # of the quadratic, from above: no difference of nearly equal numbers
+        root = over / (half + np.sqrt(half * half + c2 * over))
+        for _ in range(NEWTON if np.any(c4 > 0.0) else 0):
+            value = root * (c1 + root * (c2 + root * (c3 + root * c4))) - over
+            slope = c1 + root * (2.0 * c2 + root * (3.0 * c3 + root * 4.0 * c4))
+            root = root - value / slope
+            if np.all(value <= 1e-16 * root * slope):
+                break
+        e = root * root
+        two = np.where(over > 0.0, (b0 + b1 * e + b2 * e * e) * sign, free / (h * h))
+        return e * sign, two
 
-def step_implicitly(
-    free: float, h: float, design: Design, first: float, second: float
-) -> tuple[float, float]:
-    """Return (e, second injection) after an implicit step of h [s]."""
-    if design.uniform:
-        return implicit_uniform(free, h, first, second, design.m1, design.m2)
-    return implicit_step(free, h, first, second)
+    def advance(self, core: Core, before: Array, moved: Array, u: Array, dt: float) -> Core | None:
+        """Return the state after one sample; None where the model is not valid."""
+        at, (e, v) = self.place(core, before, moved), (core.e, core.v)
+        if not self.mechanics.admits(at):
+            return None
+        if self.paper:
+            one, two = self.injections(e)
+            f = self.mechanics.acceleration(at, v, u)
+            e = innovation = e + dt * (v - one) - moved
+        else:
+            f = self._braked(at, v, u, dt)
+            within, after = (moved, 0.0) if self.linear_hold else (0.0, moved)
+            innovation = e + dt * (v + dt * f) - within
+            e, two = self.implicit(innovation, dt)
+            e = e - after
+        v = v + dt * (f - two)
+        return Core(e, v, f, v, innovation)
 
+    def start(self, state: State, measurement: Any) -> None:
+        """Set every field, after the first sample."""
+        super().start(state, measurement)
+        state.held = state.held_squares = np.zeros(len(state.measurement))
 
-def plan(gains: Gains, circle: Any) -> Plan:
-    """Return what these gains imply; raises UserError, UsageError."""
-    mechanics = model_of(gains)
-    n = mechanics.degrees
-    design = Design()
-    design.m1, design.m2 = float(gains.mu1), float(gains.mu2)
-    design.uniform = gains.variant == UNIFORM
-    if not design.uniform:
-        mu = np.array(per_joint('mu', gains.mu, n))
-        first, second = POSITION_GAIN * np.sqrt(mu), VELOCITY_GAIN * mu
-        acceleration_limit = second
-    else:
-        first = np.array(per_joint('k1', gains.k1, n))
-        second = np.array(per_joint('k2', gains.k2, n))
-        acceleration_limit = second * 0.5 * gains.mu1**2
-    paper = gains.form == PAPER_FORM
-    linear_hold = gains.hold == LINEAR and not paper
+    def _accept(self, state: State, dt: float) -> None:
+        """Follow status and powers, and for how long the injection is at its limit."""
+        super()._accept(state, dt)
+        corner = self._drift(dt)[0]
+        of_limit = np.clip(state.core.innovation / (dt * dt * self.acceleration_limit), -1.0, 1.0)
+        state.held = state.held + corner * (of_limit - state.held)
+        if state.status == TRACKING:
+            weight = self._slowly(state, dt)
+            state.held_squares = state.held_squares + weight * (state.held**2 - state.held_squares)
 
-    def described(power: Array, dt: float) -> list[Describing]:
+    def why(self, state: State) -> str:
+        """Return why the estimate is not published, or that the model does not fit, or ''."""
+        held = np.sqrt(state.held_squares)
+        worst = int(np.argmax(held))
+        if state.status != TRACKING or not held[worst] > MISFIT:
+            return super().why(state)
+        unit = 'rad/s^2' if self.periods[worst] > 0.0 else 'm/s^2'
+        return (
+            f"model '{self.mechanics.name}' does not fit: its acceleration of "
+            f'{self.mechanics.joints[worst]} is often wrong by more than '
+            f'{self.acceleration_limit[worst]:.3g} {unit}, the most that these gains correct: '
+            "increase them, or correct model and effort ('velocity_estimator identify')"
+        )
+
+    def late(self, core: Core, dt: float) -> Array:
+        """Return the errors of a step with one velocity: it is that of the middle of the sample."""
+        return 0.5 * dt * core.d
+
+    def group_delay(self, dt: float) -> float:
+        """Return the delay of the velocity at low frequency [s]."""
+        return super().group_delay(dt) + 0.5 * dt
+
+    def _braked(self, at: Array, v: Array, u: Array, dt: float) -> Array:
+        """Return the mean acceleration over dt [s]: (M + dt D) a = force - C v - D v.
+
+        It is implicit in the damping, explicit in the other forces.
+        """
+        force, damping = resist(self.mechanics, at, v, u, dt)
+        force = force - self.mechanics.coriolis(at, v) - damping @ v
+        return solved(self.mechanics.inertia(at) + dt * damping, force[:, None])[:, 0]
+
+    def _described(self, power: Array, dt: float) -> list[Describing]:
         """Return a pair per position: of an implicit step of dt [s]; 0: of the injections."""
         pairs = []
-        for a, b, square in zip(first.tolist(), second.tolist(), power.tolist()):
-            of_one = partial(inject, design=design, first=a, second=b)
-            if dt > 0.0:
-                of_one = partial(step_implicitly, h=dt, design=design, first=a, second=b)
-            pairs.append(describing(of_one, math.sqrt(max(square, LEAST_POWER))))
+        for i, square in enumerate(power.tolist()):
+
+            def inject(e: Array, i: int = i) -> tuple[Array, Array]:
+                return self.implicit(e, dt, i) if dt > 0.0 else self.injections(e, i)
+
+            pairs.append(describing(inject, math.sqrt(max(square, LEAST_POWER))))
         return pairs
 
-    def noise(at: Array, power: Array, dt: float) -> NoiseGains:
-        damped = linear_matrix(mechanics, np.eye(n), np.eye(n), None, at)[n:, n:]
-        pairs = described(power, 0.0 if paper else dt)
-        return noise_variances(pairs, damped, dt, implicit=not paper, linear_hold=linear_hold)
+    def _damping(self, at: Array) -> Array:
+        return -solved(self.mechanics.inertia(at), self.mechanics.damping(at))
 
-    def linear(at: Array, power: Array) -> tuple[Array, Array]:
+    def noise_gains(self, at: Array, power: Array, dt: float) -> NoiseGains:
+        """Return the variances of estimate and innovation at this innovation."""
+        pairs = self._described(power, 0.0 if self.paper else dt)
+        return noise_variances(
+            pairs, self._damping(at), dt, implicit=not self.paper, linear_hold=self.linear_hold
+        )
+
+    def linear(self, at: Array, power: Array) -> tuple[Array, Array]:
         """Return (A, V) with the describing functions at this innovation, in continuous time."""
-        pairs = described(power, 0.0)
-        L, K = (np.diag(column) for column in list(zip(*pairs))[:2])
-        return linear_matrix(mechanics, L, K, None, at), np.eye(n)
+        L, K = np.array([pair[:2] for pair in self._described(power, 0.0)]).T
+        one = np.eye(len(L))
+        return np.block([[-np.diag(L), one], [-np.diag(K), self._damping(at)]]), one
 
-    def describe(dt: float) -> dict[str, Any]:
-        return {
-            'acceleration_limit': acceleration_limit.tolist(),
-            'chattering': (dt * acceleration_limit).tolist(),
-        }
+    def describe(self, dt: float) -> dict[str, Any]:
+        """Return properties of the gains by name."""
+        limit = self.acceleration_limit
+        return {'acceleration_limit': limit.tolist(), 'chattering': (dt * limit).tolist()}
 
-    return made_plan(
-        sys.modules[__name__],
-        gains,
-        mechanics,
-        circle,
-        fields={
-            'first': first,
-            'second': second,
-            'm1': design.m1,
-            'm2': design.m2,
-            'uniform': design.uniform,
-        },
-        slowest=4.0 * float(np.min(acceleration_limit)),
-        linear=linear,
-        describe=describe,
-        noise=noise,
-    )
+
+plan = Smo
 
 
 OBSERVER = Observer(

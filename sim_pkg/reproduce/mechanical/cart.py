@@ -45,7 +45,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 @lru_cache
 def truth() -> tuple[Array, Array]:
     """Return (positions, velocities) of the free motion."""
-    return move(normalised(), START, SPEED, np.zeros((COUNT, 1)), DT, 4)
+    return move(normalised(), START, SPEED, np.zeros((COUNT, 1)), DT, 1)
 
 
 def measured(seed: int) -> Array:
@@ -63,10 +63,9 @@ def estimate(name: str, readings: Array) -> Array:
 
 def values() -> Values:
     """Rows B."""
-    v = truth()[1]
+    v, readings = truth()[1][:, None], np.stack([measured(seed) for seed in SEEDS], axis=1)
     for name in CASES:
-        found = np.mean(
-            [metrics((estimate(name, measured(seed)) - v)[DROPPED:]) for seed in SEEDS], axis=0
-        )
+        errors = (estimate(name, readings) - v)[DROPPED:]
+        found = np.mean(metrics(errors), axis=0)
         for metric, value in zip(OF_FIRST, found):
             yield f'B4.{name}.{metric}', value

@@ -127,7 +127,7 @@ def lab_velocities(joint: int) -> Figure:
 def tracking(name: str) -> Figure:
     """Figures 12 and 13: closed loop with this observer."""
     figure, axes = _figure(2, f'Section 6.3: closed loop with {name}, high-precision measurements')
-    run = loop.balance(name, 'HPM')
+    (run,) = loop.balance([(name, 'HPM')])
     time = lab.DT * np.arange(len(run.positions))
     axes[0].plot(time, run.positions[:, 0], color=COLOURS[name], linewidth=0.9)
     axes[1].plot(time, run.positions[:, 1], color=COLOURS[name], linewidth=1.0, label='cart')

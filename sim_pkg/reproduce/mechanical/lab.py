@@ -23,7 +23,7 @@ from sim_pkg.reproduce.mechanical.runs import make, metrics, move, observe, quan
 
 Array = NDArray[np.float64]
 
-RATE, COUNT, PARTS_PLANT = 224.0, 2464, 64
+RATE, COUNT, PARTS_PLANT = 224.0, 2464, 16
 DT = 1.0 / RATE
 CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87  # N/A, N, N
 QUANTA = {'HPM': (7.85e-4, 1.8e-5), 'LPM': (1.23e-2, 1e-3)}
@@ -67,7 +67,7 @@ def plant(kind: str) -> Mechanics:
             pendulum_damping=0.002,
             cart_damping=0.3,
         )
-    return cart_pendulum.build(cart_pendulum.Parameters(**numbers))
+    return cart_pendulum.MODEL.build(cart_pendulum.Parameters(**numbers))
 
 
 MASS = 0.30  # m_p [kg], Table 3
@@ -100,8 +100,9 @@ def estimate(case: tuple[str, dict[str, Any]], readings: Array, inputs: Array) -
 def three(case: tuple[str, dict[str, Any]], scenario: str) -> Array:
     """Return THREE, the first of `metrics`, shape (3,): their mean over encoder offsets."""
     q, v, inputs = truth('mismatch')
-    found = [metrics(estimate(case, measured(q, scenario, n), inputs) - v)[:3] for n in OFFSETS]
-    return np.mean(found, axis=0)
+    readings = np.stack([measured(q, scenario, offset) for offset in OFFSETS], axis=1)
+    found: Array = np.mean(metrics(estimate(case, readings, inputs) - v[:, None]), axis=0)
+    return found[:3]
 
 
 def largest_accelerations(amplitude: float) -> Array:

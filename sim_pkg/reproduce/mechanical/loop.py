@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator_pkg.observers.mechanism.motion import MechanismSimulation
+from estimator_pkg.models.mechanics import Array
+from estimator_pkg.models.motion import move
 from sim_pkg.mechanisms.balance import balancing_force, triangle
 from sim_pkg.reproduce.contract import Values
 from sim_pkg.reproduce.mechanical.lab import (
@@ -26,9 +27,7 @@ from sim_pkg.reproduce.mechanical.lab import (
     QUANTA,
     plant,
 )
-from sim_pkg.reproduce.mechanical.runs import make, quantise, walk
-
-Array = NDArray[np.float64]
+from sim_pkg.reproduce.mechanical.runs import follow, in_single, make, quantise, rest
 
 COUNT, DROPPED = 8960, 2240  # 40 s, of which 10 s are dropped
 FALLEN = 0.5 * math.pi
@@ -55,41 +54,51 @@ class Balanced(NamedTuple):
         return not float(np.max(np.abs(self.positions[:, 0]))) < FALLEN
 
 
-def balance(name: str, scenario: str) -> Balanced:
-    """One run of plant, encoders, an observer of `ALL_CASES` and the controller together."""
-    observer, gains = ALL_CASES[name]
-    plan = make(observer, 'cart_pendulum', {'force_constant': CONSTANT, **FRICTION}, **gains)
-    quanta = np.array(QUANTA[scenario])
+def balance(runs: Sequence[tuple[str, str]]) -> list[Balanced]:
+    """Return runs of plant, encoders, an observer of `ALL_CASES` and the controller together.
+
+    Parameters
+    ----------
+    runs : (name of the observer, scenario) of each; their plants move side by side.
+    """
+    parameters, shape = {'force_constant': CONSTANT, **FRICTION}, (len(runs), 2)
+    sharing = []  # (observer, the runs with it)
+    for name in dict(runs):
+        kind, gains = ALL_CASES[name]
+        rows = [number for number, run in enumerate(runs) if run[0] == name]
+        sharing.append((make(kind, 'cart_pendulum', parameters, **gains), rows))
+    quanta = np.array([QUANTA[scenario] for _, scenario in runs])
+    held = np.array([[HELD[scenario]] for _, scenario in runs])
     offsets = np.random.default_rng(0).uniform(-0.5, 0.5, 2) * quanta
-    out = np.full((COUNT, 2), np.nan)
-    q = np.array([0.05, 0.0])
-    moving, state = MechanismSimulation(plant('nominal'), q, (0.0, 0.0)), plan.state()
-    before = y = np.zeros(2)
-    force, velocity = 0.0, (0.0, 0.0)
+    pendulum, out = plant('nominal'), np.zeros((COUNT, *shape))
+    q, v, u = np.full(shape, (0.05, 0.0)), np.zeros(shape), np.zeros((len(runs), 1))
+    y, estimated = np.zeros(shape), np.zeros(shape)
+    cores = [rest(y[rows]) for _, rows in sharing]
     for k in range(COUNT):
-        if k % HELD[scenario] == 0:
-            y = quantise(q + offsets, quanta) - offsets
-        if k > 0:
-            rows, given = np.stack([before, y]), np.full((2, 1), force / CONSTANT)
-            velocity = tuple(walk(plan, state, rows, given, DT, single=True)[1].tolist())
         before = y
+        y = np.where(k % held == 0, quantise(q + offsets, quanta) - offsets, before)
+        for place, (observer, rows) in enumerate(sharing if k > 0 else ()):
+            core = follow(observer, cores[place], before[rows], y[rows], u[rows], DT)
+            cores[place] = in_single(core)
+            estimated[rows] = core.v
         r, rate = triangle(k * DT)
-        force = balancing_force((y[0], y[1]), velocity, r, rate, FORWARD, BACKWARD)
-        force = min(max(force, -LIMIT), LIMIT)
+        forces = [
+            balancing_force((y1, y2), (v1, v2), r, rate, FORWARD, BACKWARD)
+            for (y1, y2), (v1, v2) in zip(y.tolist(), estimated.tolist())
+        ]
+        u = np.clip(forces, -LIMIT, LIMIT)[:, None] / CONSTANT
         out[k] = q
-        if not abs(q[0]) < 100.0:
-            break
-        q = np.array(moving.step([force / CONSTANT], DT, PARTS_PLANT)[0])
-    return Balanced(out, np.array([triangle(k * DT)[0] for k in range(COUNT)]))
+        q, v = move(pendulum, q, v, u, DT, PARTS_PLANT)
+    reference = np.array([triangle(k * DT)[0] for k in range(COUNT)])
+    return [Balanced(out[:, number], reference) for number in range(len(runs))]
 
 
 def values() -> Values:
     """Rows E: whether the pendulum fell, and the means of its angle."""
-    for scenario, names in LOOPS.items():
-        for name in names:
-            found = balance(name, scenario)
-            yield f'E1.{name}.{scenario}', float(found.fell)
-            if name in PRINTED[scenario]:
-                angle = found.positions[DROPPED:, 0]
-                yield f'E2.{name}.{scenario}', 1e2 * float(np.mean(np.abs(angle)))
-                yield f'E3.{name}.{scenario}', 1e4 * float(np.mean(angle**2))
+    runs = [(name, scenario) for scenario, names in LOOPS.items() for name in names]
+    for (name, scenario), found in zip(runs, balance(runs)):
+        yield f'E1.{name}.{scenario}', float(found.fell)
+        if name in PRINTED[scenario]:
+            angle = found.positions[DROPPED:, 0]
+            yield f'E2.{name}.{scenario}', 1e2 * float(np.mean(np.abs(angle)))
+            yield f'E3.{name}.{scenario}', 1e4 * float(np.mean(angle**2))

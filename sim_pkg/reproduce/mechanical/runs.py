@@ -3,30 +3,24 @@
 
 """Runs of observers of mechanisms over simulated motions, for the rows of the table.
 
-Every run steps the package's own observers, without their status and guard. Positions do not wrap.
+Every run steps the package's own observers, without their status and guard, for all random seeds at
+once: arrays have shape (N, ..., n). Positions do not wrap.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg import observers
 from estimator_pkg.circle import Circle
 from estimator_pkg.models import cart_pendulum, robotic_leg
-from estimator_pkg.models.mechanics import Mechanics
-from estimator_pkg.observers.mechanism.core import Plan
-from estimator_pkg.observers.mechanism.motion import MechanismSimulation
-from estimator_pkg.observers.mechanism.state import Coefficients, State
+from estimator_pkg.models.mechanics import Array, Mechanics
+from estimator_pkg.models.motion import course
+from estimator_pkg.observers.mechanism.observer import Core, MechanismObserver
 from estimator_pkg.parameters import build
-
-Array = NDArray[np.float64]
-
-ONE_SIZE = Circle(0.0, False)  # no wrapping: the runs stay on one turn, or count turns
 
 
 def quantise(values: Array, quantum: Any) -> Array:
@@ -34,14 +28,14 @@ def quantise(values: Array, quantum: Any) -> Array:
 
     Parameters
     ----------
-    values : shape (N, n). quantum : d, one number or one for each column.
+    values : shape (..., n). quantum : d, one number or one for each column.
     """
     d = np.asarray(quantum, float)
     return d * np.floor(values / d + 0.5)
 
 
-def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any) -> Plan:
-    """Return the plan of an observer of a built-in model, without wrapping (forward Euler)."""
+def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any) -> MechanismObserver:
+    """Return an observer of a built-in model (forward Euler)."""
     record = observers.find(observer)
     values = {
         'form': 'paper',
@@ -50,13 +44,35 @@ def make(observer: str, model: str, parameters: dict[str, Any], **gains: Any) ->
         'model_parameters': [f'{name}={value!r}' for name, value in parameters.items()],
     }
     checked: Any = build(record.gains, values, owner=observer)
-    count = {'single_joint': 1, 'cart_pendulum': 2, 'robotic_leg': 3}[model]
-    plan: Plan = record.module.plan(checked, (ONE_SIZE,) * count)
-    return plan
+    made: MechanismObserver = record.module.plan(checked, Circle())
+    return made
+
+
+def rest(measured: Array, start: Any = None) -> Core:
+    """Return the start at rest at the positions `start`, or at the measurement, shape (..., n)."""
+    e = np.zeros_like(measured) if start is None else np.asarray(start) - measured
+    return Core(e, *[np.zeros_like(e)] * 4)
+
+
+def follow(
+    observer: MechanismObserver, core: Core, before: Array, now: Array, u: Array, dt: float
+) -> Core:
+    """Return the state after one more sample; where the model is not valid, that before it."""
+    after = observer.advance(core, before, now - before, u, dt)
+    if after is None and before.ndim > 1:  # with one of the seeds
+        rows = zip(map(Core._make, zip(*core)), before, now)
+        return Core._make(map(np.stack, zip(*(follow(observer, *row, u, dt) for row in rows))))
+    return after or core
+
+
+def in_single(core: Core) -> Core:
+    """Return the state stored in single precision."""
+    e, x, d = (each.astype(np.float32).astype(float) for each in core[:3])
+    return core._replace(e=e, x=x, d=d)
 
 
 def observe(
-    plan: Plan,
+    observer: MechanismObserver,
     measured: Array,
     inputs: Array,
     dt: float,
@@ -64,49 +80,23 @@ def observe(
     start: Any = None,
     single: bool = False,
 ) -> Array:
-    """Return estimated velocities, shape (N, n).
+    """Return estimated velocities, shape (N, ..., n), each before its y_k is injected.
 
     Parameters
     ----------
-    start : qh(0); None: y(0). Velocity and momenta start at 0.
-    """
-    state = plan.state()
-    if start is not None:
-        state.core.e[: measured.shape[1]] = (np.asarray(start, float) - measured[0]).tolist()
-    return walk(plan, state, measured, inputs, dt, single)
-
-
-def walk(
-    plan: Plan, state: State, measured: Array, inputs: Array, dt: float, single: bool = False
-) -> Array:
-    """Return estimated velocities, shape (N, n); the state goes on.
-
-    Parameters
-    ----------
-    measured : shape (N, n). Row k of the result is the estimate before y_k is injected.
     inputs : shape (N, m); row k acts from sample k to k + 1.
+    start : qh(0); None: y(0). Velocity and momenta start at 0.
     single : the state is stored in single precision.
     """
-    module, core, work, n = plan.module, state.core, state.work, plan.mechanics.degrees
-    coefficients = Coefficients()
-    module.prepare(coefficients, plan.design, dt)
-    rows, found = measured.tolist(), [core.v[:n]]
-    for (before, now), given in zip(pairwise(rows), inputs.tolist()):
-        state.before[:n] = before
-        work.moved[:n] = [new - old for new, old in zip(now, before)]
-        if module.advance(module.model, state, coefficients, plan.design, now, given):
-            core.take(work.after)
-        if single:
-            for each in (core.e, core.x, core.d):
-                each[:n] = map(in_single, each[:n])
-        found.append(core.v[:n])
+    core = rest(measured[0], start)
+    found = [core.v]
+    with np.errstate(all='ignore'):  # with some seeds they diverge
+        for before, now, u in zip(measured, measured[1:], inputs):
+            core = follow(observer, core, before, now, u, dt)
+            if single:
+                core = in_single(core)
+            found.append(core.v)
     return np.array(found)
-
-
-def in_single(x: float) -> float:
-    """Return x rounded to the 24 digits of single precision (Veltkamp's splitting)."""
-    wide = 536870913.0 * x
-    return wide - (wide - x)
 
 
 def move(
@@ -114,20 +104,17 @@ def move(
 ) -> tuple[Array, Array]:
     """Return (positions, velocities), shape (N, n): row k at sample k; input k acts from it on."""
     count = len(inputs) - 1
-    return MechanismSimulation(mechanics, q, v).run(
-        inputs[:count], np.full(count, dt), np.full(count, parts)
-    )
+    at = np.array(q, float), np.array(v, float)
+    return course(mechanics, *at, inputs[:count], np.full(count, dt), [parts] * count)
 
 
-def metrics(errors: Array) -> list[float]:
-    """Return ME x 1e2 and MSE x 1e4 of each column, in turn: (23).
+def metrics(errors: Array) -> Array:
+    """Return ME x 1e2 and MSE x 1e4 of each column in turn, shape (..., 2 n): (23).
 
-    `errors` has shape (N, n); the units are that of a column, and its square.
+    `errors` has shape (N, ..., n); the units are that of a column, and its square.
     """
-    values = []
-    for column in errors.T:
-        values += [float(np.mean(np.abs(column))) * 1e2, float(np.mean(column**2)) * 1e4]
-    return values
+    both = 1e2 * np.mean(np.abs(errors), axis=0), 1e4 * np.mean(errors**2, axis=0)
+    return np.stack(both, axis=-1).reshape(*errors.shape[1:-1], -1)
 
 
 METRICS = tuple(
@@ -139,7 +126,7 @@ OF_FIRST = ('ME1e2', 'MSE1e4', 'ME2e2', 'MSE2e4')
 @lru_cache
 def normalised() -> Mechanics:
     """The cart-pendulum of section 5.1: a = m = 1."""
-    return cart_pendulum.build(cart_pendulum.Parameters(**cart_of()))
+    return cart_pendulum.MODEL.build(cart_pendulum.Parameters(**cart_of()))
 
 
 def cart_of() -> dict[str, float]:
@@ -150,4 +137,4 @@ def cart_of() -> dict[str, float]:
 @lru_cache
 def leg() -> Mechanics:
     """Return the leg of section 5.2, without the guard of its domain."""
-    return robotic_leg.build(robotic_leg.Parameters(margin=1e-9))
+    return robotic_leg.MODEL.build(robotic_leg.Parameters(margin=1e-9))

@@ -13,7 +13,6 @@ import pytest
 
 from estimator_pkg import cli
 from estimator_pkg.bags.writer import BagWriter
-from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.identify.fit import fit
 from estimator_pkg.evaluation.identify.model import unknowns
 from estimator_pkg.evaluation.identify.pieces import MechanismSamples
@@ -121,14 +120,13 @@ def of_crane(seed):
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not available(), reason='slow without the engine')
 @pytest.mark.parametrize(
     'of, seeds',
     [
         (of_joint, 4),
-        pytest.param(of_joint, 30, marks=pytest.mark.slow),
-        pytest.param(of_cart, 20, marks=pytest.mark.slow),
-        pytest.param(of_leg, 40, marks=pytest.mark.slow),
+        pytest.param(of_joint, 12, marks=pytest.mark.slow),
+        pytest.param(of_cart, 10, marks=pytest.mark.slow),
+        pytest.param(of_leg, 12, marks=pytest.mark.slow),
         pytest.param(of_crane, 10, marks=pytest.mark.slow),
     ],
 )
@@ -146,7 +144,6 @@ def test_true_numbers_lie_within_the_stated_deviations(of, seeds, crane):
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not available(), reason='slow without the engine')
 def test_a_delay_of_the_inputs_is_found():
     """Efforts that are reported 7 ms after they acted."""
     known = recorded(pendulum.generate(pendulum.Parameters(), 8.0, 2), (1,), (0,))

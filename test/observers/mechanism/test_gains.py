@@ -72,7 +72,7 @@ def test_guaranteed_rate_holds_and_the_printed_one_does_not():
     angles = np.linspace(-math.pi, math.pi, 61)
 
     def calm(angle):
-        return mechanics.factors((angle, 0.0))[0]
+        return mechanics.factors(np.array([angle, 0.0]))[0]
 
     rates = [speed * (calm(a + step) - calm(a - step)) / (2.0 * step) for a in angles]
     sizes = np.array([np.linalg.svd(calm(a), compute_uv=False) for a in angles])

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from mechanism_runs import FAST, begun, driven, made, motion, shown, stepped
+from mechanism_runs import FAST, driven, made, motion
 
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 
@@ -48,9 +48,8 @@ def test_missing_effort_coasts_and_then_withholds():
     assert statuses[-1] == NOT_OBSERVABLE
     assert np.all(np.isfinite(velocities))
     assert 'no effort for cart' in plan.why(state)
-    coefficients = begun(plan, 1e-3, (0.1, 0.0))[1]
     for _ in range(1000):
-        stepped(plan, state, coefficients, (0.1, 0.0), (0.0,))
+        plan.step(state, 1e-3, (0.1, 0.0), (0.0,))
     assert state.status == TRACKING
 
 
@@ -68,8 +67,7 @@ def test_wrapping_joints_wrap_and_sliding_ones_do_not():
     wrapped = [((q1 + math.pi) % (2.0 * math.pi) - math.pi, q2) for q1, q2 in positions]
     velocities, statuses, state = driven(plan, dt, count, wrapped)
     assert np.max(np.abs(velocities[2000:] - truth[2001:])) < 0.05
-    coefficients = begun(plan, dt, wrapped[0])[1]
-    at = shown(plan, state, coefficients, wrapped[-1])[0]
+    at = plan.estimate(state)[0]
     assert at[0] == pytest.approx(wrapped[-1][0], abs=0.01)
     assert positions[-1][1] > 5.0 and at[1] == pytest.approx(positions[-1][1], abs=0.01)
 
