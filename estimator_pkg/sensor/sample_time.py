@@ -38,7 +38,7 @@ SHORT = 0.1  # periods: so soon after another a sample may have waited
 LEAST_TIME = 0.02  # periods: two readings are no closer
 LATER = 1.25  # periods after another: a stamp that is later than the one before
 LATER_IN_A_ROW = 3.0  # stamps: a stream that gets slower has no more
-EARLIEST = 1.5  # periods: no stamp is that much earlier than its reading
+EARLIEST = 2.5  # periods: no stamp is that much earlier than its reading
 CAUGHT_UP = 0.03  # of a sample time, in one sample: what was taken off the stamps is given back
 LEAST_VARIANCE = 1e-24  # [rad^2] errors below are rounding
 SHOWN = 0.1  # periods: the status reports a larger mean error of the stamps
@@ -122,7 +122,7 @@ def sample_time(clock: SampleTime, passed: float, change: float) -> float:
         correct(clock.by_period, passed, change, clock.changes, period)
     if change != 0.0:
         clock.changes = min(clock.changes + 1.0, MEMORY)
-    least = LEAST_TIME * period if clock.count > FEW else 0.0
+    least = LEAST_TIME * period if clock.count > FEW or clock.lost > 0.0 else 0.0
     return give_back(clock, passed, max(passed, least), 0.0)
 
 
@@ -218,7 +218,8 @@ def follow_phase(clock: SampleTime, passed: float, number: float) -> float:
     clock.phase = late - shift
     clock.period += 0.25 * weight * shift
     if late < -EARLIEST * period or clock.lost > 0.5:  # it is another period
-        clock.lost = clock.phase = clock.mean_phase = 0.0
+        clock.phase = clock.mean_phase = 0.0
+        clock.lost = min(clock.lost, 0.25)
         clock.odds = min(clock.odds, 0.0)
         clock.count, clock.locked, clock.even = FEW, FEW, False
     return number * period + shift
