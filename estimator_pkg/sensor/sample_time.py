@@ -219,7 +219,7 @@ def follow_phase(clock: SampleTime, passed: float, number: float) -> float:
     clock.period += 0.25 * weight * shift
     if late < -EARLIEST * period or clock.lost > 0.5:  # it is another period
         clock.phase = clock.mean_phase = 0.0
-        clock.lost = min(clock.lost, 0.25)
+        clock.lost = min(clock.lost, 1.0 / FEW)  # samples of the new one may be as close
         clock.odds = min(clock.odds, 0.0)
         clock.count, clock.locked, clock.even = FEW, FEW, False
     return number * period + shift
