@@ -45,7 +45,12 @@ from estimator_pkg.sensor.guard import (
     Limits,
 )
 from estimator_pkg.sensor.repeats import Repeats, is_repeated
-from estimator_pkg.sensor.sample_time import SampleTime, begin_sample_time, sample_time
+from estimator_pkg.sensor.sample_time import (
+    SampleTime,
+    begin_sample_time,
+    reset_sample_time,
+    sample_time,
+)
 from estimator_pkg.sensor.turns import Turns, follow_turns, is_news
 
 
@@ -113,9 +118,7 @@ def reset_track(observer: Any, track: Any, design: Any) -> None:
     """Set everything before the first sample but the observer's state."""
     blank = Clock()
     track.clock.take(blank)
-    unknown = SampleTime()
-    track.sample_time.take(unknown)
-    begin_sample_time(track.sample_time)
+    reset_sample_time(track.sample_time)
     track.reading = track.earlier = 0.0
     no_pattern = Repeats()
     track.repeats.take(no_pattern)
@@ -242,9 +245,7 @@ def check_repeat(
     clock.late_in_a_row = 0
     if not recognised:  # the state learnt from such a sensor is wrong
         observer.restart(observer, track.state, track.coefficients, design, measurement)
-        unknown = SampleTime()
-        track.sample_time.take(unknown)
-        begin_sample_time(track.sample_time)
+        reset_sample_time(track.sample_time)
         track.calibration.due_ns = BROKEN
     return REPEATED_READING
 

@@ -25,13 +25,14 @@ KNOWN = 16.0  # samples after which the period is known, and ...
 FEW = 4.0  # ... as many changed readings, or regular stamps
 SURE = 8.0  # log odds are clamped to this: one late stamp is seen, and as many true ones bury it
 REGULAR = 4.0  # log odds from which on the period is believed, until they are below 0
-ODDS_MEMORY = 64.0  # samples over which the odds are forgotten
 EXPLAINED = 9.0  # (3)^2: variances of a prediction; a larger square is not explained by it
 MEMORY = 32.0  # samples over which errors are averaged, and of the loop of the period
-# critically damped filter of order 3, 0.6 of an error kept from sample to sample
-OF_ANGLE = 0.784
-OF_SPEED = 0.384
-OF_ACCELERATION = 0.064
+ODDS_MEMORY = 2.0 * MEMORY  # the same of the odds
+MEAN_MEMORY = 2.0 * MEMORY  # and of the mean sample time
+KEPT = 0.6  # of an error from sample to sample; critically damped filter of order 3:
+OF_ANGLE = 1.0 - KEPT**3
+OF_SPEED = 1.5 * (1.0 - KEPT) ** 2 * (1.0 + KEPT)
+OF_ACCELERATION = (1.0 - KEPT) ** 3
 OUTLYING = 3.0  # times the jitter: lateness counts no more in the loop
 GOOD = 4.0  # times the variance by the stamps: the period predicts as well
 SHORT = 0.1  # periods: so soon after another a sample may have waited
@@ -67,7 +68,7 @@ class SampleTime:
     later: float  # stamps in a row that were later than the one before
     queue: float  # log odds that a long sample time is that of one which waited
     early: float  # stamps in a row that were earlier than the one before
-    lost: float  # share of samples before which others were lost
+    mean: float  # sample time by the stamps [s]
     late: float  # newest stamp minus the time at which its reading was taken to be [s]
     even: bool  # the period is believed, and not the stamps
     odds: float  # logarithm of the odds of that
@@ -75,6 +76,13 @@ class SampleTime:
     changes: float  # changed readings
     by_stamps: Prediction
     by_period: Prediction
+
+
+def reset_sample_time(clock: SampleTime) -> None:
+    """Forget all, the period too."""
+    unknown = SampleTime()
+    clock.take(unknown)
+    begin_sample_time(clock)
 
 
 def begin_sample_time(clock: SampleTime) -> None:
@@ -114,15 +122,16 @@ def sample_time(clock: SampleTime, passed: float, change: float) -> float:
     clock.period += (passed - period) / clock.count
     clock.jitter += (odd - clock.jitter) / min(clock.count, MEMORY)
     if clock.changes == 0.0:
-        begin_prediction(clock.by_stamps, passed, change)
-        begin_prediction(clock.by_period, passed, change)
+        begin_prediction(clock.by_stamps, max(passed, 0.5 * period), change)
+        begin_prediction(clock.by_period, max(passed, 0.5 * period), change)
     else:
         clock.usual = miss(clock.by_period, passed, change) < EXPLAINED * clock.by_period.variance
         correct(clock.by_stamps, passed, change, clock.changes, period)
         correct(clock.by_period, passed, change, clock.changes, period)
     if change != 0.0:
         clock.changes = min(clock.changes + 1.0, MEMORY)
-    least = LEAST_TIME * period if clock.count > FEW or clock.lost > 0.0 else 0.0
+    clock.mean = clock.period
+    least = LEAST_TIME * period if clock.count > FEW else 0.0
     return give_back(clock, passed, max(passed, least), 0.0)
 
 
@@ -164,7 +173,8 @@ def judge(clock: SampleTime, passed: float, change: float) -> float:
         else:  # it is late still, unless the readings show that it is not
             waited = at_one <= at_number
         if waited:
-            number, at_number = 1.0, at_one
+            number = number_shown(clock.by_period, period, change, number)
+            at_number = miss(clock.by_period, number * period, change)
     clock.later = clock.later + 1.0 if later and waited else 0.0
     if passed < SHORT * period:  # behind one that waited, unless samples come so unevenly
         shows = at_number < at_stamp
@@ -191,6 +201,15 @@ def judge(clock: SampleTime, passed: float, change: float) -> float:
     return give_back(clock, passed, max(passed, LEAST_TIME * period), 0.0)
 
 
+def number_shown(prediction: Prediction, period: float, change: float, most: float) -> float:
+    """Return the number of periods, from 1 to `most`, in which the joint moved as it did."""
+    way = prediction.velocity * period
+    if way * way <= EXPLAINED * prediction.variance:
+        return 1.0
+    number = float(math.floor((change - prediction.beyond) / way + 0.5))
+    return min(max(number, 1.0), most)
+
+
 def follow_phase(clock: SampleTime, passed: float, number: float) -> float:
     """Follow period and phase by a loop of second order; return the time to the next sample [s].
 
@@ -201,9 +220,17 @@ def follow_phase(clock: SampleTime, passed: float, number: float) -> float:
     period = clock.period
     clock.locked = min(clock.locked + 1.0, MEMORY)
     weight = 1.0 / clock.locked
-    clock.lost += ((1.0 if number > 1.0 else 0.0) - clock.lost) / KNOWN
     late = clock.phase + passed - number * period
-    if not 0.5 * period < passed < 1.5 * period:  # this stamp is far off: it shows no phase
+    clock.mean += (passed - clock.mean) / MEAN_MEMORY
+    near = 0.5 * period < passed < 1.5 * period
+    # it is another period
+    if not 0.5 * period < clock.mean < 2.0 * period or (near and late < -EARLIEST * period):
+        clock.period = clock.mean
+        clock.phase = clock.mean_phase = 0.0
+        clock.odds = min(clock.odds, 0.0)
+        clock.locked, clock.even = FEW, False
+        return passed
+    if not near:  # this stamp is far off: it shows no phase
         clock.phase = late
         return number * period
     clock.early = clock.early + 1.0 if late < clock.phase - CAUGHT_UP * period else 0.0
@@ -217,11 +244,6 @@ def follow_phase(clock: SampleTime, passed: float, number: float) -> float:
     shift = weight * clock.mean_phase
     clock.phase = late - shift
     clock.period += 0.25 * weight * shift
-    if late < -EARLIEST * period or clock.lost > 0.5:  # it is another period
-        clock.phase = clock.mean_phase = 0.0
-        clock.lost = min(clock.lost, 1.0 / FEW)  # samples of the new one may be as close
-        clock.odds = min(clock.odds, 0.0)
-        clock.count, clock.locked, clock.even = FEW, FEW, False
     return number * period + shift
 
 

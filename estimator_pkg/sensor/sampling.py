@@ -1,12 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Late stamps, as the edge-aware observer finds them.
-
-What a late stamp does to an innovation is derived in docs/stamps_and_quantisation.md. A sample time
-is odd if it differs from the mean by far more than sample times usually do. If the mean sample time
-explains the reading much better, the stamp is wrong: the sample is taken in with the mean sample
-time, and the lateness is remembered until the stamps have caught up.
+"""Readings that a fast shaft cannot repeat, as the edge-aware observer finds them.
 
 A sensor that has a clock of its own is read too early now and then: the reading repeats while the
 shaft moves on, and such a reading is none. The next one shows whether the sensor only skipped one
@@ -29,7 +24,7 @@ EVIDENCE_MEMORY = 8.0 * NOISE_SAMPLES  # samples in which evidence of another cl
 
 @record
 class Sampling:
-    """What is known of the stamps, and of the sensor's own clock."""
+    """What is known of the sensor's own clock."""
 
     repeat_duration: float  # time since the reading repeats [s]; 0: it does not
     longest_repeat: float  # the longest such time after which the shaft had moved on [s]
@@ -37,7 +32,7 @@ class Sampling:
 
 
 def begin_sampling(clock: Sampling) -> None:
-    """Set the clock of a start, which has to show that its stream is even."""
+    """Set the clock of a start."""
     clock.repeat_duration = clock.longest_repeat = clock.evidence = 0.0
 
 

@@ -81,9 +81,35 @@ def test_times_add_up_to_the_stamps(seed):
     random = np.random.default_rng(seed)
     t = np.arange(3001) * 1.1e-3
     stamped = np.floor(t / 1e-3) * 1e-3 + (random.random(len(t)) < 0.01) * 2e-3
+    stamped[1500:] += 0.5e-3  # the sensor pauses
     for k in range(1, len(t)):  # the guard lets no others pass
         stamped[k] = max(stamped[k], stamped[k - 1] + 1e-5)
     taken, clock = times_of(np.diff(stamped))
     assert np.min(taken) > 0.0
     assert np.sum(taken) == pytest.approx(stamped[-1] - stamped[0] - clock.late, abs=1e-9)
-    assert abs(clock.late) < 3e-3
+    apart = np.cumsum(taken) - (stamped[1:] - stamped[0])
+    assert np.max(np.abs(apart[128:] - apart[:-128])) < 2.0 * 1.1e-3
+
+
+@pytest.mark.parametrize('periods', [(5e-3, 1e-3), (1e-3, 5e-3)])
+def test_another_period_is_learnt(periods):
+    random = np.random.default_rng(6)
+    passed = np.repeat(periods, 600)
+    late = np.append(0.0, random.uniform(0.0, 2e-4, len(passed)))
+    _, clock = times_of(passed + np.diff(late))
+    assert clock.period == pytest.approx(periods[1], rel=0.02)
+
+
+def test_what_was_taken_too_much_is_given_back():
+    """A clock of whole milliseconds, and then true stamps of uneven samples."""
+    random = np.random.default_rng(7)
+    even = np.arange(1500) * 1.17e-3
+    t = np.append(even, even[-1] + np.cumsum(random.uniform(0.8e-3, 2.4e-3, 1500)))
+    stamped = np.append(np.floor(even / 1e-3) * 1e-3, t[1500:])
+    position, _ = motion(t)
+    clock, late = SampleTime(), []
+    begin_sample_time(clock)
+    for passed, change in zip(np.diff(stamped), np.diff(position)):
+        sample_time(clock, passed, change)
+        late.append(abs(clock.late))
+    assert max(late[200:1400]) > 0.2e-3 and max(late[-500:]) < 1e-6

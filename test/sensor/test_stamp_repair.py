@@ -267,6 +267,7 @@ def test_equal_readings_in_a_batch_are_not_one_message(speed):
 
 
 @pytest.mark.long
+@pytest.mark.xfail(strict=True, reason='the repair skips a sample a second: 1.8 times')
 def test_messages_in_batches():
     samples = recorded('sine')
     stamps = samples.stamps.copy()
@@ -275,7 +276,7 @@ def test_messages_in_batches():
     times, _, _ = repaired(stamps, samples.angle)
     true = error('edge_adaptive', samples.stamps, samples)
     assert error('edge_adaptive', stamps, samples) > 1.3 * true
-    assert error('edge_adaptive', times, samples) < 2.0 * true  # the repair skips a sample a second
+    assert error('edge_adaptive', times, samples) < 1.2 * true
 
 
 def test_messages_that_come_twice_are_known_again():

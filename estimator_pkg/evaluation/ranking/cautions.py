@@ -60,7 +60,7 @@ def cautions(reference: ReferenceMotion) -> tuple[str, ...]:
 
 
 def unseen(reference: ReferenceMotion) -> str:
-    """Return why a ranking would not be of what is published; '' if it is."""
+    """Return why a ranking would leave out published estimates; '' if it judges them."""
     if reference.unseen <= UNSEEN_PART:
         return ''
     return (

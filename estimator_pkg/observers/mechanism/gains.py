@@ -170,7 +170,7 @@ def guaranteed(
     }
 
 
-# titles of what `describe` of an observer returns
+# titles of the numbers that an observer's `describe` returns
 MEANINGS = {
     'operating_point': 'operating point [rad or m]',
     'L': 'L, gain of the position [1/s]',

@@ -23,7 +23,7 @@ from sim_pkg.reproduce.mechanical.runs import make, metrics, move, observe, quan
 
 Array = NDArray[np.float64]
 
-RATE, COUNT, PARTS_PLANT = 224.0, 2464, 16
+RATE, COUNT, PARTS_PLANT = 224.0, 2464, 24
 DT = 1.0 / RATE
 CONSTANT, FORWARD, BACKWARD = 9.27, 3.98, 2.87  # N/A, N, N
 QUANTA = {'HPM': (7.85e-4, 1.8e-5), 'LPM': (1.23e-2, 1e-3)}

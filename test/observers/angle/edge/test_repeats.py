@@ -44,6 +44,7 @@ def test_a_sensor_with_another_clock_is_noise_of_one_sample_of_age() -> None:
     assert _rms((velocity - _motion(time)[1])[later]) < 0.04  # 0.22 if repeats were readings
 
 
+@pytest.mark.xfail(strict=True, reason='the clock takes the readings for even: 0.029 rad/s')
 def test_readings_of_another_clock_are_up_to_a_sample_old() -> None:
     """A host reads every 0.8 to 1.2 ms what a sensor takes every 1.03 ms."""
     time = np.cumsum(np.random.default_rng(3).uniform(0.8e-3, 1.2e-3, 6000))
@@ -51,7 +52,7 @@ def test_readings_of_another_clock_are_up_to_a_sample_old() -> None:
     angle = np.round(_motion(taken)[0], 6)
     velocity, _ = _estimate(time, angle)
     later = time > 1.0
-    assert _rms((velocity - _motion(time)[1])[later]) < 0.04  # 0.008 by the stamps of the host
+    assert _rms((velocity - _motion(time)[1])[later]) < 0.008  # 0.016 without the noise of the age
 
 
 @pytest.mark.parametrize('pause', [1, 4, 8])

@@ -27,12 +27,13 @@ def test_a_hole_at_200_rad_per_s_is_harmless(hole):
     assert np.count_nonzero(out.status[1000:] == INITIALISING) <= (0 if hole < 0.5 else 5)
 
 
+@pytest.mark.xfail(strict=True, reason='the loop of the clock lets 0.16 rad/s pass')
 def test_wrong_stamps_cost_little():
     random = np.random.default_rng(2)
     t = np.arange(6000) * DT
     at = stamps(6000) + np.rint(random.uniform(-2e5, 2e5, 6000)).astype(np.int64)
     out = run(200.0 * t, at)
-    assert rms(out.velocity[1000:] - 200.0) < 0.2  # by the stamps alone 40 rad/s are unknown
+    assert rms(out.velocity[1000:] - 200.0) <= 0.01
 
 
 def delayed(t, every, delay, burst):
@@ -68,12 +69,11 @@ def randomly_late(t, random, delay, jitter):
         (1000.0, 10.0, 2.0, 4096),
     ],
 )
-def test_late_stamps_at_random_cost_little(rate, way, frequency, counts, delay, jitter):
+def test_late_stamps_at_random_cost_little(rate, way, frequency, counts, delay, jitter, request):
     """Beside the same stream without them; delay and jitter in sample times."""
     if (rate, way, delay, jitter) == (200.0, 10.0, 3.0, 0.0):
-        pytest.xfail(
-            'three sample times late at a reversal: taken for a lost sample, 3 of 126 rad/s'
-        )
+        reason = 'three sample times late at a reversal: taken for a lost sample, 3 of 126 rad/s'
+        request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
     random = np.random.default_rng(round(rate + counts + 10.0 * delay))
     quantum = 2.0 * math.pi / counts
     t = np.arange(int(6.0 * rate)) / rate
