@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg.circle import LARGEST, Circle, wrap
-from estimator_pkg.circle import is_angle as is_reading  # noqa: F401
+from estimator_pkg.circle import is_angle as is_reading
 from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.adaptive.law import (
     FILTER_SETTLING,
@@ -62,13 +62,14 @@ from estimator_pkg.observers.contract import (
     Estimate,
     Observer,
 )
-from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
+from estimator_pkg.observers.contract import no_reason as why
 from estimator_pkg.observers.maths.least_squares import kept
 from estimator_pkg.observers.maths.linear import companion, response
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.sensor.convention import begin_convention, follow_convention, present
 from estimator_pkg.sensor.scatter import begin_scatter, follow_scatter, resume_scatter
 
+__all__ = ['is_reading', 'why']  # functions of the observer that are defined elsewhere
 SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
 SAMPLED_FORM, PUBLISHED_FORM = 'sampled', 'paper'
 GRADIENT, LEAST_SQUARES = 'gradient', 'least_squares'
@@ -311,7 +312,8 @@ def start(observer: Any, state: State, design: Design, measurement: float) -> No
 def settle(state: State, design: Design, speed: float) -> None:
     """Set filters and x to steady state at the angle y, with this speed [rad/s]; u's stay."""
     n, y = design.order, state.y
-    resting = -np.linalg.solve(design.a_k, regressor(design, y, 0.0, 1.0, math.sin(y)))
+    phi = regressor(design, -y, 0.0, -1.0, -math.sin(y))
+    resting: Array = np.linalg.solve(design.a_k, phi)
     resting[:, n : 2 * n] = state.upsilon[:, n : 2 * n]
     state.upsilon, state.z = resting, np.zeros(n)
     x = states(state, design)

@@ -35,10 +35,9 @@ from estimator_pkg.errors import UsageError
 from estimator_pkg.models.switched import OUR_MODELS, check, load
 from estimator_pkg.observers.angle.shared import variance_floor
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
-from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
-from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
+from estimator_pkg.observers.contract import no_limit as limits
 from estimator_pkg.observers.maths.least_squares import kept
-from estimator_pkg.observers.switched.events import discrete, jump  # noqa: F401
+from estimator_pkg.observers.switched.events import discrete, jump
 from estimator_pkg.observers.switched.regression import (
     FILTER_RATE,
     FORGOTTEN,
@@ -70,10 +69,12 @@ from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter, resume_scatter
 
+__all__ = ['jump', 'limits']  # functions of the observer that are defined elsewhere
 SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
 LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
 LOCKED = 0.3  # longest settling time of the stages after a start [s]
 LARGEST_JUMP = 0.125  # of a turn: a larger one is no motion, the encoder was stuck or reset
+MISFIT = 9.0  # largest power of the regression's residual relative to that of noise
 FADED = 20.0  # time constants of the extended observers until the start has no influence
 
 OutputReadings = Sequence[float]  # one number per output [rad or m]
@@ -334,10 +335,15 @@ def deviation(
     """Set the standard deviations of all outputs."""
     found = []
     for i, scatter in enumerate(state.scatters):
-        sigma = math.sqrt(design.noise or max(scatter.variance, design.floor))
+        sigma = math.sqrt(noise_variance(design, scatter))
         found.append(standard_deviations(state, design, i, sigma))
     out.position = [position for position, _ in found]
     out.velocity = [scale * velocity for _, velocity in found]
+
+
+def noise_variance(design: Design, scatter: Scatter) -> float:
+    """Return the variance of the measurement noise of an output."""
+    return design.noise or max(scatter.variance, design.floor)
 
 
 def resume(
@@ -375,6 +381,22 @@ def restart(
     begin_motion(observer, state, design, measurement)
     for convention, reading in zip(state.conventions, measurement):
         follow_convention(convention, float(reading), design.period)
+
+
+def why(state: State, design: Design) -> str:
+    """Return that the model does not fit if noise does not explain the residual of the regression.
+
+    The interval of the velocity covers that, but Z is not the plant's.
+    """
+    if not (design.regression and discrete(state, design)[2]):
+        return ''
+    noise = max(noise_variance(design, scatter) for scatter in state.scatters)
+    if state.power <= MISFIT * noise:
+        return ''
+    return (
+        'the model does not fit: its residual is '
+        f'{math.sqrt(state.power / noise):.2g} times what noise explains'
+    )
 
 
 def group_delay(design: Design, dt: float) -> float:

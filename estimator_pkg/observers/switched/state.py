@@ -155,5 +155,5 @@ class OutputDeviations:
 
 def is_sound(state: State) -> bool:
     """Return False if an estimate is NaN or beyond `LARGEST_DERIVATIVE`: the state has diverged."""
-    every = (state.z, *state.zh, *state.zt, *state.observed)
+    every: list[Array] = [state.z, *map(np.array, state.zh + state.zt), *state.observed]
     return bool((np.abs(np.concatenate(every)) < LARGEST_DERIVATIVE).all())
