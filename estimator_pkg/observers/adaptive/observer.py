@@ -313,7 +313,7 @@ def settle(state: State, design: Design, speed: float) -> None:
     """Set filters and x to steady state at the angle y, with this speed [rad/s]; u's stay."""
     n, y = design.order, state.y
     phi = regressor(design, -y, 0.0, -1.0, -math.sin(y))
-    resting: Array = np.linalg.solve(design.a_k, phi)
+    resting = np.array(np.linalg.solve(design.a_k, phi), float)
     resting[:, n : 2 * n] = state.upsilon[:, n : 2 * n]
     state.upsilon, state.z = resting, np.zeros(n)
     x = states(state, design)
