@@ -59,5 +59,5 @@ def test_an_array_is_taken_as_it_is_and_for_plain_python_only():
     one.x = np.array([1.0, 2.0])
     other.take(one)
     assert other.x is one.x
-    with pytest.raises(TypeError, match='an array .* is for plain Python only'):
+    with pytest.raises(TypeError, match=r'an array .* is for plain Python only'):
         kind.dtype  # noqa: B018
