@@ -1,7 +1,10 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The adaptation law: when the parameters adapt, how, and the sums for `evidence`."""
+"""The adaptation law: when the parameters adapt, how, and the sums for `evidence`.
+
+psi, what multiplies the free parameters in an innovation, has shape (m,), and psi psi' (m, m).
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,7 @@ def learn(
 ) -> None:
     """Learn from the innovation e [rad] of psi theta = target: excitation, parameters, powers."""
     h, low_pass, recent = coefficients.h, coefficients.low_pass, coefficients.weight
-    square = np.outer(psi, psi)
+    square = psi[:, None] * psi
     state.information = coefficients.keep * state.information + h * square
     state.slow_e += (e - state.slow_e) * low_pass
     bend = state.y + float(state.upsilon[0, : design.order] @ design.a_k[:, 0])
@@ -108,7 +111,7 @@ def set_plant(state: State, design: Design) -> None:
     """
     plant = design.fixed.copy()
     plant[design.free] = state.theta
-    state.plant = np.clip(plant, design.low, design.high)
+    state.plant = np.minimum(np.maximum(plant, design.low), design.high)
 
 
 def variance(state: State, design: Design) -> float:

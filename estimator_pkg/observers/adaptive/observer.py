@@ -281,13 +281,7 @@ def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
 
 def regressor(design: Design, y: float, u: float, one: float, sine: float) -> Array:
     """Return Phi = [y I, u I, load, gravity], shape (n, p): what multiplies theta in (2)."""
-    n, identity = design.order, np.eye(design.order)
-    found = np.zeros((n, len(design.fixed)))
-    found[:, :n], found[:, n : 2 * n] = y * identity, u * identity
-    if design.load:
-        found[-1, 2 * n] = one
-    if design.gravity:
-        found[-1, -1] = sine
+    found: Array = (np.array((y, u, one, sine)) @ design.units).reshape(design.order, -1)
     return found
 
 
@@ -332,7 +326,7 @@ def states(state: State, design: Design) -> Array:
 
 
 def velocity(state: State, design: Design, x: Array) -> float:
-    """Return C A x, the velocity without b1 u [rad/s]."""
+    """Return C A x, the velocity without b1 u [rad/s]; x of shape (n,)."""
     return float((design.model[0] + state.plant[0]) * x[0] + x[1:2].sum())
 
 

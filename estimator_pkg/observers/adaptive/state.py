@@ -44,6 +44,7 @@ class Design:
     fastest: float  # fastest pole
     pace: float  # their geometric mean
     a_k: Array  # A_c - K C, shape (n, n)
+    units: Array  # Phi's rows, one after another, for y, u, 1 and sin y of 1, shape (4, n p)
     w: Array  # `gramian` of A_c - K C, for the noise of filter outputs, shape (n, n)
     noise_floor: Array  # information by noise of unit variance, per sample time, shape (m, m)
     settle: float  # settling time of the filters [s]

@@ -53,6 +53,11 @@ def structure(gains: Any) -> Design:
     made.pace = float((-made.observer[-1]) ** (1.0 / n))
     made.a_k = companion(made.observer)
     made.w = gramian(made.a_k)
+    units = np.zeros((4, n, len(names)))
+    units[0, :, :n] = units[1, :, n : 2 * n] = np.eye(n)
+    units[2, -1, 2 * n : 2 * n + gains.load] = 1.0
+    units[3, -1, 2 * n + gains.load :] = 1.0
+    made.units = units.reshape(4, -1)
     made.injection = np.zeros(len(names))
     made.injection[:n] = np.subtract(made.model, made.observer)
     _constrain(made, gains, names)

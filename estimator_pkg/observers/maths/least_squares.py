@@ -37,7 +37,7 @@ def update(
         s = forget + psi' P psi,   K = P psi/s,   theta += K e,   P = (P - K psi' P)/forget
 
     `e` is the innovation; `forget` is from `kept`; `most` is the diagonal of the initial P, the
-    rest of which is zero. Shapes are (m,) and (m, m).
+    rest of which is zero. P has shape (m, m), the other arrays (m,).
     """
     along = p @ psi
     seen = float(psi @ along)
@@ -46,13 +46,13 @@ def update(
         along = p @ psi
         seen = float(psi @ along)
     s = forget + seen
-    p = (p - np.outer(along, along) / s) / forget
+    p = (p - along[:, None] * along / s) / forget
     if forget < 1.0:
         p = limited(p, most)
     return theta + along * (e / s), p, s
 
 
 def limited(p: Array, most: Array) -> Array:
-    """Scale rows and columns so that no variance exceeds its initial one, and add the trace."""
+    """Scale P, shape (m, m), so that no variance exceeds its initial one, and add the trace."""
     scales = np.sqrt(most / np.maximum(p.diagonal(), most))
     return p * scales * scales[:, None] + np.diag(TRACE * most)

@@ -73,7 +73,7 @@ def interval(
 
 
 def inverted(state: State, design: Design, fallback: Array) -> tuple[Array, bool]:
-    """Return (Z(k), success) by (28), where k is the interval that ends, from the last N + 1."""
+    """Return (Z(k), shape (m,), success) by (28) from the last N + 1 intervals; k is the last."""
     m, history = len(state.z), state.history
     if len(history) <= design.steps or not all(each.settled for each in history):
         return fallback, False

@@ -181,7 +181,7 @@ def design(gains: Gains, circle: Circle) -> Design:
             f'set 0, or at least {1.0 / FILTER_RATE:.3g} s'
         )
     made.orders = [
-        list(own) for own in model.orders or [(0,) * (model.size + 1)] * len(model.indices)
+        np.array(own, int) for own in model.orders or [(0,) * (model.size + 1)] * len(model.indices)
     ]
     if any(order > 1 or order >= k for own, k in zip(made.orders, model.indices) for order in own):
         raise UsageError(

@@ -47,12 +47,12 @@ def regression_filter(k: int, dt: float) -> RegressionFilter:
     """Return the filter for a chain of this length at dt [s]."""
     made = RegressionFilter()
     made.F, of_constant, of_ramp = response(column(k), FILTER_RATE, dt)
-    made.g0, made.g1 = of_constant[0], of_ramp[0]
+    made.responses, made.column = np.stack([of_constant[0], of_ramp[0]]), np.array(column(k))
     return made
 
 
 def resting(k: int, value: float) -> Array:
-    """Return the state of a filter in steady state at a constant `value` [rad or m]."""
+    """Return the state of a filter in steady state at a `value` [rad or m], shape (k,)."""
     return np.array([*(0.0,) * (k - 1), -value / column(k)[-1]])
 
 
@@ -65,7 +65,7 @@ def begin_signals(k: int, m: int, value: float) -> Signals:
 
 
 def signals(model: SwitchedModel, y: tuple, u: tuple, zeta: tuple) -> Array:
-    """Return for each output Gamma, then the columns of Lambda (or their antiderivatives)."""
+    """Return Gamma and Lambda (or antiderivatives of their columns), shape (outputs, m + 1)."""
     if model.basis is not None:
         return np.array(model.basis(y, u), float)
     return np.column_stack([model.gamma(zeta, u), model.lam(zeta, u)]).astype(float)
@@ -106,18 +106,20 @@ def learn(
 def filtered(
     state: State, design: Design, i: int, jump: float, before: Array, filter_of: RegressionFilter
 ) -> tuple[Array, float]:
-    """Return (row of Lambda, target that the row times Z must equal) of output i."""
-    own, orders = state.signals[i], np.array(design.orders[i])
-    relative = before - np.where(np.arange(len(before)) > 0, orders, 0) * state.origin[i]
-    starts = np.array([state.y[i] - jump, *relative])
-    rises = np.array([jump, *(state.last_columns[i] - before)])
-    own.rows = own.rows @ filter_of.F
-    own.rows += np.outer(starts, filter_of.g0) + np.outer(rises, filter_of.g1)
+    """Return (row of Lambda, shape (m,), target that the row times Z must equal) of output i.
+
+    `before`, shape (m + 1,), are Gamma and Lambda at the last sample.
+    """
+    own, orders, size = state.signals[i], design.orders[i], len(before) + 1
+    signal = np.empty((2, size))  # at the start of the sample, and its rise
+    signal[:, 0] = state.y[i] - jump, jump
+    signal[0, 1:], signal[1, 1:] = before, state.last_columns[i] - before
+    signal[0, 2:] -= orders[1:] * state.origin[i, 1:]
+    own.rows = own.rows @ filter_of.F + signal.T @ filter_of.responses
     own.carried = own.carried @ filter_of.F
-    gamma, *row = own.rows[1 + np.arange(len(orders)), -1 - orders].tolist()
-    k = len(own.carried)
-    target = state.y[i] + float(own.rows[0] @ column(k)) - gamma - own.carried[-1]
-    return np.array(row), float(target)
+    shown = own.rows[np.arange(1, size), -1 - orders]
+    target = state.y[i] + own.rows[0] @ filter_of.column - shown[0] - own.carried[-1]
+    return shown[1:], float(target)
 
 
 def carry(state: State, design: Design) -> None:

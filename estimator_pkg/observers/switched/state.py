@@ -37,7 +37,7 @@ class Design:
     regression: bool  # least squares estimates Z; else the last intervals give it
     resets_ends: bool  # (13) resets the last derivatives of the chains too at an event
     stages: list[list[Stage]]
-    orders: list[list[int]]  # those of the model; zeros if it has none
+    orders: list[Array]  # those of the model, whole numbers; zeros if it has none
     poles: list[float]  # of the extended observers, magnitude [1/s]
     bounds: list[float]  # of the second derivative of each output
     gate: float  # epsilon in (23)
@@ -59,8 +59,8 @@ class RegressionFilter:
     """A regression filter of order k at a sample time."""
 
     F: Array  # transition, shape (k, k)
-    g0: Array  # first rows of the responses to a constant and a ramp, shape (k,)
-    g1: Array
+    responses: Array  # first rows of those to a constant and to a ramp, shape (2, k)
+    column: Array  # the first one of its matrix, shape (k,)
 
 
 @record

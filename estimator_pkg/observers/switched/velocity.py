@@ -119,8 +119,8 @@ def observe(
 ) -> None:
     """Take one more sample in the extended observers.
 
-    `y` and `u` are those of the new sample. `z` should have converged: otherwise its noise enters
-    the velocity.
+    `y` and `u` are those of the new sample. `z`, shape (m,), should have converged: otherwise its
+    noise enters the velocity.
     """
     zeta = observed_chains(state)
     change = state.used - z
