@@ -11,6 +11,7 @@
         seen: bool
         steps: Annotated[list[float], 8]  # a vector; Annotated[list[list[float]], 3, 3] is a matrix
         poles: list[float]  # as long as the user's numbers make it, in plain Python only
+        gain: NDArray  # in plain Python only; replaced as a whole, never changed in place
         inner: Bias  # a record
         state: 'observer.State'  # of the observer's module: `Motion.of(module)` is the class
 
@@ -26,6 +27,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, ge
 
 Declared = TypeVar('Declared')
 SCALARS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', complex: 'c16'}
+ARRAY = object  # the kind of a field that is a numpy array
 
 
 class Vector(NamedTuple):
@@ -125,6 +127,8 @@ def _kind(hint: Any) -> Any:
     """Return the kind that an annotation says."""
     if get_origin(hint) is list:
         return Vector(0, _kind(*get_args(hint)))
+    if getattr(get_origin(hint), '__name__', '') == 'ndarray':
+        return ARRAY
     inner, *counts = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     for count in counts:
         if get_origin(inner) is not list or type(count) is not int or count < 1:
@@ -148,9 +152,9 @@ def _bound(kind: Any, module: Any) -> Any:
 
 
 def _numpy_type(kind: Any) -> Any:
+    if kind is ARRAY or (isinstance(kind, Vector) and kind.size == 0):
+        raise TypeError('an array or a list without a length is for plain Python only')
     if isinstance(kind, Vector):
-        if kind.size == 0:
-            raise TypeError('a list without a length is for plain Python only')
         return _numpy_type(kind.kind), (kind.size,)
     return kind.dtype if isinstance(kind, _RecordClass) else SCALARS[kind]
 
@@ -168,6 +172,8 @@ def _made(kind: Any, values: Any) -> Any:
     """Return a value from what numpy's ``tolist`` makes of it."""
     if isinstance(kind, Vector):
         return [_made(kind.kind, item) for item in values]
+    if kind is ARRAY:
+        return values
     if not isinstance(kind, _RecordClass):
         return kind(values)
     made = kind()
@@ -182,6 +188,8 @@ def _zeros(kind: Any, name: str) -> str:
         return f'[{kind.kind()}] * {kind.size}'
     if isinstance(kind, Vector):
         return f'[{_zeros(kind.kind, name)} for _ in range({kind.size})]'
+    if kind is ARRAY:
+        return 'None'
     return str(kind()) if kind in SCALARS else f'{name}()'
 
 
@@ -194,7 +202,7 @@ def _copy(kind: Any, to: str, of: str, pad: str = '    ') -> str:
     if isinstance(kind, Vector):
         inner = _copy(kind.kind, 'a', 'b', pad + '    ')
         return f'{pad}for a, b in zip({to}, {of}):\n{inner}'
-    return f'{pad}{to} = {of}\n' if kind in SCALARS else f'{pad}{to}.take({of})\n'
+    return f'{pad}{to} = {of}\n' if kind in SCALARS or kind is ARRAY else f'{pad}{to}.take({of})\n'
 
 
 def _class(name: str, fields: dict[str, Any], module: str, doc: str | None) -> Any:

@@ -6,7 +6,9 @@
 from types import ModuleType
 from typing import Annotated
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from estimator_pkg.record import record
 
@@ -49,3 +51,13 @@ def test_a_generic_record_is_one_class_for_each_module():
     assert Track.of(line) is Track.of(line) is not Track.of(curve)
     with pytest.raises(TypeError, match='a list without a length is for plain Python only'):
         Track.of(line).dtype  # noqa: B018
+
+
+def test_an_array_is_taken_as_it_is_and_for_plain_python_only():
+    kind = record(type('State', (), {'__annotations__': {'x': NDArray[np.float64], 'y': float}}))
+    one, other = kind(), kind()
+    one.x = np.array([1.0, 2.0])
+    other.take(one)
+    assert other.x is one.x
+    with pytest.raises(TypeError, match=r'an array .* is for plain Python only'):
+        kind.dtype  # noqa: B018

@@ -190,6 +190,9 @@ class SwitchedJoint(Joint):
         """Return the meaning of the status as text, or a note if Z has not converged."""
         if self.used and not self.discrete()[2]:
             return 'Z has not converged: it is predicted'
+        note: str = self.module.why(self._channel.track.state, self._channel.design)
+        if note:
+            return note
         lost = self.settings.unwrap and self.new_starts() > self._new_starts
         return LOST_TURNS if lost else ''
 

@@ -32,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.observers.adaptive.state import LearningSums
-from estimator_pkg.observers.maths.vectors import whole
 
 Array = NDArray[np.float64]
 
@@ -82,18 +81,19 @@ class Evidence:
             return
         self._answer = None
         newest = LearningBlock(
-            whole(sums.matrix),
-            np.array(sums.vector),
-            np.array((sums.count, sums.of_e, sums.of_bend)),
+            sums.matrix, sums.vector, np.array((sums.count, sums.of_e, sums.of_bend))
         )
-        block = newest if self._last is None else _minus(newest, self._last)
+        block = newest
+        if self._last is not None:
+            block = LearningBlock(*(now - then for now, then in zip(newest, self._last)))
         self._until, self._last = adapted, newest
         self.blocks.append(block)
         if self.memory > 0.0:
             keep = math.ceil(OLDEST_BLOCK * self.memory / self.length)
             del self.blocks[:-keep]
         if len(self.blocks) >= MERGING_BLOCKS:
-            self.blocks = _merged(self.blocks)
+            pairs = zip(self.blocks[::2], self.blocks[1::2])
+            self.blocks = [LearningBlock(*map(np.add, *pair)) for pair in pairs]
             self.length *= 2.0
 
     @property
@@ -211,14 +211,3 @@ def _jackknife(matrices: Array, vectors: Array) -> Array:
         return np.diag([math.inf] * matrices.shape[1])
     away = answers - answers.mean(axis=0)
     return (count - 1.0) / count * away.T @ away
-
-
-def _merged(blocks: list[LearningBlock]) -> list[LearningBlock]:
-    return [
-        LearningBlock(a.matrix + b.matrix, a.vector + b.vector, a.sums + b.sums)
-        for a, b in zip(blocks[::2], blocks[1::2])
-    ]
-
-
-def _minus(a: LearningBlock, b: LearningBlock) -> LearningBlock:
-    return LearningBlock(a.matrix - b.matrix, a.vector - b.vector, a.sums - b.sums)

@@ -1,16 +1,17 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The adaptation law: when the parameters adapt, how, and the sums for `evidence`."""
+"""The adaptation law: when the parameters adapt, how, and the sums for `evidence`.
+
+psi, what multiplies the free parameters in an innovation, has shape (m,), and psi psi' (m, m).
+"""
 
 from __future__ import annotations
 
-from operator import add
+import numpy as np
 
-from estimator_pkg.observers.adaptive.state import Design, LearningSums, State
+from estimator_pkg.observers.adaptive.state import Array, Coefficients, Design, State
 from estimator_pkg.observers.maths.least_squares import update
-from estimator_pkg.observers.maths.vectors import exceeds, multiply, quadratic
-from estimator_pkg.sensor.scatter import Scatter
 
 # The phases of adaptation
 INIT = 0  # the filters settle
@@ -26,38 +27,101 @@ PHASE_TEXTS = (
 )
 PAUSED = 'paused: a knock, or slower than moving_above'
 
-LEAST_REGULAR = 1.0 - 1e-9  # on the diagonal: a matrix that only rounding makes regular is singular
+FILTER_SETTLING = 5.0  # time constants of the slowest pole until the filters have settled
+SQUARE_CLIP = 25.0  # a square is clamped to this multiple of the usual one
+START_SPEEDUP = 10.0  # factor by which powers are averaged faster after a start
+LEAST_REGULAR = 1e-9  # part of the diagonal: a matrix that only rounding makes regular is singular
+# Ratio of information above which the signals determine the parameters. Noise in the filtered
+# measurement then biases them by at most about 1 % of their values.
+SIGNAL_TO_NOISE = 100.0
 
 
-def adapt(
-    state: State, design: Design, psi: list[float], e: float, h: float, forget: float
+def learn(
+    state: State, coefficients: Coefficients, design: Design, psi: Array, e: float, target: float
 ) -> None:
+    """Learn from the innovation e [rad] of psi theta = target: excitation, parameters, powers."""
+    h, low_pass, recent = coefficients.h, coefficients.low_pass, coefficients.weight
+    square = psi[:, None] * psi
+    state.information = coefficients.keep * state.information + h * square
+    state.slow_e += (e - state.slow_e) * low_pass
+    bend = state.y + float(state.upsilon[0, : design.order] @ design.a_k[:, 0])
+    state.slow_bend += (bend - state.slow_bend) * low_pass
+    if state.phase == ADAPTING and design.adapt:
+        pause(state, design, e, recent)
+        if state.paused > 0.0:
+            state.paused -= h
+        else:
+            gather(state, square, target * psi)
+            adapt(state, design, psi, e, h, coefficients.forget)
+            set_plant(state, design)
+            state.adapted += h
+    if state.age < design.settle + 2.0 * design.average:  # while theta converges
+        recent = min(START_SPEEDUP * recent, 1.0)
+    state.power += (e * e - state.power) * recent
+    state.slow_power += (state.slow_e * state.slow_e - state.slow_power) * recent
+
+
+def pause(state: State, design: Design, e: float, weight: float) -> None:
+    """Follow the usual square of the innovation; pause the adaptation where the plant differs.
+
+    The plant's equation is not valid after a knock, and while dry friction may stop the joint.
+    Adaptation pauses until the filters have forgotten that.
+    """
+    square, n, pause = e * e, design.order, FILTER_SETTLING / design.slowest
+    if design.moving_above > 0.0:
+        speed = design.observer[-1] * state.upsilon[0, n - 2]
+        if abs(speed) < design.moving_above:
+            state.paused = pause
+            return
+    if design.knock > 0.0:
+        if state.adapted > design.average:
+            if square > design.knock * state.usual:
+                state.paused = pause
+            square = min(square, SQUARE_CLIP * state.usual)
+        state.usual += (square - state.usual) * weight
+
+
+def gather(state: State, square: Array, along: Array) -> None:
+    """Add psi psi' and psi target of one more sample to the sums of `evidence`."""
+    sums = state.sums
+    sums.matrix, sums.vector = sums.matrix + square, sums.vector + along
+    sums.count += 1.0
+    sums.of_e += state.slow_e * state.slow_e
+    sums.of_bend += state.slow_bend * state.slow_bend
+
+
+def adapt(state: State, design: Design, psi: Array, e: float, h: float, forget: float) -> None:
     """Move the free parameters after an innovation e [rad]; P too, of least squares."""
-    theta = state.theta
     if not design.is_gradient:
-        update(theta, state.p, psi, e, forget, design.variance)
+        state.theta, state.p, _ = update(state.theta, state.p, psi, e, forget, design.variance)
         return
-    direction, seen = multiply(design.gamma, psi)
+    direction = design.gamma @ psi
     size = h * e
     if not design.is_paper:  # the a posteriori innovation
-        size = h * e / (1.0 + h * seen)
-    for i, along in enumerate(direction):  # (12)
-        theta[i] += size * along
-        if design.bounded:
-            theta[i] = min(max(theta[i], design.low[i]), design.high[i])
+        size /= 1.0 + h * float(psi @ direction)
+    theta = state.theta + size * direction  # (12)
+    state.theta = np.clip(theta, design.low[design.free], design.high[design.free])
 
 
-def variance(scatter: Scatter, design: Design) -> float:
+def set_plant(state: State, design: Design) -> None:
+    """Set all of theta from the free parameters.
+
+    The free parameters of least squares are clamped to their bounds here alone: P assumes that
+    theta moves, so the recursion would diverge at a bound.
+    """
+    plant = design.fixed.copy()
+    plant[design.free] = state.theta
+    state.plant = np.minimum(np.maximum(plant, design.low), design.high)
+
+
+def variance(state: State, design: Design) -> float:
     """Return the variance of the measurement noise [rad^2]."""
-    if design.noise > 0.0:
-        return design.noise
-    return scatter.variance if scatter.variance > design.finest else design.finest
+    return design.noise if design.noise > 0.0 else max(state.scatter.variance, design.finest)
 
 
-def expected(state: State, design: Design, h: float) -> float:
-    """Return the innovation variance that this noise explains [rad^2]."""
-    injected = list(map(add, design.k, state.plant))  # K + L
-    return variance(state.scatter, design) * (1.0 + h * quadratic(design.w, injected))
+def injected(state: State, design: Design) -> Array:
+    """Return K + L, by which the noise of the angle enters the filters, shape (n,)."""
+    return (design.injection + state.plant)[: design.order]
 
 
 def judged(state: State, design: Design, h: float) -> int:
@@ -65,22 +129,10 @@ def judged(state: State, design: Design, h: float) -> int:
     if not design.adapt:
         return FROZEN
     if design.gated:
-        keep, noise = 1.0, 1.0
-        if design.noise_gate:
-            keep, noise = LEAST_REGULAR, h * variance(state.scatter, design)
-        if not exceeds(state.information, keep, noise, design.floor):
+        least = SIGNAL_TO_NOISE * h * variance(state, design) * design.noise_floor
+        irregular = np.diag(LEAST_REGULAR * state.information.diagonal())
+        try:
+            np.linalg.cholesky(state.information - irregular - least)
+        except np.linalg.LinAlgError:  # it is not positive definite
             return GATED
     return ADAPTING
-
-
-def gather(sums: LearningSums, state: State, psi: list[float], target: float) -> None:
-    """Add one more sample to the sums of `evidence`."""
-    matrix, vector = sums.matrix, sums.vector
-    for i, x in enumerate(psi):
-        row = matrix[i]
-        for j in range(i + 1):
-            row[j] += x * psi[j]
-        vector[i] += target * x
-    sums.count += 1.0
-    sums.of_e += state.slow_e * state.slow_e
-    sums.of_bend += state.slow_bend * state.slow_bend

@@ -5,11 +5,13 @@
 
 The plant x' = A x + B u, y = C x in observable canonical form is written (2)
 
-    x' = A_c x + y L + u B,   theta = (L, B)
+    x' = A_c x + Phi theta,   theta = (L, B),   Phi = [y I, u I]
 
 with A_c chosen, so that A = A_c + L C. From angle and input the observer learns theta and
 estimates x; the velocity of the angle is C (A x + B u). Optional regressors in the last equation
-are a constant load, and gravity with the sine of the angle.
+are a constant load, and gravity with the sine of the angle. The filtered regressor (11) is
+
+    Upsilon' = (A_c - K C) Upsilon + Phi
 
 There are two forms. `paper` is (11) to (13) by forward Euler at the sample times. `sampled`
 (default) uses that x - Upsilon theta is a filter of y only. The regressor Upsilon is filtered
@@ -20,9 +22,8 @@ uses the a posteriori innovation, so it is stable for every gain and sample time
 Measurement: the angle [rad], unwrapped here because a spring needs it over several turns. Input: u
 over the interval that ends at the sample.
 
-Files: `state` the records, `structure` what follows from the gains, `filter` the filters, `motion`
-from parameters to velocity, `law` the adaptation law, `evidence` the standard deviations of the
-parameters, `report` the report for users.
+Files: `state` the records, `structure` the parameters theta, `law` the adaptation law, `evidence`
+the standard deviations of the parameters, `report` the report for users.
 
 Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers; corrections in
 docs/papers/adaptive.md.
@@ -32,36 +33,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from operator import add
 from typing import Any
 
 import numpy as np
 
 from estimator_pkg.circle import LARGEST, Circle, wrap
-from estimator_pkg.circle import is_angle as is_reading  # noqa: F401
+from estimator_pkg.circle import is_angle as is_reading
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.adaptive.filter import euler, feed, rows, series
 from estimator_pkg.observers.adaptive.law import (
-    ADAPTING,
+    FILTER_SETTLING,
     GATED,
     INIT,
-    adapt,
-    expected,
-    gather,
+    injected,
     judged,
+    learn,
+    set_plant,
     variance,
 )
-from estimator_pkg.observers.adaptive.motion import (
-    euler_step,
-    follow_parameters,
-    gramian,
-    set_plant,
-    settle,
-    signals,
-    states,
-)
-from estimator_pkg.observers.adaptive.state import Coefficients, Design, State
-from estimator_pkg.observers.adaptive.structure import Structure, structure
+from estimator_pkg.observers.adaptive.state import Array, Coefficients, Design, State
+from estimator_pkg.observers.adaptive.structure import structure
 from estimator_pkg.observers.angle.shared import variance_floor
 from estimator_pkg.observers.contract import (
     COASTING,
@@ -72,23 +62,22 @@ from estimator_pkg.observers.contract import (
     Estimate,
     Observer,
 )
-from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
+from estimator_pkg.observers.contract import no_reason as why
 from estimator_pkg.observers.maths.least_squares import kept
-from estimator_pkg.observers.maths.vectors import add_square, dot, empty, quadratic, transformed
+from estimator_pkg.observers.maths.linear import companion, response
 from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.sensor.convention import begin_convention, follow_convention, present
 from estimator_pkg.sensor.scatter import begin_scatter, follow_scatter, resume_scatter
 
+__all__ = ['is_reading', 'why']  # functions of the observer that are defined elsewhere
 SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
 SAMPLED_FORM, PUBLISHED_FORM = 'sampled', 'paper'
 GRADIENT, LEAST_SQUARES = 'gradient', 'least_squares'
-FILTER_SETTLING = 5.0  # time constants of the slowest pole until the filters have settled
 CHECK_SAMPLES = 20  # samples between two checks of excitation and trust
 SLOW_POWER_RATIO = 9.0  # largest power of the slow innovation relative to that of the noise, ...
 MOTION_POWER_RATIO = 2e-4  # ... or to that of the motion: then the velocity is right to 3 %
+EXCITATION_MEMORY = 20.0  # time constant of the information matrix of the gate [s]
 LEAST_AVERAGE = 0.5  # shortest time over which both are averaged [s]
-START_SPEEDUP = 10.0  # factor by which they are averaged faster after a start
-SQUARE_CLIP = 25.0  # a square is clamped to this multiple of the usual one
 
 
 @dataclass(frozen=True)
@@ -143,8 +132,7 @@ class Gains:
         (1000.0,),
         kind=list,
         description='gain of the gradient: one number, one for each free parameter (about '
-        '1/mean square of its signal), or a positive definite matrix row by row. It '
-        "also weights the parameters in the gate 'gamma'",
+        '1/mean square of its signal), or a positive definite matrix row by row',
         equation='Gamma in (12)',
     )
     memory: float = parameter(
@@ -152,16 +140,7 @@ class Gains:
         unit='s',
         range=(0.0, 1e9),
         description='time constant, in time spent adapting, with which least squares forgets; the '
-        'variance never exceeds start_variance; 0: it forgets nothing',
-    )
-    start_variance: tuple[float, ...] | None = structural(
-        None,
-        kind=list,
-        range=(1e-12, 1e18),
-        advanced=True,
-        description='diagonal of the initial P of least squares, per variance of the measurement: '
-        'one number, or one for each free parameter; automatic: 1e4 w^(2 i) for a parameter of '
-        'index i, w the geometric mean of the observer poles',
+        'variance never exceeds the initial one; 0: it forgets nothing',
     )
     load: bool = structural(
         False,
@@ -200,26 +179,10 @@ class Gains:
     )
     gate: str = structural(
         'noise',
-        choices=('noise', 'gamma', 'none'),
+        choices=('noise', 'none'),
         description='adapt only while the signals determine the parameters. noise: the '
-        'information matrix exceeds signal_to_noise times the one of measurement noise '
-        'alone; gamma: its smallest eigenvalue, weighted by gamma, exceeds '
-        'excitation; none: adapt always',
-    )
-    signal_to_noise: float = parameter(
-        100.0,
-        range=(1.0, 1e12),
-        description="threshold of the gate 'noise': noise in the filtered measurement biases the "
-        'parameters by at most about 1/signal_to_noise of their values',
-    )
-    excitation: float = parameter(
-        0.02, range=(1e-12, 1e12), description="threshold of the gate 'gamma'"
-    )
-    excitation_memory: float = parameter(
-        20.0,
-        unit='s',
-        range=(1e-3, 1e6),
-        description='time constant of the information matrix of the gates',
+        'information matrix exceeds 100 times the one of measurement noise alone; none: adapt '
+        'always',
     )
     knock: float = structural(
         5.0,
@@ -273,8 +236,7 @@ def design(gains: Gains, circle: Circle) -> Design:
     ------
     UsageError : gains that contradict each other.
     """
-    structured, made = structure(gains), Design()
-    made.order = n = gains.order
+    made, n = structure(gains), gains.order
     made.is_paper, made.is_gradient = gains.form == PUBLISHED_FORM, gains.law == GRADIENT
     if made.is_paper and not made.is_gradient:
         raise UsageError(
@@ -286,15 +248,14 @@ def design(gains: Gains, circle: Circle) -> Design:
             f"parameter 'moving_above' = {gains.moving_above:g} rad/s needs order 2 or more, not "
             f"{n}: set it to 0 or raise 'order'"
         )
-    made.full, made.load, made.gravity = gains.velocity == 'full', gains.load, gains.gravity
-    made.gated, made.noise_gate = gains.gate != 'none', gains.gate == 'noise'
-    set_numbers(made, structured, gains)
+    made.full, made.gated = gains.velocity == 'full', gains.gate == 'noise'
+    noise = np.zeros((len(made.fixed), len(made.fixed)))
+    noise[:n, :n] = EXCITATION_MEMORY * made.w
+    made.noise_floor = noise[np.ix_(made.free, made.free)]
     made.average = max(LEAST_AVERAGE, FILTER_SETTLING / made.slowest)
     made.settle = FILTER_SETTLING / made.slowest if gains.settle is None else float(gains.settle)
-    made.young = made.settle + 2.0 * made.average
-    made.memory, made.keep = float(gains.memory), float(gains.excitation_memory)
-    made.watched, made.knock = gains.knock > 0.0, float(gains.knock * gains.knock)
-    made.moving_above = float(gains.moving_above)
+    made.memory = float(gains.memory)
+    made.knock, made.moving_above = float(gains.knock * gains.knock), float(gains.moving_above)
     made.adapt, made.has_theta = bool(gains.adapt), gains.theta is not None
     made.period, made.unwrap = float(circle.period), bool(circle.unwrap)
     made.finest = variance_floor(gains.quantum)
@@ -302,68 +263,74 @@ def design(gains: Gains, circle: Circle) -> Design:
     return made
 
 
-def set_numbers(made: Design, structured: Structure, gains: Gains) -> None:
-    """Set poles, parameters and matrices."""
-    n = made.order
-    made.names, made.free = len(structured.names), list(structured.free)
-    made.known = [i for i in range(made.names) if i not in structured.free]
-    made.a_k, made.a_c = list(structured.observer), list(structured.model)
-    made.k, made.fixed = list(structured.injection), list(structured.fixed)
-    made.start = list(structured.start)
-    made.low, made.high = list(structured.low), list(structured.high)
-    made.bounded = any(map(math.isfinite, (*made.low, *made.high)))
-    made.gamma, made.variance = structured.gamma.tolist(), list(structured.variance)
-    made.slowest, made.fastest = float(structured.slowest), float(structured.fastest)
-    made.pace = float((-structured.observer[-1]) ** (1.0 / n))
-    made.w = gramian(structured.observer)
-    if gains.gate == 'gamma':
-        floor = gains.excitation * np.linalg.inv(structured.gamma)
-    else:
-        noise = np.zeros((made.names, made.names))
-        noise[:n, :n] = made.w
-        floor = (
-            gains.signal_to_noise * gains.excitation_memory * noise[np.ix_(made.free, made.free)]
-        )
-    made.floor = floor.tolist()
-
-
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     """Set what follows from dt [s]."""
     if design.is_paper:
-        f, g0, g1 = euler(design.a_k, dt)
+        one = np.eye(design.order)
+        found = one + dt * design.a_k, dt * one, 0.0 * one
     else:
-        f, g0, g1 = series(design.a_k, design.fastest, dt)
-    coefficients.f, coefficients.g0, coefficients.g1 = rows(f, design.a_k), g0, g1
-    coefficients.columns = [list(column) for column in zip(*coefficients.f)]
+        found = response(tuple(design.observer), design.pace, dt)
+    coefficients.F, coefficients.G0, coefficients.G1 = found
     coefficients.h = dt
     coefficients.weight = -math.expm1(-dt / design.average)
     coefficients.slow_weight = -math.expm1(-CHECK_SAMPLES * dt / design.average)
-    coefficients.keep = math.exp(-dt / design.keep)
+    coefficients.keep = math.exp(-dt / EXCITATION_MEMORY)
     coefficients.forget = kept(dt, design.memory)
     coefficients.low_pass = -math.expm1(-dt * design.slowest)
+
+
+def regressor(design: Design, y: float, u: float, one: float, sine: float) -> Array:
+    """Return Phi = [y I, u I, load, gravity], shape (n, p): what multiplies theta in (2)."""
+    found: Array = (np.array((y, u, one, sine)) @ design.units).reshape(design.order, -1)
+    return found
 
 
 def start(observer: Any, state: State, design: Design, measurement: float) -> None:
     """Start at rest at the first angle [rad]."""
     m = len(design.free)
-    state.theta, state.plant = design.start[:], design.fixed[:]
+    state.theta = design.start
     set_plant(state, design)
-    state.y = measurement
-    state.of_u = [0.0] * design.order
+    state.y, state.upsilon = measurement, np.zeros((design.order, len(design.fixed)))
     settle(state, design, 0.0)
-    state.information, state.p = ([[0.0] * m for _ in range(m)] for _ in range(2))
-    for i, first in enumerate(design.variance):
-        state.p[i][i] = first
+    state.information, state.p = np.zeros((m, m)), np.diag(design.variance)
     begin_convention(state.convention, measurement)
     begin_scatter(state.scatter, measurement)
     state.age = state.power = state.speed_power = state.adapted = state.paused = state.usual = 0.0
     state.slow_e = state.slow_bend = state.slow_power = 0.0
     state.phase, state.trusted, state.tick = INIT, False, 0
     sums = state.sums
-    sums.matrix, sums.vector = empty(m), [0.0] * m
+    sums.matrix, sums.vector = np.zeros((m, m)), np.zeros(m)
     sums.count = sums.of_e = sums.of_bend = 0.0
 
 
+def settle(state: State, design: Design, speed: float) -> None:
+    """Set filters and x to steady state at the angle y, with this speed [rad/s]; u's stay."""
+    n, y = design.order, state.y
+    phi = regressor(design, -y, 0.0, -1.0, -math.sin(y))
+    resting = np.array(np.linalg.solve(design.a_k, phi), float)
+    resting[:, n : 2 * n] = state.upsilon[:, n : 2 * n]
+    state.upsilon, state.z = resting, np.zeros(n)
+    x = states(state, design)
+    z = np.zeros(n)
+    z[0] = y - x[0]
+    if n > 1:
+        z[1] = speed - (design.model[0] + state.plant[0]) * y - x[1]
+    state.z = z
+
+
+def states(state: State, design: Design) -> Array:
+    """Return x, shape (n,)."""
+    if design.is_paper:
+        return state.z
+    return state.z + state.upsilon @ (state.plant + design.injection)
+
+
+def velocity(state: State, design: Design, x: Array) -> float:
+    """Return C A x, the velocity without b1 u [rad/s]; x of shape (n,)."""
+    return float((design.model[0] + state.plant[0]) * x[0] + x[1:2].sum())
+
+
+@np.errstate(all='ignore')  # a state that has diverged starts again
 def step(
     observer: Any,
     state: State,
@@ -373,121 +340,52 @@ def step(
     known_input: float,
 ) -> None:
     """Take one sample [rad], and the input since the last one."""
-    y, period = state.y, design.period
-    change = measurement - state.convention.last
-    if period > 0.0 and not -0.5 * period <= change < 0.5 * period:
-        change = wrap(change, period)
-    if design.is_paper:
-        e, psi = y - state.z[0], signals(state, design)
-        before = [row[:] for row in (state.of_y, state.of_u, state.of_one, state.of_sine)]
-        was = state.plant[:]
-        euler_step(state, coefficients, design, known_input, e)
-    filter_signals(state, coefficients, design, known_input, change)
-    if not design.is_paper:
-        state.z = transformed(coefficients.f, state.z)
-        psi = signals(state, design)
-        e = state.y - state.z[0] - dot(state.of_y, design.k)
-    if design.known:
-        if not design.is_paper:
-            of_known = 0.0
-            for i in design.known:
-                of_known += design.fixed[i] * psi[i]
-            e -= of_known
-        psi = [psi[i] for i in design.free]
-    explained = dot(psi, state.theta)
-    if not design.is_paper:
-        e -= explained
+    y, before, was, h = state.y, state.upsilon, state.plant, coefficients.h
+    change = wrap(measurement - state.convention.last, design.period)
+    sine = math.sin(y)
+    phi = regressor(design, y, known_input, 1.0, sine)
+    rising = regressor(design, change, 0.0, 0.0, math.sin(y + change) - sine)
+    state.upsilon = coefficients.F @ before + coefficients.G0 @ phi + coefficients.G1 @ rising
+    state.y = y + change
+    if design.is_paper:  # (13) without its last term, by forward Euler
+        psi, x = before[0], state.z
+        e = y - float(x[0])
+        state.z = x + h * (
+            companion(design.model) @ x + phi @ was + e * design.injection[: design.order]
+        )
+        explained = float(psi[design.free] @ state.theta)
+    else:
+        psi, state.z = state.upsilon[0], coefficients.F @ state.z
+        explained = float(psi[design.free] @ state.theta)
+        e = state.y - float(state.z[0] + psi @ (design.injection + design.fixed)) - explained
     if not -LARGEST < e < LARGEST:
         start(observer, state, design, measurement)  # the state has diverged: start again
         return
-    state.age += coefficients.h
+    state.age += h
     state.tick += 1
     if state.phase == INIT and state.age >= design.settle:
-        state.phase = judged(state, design, coefficients.h)
+        state.phase = judged(state, design, h)
     if state.phase != INIT:
-        learn(state, coefficients, design, psi, e, e + explained)
-        if design.is_paper and state.plant != was:  # the last term of (13), which ends with the law
-            change_of = [now - then for now, then in zip(state.plant, was)]
-            follow_parameters(state, before, design, change_of)
+        learn(state, coefficients, design, psi[design.free], e, e + explained)
+        if design.is_paper:  # the last term of (13), which ends with the law
+            state.z = state.z + before @ (state.plant - was)
     if state.tick >= CHECK_SAMPLES:
         state.tick = 0
         if state.phase != INIT:
             check(state, coefficients, design)
-    follow_convention(state.convention, measurement, period)
-    follow_scatter(state.scatter, measurement, coefficients.h, period)
-
-
-def filter_signals(
-    state: State, coefficients: Coefficients, design: Design, known_input: float, change: float
-) -> None:
-    """Filter angle, input, constant and sine over a sample in which the angle changes, (11)."""
-    columns, g0, g1, y = coefficients.columns, coefficients.g0, coefficients.g1, state.y
-    feed(state.of_y, columns, g0, g1, y, change)
-    feed(state.of_u, columns, g0, g1, known_input, 0.0)
-    if design.load:
-        feed(state.of_one, columns, g0, g1, 1.0, 0.0)
-    if design.gravity:
-        sine = math.sin(y)
-        feed(state.of_sine, columns, g0, g1, sine, math.sin(y + change) - sine)
-    state.y = y + change
-
-
-def learn(
-    state: State,
-    coefficients: Coefficients,
-    design: Design,
-    psi: list[float],
-    e: float,
-    target: float,
-) -> None:
-    """Learn from the innovation e [rad] of psi theta = target: excitation, parameters, powers."""
-    h, low_pass = coefficients.h, coefficients.low_pass
-    add_square(state.information, coefficients.keep, h, psi)
-    state.slow_e += (e - state.slow_e) * low_pass
-    bend = state.y + dot(state.of_y, design.a_k)
-    state.slow_bend += (bend - state.slow_bend) * low_pass
-    if state.phase == ADAPTING and design.adapt:
-        if design.watched or design.moving_above > 0.0:
-            pause(state, design, e, coefficients.weight)
-        if state.paused > 0.0:
-            state.paused -= h
-        else:
-            gather(state.sums, state, psi, target)
-            adapt(state, design, psi, e, h, coefficients.forget)
-            set_plant(state, design)
-            state.adapted += h
-    recent = coefficients.weight
-    if state.age < design.young:  # while theta converges
-        recent = START_SPEEDUP * recent if START_SPEEDUP * recent < 1.0 else 1.0
-    state.power += (e * e - state.power) * recent
-    state.slow_power += (state.slow_e * state.slow_e - state.slow_power) * recent
-
-
-def pause(state: State, design: Design, e: float, weight: float) -> None:
-    """Follow the usual square of the innovation; pause the adaptation where the plant differs.
-
-    The plant's equation is not valid after a knock, and while dry friction may stop the joint.
-    Adaptation pauses until the filters have forgotten that.
-    """
-    square, above, n = e * e, design.moving_above, design.order
-    if above > 0.0 and -above < -design.a_k[n - 1] * state.of_y[n - 2] < above:
-        state.paused = FILTER_SETTLING / design.slowest
-    elif design.watched:
-        if state.adapted > design.average:
-            if square > design.knock * state.usual:
-                state.paused = FILTER_SETTLING / design.slowest
-            if square > SQUARE_CLIP * state.usual:
-                square = SQUARE_CLIP * state.usual
-        state.usual += (square - state.usual) * weight
+    follow_convention(state.convention, measurement, design.period)
+    follow_scatter(state.scatter, measurement, h, design.period)
 
 
 def check(state: State, coefficients: Coefficients, design: Design) -> None:
     """Judge the excitation, and whether the estimate can be trusted."""
     h, low_pass, slow_power = coefficients.h, coefficients.low_pass, state.slow_power
     state.phase = judged(state, design, h)
-    _, _, speed = states(state, design)
+    speed = velocity(state, design, states(state, design))
     state.speed_power += (speed * speed - state.speed_power) * coefficients.slow_weight
-    most = SLOW_POWER_RATIO * expected(state, design, h) * low_pass / (2.0 - low_pass)
+    to_x = injected(state, design)
+    expected = variance(state, design) * (1.0 + h * float(to_x @ design.w @ to_x))
+    most = SLOW_POWER_RATIO * expected * low_pass / (2.0 - low_pass)
     close = MOTION_POWER_RATIO * state.speed_power / (design.pace * design.pace)
     if slow_power > 4.0 * most and slow_power > 4.0 * close:
         state.trusted = False
@@ -507,10 +405,11 @@ def estimate(
     known_input: float,
 ) -> None:
     """Set the estimate; the velocity is C (A x + B u), (38) without b1 u."""
-    x1, _, out.velocity = states(state, design)
+    x = states(state, design)
+    out.velocity = velocity(state, design, x)
     if design.full:
-        out.velocity += state.plant[design.order] * known_input  # b1 u
-    out.position = present(state.convention, x1, design.period, design.unwrap)
+        out.velocity += float(state.plant[design.order]) * known_input  # b1 u
+    out.position = present(state.convention, float(x[0]), design.period, design.unwrap)
     out.acceleration = math.nan
     if state.phase == INIT:
         out.status = COASTING if state.trusted else INITIALISING
@@ -533,22 +432,15 @@ def deviation(
     They contain white noise through the filters, and the model error: a slow innovation e comes
     with a velocity error of (a1 - o1) e, where o1 and a1 are the first entries of A_c - K C and A.
     """
-    h, low_pass, a = coefficients.h, coefficients.low_pass, design.a_k
-    injected = list(map(add, design.k, state.plant))  # K + L
-    first = design.a_c[0] + state.plant[0] - a[0]
-    to_speed, last = injected[:], design.order - 1
-    for i, own in enumerate(injected):
-        of_next = a[i] * injected[0] + injected[i + 1] if i < last else a[i] * injected[0]
-        to_speed[i] = of_next + first * own
-    of_position = h * quadratic(design.w, injected)
-    of_speed = h * quadratic(design.w, to_speed)
-    noise = variance(state.scatter, design)
+    h, low_pass, to_x = coefficients.h, coefficients.low_pass, injected(state, design)
+    first = float(to_x[0])
+    to_speed = design.a_k @ to_x + first * to_x
+    of_position = h * float(to_x @ design.w @ to_x)
+    of_speed = h * float(to_speed @ design.w @ to_speed)
     seen = (state.power - state.slow_power) / (1.0 + of_position)  # seen in the innovation
-    if seen > noise:
-        noise = seen
+    noise = max(variance(state, design), seen)
     slow = state.slow_power - noise * (1.0 + of_position) * low_pass / (2.0 - low_pass)
-    if slow < 0.0:
-        slow = 0.0
+    slow = max(slow, 0.0)
     out.position = math.sqrt(of_position * noise + slow)
     out.velocity = math.sqrt(of_speed * noise + first * first * slow)
 
@@ -558,7 +450,7 @@ def restart(
 ) -> None:
     """Start again at rest; the parameters stay."""
     resume(observer, state, coefficients, design, measurement)
-    state.of_u = [0.0] * design.order
+    state.upsilon = np.zeros_like(state.upsilon)
     settle(state, design, 0.0)
     state.trusted = False
 
@@ -568,8 +460,7 @@ def resume(
 ) -> None:
     """Go on after a gap at the measurement, with the speed and the parameters."""
     state.y += wrap(measurement - state.convention.last, design.period)
-    _, _, speed = states(state, design)
-    settle(state, design, speed)
+    settle(state, design, velocity(state, design, states(state, design)))
     follow_convention(state.convention, measurement, design.period)
     resume_scatter(state.scatter, measurement)
     state.age = state.slow_e = state.slow_bend = 0.0

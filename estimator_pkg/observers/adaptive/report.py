@@ -9,7 +9,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg.observers.adaptive.evidence import Assessment, Evidence, judge
 from estimator_pkg.observers.adaptive.law import (
@@ -17,18 +16,13 @@ from estimator_pkg.observers.adaptive.law import (
     PAUSED,
     PHASE_NAMES,
     PHASE_TEXTS,
+    injected,
     variance,
 )
-from estimator_pkg.observers.adaptive.observer import (
-    PUBLISHED_FORM,
-    SLOW_POWER_RATIO,
-    Gains,
-    prepare,
-)
-from estimator_pkg.observers.adaptive.state import Coefficients, Design, State
-from estimator_pkg.observers.adaptive.structure import Structure, physical, structure
-
-Array = NDArray[np.float64]
+from estimator_pkg.observers.adaptive.observer import SLOW_POWER_RATIO, Gains, prepare
+from estimator_pkg.observers.adaptive.state import Array, Coefficients, Design, State
+from estimator_pkg.observers.adaptive.structure import names_of, physical
+from estimator_pkg.observers.maths.linear import companion
 
 EXPLAINED = 0.9  # smallest predicted part of the acceleration's power for a trusted model
 SMALL_ERROR = 0.1  # largest error of a trusted parameter, relative to its value, ...
@@ -62,9 +56,7 @@ class IdentificationReport(NamedTuple):
     theta: tuple[float, ...]
     trusted: bool
     adapted: float  # time spent adapting [s]
-    # the value that the gate compares with its threshold: signal to noise, or the smallest
-    # eigenvalue of the information matrix weighted by gamma
-    excitation: float
+    excitation: float  # information over that of noise alone; the gate opens at SIGNAL_TO_NOISE
     why_not: str = ''  # the condition that is not met; '' if trusted
     explained: float = math.nan  # part of the acceleration's power that is predicted; nan: unknown
 
@@ -108,161 +100,126 @@ def report(
         deviation and are not trusted.
     origin : of parameters from a file; None: parameters set by the user are taken to be exact.
     """
-    made = structure(gains)
-    theta = list(made.fixed)
-    for place, value, low, high in zip(made.free, state.theta, made.low, made.high):
-        theta[place] = min(max(value, low), high)
-    adapted = state.adapted
-    supplied = adapted == 0.0 and gains.theta is not None
+    names, theta, adapted = names_of(gains), state.plant.tolist(), state.adapted
+    supplied = adapted == 0.0 and design.has_theta
     verdict = None
     if evidence is not None and not supplied:
-        verdict = _verdict(gains, made, theta, design, state, dt, evidence)
-    covariance = _whole(made, verdict, supplied, origin)
-    sigma = np.sqrt(np.diag(covariance))
-    ratios = physical(made.names, made.model)
-    free = _free(made, theta, sigma, ratios, verdict)
-    why_not = _doubt(gains, state.trusted, adapted, supplied, verdict, free)
+        verdict = _verdict(design, state, dt, evidence)
+    covariance = _covariance(design, verdict, supplied, origin)
+    sigma = np.sqrt(np.diag(covariance)).tolist()
+    ratios = physical(names, design.model)
+    free = _free(design, names, theta, sigma, ratios, verdict)
+    why_not = _doubt(gains, state.trusted, adapted, supplied, verdict, list(free.values()))
     if supplied and origin is not None and not origin.trusted:
         why_not = 'they were not trusted when they were saved'
     # one bad parameter does not make the others bad, but a model that does not fit does
-    believed = {own.name: own.is_known for own in free}
     fits = not why_not or (verdict is not None and _fits(verdict))
     known = [
-        (supplied and not why_not)
-        or i not in made.free
-        or (fits and believed[_plant_name(name, ratios, i)])
-        for i, name in enumerate(made.names)
+        (supplied and not why_not) or i not in free or (fits and free[i].is_known)
+        for i in range(len(names))
     ]
     parameters = [
-        Identified(name, value, float(s), _unit(name), good)
-        for name, value, s, good in zip(made.names, theta, sigma, known)
+        Identified(name, value, s, _unit(name), good)
+        for name, value, s, good in zip(names, theta, sigma, known)
     ]
-    for name, (place, offset, sign, unit) in ratios.items():
-        parameters.append(
-            Identified(name, offset + sign * theta[place], float(sigma[place]), unit, known[place])
-        )
+    parameters += [
+        Identified(name, offset + sign * theta[place], sigma[place], unit, known[place])
+        for name, (place, offset, sign, unit) in ratios.items()
+    ]
     if ratios and gains.torque_constant is not None:
-        parameters += _masses(gains.torque_constant, theta, covariance, made, known)
+        parameters += _masses(gains.torque_constant, ratios, theta, covariance, known)
     phase = state.phase
     reason = PAUSED if phase == ADAPTING and state.paused > 0.0 else PHASE_TEXTS[phase]
     return IdentificationReport(
         PHASE_NAMES[phase],
         f'{reason}; not trusted: {why_not}' if why_not else reason,
         tuple(parameters),
-        made.names,
+        names,
         tuple(theta),
         not why_not,
         adapted,
-        excitation(gains, design, state, dt),
+        excitation(design, state, dt),
         why_not,
         verdict.explained if verdict is not None else math.nan,
     )
 
 
-def excitation(gains: Gains, design: Design, state: State, dt: float) -> float:
-    """Return the value that the gate compares with its threshold; see `IdentificationReport`."""
-    matrix, floor = np.array(state.information), np.array(design.floor)
-    scale, threshold = 1.0, gains.excitation
-    if gains.gate != 'gamma':
-        scale, threshold = dt * variance(state.scatter, design), gains.signal_to_noise
+def excitation(design: Design, state: State, dt: float) -> float:
+    """Return the least ratio of the information to that of noise alone."""
+    noise = dt * variance(state, design) * design.noise_floor
     try:
-        most = float(np.max(np.linalg.eigvals(np.linalg.solve(matrix, scale * floor)).real))
+        most = float(np.max(np.linalg.eigvals(np.linalg.solve(state.information, noise)).real))
     except np.linalg.LinAlgError:
         return 0.0
-    return threshold / most if most > 0.0 else 0.0
+    return 1.0 / most if most > 0.0 else 0.0
 
 
-def _verdict(
-    gains: Gains,
-    made: Structure,
-    theta: list[float],
-    design: Design,
-    state: State,
-    dt: float,
-    evidence: Evidence,
-) -> Assessment | None:
+def _verdict(design: Design, state: State, dt: float, evidence: Evidence) -> Assessment | None:
     """Return the assessment of theta, including errors by noise in the filters and by sampling."""
-    n, coefficients = gains.order, Coefficients()
+    n, coefficients = design.order, Coefficients()
     prepare(coefficients, design, dt)
-    weights, noise = np.array(design.w), variance(state.scatter, design)
-    injected = np.array(design.k) + theta[:n]
-    bias = np.zeros(len(made.names))
-    newest = np.array(coefficients.g1)  # weight of the newest sample in psi
-    bias[:n] = noise * (newest - dt * weights @ injected)
-    low_pass = -math.expm1(-dt * made.slowest)
-    slow = noise * (1.0 + dt * float(injected @ weights @ injected)) * low_pass / (2.0 - low_pass)
-    free = list(made.free)
-    return judge(
-        evidence,
-        np.array(theta)[free],
-        bias[free],
-        _sampling(gains, made, theta, dt)[free],
-        slow,
-        SLOW_POWER_RATIO,
-    )
+    noise, low_pass = variance(state, design), coefficients.low_pass
+    to_x, free = injected(state, design), design.free
+    bias = np.zeros(len(state.plant))
+    # the first row of G1 is the weight of the newest sample in psi
+    bias[:n] = noise * (coefficients.G1[0] - dt * design.w @ to_x)
+    slow = noise * (1.0 + dt * float(to_x @ design.w @ to_x)) * low_pass / (2.0 - low_pass)
+    sampling = _sampling(design, state.plant, dt)
+    return judge(evidence, state.plant[free], bias[free], sampling[free], slow, SLOW_POWER_RATIO)
 
 
-def _sampling(gains: Gains, made: Structure, theta: list[float], dt: float) -> Array:
+def _sampling(design: Design, theta: Array, dt: float) -> Array:
     """Return the error of theta from the sampling, to leading order, in the order of theta.
 
     The filters of the sampled form assume a linear angle between samples. Forward Euler estimates
     (exp(A dt) - 1)/dt instead of A.
     """
-    n = gains.order
-    plant = np.array(theta)
-    plant[:n] += made.model
-    if gains.form != PUBLISHED_FORM:
-        pace = (-made.observer[-1]) ** (1.0 / n)
-        return (pace * dt) ** 2 / CURVED * np.abs(plant)
-    a = np.diag(np.ones(n - 1), 1)
-    a[:, 0] = plant[:n]
-    error = np.zeros(len(theta))
+    n, plant = design.order, theta.copy()
+    plant[:n] += design.model
+    if not design.is_paper:
+        return (design.pace * dt) ** 2 / CURVED * np.abs(plant)
+    a, error = companion(plant[:n]), np.zeros(len(theta))
     error[:n] = np.poly(a)[1:] - np.poly(a + 0.5 * dt * a @ a)[1:]
     error[n : 2 * n] = 0.5 * dt * a @ plant[n : 2 * n]
     return error
 
 
-def _whole(
-    made: Structure, verdict: Assessment | None, supplied: bool, origin: Origin | None
+def _covariance(
+    design: Design, verdict: Assessment | None, supplied: bool, origin: Origin | None
 ) -> Array:
-    """Return the covariance of theta; infinite variances for unknown parameters."""
-    covariance = np.zeros((len(made.names), len(made.names)))
+    """Return the covariance of theta, shape (p, p); infinite variances for unknown parameters."""
+    size, free = len(design.fixed), design.free
+    covariance = np.zeros((size, size))
+    places = np.ix_(free, free)
     if supplied and origin is not None:
-        fits = len(origin.stddev) == len(made.names)
-        sigmas = np.array(origin.stddev) if fits else np.full(len(made.names), math.inf)
-        for place in made.free:
-            covariance[place, place] = sigmas[place] ** 2
+        fits = len(origin.stddev) == size
+        sigmas = np.array(origin.stddev)[free] if fits else np.full(len(free), math.inf)
+        covariance[places] = np.diag(sigmas**2)
     elif not supplied:
-        places = np.ix_(made.free, made.free)
-        covariance[places] = (
-            np.diag([math.inf] * len(made.free)) if verdict is None else verdict.covariance
-        )
+        unknown = np.diag([math.inf] * len(free))
+        covariance[places] = unknown if verdict is None else verdict.covariance
     return covariance
 
 
-def _plant_name(name: str, ratios: dict, place: int) -> str:
-    """Return the plant's name for this entry of theta."""
-    return next((own for own, (at, *_) in ratios.items() if at == place), name)
-
-
 def _free(
-    made: Structure, theta: list[float], sigma: Array, ratios: dict, verdict: Assessment | None
-) -> list[_Free]:
-    found = []
-    for k, place in enumerate(made.free):
-        name = _plant_name(made.names[place], ratios, place)
-        value = theta[place] + (made.model[place] if place < len(made.model) else 0.0)
+    design: Design,
+    names: tuple[str, ...],
+    theta: list[float],
+    sigma: list[float],
+    ratios: dict,
+    verdict: Assessment | None,
+) -> dict[int, _Free]:
+    """Return the free parameters by their index in theta, under the plant's own names."""
+    found = {}
+    for k, place in enumerate(design.free):
+        name = next((own for own, (at, *_) in ratios.items() if at == place), names[place])
+        value = theta[place] + (design.model[place] if place < design.order else 0.0)
         if name in ratios:
             value = ratios[name][1] + ratios[name][2] * theta[place]
-        found.append(
-            _Free(
-                name,
-                value,
-                float(sigma[place]),
-                0.0 if verdict is None else float(verdict.hidden[k]),
-                0.0 if verdict is None else float(verdict.scale[k]),
-            )
+        hidden, scale = (
+            (0.0, 0.0) if verdict is None else (float(verdict.hidden[k]), float(verdict.scale[k]))
         )
+        found[place] = _Free(name, value, sigma[place], hidden, scale)
     return found
 
 
@@ -303,42 +260,31 @@ def _doubt(
 
 
 def _unit(name: str) -> str:
-    power = int(name[1:])
-    per = '1/s' if power == 1 else f'1/s^{power}'
+    power = '' if name[1:] == '1' else f'^{name[1:]}'
     if name[0] == 'l':
-        return per
-    rate = 'rad/s' if power == 1 else f'rad/s^{power}'
-    return rate if name[0] in 'ds' else f'{rate} per unit of input'
+        return f'1/s{power}'
+    return f'rad/s{power}' + (' per unit of input' if name[0] == 'b' else '')
 
 
 def _masses(
-    constant: float, theta: list[float], covariance: Array, made: Structure, known: list[bool]
+    constant: float, ratios: dict, theta: list[float], covariance: Array, known: list[bool]
 ) -> list[Identified]:
     """Return J, b, k and m g l from the ratios and Kv, with standard deviations to first order."""
-    b2 = theta[3]
-    if b2 == 0.0:
+    gain = theta[3]
+    if gain == 0.0:
         return []
-    inertia, model = constant / b2, made.model
-    entries: list[tuple[str, str, float, int | None]] = [
-        ('J', 'kg m^2', 1.0, None),
-        ('b', 'N m s/rad', -(model[0] + theta[0]), 0),
-        ('k', 'N m/rad', -(model[1] + theta[1]), 1),
-    ]
-    if 's2' in made.names:
-        at = made.names.index('s2')
-        entries.append(('mgl', 'N m', -theta[at], at))
-    found = []
-    for name, unit, ratio, place in entries:
-        slope = np.zeros(len(theta))
-        slope[3] = -inertia * ratio / b2
-        if place is not None:
-            slope[place] = -inertia
+    inertia, found = constant / gain, []
+    for name, unit in (('J', 'kg m^2'), ('b', 'N m s/rad'), ('k', 'N m/rad'), ('mgl', 'N m')):
+        slope, ratio, good = np.zeros(len(theta)), 1.0, known[3]
+        if name != 'J':
+            if f'{name}/J' not in ratios:
+                continue
+            place, offset, sign, _ = ratios[f'{name}/J']
+            slope[place], ratio = inertia * sign, offset + sign * theta[place]
+            good = good and known[place]
+        slope[3] = -inertia * ratio / gain
         used = slope != 0.0
         variance = float(slope[used] @ covariance[np.ix_(used, used)] @ slope[used])
         sigma = math.sqrt(variance) if variance >= 0.0 else math.inf
-        found.append(
-            Identified(
-                name, inertia * ratio, sigma, unit, known[3] and (place is None or known[place])
-            )
-        )
+        found.append(Identified(name, inertia * ratio, sigma, unit, good))
     return found

@@ -3,20 +3,25 @@
 
 """The records of the observer `adaptive`.
 
-n is the order of the plant, m the number of free parameters. Lists are as long as these numbers of
-the user make them, so the observer runs as plain Python.
+n is the order of the plant, p the number of parameters theta, m that of the free ones. Arrays are
+as large as these numbers of the user make them, so the observer runs as plain Python.
 """
 
 from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
 
 from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention
 from estimator_pkg.sensor.scatter import Scatter
 
+Array = NDArray[np.float64]
+
 
 @record
 class Design:
-    """Everything that follows from the gains alone; companion matrices by their first column."""
+    """Everything that follows from the gains alone."""
 
     order: int  # n
     is_paper: bool  # forward Euler
@@ -25,31 +30,27 @@ class Design:
     load: bool  # there is a constant load
     gravity: bool  # there is a sine of the angle
     gated: bool  # adapt only with excitation
-    noise_gate: bool  # compare it with the noise
-    watched: bool  # knocks are watched for
-    bounded: bool  # a free parameter has a bound
-    names: int  # number of all parameters
+    observer: list[float]  # first column of A_c - K C, shape (n,)
+    model: list[float]  # first column of A_c, shape (n,)
     free: list[int]  # indices of the free parameters in theta
-    known: list[int]  # and of the others
-    a_k: list[float]  # of A_c - K C
-    fastest: float  # upper bound of its poles' magnitudes [1/s]
-    a_c: list[float]  # of A_c
-    k: list[float]  # K, the injection
-    fixed: list[float]  # the known parameters in theta
-    start: list[float]  # initial values of the free parameters
-    low: list[float]  # bounds of the free parameters
-    high: list[float]
-    gamma: list[list[float]]  # Gamma of the free parameters
-    floor: list[list[float]]  # the matrix that the information must exceed to open the gate
-    w: list[list[float]]  # `gramian` of A_c - K C
+    fixed: Array  # theta with zeros for the free parameters, shape (p,)
+    injection: Array  # K, then zeros, shape (p,)
+    start: Array  # initial values of the free parameters, shape (m,)
+    low: Array  # bounds of all parameters, shape (p,)
+    high: Array
+    gamma: Array  # Gamma of the free parameters, shape (m, m)
+    variance: Array  # diagonal of the initial P of least squares, shape (m,)
+    slowest: float  # slowest pole of A_c - K C [1/s]
+    fastest: float  # fastest pole
+    pace: float  # their geometric mean
+    a_k: Array  # A_c - K C, shape (n, n)
+    units: Array  # Phi's rows, one after another, for y, u, 1 and sin y of 1, shape (4, n p)
+    w: Array  # `gramian` of A_c - K C, for the noise of filter outputs, shape (n, n)
+    noise_floor: Array  # information by noise of unit variance, per sample time, shape (m, m)
     settle: float  # settling time of the filters [s]
     average: float  # time over which the innovation's power is averaged [s]
-    young: float  # age until which theta still converges [s]
     memory: float  # of least squares [s]
-    keep: float  # memory of the information matrix [s]
-    pace: float  # geometric mean of the poles [1/s]
-    slowest: float  # slowest pole [1/s]
-    knock: float  # square of e at a knock, relative to the usual square
+    knock: float  # square of e at a knock, relative to the usual square; 0: none is watched for
     moving_above: float  # speed below which the joint may stick by dry friction [rad/s]
     adapt: bool  # theta may change
     has_theta: bool  # theta is a parameter that the user has set
@@ -57,17 +58,15 @@ class Design:
     unwrap: bool
     noise: float  # variance of the measurement noise [rad^2]; 0: estimated
     finest: float  # its smallest value, from the encoder's quantum [rad^2]
-    variance: list[float]  # diagonal of the initial P of least squares
 
 
 @record
 class Coefficients:
     """Everything that follows from the sample time h."""
 
-    f: list[list[float]]  # exp((A_c - K C) h)
-    columns: list[list[float]]  # its columns
-    g0: list[float]  # first row of its integral, for a constant input ...
-    g1: list[float]  # ... and for a ramp
+    F: Array  # exp((A_c - K C) h), shape (n, n)
+    G0: Array  # its integral, for a constant input ...
+    G1: Array  # ... and for a ramp
     h: float  # sample time [s]
     weight: float  # of the newest sample in averages
     slow_weight: float  # of the newest check in averages
@@ -80,8 +79,8 @@ class Coefficients:
 class LearningSums:
     """What `evidence` needs, summed over the samples that the observer learnt from."""
 
-    matrix: list[list[float]]  # psi psi', its lower triangle
-    vector: list[float]  # psi target
+    matrix: Array  # psi psi', shape (m, m)
+    vector: Array  # psi target, shape (m,)
     count: float  # samples
     of_e: float  # slow_e^2
     of_bend: float  # slow_bend^2
@@ -91,15 +90,12 @@ class LearningSums:
 class State:
     """Filters, parameters, and what the innovation shows of them."""
 
-    of_y: list[float]  # first row of the filtered regressor for y, ...
-    of_u: list[float]  # ... the input, ...
-    of_one: list[float]  # ... a constant ...
-    of_sine: list[float]  # ... and sin y
-    z: list[float]  # sampled: the decaying effect of the initial state on x; paper: x
-    theta: list[float]  # the free parameters
-    plant: list[float]  # all of theta as the estimate uses it: L, B, load, gravity
-    information: list[list[float]]  # the information matrix
-    p: list[list[float]]  # P of least squares
+    upsilon: Array  # the filtered regressor, shape (n, p)
+    z: Array  # sampled: the decaying effect of the initial state on x; paper: x, shape (n,)
+    theta: Array  # the free parameters, shape (m,)
+    plant: Array  # all of theta as the estimate uses it: L, B, load, gravity, shape (p,)
+    information: Array  # the information matrix, shape (m, m)
+    p: Array  # P of least squares, shape (m, m)
     convention: Convention
     scatter: Scatter
     y: float  # [rad]

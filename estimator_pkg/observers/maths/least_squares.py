@@ -13,7 +13,10 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.observers.maths.vectors import add_square, multiply
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 LEAST_KEPT = 0.1  # smallest part of the information kept, for sample times far beyond the memory
 TRACE = 1e-13  # part of the initial covariance that each sample adds
@@ -25,46 +28,31 @@ def kept(dt: float, memory: float) -> float:
 
 
 def update(
-    theta: list[float],
-    p: list[list[float]],
-    psi: list[float],
-    e: float,
-    forget: float,
-    most: list[float],
-) -> float:
-    """Take one measurement psi . theta of unit noise variance; return s, its variance.
+    theta: Array, p: Array, psi: Array, e: float, forget: float, most: Array
+) -> tuple[Array, Array, float]:
+    """Take one measurement psi . theta of unit noise variance; return (theta, P, its variance s).
 
-    Recursive least squares with forgetting, in place:
+    Recursive least squares with forgetting:
 
         s = forget + psi' P psi,   K = P psi/s,   theta += K e,   P = (P - K psi' P)/forget
 
     `e` is the innovation; `forget` is from `kept`; `most` is the diagonal of the initial P, the
-    rest of which is zero.
+    rest of which is zero. P has shape (m, m), the other arrays (m,).
     """
-    direction, seen = multiply(p, psi)
-    if forget < 1.0 and (seen < 0.0 or any(row[i] < 0.0 for i, row in enumerate(p))):
-        for i, row in enumerate(p):
-            row[:] = [0.0] * len(psi)
-            row[i] = most[i]
-        direction, seen = multiply(p, psi)
+    along = p @ psi
+    seen = float(psi @ along)
+    if forget < 1.0 and (seen < 0.0 or p.diagonal().min() < 0.0):
+        p = np.diag(most)
+        along = p @ psi
+        seen = float(psi @ along)
     s = forget + seen
-    step, keep, scale = e / s, 1.0 / forget, -1.0 / (forget * s)  # K = direction/s
-    for i, along in enumerate(direction):
-        theta[i] += step * along
-    add_square(p, keep, scale, direction)
+    p = (p - along[:, None] * along / s) / forget
     if forget < 1.0:
-        limit(p, most)
-    return s
+        p = limited(p, most)
+    return theta + along * (e / s), p, s
 
 
-def limit(p: list[list[float]], most: list[float]) -> None:
-    """Scale rows and columns so that no variance exceeds its initial one, and add the trace."""
-    scales = [1.0] * len(most)
-    for i, largest in enumerate(most):
-        if p[i][i] > largest:
-            scales[i] = math.sqrt(largest / p[i][i])
-    for i, row in enumerate(p):
-        if scales.count(1.0) < len(most):
-            for j, scale in enumerate(scales):
-                row[j] *= scales[i] * scale
-        row[i] += TRACE * most[i]
+def limited(p: Array, most: Array) -> Array:
+    """Scale P, shape (m, m), so that no variance exceeds its initial one, and add the trace."""
+    scales = np.sqrt(most / np.maximum(p.diagonal(), most))
+    return p * scales * scales[:, None] + np.diag(TRACE * most)

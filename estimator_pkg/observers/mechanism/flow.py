@@ -9,34 +9,7 @@ import math
 
 import numpy as np
 
-from estimator_pkg.models.mechanics import Array
-
-SMALL_NORM = 0.25  # of a matrix whose exponential is a series
-LARGEST_NORM = 1e12  # of a matrix that has an exponential
-NEGLIGIBLE = 1e-17  # the series ends before terms smaller than this
-
-
-def exponential(matrix: Array, powers: Array) -> Array:
-    """Return exp(matrix), shape (n, n), by scaling, Taylor series and squaring; nan if too large.
-
-    Parameters
-    ----------
-    powers : the part of the matrix whose norm sets the scaling: all but columns whose rows are 0.
-    """
-    norm = float(np.abs(powers).sum(axis=1).max())
-    if not norm < LARGEST_NORM:
-        return np.full_like(matrix, np.nan)
-    times = max(0, math.ceil(math.log2(max(norm, NEGLIGIBLE) / SMALL_NORM)))
-    part, one = matrix / 2.0**times, np.eye(len(matrix))
-    terms, size = 2, norm / 2.0**times
-    while size**terms > NEGLIGIBLE * math.factorial(terms):
-        terms += 1
-    total = one + part / terms
-    for k in range(terms - 1, 0, -1):
-        total = one + part @ total / k
-    for _ in range(times):
-        total = total @ total
-    return total
+from estimator_pkg.observers.maths.linear import Array, exponential
 
 
 def balance(A: Array, n: int) -> Array:

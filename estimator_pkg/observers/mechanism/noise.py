@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator_pkg.models.mechanics import Array, Mechanics
+from estimator_pkg.observers.maths.linear import exponential
 from estimator_pkg.observers.maths.steady_noise import steady_covariance
-from estimator_pkg.observers.mechanism.flow import exponential
 
 GRID = 0.03  # relative spacing of the cached variances in position, dt and innovation
 CACHE_SIZE = 4096  # largest number of cached variances

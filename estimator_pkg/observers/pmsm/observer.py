@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.errors import UsageError
@@ -25,9 +25,9 @@ from estimator_pkg.observers.contract import (
     Estimate,
     Observer,
 )
-from estimator_pkg.observers.contract import no_reason as why  # noqa: F401  (see `DriveJoint.why`)
+from estimator_pkg.observers.contract import no_reason as why
 from estimator_pkg.observers.maths.tracking import natural_frequency
-from estimator_pkg.observers.pmsm.drive import (  # noqa: F401  (is_reading: of the observer)
+from estimator_pkg.observers.pmsm.drive import (
     DriveSample,
     Electrical,
     ElectricalDeviation,
@@ -37,7 +37,7 @@ from estimator_pkg.observers.pmsm.equations import flux_linkage, rotor_angle
 from estimator_pkg.observers.pmsm.noise import DAMPING, deviations, low_pass_weight, noise_gains
 from estimator_pkg.observers.pmsm.scheme import exponential, prepare_scheme
 from estimator_pkg.observers.pmsm.state import Coefficients, Design, State
-from estimator_pkg.observers.pmsm.step import coast, restart, resume, start, step  # noqa: F401  (functions of the observer)
+from estimator_pkg.observers.pmsm.step import coast, restart, resume, start, step
 from estimator_pkg.observers.pmsm.watch import (
     BLIND,
     HALF_TURN,
@@ -48,14 +48,15 @@ from estimator_pkg.observers.pmsm.watch import (
 )
 from estimator_pkg.parameters import parameter, structural
 
-SINGLE_ANGLE = False
-EDGES = False
-TURNS = False
-DRIVEN = False
+SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, False
+# functions of the observer that are defined elsewhere; of `why` see `DriveJoint.why`
+__all__ = ['coast', 'is_reading', 'restart', 'resume', 'start', 'step', 'why']
 EPSILON = 85e-6  # s; Table 1's gains are those of (17) at this epsilon
 EPSILON_SPEED = 0.374  # epsilon times the top electrical speed in Table 1's motor
 EMF_SPEED = 75.0  # electrical rad/s: the smallest usable back-EMF is the one at this speed
 FLUX_FACTOR = 2.5  # the flux linkage is estimated within this factor of the nominal one
+RESISTANCE_ERROR = 0.2  # relative; the back-EMF must exceed twice the drop that corresponds to it
+HOLD = 0.010  # s in which all residuals are within their limits before the estimate is valid
 NOISE_GUESS = 0.002  # current noise per flux/inductance until it is measured
 EMF_SETTLING = 5.0  # settling time of the fast part in units of epsilon
 EMF_AVERAGE = 1e-3  # s, averages of the back-EMF
@@ -85,7 +86,7 @@ class Gains(MotorData):
         range=(0.01, 1.0),
         search=(0.03, 0.5),
         description='natural frequency of angle and flux estimation per electrical speed',
-        equation='sqrt(gamma) phi',
+        equation='gamma = (relative_bandwidth/phi)^2 in (5)',
     )
     epsilon: float | None = parameter(
         None,
@@ -94,7 +95,7 @@ class Gains(MotorData):
         advanced=True,
         description='time constant of current and back-EMF estimation; automatic: 0.374 over the '
         'top electrical speed, 85 us where speed_max is automatic',
-        equation='(17)',
+        equation='(17): kp = 2/epsilon - R/L, ki = 2 L/epsilon^2',
     )
     speed_max: float | None = parameter(
         None,
@@ -103,37 +104,13 @@ class Gains(MotorData):
         description='top mechanical speed; a sample rate at which the rotor turns more than half '
         'an electrical turn per sample at this speed is refused; automatic: not known',
     )
-    k_p: float | None = parameter(
-        None,
-        unit='1/s',
-        range=(1e-3, 1e9),
-        advanced=True,
-        description='current correction; automatic: 2/epsilon - R/L',
-        equation='kp in (5), (17)',
-    )
-    k_i: float | None = parameter(
-        None,
-        unit='V/(A s)',
-        range=(1e-9, 1e12),
-        advanced=True,
-        description='back-EMF correction; automatic: 2 L/epsilon^2',
-        equation='ki in (5), (17)',
-    )
     k_eta: float | None = parameter(
         None,
         unit='1/Wb',
         range=(0.0, 1e9),
         advanced=True,
-        description='alignment of the frame; automatic: sqrt(2 gamma) (damping 0.707)',
+        description='alignment of the frame; automatic: damping 0.707',
         equation='k_eta in (5)',
-    )
-    gamma: float | None = parameter(
-        None,
-        unit='1/Wb^2',
-        range=(0.0, 1e15),
-        advanced=True,
-        description='adaptation of the flux; automatic: (relative_bandwidth/flux)^2',
-        equation='gamma in (5)',
     )
     clock_rate: float = parameter(
         200.0,
@@ -150,13 +127,6 @@ class Gains(MotorData):
         advanced=True,
         description='clock periods that the identifier fits',
         equation='N in (23)',
-    )
-    second_period: float = parameter(
-        0.8,
-        range=(0.2, 1.0),
-        advanced=True,
-        description='length of every second clock period relative to the others, so that at no '
-        'speed the rotor is at the same angle at every tick; 1: all equal (form paper: always)',
     )
     scaling: str = structural(
         'amplitude',
@@ -187,35 +157,12 @@ class Gains(MotorData):
         advanced=True,
         description='initial estimate of the flux linkage; automatic: the nominal one; 0: unknown',
     )
-    flux_min: float | None = parameter(
-        None,
-        unit='Wb',
-        range=(1e-9, 1e3),
-        advanced=True,
-        description='smallest credible flux linkage; automatic: nominal / 2.5',
-        equation='sat, below (5)',
-    )
-    flux_max: float | None = parameter(
-        None,
-        unit='Wb',
-        range=(1e-9, 1e3),
-        advanced=True,
-        description='largest credible flux linkage; automatic: nominal x 2.5',
-        equation='sat, below (5)',
-    )
     emf_min: float | None = parameter(
         None,
         unit='V',
         range=(0.0, 1e4),
-        description='back-EMF below which the rotor is not observable; noise and resistance_error '
-        'can raise this limit; automatic: nominal flux times 75 rad/s (electrical)',
-    )
-    resistance_error: float = parameter(
-        0.2,
-        range=(0.0, 2.0),
-        advanced=True,
-        description='relative uncertainty of the resistance; the back-EMF must exceed twice the '
-        'voltage drop that corresponds to it',
+        description='back-EMF below which the rotor is not observable; noise and current can raise '
+        'this limit; automatic: nominal flux times 75 rad/s (electrical)',
     )
     current_noise: float | None = parameter(
         None,
@@ -232,68 +179,6 @@ class Gains(MotorData):
         description='-3 dB frequency of the low-pass on the speed output (two poles); 0: none. Its '
         'delay 0.193/f is reported as the group delay',
     )
-    hold: float = parameter(
-        0.010,
-        unit='s',
-        range=(0.0, 10.0),
-        advanced=True,
-        description='time for which all residuals must be within their limits before the estimate '
-        'is valid',
-    )
-
-
-class PaperGains(NamedTuple):
-    """The gains in the paper's symbols, and epsilon [s]."""
-
-    epsilon: float
-    k_p: float
-    k_i: float
-    k_eta: float
-    gamma: float
-
-
-def tuning(gains: Gains) -> PaperGains:
-    """Return epsilon, kp, ki, k_eta and gamma; automatic ones from motor data and bandwidth.
-
-    Raises
-    ------
-    UsageError : motor data are missing, or the gains cannot work.
-    """
-    resistance, inductance, flux, pole_pairs = check_motor(gains, 'pmsm')
-    epsilon = gains.epsilon
-    if epsilon is None:
-        epsilon = EPSILON
-        if gains.speed_max is not None:
-            epsilon = EPSILON_SPEED / (gains.speed_max * pole_pairs)
-            epsilon = min(epsilon, inductance / resistance)
-    k_p = gains.k_p if gains.k_p is not None else 2.0 / epsilon - resistance / inductance
-    k_i = gains.k_i if gains.k_i is not None else 2.0 * inductance / epsilon**2
-    gamma = gains.gamma if gains.gamma is not None else (gains.relative_bandwidth / flux) ** 2
-    k_eta = gains.k_eta if gains.k_eta is not None else math.sqrt(2.0 * gamma)
-    if k_p <= 0.0:
-        raise UsageError(
-            f'epsilon = {epsilon:g} s is too slow for L/R = '
-            f'{inductance / resistance:g} s: set it below twice that'
-        )
-    epsilon = 2.0 / (resistance / inductance + k_p)
-    if gains.clock_rate * EMF_SETTLING * epsilon > 1.0:
-        raise UsageError(
-            f'clock_rate = {gains.clock_rate:g} /s is too fast: the back-EMF needs '
-            f'{EMF_SETTLING * epsilon:g} s to settle between ticks; '
-            f'set at most {1.0 / (EMF_SETTLING * epsilon):g} /s'
-        )
-    low, high = flux_range(gains)
-    if not low < high:
-        raise UsageError(f'flux_min = {low:g} Wb is not below flux_max = {high:g} Wb: set it below')
-    return PaperGains(epsilon, k_p, k_i, k_eta, gamma)
-
-
-def flux_range(gains: Gains) -> tuple[float, float]:
-    """Return the smallest and the largest credible flux linkage [Wb]."""
-    nominal = float(gains.flux or 0.0)
-    low = gains.flux_min if gains.flux_min is not None else nominal / FLUX_FACTOR
-    high = gains.flux_max if gains.flux_max is not None else nominal * FLUX_FACTOR
-    return low, high
 
 
 def design(gains: Gains, circle: Circle) -> Design:
@@ -304,27 +189,53 @@ def design(gains: Gains, circle: Circle) -> Design:
     UsageError : motor data are missing, or the gains cannot work.
     """
     made = Design()
-    made.resistance, made.inductance, nominal, made.pole_pairs = check_motor(gains, 'pmsm')
-    made.epsilon, made.k_p, made.k_i, made.k_eta, made.gamma = tuning(gains)
+    resistance, inductance, nominal, made.pole_pairs = check_motor(gains, 'pmsm')
+    made.resistance, made.inductance = resistance, inductance
+    _tune(made, gains, nominal)
     made.robust, made.periods = gains.form == 'robust', gains.periods
     made.resets, made.identifies = gains.variant != 'continuous', gains.variant == 'identifier'
-    made.clock_rate, made.second_period = gains.clock_rate, gains.second_period
-    made.threshold = 4.0 * math.sqrt(made.gamma)
-    low, high = flux_range(gains)
-    made.flux_low, made.flux_high, made.xi_low, made.xi_high = low, high, 1.0 / high, 1.0 / low
+    made.clock_rate, made.threshold = gains.clock_rate, 4.0 * math.sqrt(made.gamma)
+    made.flux_low, made.flux_high = nominal / FLUX_FACTOR, nominal * FLUX_FACTOR
+    made.xi_low, made.xi_high = 1.0 / made.flux_high, 1.0 / made.flux_low
     flux = nominal if gains.initial_flux is None else gains.initial_flux
     made.xi_start = 1.0 / flux if flux > 0.0 else 0.0
     made.emf_min = nominal * EMF_SPEED if gains.emf_min is None else gains.emf_min
-    made.drop = 2.0 * gains.resistance_error * made.resistance
-    made.speed_max, made.hold = gains.speed_max or 0.0, gains.hold
+    made.drop = 2.0 * RESISTANCE_ERROR * resistance
+    made.speed_max = gains.speed_max or 0.0
     made.natural = natural_frequency(gains.speed_filter_hz, DAMPING)
     made.noise_power = (gains.current_noise or 0.0) ** 2
-    made.noise_guess = (NOISE_GUESS * nominal / made.inductance) ** 2
+    made.noise_guess = (NOISE_GUESS * nominal / inductance) ** 2
     made.period = 0.0 if circle.unwrap else float(circle.period)
     made.dead = -10.0 * made.epsilon
     made.scale = 1.0 / POWER_INVARIANT if gains.scaling == 'power' else 1.0
     _set_voltage(made, gains)
     return made
+
+
+def _tune(made: Design, gains: Gains, flux: float) -> None:
+    """Set epsilon, kp, ki by (17), k_eta and gamma; raise UsageError if they cannot work."""
+    rate = made.resistance / made.inductance
+    epsilon = gains.epsilon
+    if epsilon is None:
+        epsilon = EPSILON
+        if gains.speed_max is not None:
+            epsilon = EPSILON_SPEED / (gains.speed_max * made.pole_pairs)
+            epsilon = min(epsilon, made.inductance / made.resistance)
+    made.k_p, made.k_i = 2.0 / epsilon - rate, 2.0 * made.inductance / epsilon**2
+    made.gamma = (gains.relative_bandwidth / flux) ** 2
+    made.k_eta = gains.k_eta if gains.k_eta is not None else math.sqrt(2.0 * made.gamma)
+    if made.k_p <= 0.0:
+        raise UsageError(
+            f'epsilon = {epsilon:g} s is too slow for L/R = {1.0 / rate:g} s: '
+            'set it below twice that'
+        )
+    made.epsilon = 2.0 / (rate + made.k_p)
+    settling = EMF_SETTLING * made.epsilon
+    if gains.clock_rate * settling > 1.0:
+        raise UsageError(
+            f'clock_rate = {gains.clock_rate:g} /s is too fast: the back-EMF needs {settling:g} s '
+            f'to settle between ticks; set at most {1.0 / settling:g} /s'
+        )
 
 
 def _set_voltage(made: Design, gains: Gains) -> None:
@@ -358,7 +269,7 @@ def status_of(state: State, design: Design) -> int:
     """Return the status."""
     if state.watch.reasons & BLIND != 0:
         return NOT_OBSERVABLE
-    if state.watch.reasons != 0 or state.watch.calm < design.hold:
+    if state.watch.reasons != 0 or state.watch.calm < HOLD:
         return INITIALISING
     return TRACKING
 

@@ -45,12 +45,10 @@ class Design:
     xi_start: float  # 0: unknown
     pole_pairs: float
     speed_max: float  # [rad/s]; 0: not known
-    hold: float
     natural: float  # natural frequency of the low-pass on the speed [rad/s]; 0: none
     noise_power: float  # of each current [A^2]; 0: to be estimated
     noise_guess: float
     period: float  # of the published position [rad]; 0: none
-    second_period: float
     dead: float  # minus the settling time of the back-EMF after a start [s]
     scale: float  # of a sample
     corrects: bool  # the voltage is not taken as reported:

@@ -29,6 +29,9 @@ from estimator_pkg.observers.pmsm.watch import (
 
 SPEED_CLIP = 2e4  # rad/s, electrical: a back-EMF that turns faster is noise
 LARGEST_STATE = 1e15  # V and 1/Wb: larger states have diverged
+# Length of every second clock period, relative to the others, of the robust form: so at no speed
+# the rotor is at the same angle at every tick.
+SECOND_PERIOD = 0.8
 TURN = 2.0 * math.pi
 
 
@@ -173,7 +176,7 @@ def tick(state: State, coefficients: Coefficients, design: Design, searching: bo
         out.travel += wrap(rotor_angle(core) - out.travel, TURN)
     ticks.area_alpha = ticks.area_beta = ticks.rho = 0.0
     if design.robust:
-        ticks.span = design.second_period if ticks.span == 1.0 else 1.0
+        ticks.span = SECOND_PERIOD if ticks.span == 1.0 else 1.0
     return event
 
 

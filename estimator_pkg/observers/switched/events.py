@@ -11,21 +11,20 @@ from typing import Any
 import numpy as np
 
 from estimator_pkg.models.switched import SwitchedModel
-from estimator_pkg.observers.switched.regression import carry, certain, forget, sigmas
-from estimator_pkg.observers.switched.stages import chains, gates_open
-from estimator_pkg.observers.switched.state import Design, Interval, State
-from estimator_pkg.observers.switched.system import ending
-from estimator_pkg.observers.switched.velocity import move_observers, moved_chain
+from estimator_pkg.observers.switched.regression import carry, certain, sigmas
+from estimator_pkg.observers.switched.stages import chains, ending, gates_open, moved_chain
+from estimator_pkg.observers.switched.state import Array, Design, Interval, State
+from estimator_pkg.observers.switched.velocity import move_observers
 
 
 def discrete(state: State, design: Design) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
     """Return (Z, its standard deviations, converged); Z is the prediction until it converges."""
     if not design.regression:
-        return tuple(state.predicted), (math.nan,) * len(state.z), state.fitted
+        return tuple(state.predicted.tolist()), (math.nan,) * len(state.z), state.fitted
     if not settled(state, design) or state.forgetting > 0.0:
-        return tuple(state.predicted), (math.inf,) * len(state.z), False
+        return tuple(state.predicted.tolist()), (math.inf,) * len(state.z), False
     found = sigmas(state)
-    return tuple(state.z), found, certain(state, found)
+    return tuple(state.z.tolist()), found, certain(state, found)
 
 
 def settled(state: State, design: Design) -> bool:
@@ -41,23 +40,20 @@ def jump(observer: Any, state: State, design: Design, mode: str, v: tuple[float,
     """
     model = observer.model
     known = model.transition(mode)
-    shown = discrete(state, design)[0]
+    old = np.array(discrete(state, design)[0])
+    state.fitted = False
     if known is None:
         carry(state, design)
-        state.history, state.predicted, state.fitted = [], list(shown), False
-        forget(state, design)
+        state.history, state.predicted, state.p = [], old, np.diag(design.vague)
     else:
-        state.history.append(interval(model, state, design, known, mode, v))
-        del state.history[: -(design.steps + 1)]
-        a, beta = np.array(state.history[-1].a), np.array(state.history[-1].beta)
-        old, state.fitted = np.array(shown), False
+        newest = interval(model, state, design, known, mode, v)
+        state.history = [*state.history, newest][-(design.steps + 1) :]
+        a, beta = newest.a, newest.beta
         if not design.regression:
             old, state.fitted = inverted(state, design, old)
         carry(state, design)
-        state.predicted = (a @ old + beta).tolist()
-        state.z[:] = (a @ np.array(state.z) + beta).tolist()
-        state.p = (a @ np.array(state.p) @ a.T).tolist()
-        move(model, state, design, tuple(old.tolist()), tuple(state.predicted))
+        state.predicted, state.z, state.p = a @ old + beta, a @ state.z + beta, a @ state.p @ a.T
+        move(model, state, design, tuple(old.tolist()), tuple(state.predicted.tolist()))
     state.age = 0.0
     state.y_at[:] = state.y
 
@@ -68,29 +64,27 @@ def interval(
     """Return what the interval that ends has shown; `known` is A_d."""
     made, u = Interval(), tuple(state.u)
     zeta, theta = chains(state)
-    made.a = [list(map(float, row)) for row in known]
-    made.beta = list(map(float, model.offset(mode, v, tuple(state.y_at))))
-    made.lam = [list(map(float, row)) for row in model.lam(zeta, u)]
-    made.y = [end - float(g) for end, g in zip(theta, model.gamma(zeta, u))]
+    made.a = np.array(known, float)
+    made.beta = np.array(model.offset(mode, v, tuple(state.y_at)), float)
+    made.lam = np.array(model.lam(zeta, u), float)
+    made.y = np.array(theta) - np.array(model.gamma(zeta, u), float)
     made.settled = settled(state, design) and gates_open(state, design)
     return made
 
 
-def inverted(state: State, design: Design, fallback: Any) -> tuple[Any, bool]:
-    """Return (Z(k), success) by (28), where k is the interval that ends, from the last N + 1."""
+def inverted(state: State, design: Design, fallback: Array) -> tuple[Array, bool]:
+    """Return (Z(k), shape (m,), success) by (28) from the last N + 1 intervals; k is the last."""
     m, history = len(state.z), state.history
     if len(history) <= design.steps or not all(each.settled for each in history):
         return fallback, False
     matrix, rest = np.eye(m), np.zeros(m)
     blocks, right, at = [], [], (matrix, rest)
     for each in history:
-        lam, a = np.array(each.lam), np.array(each.a)
-        blocks.append(lam @ matrix)
-        right.append(np.array(each.y) - lam @ rest)
+        blocks.append(each.lam @ matrix)
+        right.append(each.y - each.lam @ rest)
         at = (matrix, rest)
-        matrix, rest = a @ matrix, a @ rest + np.array(each.beta)
-    stacked = np.vstack(blocks)
-    u, values, vt = np.linalg.svd(stacked, full_matrices=False)
+        matrix, rest = each.a @ matrix, each.a @ rest + each.beta
+    u, values, vt = np.linalg.svd(np.vstack(blocks), full_matrices=False)
     if len(values) < m or values[-1] <= design.singular_value:
         return fallback, False
     first = vt.T @ ((u.T @ np.concatenate(right)) / values)

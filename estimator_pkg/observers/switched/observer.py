@@ -12,8 +12,8 @@ chain without knowing Z. From them the discrete state Z follows in one of two wa
 `jump` is called at each event. Each stage is discretised implicitly, in closed form. The functions
 run in Python with numpy, because users write the model; they find it as `observer.model`.
 
-Files: `state` the records, `system` the model, `stages` the continuous part, `velocity` the
-published velocity, `events` and `regression` the discrete part.
+Files: `state` the records, `stages` the continuous part, `velocity` the published velocity,
+`events` and `regression` the discrete part.
 
 Barbot, Djemai, Manamanni: State observer and observability conditions for a class of hybrid
 continuous-discrete dynamic system (2007); corrections in docs/papers/hybrid_discrete.md.
@@ -24,25 +24,29 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from types import ModuleType
 from typing import Any
+
+import numpy as np
 
 from estimator_pkg.circle import Circle, is_angle, wrap
 from estimator_pkg.errors import UsageError
-from estimator_pkg.models.switched import OUR_MODELS
-from estimator_pkg.observers.adaptive.filter import rows, series
+from estimator_pkg.models.switched import OUR_MODELS, check, load
 from estimator_pkg.observers.angle.shared import variance_floor
 from estimator_pkg.observers.contract import COASTING, INITIALISING, TRACKING, Observer
-from estimator_pkg.observers.contract import no_limit as limits  # noqa: F401
-from estimator_pkg.observers.contract import no_reason as why  # noqa: F401
+from estimator_pkg.observers.contract import no_limit as limits
 from estimator_pkg.observers.maths.least_squares import kept
-from estimator_pkg.observers.switched.events import discrete, jump  # noqa: F401
+from estimator_pkg.observers.switched.events import discrete, jump
 from estimator_pkg.observers.switched.regression import (
-    FILTER_MEMORY,
+    FILTER_RATE,
+    FORGOTTEN,
     UNKNOWN_VARIANCE,
     begin_signals,
-    forget,
     learn,
+    regression_filter,
     resting,
+    signals,
 )
 from estimator_pkg.observers.switched.stages import climb, gates_open
 from estimator_pkg.observers.switched.state import (
@@ -50,12 +54,10 @@ from estimator_pkg.observers.switched.state import (
     Design,
     OutputDeviations,
     OutputEstimates,
-    RegressionFilter,
     Stage,
     State,
     is_sound,
 )
-from estimator_pkg.observers.switched.system import bound, signals
 from estimator_pkg.observers.switched.velocity import (
     correction,
     motions,
@@ -67,10 +69,12 @@ from estimator_pkg.parameters import parameter, structural
 from estimator_pkg.sensor.convention import Convention, begin_convention, follow_convention, present
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter, resume_scatter
 
+__all__ = ['jump', 'limits']  # functions of the observer that are defined elsewhere
 SINGLE_ANGLE, EDGES, TURNS, DRIVEN = False, False, False, True
 LAMBDA, ALPHA = 1.5, 1.1  # lambda = 1.5 sqrt(L), alpha = 1.1 L
 LOCKED = 0.3  # longest settling time of the stages after a start [s]
 LARGEST_JUMP = 0.125  # of a turn: a larger one is no motion, the encoder was stuck or reset
+MISFIT = 9.0  # largest power of the regression's residual relative to that of noise
 FADED = 20.0  # time constants of the extended observers until the start has no influence
 
 OutputReadings = Sequence[float]  # one number per output [rad or m]
@@ -141,23 +145,12 @@ class Gains:
         description='what (13) resets at an event. states: the states of both chains; all: the '
         'last derivative of each chain too',
     )
-    filter_rate: float = structural(
-        25.0,
-        unit='1/s',
-        range=(1e-3, 1e5),
-        description='pole of the regression filter; set it as high as the noise allows',
-    )
     memory: float = parameter(
         0.0,
         unit='s',
         range=(0.0, 1e9),
         description='time constant with which the regression forgets within an interval; 0: it '
         'forgets nothing',
-    )
-    bound_scale: float = parameter(
-        1.0,
-        range=(1e-6, 1e6),
-        description="factor on the model's bounds L of the outputs' derivatives",
     )
     quantum: float = parameter(
         0.0,
@@ -182,13 +175,13 @@ def design(gains: Gains, circle: Circle) -> Design:
         memory is too short.
     """
     model, made = OBSERVER.module_of(gains).model, Design()
-    if 0.0 < gains.memory < 1.0 / gains.filter_rate:
+    if 0.0 < gains.memory < 1.0 / FILTER_RATE:
         raise UsageError(
             f"parameter 'memory' = {gains.memory:g} s is shorter than the filter's time constant: "
-            f'set 0, or at least {1.0 / gains.filter_rate:.3g} s'
+            f'set 0, or at least {1.0 / FILTER_RATE:.3g} s'
         )
     made.orders = [
-        list(own) for own in model.orders or [(0,) * (model.size + 1)] * len(model.indices)
+        np.array(own, int) for own in model.orders or [(0,) * (model.size + 1)] * len(model.indices)
     ]
     if any(order > 1 or order >= k for own, k in zip(made.orders, model.indices) for order in own):
         raise UsageError(
@@ -197,43 +190,32 @@ def design(gains: Gains, circle: Circle) -> Design:
         )
     made.filtered, made.regression = gains.velocity == 'filtered', gains.discrete == 'regression'
     made.resets_ends = gains.reset == 'all'
-    scale, rate = gains.bound_scale, gains.filter_rate
-    made.stages = [[stage(scale, bound) for bound in own] for own in model.bounds]
-    made.bounds = [scale * own[0] for own in model.bounds]
-    made.columns = [
-        [-math.comb(k, i + 1) * rate ** (i + 1) for i in range(k)] for k in model.indices
-    ]
+    made.stages = [[stage(bound) for bound in own] for own in model.bounds]
+    made.bounds = [own[0] for own in model.bounds]
     made.poles = [pole(k, gains.bandwidth_hz) for k in model.indices]
     made.faded = FADED / min(made.poles)
     made.gate, made.steps, made.singular_value = gains.gate, gains.steps, gains.singular_value
     made.settle, made.locked = gains.settle, min(gains.settle, LOCKED)
-    made.filter_rate, made.forget, made.memory = rate, FILTER_MEMORY / rate, gains.memory
-    made.vague = [UNKNOWN_VARIANCE] * model.size
+    made.memory, made.vague = gains.memory, np.full(model.size, UNKNOWN_VARIANCE)
     made.period, made.unwrap = float(circle.period), bool(circle.unwrap)
     made.floor = variance_floor(gains.quantum)
     made.noise = gains.noise * gains.noise + made.floor if gains.noise is not None else 0.0
     return made
 
 
-def stage(scale: float, bound: float) -> Stage:
-    """Return a stage for a derivative within `scale` times `bound`."""
+def stage(bound: float) -> Stage:
+    """Return a stage for a derivative within `bound`."""
     made = Stage()
-    made.gain, made.alpha = LAMBDA * math.sqrt(scale * bound), ALPHA * scale * bound
+    made.gain, made.alpha = LAMBDA * math.sqrt(bound), ALPHA * bound
     return made
 
 
 def prepare(coefficients: Coefficients, design: Design, dt: float) -> None:
     """Set what follows from dt [s]."""
     coefficients.dt, coefficients.keep = dt, kept(dt, design.memory)
-    coefficients.filters = []
-    for column in design.columns:
-        made = RegressionFilter()
-        f, made.g0, made.g1 = series(column, design.filter_rate, dt)
-        made.columns = [list(each) for each in zip(*rows(f, column))]
-        coefficients.filters.append(made)
-    coefficients.corrections = [
-        correction(len(column), each, dt) for column, each in zip(design.columns, design.poles)
-    ]
+    lengths = [len(each) for each in design.stages]
+    coefficients.filters = [regression_filter(k, dt) for k in lengths]
+    coefficients.corrections = [correction(k, pole, dt) for k, pole in zip(lengths, design.poles)]
 
 
 def is_reading(measurement: OutputReadings) -> bool:
@@ -257,17 +239,17 @@ def begin_motion(observer: Any, state: State, design: Design, measurement: Outpu
     state.zt = [[0.0] * k for k in indices]
     state.errors = [[0.0] * k for k in indices]
     state.y, state.y_at, state.u = list(y), list(y), list(u)
-    state.z, state.predicted, state.used = [0.0] * m, [0.0] * m, [0.0] * m
-    state.observed = [[x, *(0.0,) * k] for x, k in zip(y, indices)]
+    state.z, state.predicted, state.used = (np.zeros(m) for _ in range(3))
+    state.observed = [np.array([x, *(0.0,) * k]) for x, k in zip(y, indices)]
     state.powers = [0.0] * len(indices)
     state.noises = [[1.0, 1.0, 1.0] for _ in indices]
     state.dt = state.age = state.total = state.power = 0.0
-    state.forgetting = design.forget
+    state.forgetting = FORGOTTEN
     state.history, state.fitted = [], False
-    state.signals = [begin_signals(design, i, x) for i, x in enumerate(y)]
+    state.signals = [begin_signals(k, m, x) for k, x in zip(indices, y)]
     zeta = tuple(x for zh in state.zh for x in zh)
     state.last_columns = state.origin = signals(model, y, u, zeta)
-    forget(state, design)
+    state.p = np.diag(design.vague)
     state.scatters = [Scatter() for _ in y]
     for scatter, reading in zip(state.scatters, y):
         begin_scatter(scatter, reading)
@@ -294,7 +276,7 @@ def step(
     y = tuple(before + change for before, change in zip(state.y, jumps))
     if design.filtered:
         z, _, converged = discrete(state, design)
-        observe(model, state, coefficients, y, u, z if converged else tuple(state.used))
+        observe(model, state, coefficients, y, u, np.array(z) if converged else state.used)
     state.u[:] = u
     state.dt = h
     state.age += h
@@ -313,7 +295,7 @@ def step(
 
 def is_torn(state: State, jumps: list[float], h: float, period: float) -> bool:
     """Return True if an output changed by more than its speed explains."""
-    speeds = (each[1] if len(each) > 2 else 0.0 for each in state.observed)
+    speeds = (float(each[1]) if len(each) > 2 else 0.0 for each in state.observed)
     return any(abs(a - v * h) > LARGEST_JUMP * period for a, v in zip(jumps, speeds))
 
 
@@ -353,10 +335,15 @@ def deviation(
     """Set the standard deviations of all outputs."""
     found = []
     for i, scatter in enumerate(state.scatters):
-        sigma = math.sqrt(design.noise or max(scatter.variance, design.floor))
+        sigma = math.sqrt(noise_variance(design, scatter))
         found.append(standard_deviations(state, design, i, sigma))
     out.position = [position for position, _ in found]
     out.velocity = [scale * velocity for _, velocity in found]
+
+
+def noise_variance(design: Design, scatter: Scatter) -> float:
+    """Return the variance of the measurement noise of an output."""
+    return design.noise or max(scatter.variance, design.floor)
 
 
 def resume(
@@ -374,13 +361,13 @@ def resume(
         y = old.y[i] + wrap(reading - state.conventions[i].last, design.period)
         state.y[i] = state.y_at[i] = state.zh[i][0] = state.observed[i][0] = y
         state.zh[i][1:], state.observed[i][1:] = old.zh[i][1:], old.observed[i][1:]
-        state.signals[i].y = resting(design, i, y)
+        state.signals[i].rows[0] = resting(len(old.zh[i]), y)
         follow_convention(state.conventions[i], reading, design.period)
         state.scatters[i].take(old.scatters[i])
         resume_scatter(state.scatters[i], reading)
     state.zt, state.u, state.used, state.noises = old.zt, old.u, old.used, old.noises
     state.dt, state.p = old.dt, old.p
-    state.z, state.predicted = list(shown), list(shown)
+    state.z = state.predicted = np.array(shown)
 
 
 def restart(
@@ -396,9 +383,35 @@ def restart(
         follow_convention(convention, float(reading), design.period)
 
 
+def why(state: State, design: Design) -> str:
+    """Return that the model does not fit if noise does not explain the residual of the regression.
+
+    The interval of the velocity covers that, but Z is not the plant's.
+    """
+    if not (design.regression and discrete(state, design)[2]):
+        return ''
+    noise = max(noise_variance(design, scatter) for scatter in state.scatters)
+    if state.power <= MISFIT * noise:
+        return ''
+    return (
+        'the model does not fit: its residual is '
+        f'{math.sqrt(state.power / noise):.2g} times what noise explains'
+    )
+
+
 def group_delay(design: Design, dt: float) -> float:
     """Return the delay of the velocity at low frequency [s]: none."""
     return 0.0
+
+
+@lru_cache(maxsize=16)  # because a check takes half a second
+def bound(module: ModuleType, name: str, steps: int) -> ModuleType:
+    """Return the observer's module with the model of this name in it, checked, as `model`."""
+    model = load(name)
+    check(model, steps)
+    made = ModuleType(f'{module.__name__} model={name}')
+    vars(made).update({**vars(module), 'model': model, '__name__': made.__name__})
+    return made
 
 
 class SwitchedObserver(Observer):

@@ -4,51 +4,71 @@
 """The discrete state from filtered signals and least squares, within an interval.
 
 All signals pass the same filter, so that Y = Gamma + Lambda Z needs no derivative of the outputs.
-At an event the filters of Lambda are reset, and their old content, multiplied by the old Z, decays
-in a filter of its own. So learning can go on without waiting for the filters to forget.
+Its matrix A is the companion of k equal poles, k the length of the chain. A filter's state commutes
+with A, so that its first row is all of it. At an event the filters of Lambda are reset, and their
+old content, multiplied by the old Z, decays in a filter of its own. So learning can go on without
+waiting for the filters to forget.
 """
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+
+import numpy as np
 
 from estimator_pkg.models.switched import SwitchedModel
-from estimator_pkg.observers.adaptive.filter import after, feed
 from estimator_pkg.observers.maths.least_squares import update
-from estimator_pkg.observers.maths.vectors import dot
+from estimator_pkg.observers.maths.linear import companion, response
 from estimator_pkg.observers.switched.stages import chains
 from estimator_pkg.observers.switched.state import (
+    Array,
     Coefficients,
     Design,
     RegressionFilter,
     Signals,
     State,
 )
-from estimator_pkg.observers.switched.system import signals
 
+FILTER_RATE = 25.0  # poles of the filters [1/s]
+FORGOTTEN = 8.0 / FILTER_RATE  # time until a filter has forgotten its start [s]
 UNKNOWN_VARIANCE = 1e8  # variance of an unknown Z, in variances of the measurement noise
 CERTAIN = 0.1  # a standard deviation below this part of Z counts as converged
-FILTER_MEMORY = 8.0  # time constants of the filter until it has forgotten its start
+POWER_WEIGHT = 0.02  # weight of the newest residual in their mean square
 
 
-def resting(design: Design, i: int, value: float) -> list[float]:
-    """Return the state of output i's filter in steady state at a constant `value` [rad or m]."""
-    column = design.columns[i]
-    return [*(0.0,) * (len(column) - 1), -value / column[-1]]
+@lru_cache
+def column(k: int) -> tuple[float, ...]:
+    """Return the first column of the filter's matrix A, shape (k,)."""
+    return tuple(-math.comb(k, i + 1) * FILTER_RATE ** (i + 1) for i in range(k))
 
 
-def begin_signals(design: Design, i: int, value: float) -> Signals:
-    """Return the filters of output i, at rest at `value` [rad or m]."""
-    made, k = Signals(), len(design.columns[i])
-    made.y, made.gamma, made.carried = resting(design, i, value), [0.0] * k, [0.0] * k
-    made.columns = [[0.0] * k for _ in design.vague]
+def regression_filter(k: int, dt: float) -> RegressionFilter:
+    """Return the filter for a chain of this length at dt [s]."""
+    made = RegressionFilter()
+    made.F, of_constant, of_ramp = response(column(k), FILTER_RATE, dt)
+    made.responses, made.column = np.stack([of_constant[0], of_ramp[0]]), np.array(column(k))
     return made
 
 
-def forget(state: State, design: Design) -> None:
-    """Set P to that of an unknown Z, shape (m, m)."""
-    m = range(len(design.vague))
-    state.p = [[design.vague[i] if i == j else 0.0 for j in m] for i in m]
+def resting(k: int, value: float) -> Array:
+    """Return the state of a filter in steady state at a `value` [rad or m], shape (k,)."""
+    return np.array([*(0.0,) * (k - 1), -value / column(k)[-1]])
+
+
+def begin_signals(k: int, m: int, value: float) -> Signals:
+    """Return the filters of an output at rest at `value` [rad or m]."""
+    made = Signals()
+    made.rows, made.carried = np.zeros((m + 2, k)), np.zeros(k)
+    made.rows[0] = resting(k, value)
+    return made
+
+
+def signals(model: SwitchedModel, y: tuple, u: tuple, zeta: tuple) -> Array:
+    """Return Gamma and Lambda (or antiderivatives of their columns), shape (outputs, m + 1)."""
+    if model.basis is not None:
+        return np.array(model.basis(y, u), float)
+    return np.column_stack([model.gamma(zeta, u), model.lam(zeta, u)]).astype(float)
 
 
 def learn(
@@ -76,36 +96,30 @@ def learn(
     for i, filter_of in enumerate(coefficients.filters):
         row, target = filtered(state, design, i, jumps[i], before[i], filter_of)
         if state.forgetting <= 0.0:
-            residual = target - dot(row, state.z)
-            s = update(state.z, state.p, row, residual, coefficients.keep, design.vague)
-            state.power += 0.02 * (residual * residual / s - state.power)
+            residual = target - float(row @ state.z)
+            state.z, state.p, s = update(
+                state.z, state.p, row, residual, coefficients.keep, design.vague
+            )
+            state.power += POWER_WEIGHT * (residual * residual / s - state.power)
 
 
 def filtered(
-    state: State,
-    design: Design,
-    i: int,
-    jump: float,
-    before: list[float],
-    filter_of: RegressionFilter,
-) -> tuple[list[float], float]:
-    """Return (row of Lambda, target that the row times Z must equal) of output i."""
-    columns, g0, g1 = filter_of.columns, filter_of.g0, filter_of.g1
-    own, now, orders = state.signals[i], state.last_columns[i], design.orders[i]
-    last = state.y[i] - jump
-    feed(own.y, columns, g0, g1, last, state.y[i] - last)
-    feed(own.gamma, columns, g0, g1, before[0], now[0] - before[0])
-    for j, column in enumerate(own.columns, 1):
-        shift = state.origin[i][j] if orders[j] else 0.0
-        start = before[j] - shift
-        feed(column, columns, g0, g1, start, now[j] - shift - start)
-    own.carried = [dot(own.carried, column) for column in columns]
-    end = len(columns) - 1
-    row = [column[end - order] for column, order in zip(own.columns, orders[1:])]
-    target = (
-        state.y[i] + dot(design.columns[i], own.y) - own.gamma[end - orders[0]] - own.carried[end]
-    )
-    return row, target
+    state: State, design: Design, i: int, jump: float, before: Array, filter_of: RegressionFilter
+) -> tuple[Array, float]:
+    """Return (row of Lambda, shape (m,), target that the row times Z must equal) of output i.
+
+    `before`, shape (m + 1,), are Gamma and Lambda at the last sample.
+    """
+    own, orders, size = state.signals[i], design.orders[i], len(before) + 1
+    signal = np.empty((2, size))  # at the start of the sample, and its rise
+    signal[:, 0] = state.y[i] - jump, jump
+    signal[0, 1:], signal[1, 1:] = before, state.last_columns[i] - before
+    signal[0, 2:] -= orders[1:] * state.origin[i, 1:]
+    own.rows = own.rows @ filter_of.F + signal.T @ filter_of.responses
+    own.carried = own.carried @ filter_of.F
+    shown = own.rows[np.arange(1, size), -1 - orders]
+    target = state.y[i] + own.rows[0] @ filter_of.column - shown[0] - own.carried[-1]
+    return shown[1:], float(target)
 
 
 def carry(state: State, design: Design) -> None:
@@ -113,25 +127,27 @@ def carry(state: State, design: Design) -> None:
 
     If the old Z is not known, learning waits until the filters have forgotten it.
     """
-    for i, own in enumerate(state.signals):
-        for j, column in enumerate(own.columns):
-            content = column
-            if design.orders[i][j + 1]:  # convert to the filter of the derivative
-                content = after(column, design.columns[i])
-                content[0] += state.last_columns[i][j + 1] - state.origin[i][j + 1]
-            own.carried = [old + state.z[j] * x for old, x in zip(own.carried, content)]
-            column[:] = [0.0] * len(column)
+    change = state.last_columns - state.origin
+    for own, orders, at in zip(state.signals, design.orders, change):
+        of_derivative = companion(column(len(own.carried)))
+        for content, order, z, since in zip(own.rows[2:], orders[1:], state.z, at[1:]):
+            if order:  # convert to the filter of the derivative
+                content = content @ of_derivative
+                content[0] += since
+            own.carried = own.carried + z * content
+        own.rows = own.rows.copy()
+        own.rows[2:] = 0.0
     if not certain(state, sigmas(state)):
-        state.forgetting = design.forget
+        state.forgetting = FORGOTTEN
     state.origin = state.last_columns
 
 
 def sigmas(state: State) -> tuple[float, ...]:
     """Return the standard deviations of the Z from least squares."""
-    return tuple(math.sqrt(max(0.0, state.power * row[j])) for j, row in enumerate(state.p))
+    return tuple(np.sqrt(np.maximum(0.0, state.power * state.p.diagonal())).tolist())
 
 
 def certain(state: State, deviations: tuple[float, ...]) -> bool:
     """Return True if least squares has determined Z to within `CERTAIN`; `deviations` : of Z."""
-    most = CERTAIN * max(abs(x) for x in state.z)
+    most = CERTAIN * float(np.abs(state.z).max())
     return state.forgetting <= 0.0 and max(deviations) <= most

@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from estimator_pkg.models.switched import SwitchedModel
 from estimator_pkg.observers.maths.twisting import implicit_step
 from estimator_pkg.observers.switched.state import Design, State
 
@@ -37,3 +40,18 @@ def chains(state: State) -> tuple[tuple[float, ...], tuple[float, ...]]:
 def gates_open(state: State, design: Design) -> bool:
     """Return True if every stage runs."""
     return all(abs(e) < design.gate for errors in state.errors for e in errors[:-1])
+
+
+def ending(model: SwitchedModel, zeta: tuple, u: tuple, z: tuple) -> list[float]:
+    """Return Gamma + Lambda Z, the last derivative of each chain (9)."""
+    found: list[float] = (
+        np.array(model.gamma(zeta, u)) + np.array(model.lam(zeta, u)) @ z
+    ).tolist()
+    return found
+
+
+def moved_chain(
+    model: SwitchedModel, zeta: tuple[float, ...], old: tuple[float, ...], new: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Return zeta after Z has jumped from `old` to `new`, by (13): x is continuous."""
+    return tuple(map(float, model.zeta(model.state(zeta, old), new)))

@@ -3,15 +3,20 @@
 
 """The records of the observer `switched`.
 
-Lists are as long as the user's model makes them, so the observer runs as plain Python. Lists with
-an entry per output come first: `zh[i][j]` is stage j of output i.
+Lists and arrays are as long as the user's model makes them, so the observer runs as plain Python.
+Lists with an entry per output come first: `zh[i][j]` is stage j of output i.
 """
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator_pkg.record import record
 from estimator_pkg.sensor.convention import Convention
 from estimator_pkg.sensor.scatter import Scatter
+
+Array = NDArray[np.float64]
 
 LARGEST_DERIVATIVE = 1e15  # largest derivative or parameter, in its own unit
 
@@ -32,8 +37,7 @@ class Design:
     regression: bool  # least squares estimates Z; else the last intervals give it
     resets_ends: bool  # (13) resets the last derivatives of the chains too at an event
     stages: list[list[Stage]]
-    columns: list[list[float]]  # first columns of the regression filters
-    orders: list[list[int]]  # those of the model; zeros if it has none
+    orders: list[Array]  # those of the model, whole numbers; zeros if it has none
     poles: list[float]  # of the extended observers, magnitude [1/s]
     bounds: list[float]  # of the second derivative of each output
     gate: float  # epsilon in (23)
@@ -42,10 +46,8 @@ class Design:
     settle: float  # tau_c in (26) [s]
     locked: float  # settling time of the stages after a start [s]
     faded: float  # time until a start has no influence on the extended observers [s]
-    filter_rate: float  # [1/s]
-    forget: float  # time until the filters have forgotten their start [s]
     memory: float  # of least squares [s]; 0: it forgets nothing
-    vague: list[float]  # diagonal of P for an unknown Z
+    vague: Array  # diagonal of P for an unknown Z, shape (m,)
     period: float  # wrap period of every output [rad]; 0: none
     unwrap: bool
     noise: float  # variance of the measurement noise; 0: estimated
@@ -54,19 +56,19 @@ class Design:
 
 @record
 class RegressionFilter:
-    """A regression filter at a sample time: columns of F, responses to a constant and a ramp."""
+    """A regression filter of order k at a sample time."""
 
-    columns: list[list[float]]
-    g0: list[float]
-    g1: list[float]
+    F: Array  # transition, shape (k, k)
+    responses: Array  # first rows of those to a constant and to a ramp, shape (2, k)
+    column: Array  # the first one of its matrix, shape (k,)
 
 
 @record
 class Correction:
-    """An extended observer at a sample time."""
+    """An extended observer at a sample time, shape (k + 1,)."""
 
-    gains: list[float]
-    factors: list[float]  # dt^i / i!
+    gains: Array
+    step: Array  # transition of the chain, shape (k + 1, k + 1)
     noise: list[float]  # variances of position, velocity and innovation at unit noise
 
 
@@ -84,21 +86,19 @@ class Coefficients:
 class Interval:
     """What an interval has shown: Y = Lambda Z, and Z+ = A_d Z + beta_d at its end."""
 
-    lam: list[list[float]]
-    y: list[float]
-    a: list[list[float]]
-    beta: list[float]
+    lam: Array
+    y: Array
+    a: Array
+    beta: Array
     settled: bool  # the stages had settled
 
 
 @record
 class Signals:
-    """The filtered signals of an output."""
+    """The filtered signals of an output whose chain has length k."""
 
-    y: list[float]
-    gamma: list[float]
-    columns: list[list[float]]  # of Lambda
-    carried: list[float]  # the old content of `columns` times the old Z
+    rows: Array  # the output, Gamma, and the columns of Lambda, shape (m + 2, k)
+    carried: Array  # the old content of Lambda's rows times the old Z, shape (k,)
 
 
 @record
@@ -113,13 +113,13 @@ class State:
     errors: list[list[float]]  # their last errors
     y: list[float]  # newest outputs, unwrapped
     u: list[float]  # newest input
-    z: list[float]  # Z from least squares
-    predicted: list[float]  # Z predicted at the last event
+    z: Array  # Z from least squares
+    predicted: Array  # Z predicted at the last event
     y_at: list[float]  # outputs at the last event
     history: list[Interval]  # the last intervals
     dt: float  # the last interval between samples [s]
-    observed: list[list[float]]  # extended observers: the chain, then the disturbance w
-    used: list[float]  # the Z that they used last
+    observed: list[Array]  # extended observers: the chain, then the disturbance w
+    used: Array  # the Z that they used last
     powers: list[float]  # noise variance that their innovations correspond to
     noises: list[list[float]]  # variances as in `Correction`
     age: float  # since the last event, or gap [s]
@@ -127,9 +127,9 @@ class State:
     forgetting: float  # time until the filters have forgotten an unknown Z or start [s]
     fitted: bool  # the last inversion could be used
     signals: list[Signals]
-    last_columns: list[list[float]]  # Gamma and Lambda's columns at the newest sample
-    origin: list[list[float]]  # columns at the last event: derivatives are relative to them
-    p: list[list[float]]  # of least squares
+    last_columns: Array  # Gamma and Lambda's columns at the newest sample, shape (outputs, m + 1)
+    origin: Array  # columns at the last event: derivatives are relative to them
+    p: Array  # of least squares, shape (m, m)
     power: float  # mean square of its residual
     conventions: list[Convention]
     scatters: list[Scatter]
@@ -155,9 +155,5 @@ class OutputDeviations:
 
 def is_sound(state: State) -> bool:
     """Return False if an estimate is NaN or beyond `LARGEST_DERIVATIVE`: the state has diverged."""
-    return all(-LARGEST_DERIVATIVE < x < LARGEST_DERIVATIVE for x in state.z) and all(
-        -LARGEST_DERIVATIVE < x < LARGEST_DERIVATIVE
-        for chains in (state.zh, state.zt, state.observed)
-        for chain in chains
-        for x in chain
-    )
+    every: list[Array] = [state.z, *map(np.array, state.zh + state.zt), *state.observed]
+    return bool((np.abs(np.concatenate(every)) < LARGEST_DERIVATIVE).all())

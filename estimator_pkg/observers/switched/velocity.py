@@ -25,10 +25,8 @@ import numpy as np
 
 from estimator_pkg.models.switched import SwitchedModel
 from estimator_pkg.observers.maths.steady_noise import steady_variances
-from estimator_pkg.observers.maths.vectors import dot
-from estimator_pkg.observers.switched.stages import chains
-from estimator_pkg.observers.switched.state import Coefficients, Correction, Design, State
-from estimator_pkg.observers.switched.system import ending
+from estimator_pkg.observers.switched.stages import chains, ending, moved_chain
+from estimator_pkg.observers.switched.state import Array, Coefficients, Correction, Design, State
 
 GRID_FROM, GRID_TO, GRID_POINTS = 1e-4, 20.0, 65  # grid of pole times dt for the table of variances
 LOG_GRID = np.linspace(math.log(GRID_FROM), math.log(GRID_TO), GRID_POINTS).tolist()
@@ -51,10 +49,9 @@ def correction(length: int, pole: float, dt: float) -> Correction:
     """
     n, made = length + 1, Correction()
     weights, noise = _unit(n)
-    decayed = 1.0 - math.exp(-pole * dt)
-    powers = [decayed ** (j + 1) for j in range(n)]
-    made.gains = [sum(powers[j] * weights[j][i] for j in range(n)) / dt**i for i in range(n)]
-    made.factors = [dt**i / math.factorial(i) for i in range(n)]
+    scales = dt ** np.arange(n)
+    made.gains = (1.0 - math.exp(-pole * dt)) ** np.arange(1, n + 1) @ weights / scales
+    made.step = _integrators(n) * scales / scales[:, None]
     place = min(max(float(np.log(pole * dt)), LOG_GRID[0]), LOG_GRID[-1])
     j = min(bisect_right(LOG_GRID, place), GRID_POINTS - 1) - 1
     beyond, cell = place - LOG_GRID[j], LOG_GRID[j + 1] - LOG_GRID[j]
@@ -66,26 +63,33 @@ def correction(length: int, pole: float, dt: float) -> Correction:
 
 
 @lru_cache
-def _unit(n: int) -> tuple[list[list[float]], list[list[float]]]:
+def _integrators(n: int) -> Array:
+    """Return the transition of n integrators over dt = 1, shape (n, n)."""
+    return np.array(
+        [[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(n)] for i in range(n)]
+    )
+
+
+@lru_cache
+def _unit(n: int) -> tuple[Array, list[list[float]]]:
     """Return what n integrators with n equal poles need at dt = 1.
 
     weights : shape (n, n): row j belongs to (1 - exp(-pole dt))^(j + 1) in the gains.
     noise : log of the (position, velocity, innovation) variances at unit noise, (3, GRID_POINTS).
     """
-    a = np.array(
-        [[1.0 / math.factorial(j - i) if j >= i else 0.0 for j in range(n)] for i in range(n)]
-    )
+    a = _integrators(n)
     seen = np.vstack([np.linalg.matrix_power(a, i)[0] for i in range(n)])
     last = np.linalg.solve(seen, np.eye(n)[:, -1])
-    weights = [
-        math.comb(n, j) * np.linalg.solve(a, np.linalg.matrix_power(a - np.eye(n), n - j) @ last)
-        for j in range(1, n + 1)
-    ]
-    noise = []
-    for place in np.exp(LOG_GRID):
-        gain = sum((1.0 - math.exp(-place)) ** (j + 1) * weights[j] for j in range(n))
-        noise.append(steady_variances(a, np.asarray(gain)))
-    return [row.tolist() for row in weights], np.log(noise).T.tolist()
+    weights = np.array(
+        [
+            math.comb(n, j)
+            * np.linalg.solve(a, np.linalg.matrix_power(a - np.eye(n), n - j) @ last)
+            for j in range(1, n + 1)
+        ]
+    )
+    decayed = 1.0 - np.exp(-np.exp(LOG_GRID))
+    noise = [steady_variances(a, each ** np.arange(1, n + 1) @ weights) for each in decayed]
+    return weights, np.log(noise).T.tolist()
 
 
 @lru_cache
@@ -111,57 +115,47 @@ def observe(
     coefficients: Coefficients,
     y: tuple[float, ...],
     u: tuple[float, ...],
-    z: tuple[float, ...],
+    z: Array,
 ) -> None:
     """Take one more sample in the extended observers.
 
-    `y` and `u` are those of the new sample. `z` should have converged: otherwise its noise enters
-    the velocity.
+    `y` and `u` are those of the new sample. `z`, shape (m,), should have converged: otherwise its
+    noise enters the velocity.
     """
     zeta = observed_chains(state)
+    change = state.used - z
     rows = zip(model.gamma(zeta, u), model.lam(zeta, u), coefficients.corrections)
     for i, (gamma, row, made) in enumerate(rows):
-        lam, x = tuple(map(float, row)), state.observed[i]
-        rest = unexplained(state, i, lam, z)
-        x[-1] = float(gamma) + dot(lam, z) + rest
-        n, factors = len(x), made.factors
-        ahead = [sum(factors[j - first] * x[j] for j in range(first, n)) for first in range(n)]
+        lam, x = np.array(row, float), state.observed[i].copy()
+        rest = x[-1] + lam @ change
+        x[-1] = float(gamma) + lam @ z + rest
+        ahead = made.step @ x
         ahead[-1] = rest
-        error = y[i] - ahead[0]
-        x[:] = [a + k * error for a, k in zip(ahead, made.gains)]
+        error = float(y[i] - ahead[0])
+        state.observed[i] = ahead + made.gains * error
         state.powers[i] += INNOVATION_WEIGHT * (error * error / made.noise[2] - state.powers[i])
-        state.noises[i][:] = made.noise
-    state.used[:] = z
+        state.noises[i] = made.noise
+    state.used = z
 
 
 def observed_chains(state: State) -> tuple[float, ...]:
     """Return zeta of the extended observers."""
-    return tuple(x for each in state.observed for x in each[:-1])
-
-
-def unexplained(state: State, i: int, lam: tuple[float, ...], z: tuple[float, ...]) -> float:
-    """Return the disturbance w of output i after the Z in use changes to z."""
-    change = tuple(old - new for old, new in zip(state.used, z))
-    return state.observed[i][-1] + dot(lam, change)
+    return tuple(x for each in state.observed for x in each[:-1].tolist())
 
 
 def move_observers(
     model: SwitchedModel, state: State, old: tuple[float, ...], new: tuple[float, ...]
 ) -> None:
-    """Set the extended observers after Z has jumped from `old`, its latest value, to `new`."""
-    zeta = observed_chains(state)
+    """Set the extended observers after Z has jumped from `old`, its latest value, to `new`.
+
+    The disturbance w takes the difference between `old` and the Z in use.
+    """
+    zeta, change = observed_chains(state), state.used - old
     after, rows = moved_chain(model, zeta, old, new), model.lam(zeta, tuple(state.u))
     for i, (first, k, row) in enumerate(zip(model.firsts, model.indices, rows)):
-        w = unexplained(state, i, tuple(map(float, row)), old)
-        state.observed[i][:] = *after[first : first + k], w
-    state.used[:] = new
-
-
-def moved_chain(
-    model: SwitchedModel, zeta: tuple[float, ...], old: tuple[float, ...], new: tuple[float, ...]
-) -> tuple[float, ...]:
-    """Return zeta after Z has jumped from `old` to `new`, by (13): x is continuous."""
-    return tuple(map(float, model.zeta(model.state(zeta, old), new)))
+        w = state.observed[i][-1] + np.array(row, float) @ change
+        state.observed[i] = np.array([*after[first : first + k], w])
+    state.used = np.array(new)
 
 
 def motions(
@@ -173,9 +167,9 @@ def motions(
     """
     if not design.filtered:
         return of_cascade(model, state, design, z, converged)
-    endings = ending(model, observed_chains(state), tuple(state.u), tuple(state.used))
+    endings = ending(model, observed_chains(state), tuple(state.u), tuple(state.used.tolist()))
     found = []
-    for k, x, end in zip(model.indices, state.observed, endings):
+    for k, x, end in zip(model.indices, map(np.ndarray.tolist, state.observed), endings):
         whole = end + x[-1]
         if k == 1:
             found.append((x[0], whole, math.nan))

@@ -26,6 +26,7 @@ from sim_pkg.reproduce.pmsm.motor import (
     LOG,
     POLE_PAIRS,
     RESISTANCE,
+    THRESHOLD,
     Run,
     Signals,
     drive_samples,
@@ -40,10 +41,7 @@ PAPER: dict[str, Any] = {
     'inductance': INDUCTANCE,
     'flux': FLUX,
     'pole_pairs': POLE_PAIRS,
-    'k_p': K_P,
-    'k_i': K_I,
     'k_eta': K_ETA,
-    'gamma': GAMMA,
 }
 
 
@@ -80,6 +78,12 @@ def observer_run(variant: str, direction: int, eta0_deg: float, xi0: float) -> R
     """Run the observer `pmsm`, ``form: paper``, on exact samples of P1 at LOG Hz."""
     truth, rows = drive_samples(direction)
     design = observer.design(Gains(variant=variant, **PAPER), Circle())
+    design.k_p, design.k_i, design.gamma, design.threshold = (
+        K_P,
+        K_I,
+        GAMMA,
+        THRESHOLD,
+    )  # as printed
     state, first = State(), DriveSample()
     first.i_alpha, first.i_beta, first.u_alpha, first.u_beta = rows[0].tolist()
     observer.start(observer, state, design, first)

@@ -14,7 +14,6 @@ from estimator_pkg.circle import Circle
 from estimator_pkg.errors import UsageError
 from estimator_pkg.estimate import COASTING, INITIALISING, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.adaptive import observer as adaptive
-from estimator_pkg.observers.adaptive.filter import _series, series
 from estimator_pkg.observers.adaptive.law import ADAPTING, FROZEN, GATED, INIT
 from estimator_pkg.observers.adaptive.observer import Gains
 from estimator_pkg.observers.adaptive.structure import structure
@@ -87,7 +86,7 @@ def test_orders_one_and_three():
         )
         out, _ = feed(made, np.array(angles), u)
         theta = made.report().theta
-        learnt = np.array(made.design.a_c) + theta[:order]
+        learnt = np.array(made.design.model) + theta[:order]
         assert learnt == pytest.approx(a[:, 0], rel=2e-2)
         assert np.abs(out.velocity - speeds)[15000:].max() < 1e-2 * np.std(speeds)
 
@@ -111,7 +110,7 @@ def trained(**gains):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('gains', [{}, {'law': 'gradient', 'gate': 'gamma'}])
+@pytest.mark.parametrize('gains', [{}, {'law': 'gradient'}])
 @pytest.mark.parametrize('seconds', [30.0, pytest.param(600.0, marks=pytest.mark.slow)])
 def test_a_load_held_at_rest_moves_no_parameter_through_the_gate(gains, seconds):
     made = trained(**gains)
@@ -131,7 +130,7 @@ def test_without_excitation_nothing_is_presented_as_good():
     assert said.phase == 'GATED' and 'excitation' in said.reason
     assert out.status[-1] == NOT_OBSERVABLE
     assert all(math.isinf(item.stddev) for item in said.parameters)
-    assert made.state.theta == [0.0] * 4
+    assert not made.state.theta.any()
 
 
 @pytest.mark.long
@@ -146,11 +145,11 @@ def test_freezing_holds_theta_and_unfreezing_is_bumpless():
         for k in range(begin, end):
             made.update(10**18 + k * 10**6, float(angles[k]), float(u[k - 1]) if k else 0.0)
             if k == 10000:
-                held = made.state.theta[:]
+                held = made.state.theta
             if k > 10050:
                 assert abs(made.estimate()[1] - velocity[k]) < 0.01
         if not adapt:
-            assert made.state.theta == held and made.state.phase == FROZEN
+            assert np.array_equal(made.state.theta, held) and made.state.phase == FROZEN
             assert made.report().reason == "frozen by the user ('adapt' is false)"
     assert made.state.phase == ADAPTING
     assert named(made)['b/J'].value == pytest.approx(2.0, rel=5e-4)
@@ -163,14 +162,14 @@ def test_an_outage_and_a_jump_of_the_clock_keep_parameters_and_no_speed(ahead):
     angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
     made = joint(0.0)
     feed(made, angles[:15001], u[:15000])
-    before, mean_dt = made.state.theta[:], made.mean_dt
+    before, mean_dt = made.state.theta, made.mean_dt
     at = 10**18 + 15000 * 10**6 + ahead
     for k in range(15001, 18000):
         made.update(at + (k - 15000) * 10**6, float(angles[k]), float(u[k - 1]))
         if k == 15001:
             assert abs(made.estimate()[1]) < 0.01 and made.estimate()[3] == INITIALISING
         if k < 15100:
-            assert made.state.theta == before
+            assert np.array_equal(made.state.theta, before)
     assert made.mean_dt == pytest.approx(mean_dt)
     assert made.estimate()[3] == TRACKING
     assert made.estimate()[1] == pytest.approx(velocity[17999], abs=1e-3 * np.std(velocity))
@@ -182,7 +181,7 @@ def test_a_gap_keeps_parameters_and_speed():
     angles, velocity = servo(2.0, 5.0, 30.0, u, 1e-3)
     made = joint(0.0)
     feed(made, angles[:15001], u[:15000])
-    before = made.state.theta[:]
+    before = made.state.theta
     at = 10**18 + 15000 * 10**6
     assert made.estimate()[3] == TRACKING
     gap = 4 * 10**8
@@ -192,7 +191,7 @@ def test_a_gap_keeps_parameters_and_speed():
     for k in range(15002, 17000):
         made.update(at + gap + (k - 15001) * 10**6, float(angles[k]), float(u[k - 1]))
         if k < 15100:
-            assert made.state.theta == before  # not adapted while the filters settle
+            assert np.array_equal(made.state.theta, before)  # not adapted while the filters settle
     assert made.estimate()[1] == pytest.approx(velocity[16999], abs=1e-3 * np.std(velocity))
 
 
@@ -302,15 +301,7 @@ def test_an_observer_whose_numbers_ran_away_starts_again():
     made = joint()
     angle, velocity = servo(2.0, 3.0, 5.0, excited(6000), 1e-3)
     feed(made, angle[:3000], excited(6000)[:2999])
-    made.state.theta[:] = [math.nan] * 4
+    made.state.theta = np.full(4, math.nan)
     out, _ = feed(made, angle[3000:], excited(6000)[3000:], start_ns=10**18 + 3 * 10**9)
     assert out.status[1] == INITIALISING and out.status[-1] == TRACKING
     assert np.max(np.abs(out.velocity[-500:] - velocity[-500:])) < 0.05
-
-
-def test_joints_of_a_message_share_the_filters_and_none_can_spoil_them():
-    before = _series.cache_info().misses
-    first, second = (series([-30.0, -200.0], 20.0, 1.234567e-3) for _ in 'ab')
-    assert _series.cache_info().misses == before + 1 and first == second
-    first[0][0] = 7.0
-    assert series([-30.0, -200.0], 20.0, 1.234567e-3) == second

@@ -229,7 +229,7 @@ def test_blocks_merge_and_forget():
     for k, (psi, target) in enumerate(zip(rows, targets)):
         matrix, vector = matrix + np.outer(psi, psi), vector + psi * target
         sums = LearningSums()
-        sums.matrix, sums.vector = [[matrix[0, 0]], [*matrix[1]]], [*vector]
+        sums.matrix, sums.vector = matrix, vector
         sums.count, sums.of_e, sums.of_bend = k + 1.0, 0.01 * (k + 1.0), 10.0 * (k + 1.0)
         whole.look(0.01 * (k + 1), sums)
         forgetting.look(0.01 * (k + 1), sums)

@@ -16,11 +16,11 @@ from estimator_pkg.observers.maths.least_squares import LEAST_KEPT, kept, update
 from estimator_pkg.observers.switched.observer import OBSERVER, Gains
 from estimator_pkg.parameters import build
 
-MOST = [1e6, 1e6]
+MOST = np.full(2, 1e6)
 
 
 def begun():
-    return [0.0, 0.0], [[1e6, 0.0], [0.0, 1e6]]
+    return np.zeros(2), np.diag(MOST)
 
 
 def test_it_is_the_weighted_fit():
@@ -28,8 +28,8 @@ def test_it_is_the_weighted_fit():
     rows, forget = random.normal(size=(60, 2)), 0.9
     targets = rows @ [2.0, -3.0] + random.normal(0.0, 0.1, 60)
     theta, p = begun()
-    for row, target in zip(rows.tolist(), targets.tolist()):
-        update(theta, p, row, target - float(np.dot(row, theta)), forget, MOST)
+    for row, target in zip(rows, targets):
+        theta, p, _ = update(theta, p, row, target - row @ theta, forget, MOST)
     weights = forget ** np.arange(59, -1, -1.0)
     information = rows.T @ (weights[:, None] * rows)
     np.testing.assert_allclose(
@@ -41,14 +41,14 @@ def test_it_is_the_weighted_fit():
 @pytest.mark.parametrize('row', [(0.0, 0.0), (1.0, 0.0), (1.0, 1e-9), (1e6, 1e6)])
 def test_what_no_sample_shows_is_forgotten_no_further_than_the_start(row):
     theta, p = begun()
+    row = np.array(row)
     for _ in range(20_000):
-        update(theta, p, row, 1.0 - row[0] * theta[0] - row[1] * theta[1], 0.9, MOST)
+        theta, p, _ = update(theta, p, row, 1.0 - row @ theta, 0.9, MOST)
     assert 0.0 < p[0][0] <= 1.001 * MOST[0] and 0.0 < p[1][1] <= 1.001 * MOST[1]
     assert all(map(math.isfinite, theta))
     random = np.random.default_rng(2)  # and it can still learn
-    for new in random.normal(size=(300, 2)).tolist():
-        error = float(np.dot(new, (2.0, -3.0))) - float(np.dot(new, theta))
-        update(theta, p, new, error, 0.9, MOST)
+    for new in random.normal(size=(300, 2)):
+        theta, p, _ = update(theta, p, new, new @ ((2.0, -3.0) - theta), 0.9, MOST)
     assert theta == pytest.approx((2.0, -3.0), abs=1e-6)
 
 
@@ -57,7 +57,7 @@ def test_what_samples_show_is_forgotten_though_another_parameter_is_not():
     theta, p = begun()
     for k in range(2000):
         target = 5.0 if k < 1900 else -5.0
-        update(theta, p, [1.0, 0.0], target - theta[0], 0.9, MOST)
+        theta, p, _ = update(theta, p, np.array([1.0, 0.0]), target - theta[0], 0.9, MOST)
     assert theta[0] == pytest.approx(-5.0, abs=10.0 * 0.9**100 + 1e-6)
 
 

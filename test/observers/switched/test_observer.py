@@ -45,8 +45,10 @@ def test_a_model_that_knows_its_own_modes_alone_names_a_typical_event():
         check(dataclasses.replace(gripper.MODEL, transition=lambda mode: ((1.0, 0.0), (0.0, 1.0))))
 
 
-def gripped(count=4000, loads=((2000, gripper.CLOSED),)):
-    """(angles, velocities, torques) at 1 kHz with the load changing at these samples."""
+def gripped(count=4000, loads=((2000, gripper.CLOSED),), drag=0.0):
+    """(angles, velocities, torques) at 1 kHz with the load changing at these samples, and an
+    acceleration by drag [1/rad] that the model does not have.
+    """
     x, z, states, torques = np.array(gripper.MODEL.start[0]), gripper.UNLOADED, [], []
     changes = dict(loads)
     for i in range(count + 1):
@@ -56,7 +58,7 @@ def gripped(count=4000, loads=((2000, gripper.CLOSED),)):
         torques.append(u)
 
         def slope(at, z=z, u=u):
-            return np.array(gripper.dynamics(at, z, u))
+            return np.array(gripper.dynamics(at, z, u)) - (0.0, drag * abs(at[1]) * at[1])
 
         middle = x + 5e-4 * slope(x)
         middle = x + 5e-4 * slope(middle)
@@ -103,6 +105,24 @@ def test_a_new_load_is_known_within_half_a_second():
     assert joint.estimate()[3] == TRACKING
     unsaid = run(made(quantum=QUANTUM), angles, torques)  # without the event
     assert abs(unsaid[2500][0][0] / gripper.CLOSED[0] - 1.0) > 0.1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('drag', [0.0, 0.3])
+def test_another_plant_is_reported_and_the_interval_covers(drag):
+    angles, velocities, torques = gripped(5000, loads=((3000, gripper.CLOSED),), drag=drag)
+    joint, within = made(quantum=QUANTUM), []
+    for i, angle in enumerate(angles.tolist()):
+        reading = math.remainder(round(angle / QUANTUM) * QUANTUM, 2.0 * math.pi)
+        joint.update(10**18 + i * 10**6, (reading,), torques[i - 1] if i else (0.0,))
+        if i == 3000:
+            joint.event(joint.stamp_ns, 'close')
+        if i > 800:
+            within.append(abs(joint.estimate()[1] - velocities[i]) < 1.96 * joint.stddev()[1])
+        if i in (2900, 4900):
+            assert joint.why().startswith('the model does not fit') == (drag > 0.0)
+            assert drag > 0.0 or joint.why() == ''
+    assert np.mean(within) > 0.9
 
 
 @pytest.mark.long
