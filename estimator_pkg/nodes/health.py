@@ -18,9 +18,8 @@ from estimator_pkg.messages.diagnostics import ERROR, OK, WARN, encode, packed
 from estimator_pkg.messages.diagnostics import Status as Entry
 from estimator_pkg.nodes.detection import INPUT_PATIENCE, JOINT_PATIENCE, Detector
 from estimator_pkg.nodes.diagnostics import counters, joint_status
-from estimator_pkg.nodes.endpoints import Endpoints
+from estimator_pkg.nodes.endpoints import Endpoints, Input
 from estimator_pkg.nodes.faults import HARMLESS, Faults, listed, of_joints, rounded, which
-from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import NEW, JointWatch, Status
 from estimator_pkg.nodes.qos import latched
 from estimator_pkg.nodes.ros_parameters import RosParameters
@@ -153,7 +152,6 @@ class Health:
         for key, count in counts.items():
             self._expired[key] = self._expired.get(key, 0) + count
         self.watch.forget(old)
-        self._detector.forget(old)
         for name in old:
             self._entries.pop(name, None)
         self._faults.begin(
@@ -288,11 +286,7 @@ class Health:
         if len(tracked) < len(statuses) and passed < 3.0 * JOINT_PATIENCE:
             return
         names = list(self.watch.names_of(tracked))
-        rate = self._detector.rate(tracked)
-        if not rate:
-            if passed < 3.0 * JOINT_PATIENCE:
-                return
-            rate = 1.0 / (self._stream.bank.joints[tracked[0]].mean_dt or math.inf)
+        rate = 1.0 / (self._stream.bank.joints[tracked[0]].mean_dt or math.inf)
         some = (
             f' of {len(list(self.watch.names_of(statuses)))}'
             if len(tracked) < len(statuses)

@@ -532,21 +532,6 @@ class RepeatedReadings(Case):
         self.send(k=self.k if self.cause is None else self.k // 5 * 5, stamp_ns=stamp)
 
 
-class AnotherRate(Case):
-    """a rate that changed"""
-
-    report = (
-        r"the rate of 'shoulder_pan_joint' on SPACE/joint_states changed from (4[5-9]|50) to 2[3-7]"
-        r" Hz: check the load .* \(also 'shoulder_lift_joint', 'elbow_joint'\)"
-    )
-    later = estimates = True
-
-    def tick(self):
-        stamp = self.regular_ns()
-        if self.cause is None or self.k % 2:
-            self.send(stamp_ns=stamp)
-
-
 class Lost(Case):
     """messages that are lost for several seconds"""
 
