@@ -48,11 +48,8 @@ class Detector:
 
     Attributes
     ----------
-    inputs : the inputs by port, the measurement first; set after their creation.
     first_input : when the first message was seen, by `monotonic` [s]; 0: none has come.
     """
-
-    inputs: list[Input]
 
     def __init__(
         self,
@@ -64,6 +61,7 @@ class Detector:
         patience: float,
     ) -> None:
         self._node, self._stream, self._endpoints = node, stream, endpoints
+        self._inputs = endpoints.inputs
         self._watch, self._faults = watch, faults
         self._started = monotonic()
         self.first_input = 0.0
@@ -108,7 +106,7 @@ class Detector:
 
     def _of_sensor(self, name: str, found: Mapping[int, str]) -> dict[str, str]:
         """Return the faults of a joint's sensor, as texts by kind."""
-        topic = self.inputs[0].topic_name
+        topic = self._inputs[0].topic_name
         return {
             f'sensor {name} {kind}': say('sensor', name=name, topic=topic, what=what)
             for kind, what in found.items()
@@ -160,7 +158,7 @@ class Detector:
         if explained or (self._estimated and all(joint.needs_motion for joint in joints)):
             return {}
         topics = ' and '.join(
-            each.topic_name for each, count in zip(self.inputs, stream.received) if count
+            each.topic_name for each, count in zip(self._inputs, stream.received) if count
         )
         why = stream.why() or ', '.join(
             f"'{name}' is {STATUS_NAMES[status]}" for name, (status, _) in statuses.items()
@@ -170,14 +168,14 @@ class Detector:
     def _of_graph(self, now: float) -> dict[str, str]:
         """Return faults among publishers and subscribers, once two reports have seen them."""
         suspected = self._endpoints.faults()
-        for port, each in enumerate(self.inputs):
+        for port, each in enumerate(self._inputs):
             if each.found and not self._stream.received[port] and not each.optional:
                 who = listed(dict.fromkeys(each.found))
                 suspected[f'mute {each.topic_name}'] = say('mute', who=who, topic=each.topic_name)
         before, self._suspected = self._suspected, suspected
         if now - self._started < INPUT_PATIENCE:
             return {}
-        heard = [each for port, each in enumerate(self.inputs) if self._stream.received[port]]
+        heard = [each for port, each in enumerate(self._inputs) if self._stream.received[port]]
         ended = {f'nobody {each.topic_name}' for each in heard}  # reported as silence
         return {
             kind: text for kind, text in suspected.items() if kind in before and kind not in ended
@@ -187,7 +185,7 @@ class Detector:
         """Return joints that are not in the messages, and those that several publishers send."""
         stream, found = self._stream, {}
         shown = True  # the messages have shown their names
-        for port, each in enumerate(self.inputs):
+        for port, each in enumerate(self._inputs):
             several = len(each.found) > 1 and not each.optional
             if port == 0:
                 joints = stream.bank.joints
@@ -219,7 +217,7 @@ class Detector:
 
     def _of_missing(self, missing: list[str], now: float) -> dict[str, str]:
         """Return the texts about joints that have never come, by the parameters that name them."""
-        each, overrides = self.inputs[0], self._stream.overrides
+        each, overrides = self._inputs[0], self._stream.overrides
         names = each.senders.recent(now - RECENT) or each.senders.recent(-math.inf)
         carried = names if each.type == JOINT_STATE else set(self._stream.bank.joints)
         selected = [name for name in missing if name not in overrides]
@@ -247,7 +245,7 @@ class Detector:
         for port, (count, since) in enumerate(self._arrivals):
             if received[port] > count:
                 self._arrivals[port] = received[port], now
-                each = self.inputs[port]
+                each = self._inputs[port]
                 if count and not each.optional and now - since > self._patience:
                     self._report_return(port, 'the messages are', now - since, now)
 
@@ -255,7 +253,7 @@ class Detector:
         self, port: int, subject: str, outage: float, now: float, which: str = ''
     ) -> None:
         """Report what is back, with the length of the outage [s]."""
-        topic = self.inputs[port].topic_name
+        topic = self._inputs[port].topic_name
         text = say('back', subject=subject, topic=topic, passed=outage, which=which)
         self._faults.begin(f'back {topic}', text, now)
 
@@ -264,7 +262,7 @@ class Detector:
         joints, found = self._stream.bank.joints, {}
         patience = max([self._shortest, *(joint.silence for joint in joints.values())])
         self._patience = patience
-        for (count, since), each in zip(self._arrivals, self.inputs):
+        for (count, since), each in zip(self._arrivals, self._inputs):
             if not count or each.optional or now - since <= patience:
                 continue
             what = f'no message on {each.topic_name}'
@@ -276,7 +274,7 @@ class Detector:
             lost = before and self._watch.lost(name)
             if lost and before == joints[name].received and arrived - since > joints[name].silence:
                 self._watch.silent.setdefault(name, since)
-        measured = self.inputs[0]
+        measured = self._inputs[0]
         carried = measured.senders.recent(now - patience)
         gone = sorted(set(self._watch.names_of(self._watch.silent)) - carried)
         if gone and carried:
@@ -307,7 +305,7 @@ class Detector:
         self, kind: str, count: int, received: int, fault: str = '', **values: Any
     ) -> dict[str, str]:
         """Return the fault `kind` (with the text of `fault`) of `count` of the received, if any."""
-        values = {'topic': self.inputs[0].topic_name, **values}
+        values = {'topic': self._inputs[0].topic_name, **values}
         text = say(fault or kind, count=count, received=received, **values) if count else ''
         return {kind: text} if text else {}
 
@@ -357,9 +355,9 @@ class Detector:
         ----------
         mixed : several publishers send the same joint, which explains the rest.
         """
-        node, stream, topic = self._node, self._stream, self.inputs[0].topic_name
+        node, stream, topic = self._node, self._stream, self._inputs[0].topic_name
         source = getattr(stream.settings, 'stamp_source', PUBLISHER)
-        header = source != PUBLISHER and self.inputs[0].type == JOINT_STATE
+        header = source != PUBLISHER and self._inputs[0].type == JOINT_STATE
         found, received = {}, new['received']
         simulated = node.get_parameter('use_sim_time').value
         clock = node.get_clock().now().nanoseconds * 1e-9
@@ -392,7 +390,7 @@ class Detector:
             )
         self._often = often
         if new['events.clock_jump'] and not mixed:
-            publishers = self.inputs[0].publishers()
+            publishers = self._inputs[0].publishers()
             several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
             self._faults.begin('jump', say('jump', several=several, kept=stream.KEPT), now)
         return found

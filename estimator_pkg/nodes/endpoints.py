@@ -79,12 +79,12 @@ class Input:
     node : the node that reads. kind : message class.
     port : name of the topic before remapping.
     receive : gets the bytes of every message, and its info.
-    qos : requested. optional : the node works without a publisher of it.
+    optional : the node works without a publisher of it.
     mismatch, left : called for a publisher with an incompatible QoS, and after one has left.
 
     Attributes
     ----------
-    topic_name : fully qualified. type : name of the message class.
+    topic_name : fully qualified. type : name of the message class. qos : requested.
     found : nodes that publish the topic so that they are connected, at the last examination.
     left : nodes that were found before, and when they were missed, by `monotonic` [s]; the last.
     unnamed : True if a publisher had no name at the last report; set by the reporter.
@@ -104,14 +104,13 @@ class Input:
         kind: type,
         port: str,
         receive: Receive,
-        qos: QoSProfile,
         optional: bool,
         mismatch: Callable[[Any], None],
         left: Callable[[], None],
     ) -> None:
-        self._node, self._kind, self.port, self.qos, self.optional = node, kind, port, qos, optional
+        self._node, self._kind, self.port, self.optional = node, kind, port, optional
         self._receive, self._mismatch, self._publisher_left = receive, mismatch, left
-        self.topic_name = node.resolve_topic_name(port)
+        self.topic_name, self.qos = node.resolve_topic_name(port), sensor_data()
         self.type = type_name(kind)
         self.found: list[str] = []
         self.left: dict[str, float] = {}
@@ -123,7 +122,7 @@ class Input:
         self.unpublished_since = monotonic()
         self._served = False  # True after a publisher was known
         with _in_words(port):  # now, so that a wrong one ends the start
-            _declare_qos_parameters(Subscription, node, self.topic_name, qos, overriding())
+            _declare_qos_parameters(Subscription, node, self.topic_name, self.qos, overriding())
 
     def publishers(self) -> int:
         """The number of publishers that are connected."""
@@ -297,6 +296,7 @@ class Endpoints:
     Attributes
     ----------
     qos_mismatches : number of publishers and subscriptions with incompatible QoS.
+    inputs : by port, the measurement first.
     outputs : the topics of answers.
     """
 
@@ -304,7 +304,7 @@ class Endpoints:
         self._node = node
         self.qos_mismatches = 0
         self.outputs = Outputs(wait_for_subscriber)
-        self._inputs: list[Input] = []
+        self.inputs: list[Input] = []
         self._publishers: list[Publisher] = []
         self._written: dict[str, str] = {}  # topic -> the same before remapping
         self._around: list[int] = []  # publishers of our inputs, subscriptions to our outputs
@@ -314,14 +314,9 @@ class Endpoints:
         self._first_seen: dict[bytes, float] = {}  # publishers of our first output, by identity
 
     @property
-    def inputs(self) -> list[str]:
-        """Names of the input topics."""
-        return [each.topic_name for each in self._inputs]
-
-    @property
     def lost(self) -> dict[str, int]:
         """Messages lost on the way to our subscriptions since they were made, by topic."""
-        return {each.topic_name: each.loss.lost for each in self._inputs}
+        return {each.topic_name: each.loss.lost for each in self.inputs}
 
     def open(self, clock: Clock) -> None:
         """Subscribe to topics that have a publisher, once the executor runs.
@@ -338,9 +333,9 @@ class Endpoints:
         A subscriber of our outputs must know them before, or it would miss the first answers.
         """
         now, node = monotonic(), self._node
-        around = [node.count_publishers(each.topic_name) for each in self._inputs]
+        around = [node.count_publishers(each.topic_name) for each in self.inputs]
         known, matched = tuple(around), True
-        if not all(each.subscription for each in self._inputs):
+        if not all(each.subscription for each in self.inputs):
             listeners = [node.count_subscribers(each.topic_name) for each in self._publishers]
             around += listeners
             matched = all(
@@ -350,9 +345,9 @@ class Endpoints:
         if around != self._around:
             self._around, self._discovered = around, max(self._discovered, now + UNCHANGED)
         discovered = now >= self._discovered + (0.0 if matched else UNMATCHED)
-        for each, publishers in zip(self._inputs, known):
+        for each, publishers in zip(self.inputs, known):
             each.connect(publishers, discovered)
-        connected = all(each.subscription for each in self._inputs)
+        connected = all(each.subscription for each in self.inputs)
         waits = self.outputs.look(connected)
         if self._often is None:
             return
@@ -375,7 +370,7 @@ class Endpoints:
     def refuse_circles(self) -> None:
         """Raise UsageError if an output is published on a topic that the node reads."""
         for publisher in self._publishers:
-            for each in self._inputs:
+            for each in self.inputs:
                 if publisher.topic_name == each.topic_name:
                     name = each.topic_name.rpartition('/')[2]
                     raise UsageError(
@@ -389,7 +384,7 @@ class Endpoints:
         outputs, as texts by kind; DDS reports most of it to nobody.
         """
         node, texts = self._node, {}
-        for each in self._inputs:
+        for each in self.inputs:
             topic = each.topic_name
             others = node.get_publishers_info_by_topic(topic)
             before = each.found
@@ -432,7 +427,8 @@ class Endpoints:
     def _instead(self, each: Input) -> str:
         """Return the topics with a publisher of an input's type that may be meant, as text."""
         node = self._node
-        own = {*self.inputs, *(publisher.topic_name for publisher in self._publishers)}
+        own = {each.topic_name for each in self.inputs}
+        own.update(each.topic_name for each in self._publishers)
         own.update(*(observers.outputs(node, name) for name in observers.observers(node)))
         names = sorted(
             name
@@ -445,28 +441,19 @@ class Endpoints:
         return f'; {said}' if 'mean' in said else f'; others of this type: {listed(names)}'
 
     def subscribe(
-        self,
-        kind: type,
-        topic: str,
-        receive: Receive,
-        qos: QoSProfile | None = None,
-        *,
-        optional: bool = False,
-    ) -> Input:
-        """Return a new input, which `connect` subscribes; raises as `Input`."""
-        qos = qos or sensor_data()
-        made = Input(
-            self._node, kind, topic, receive, qos, optional, self._mismatch, self._look_often
+        self, kind: type, topic: str, receive: Receive, *, optional: bool = False
+    ) -> None:
+        """Add an input, which `connect` subscribes; raises as `Input`."""
+        self.inputs.append(
+            Input(self._node, kind, topic, receive, optional, self._mismatch, self._look_often)
         )
-        self._inputs.append(made)
-        return made
 
     def look(self) -> None:
         """Check for publishers and subscribers, and receive waiting messages; to be called
         regularly.
         """
         self.connect()
-        for each in self._inputs:
+        for each in self.inputs:
             each.drain()
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
