@@ -94,11 +94,7 @@ setup(
     version='0.1.0',
     packages=find_packages(include=['estimator_pkg*', 'sim_pkg*']),
     package_data={
-        'estimator_pkg': [
-            'py.typed',
-            'evaluation/templates/*',
-            'export/ros2_control/templates/**/*.in',
-        ],
+        'estimator_pkg': ['py.typed', 'evaluation/templates/*', 'export/**/*.in'],
         'sim_pkg': ['py.typed', 'reproduce/*/references.csv'],
     },
     data_files=[

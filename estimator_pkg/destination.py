@@ -57,11 +57,9 @@ def check_distinct(parsed: argparse.Namespace) -> None:
         for name in INPUTS:
             value = getattr(parsed, name, None)
             for read in [value] if isinstance(value, str) else value or ():
-                if _same(path, Path(read)) or _within(path, Path(read)):
-                    raise UsageError(f'{option} {path} would overwrite an input: name another file')
-                if _joins(path, Path(read)):
+                if _changes(path, Path(read)):
                     raise UsageError(
-                        f'{option} {path} would become a part of the bag {read}: name another file'
+                        f'{option} {path} would change the input {read}: name another file'
                     )
 
 
@@ -100,20 +98,12 @@ def _of_bag(path: Path) -> bool:
     return place.suffix in OF_BAGS or place.name == METADATA
 
 
-def _within(path: Path, bag: Path) -> bool:
-    """Return True if an existing file belongs to the bag at this path."""
-    return path.is_file() and _of_bag(path) and _below(path, bag)
-
-
-def _joins(path: Path, bag: Path) -> bool:
-    """Return True if a new file or bag would belong to the bag at this path.
+def _changes(path: Path, bag: Path) -> bool:
+    """Return True if an output is the bag at this path, or a file of it, or would become one.
 
     In a folder without metadata another bag may lie next to a file, and gets no metadata either.
     """
-    whole = bag.is_dir() or (bag.parent / METADATA).exists() or path.name == METADATA
-    return whole and (_of_bag(path) or not path.suffix) and _below(path, bag)
-
-
-def _below(path: Path, bag: Path) -> bool:
     folder = bag if bag.is_dir() else bag.parent
-    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+    whole = bag.is_dir() or (bag.parent / METADATA).exists() or path.name == METADATA
+    below = Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+    return _same(path, bag) or (whole and below and (_of_bag(path) or not path.suffix))

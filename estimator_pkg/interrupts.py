@@ -7,9 +7,9 @@ A dropped ssh session sends HUP, a service manager TERM, a user INT (Ctrl-C). Wi
 three raise Interrupted. Within `gently` they only set a flag, so that no message is written
 incompletely; the loop that writes checks `came` and ends.
 
-An import may drop the exception or turn it into an ImportError, so it is raised after the import.
-It may also be lost in a callback of a weak reference or from C, in `__del__`, and in C itself: it
-is raised again, until somebody who has caught it calls `finish`.
+An import may drop the exception or turn it into an ImportError, so it is raised after the import,
+and after a call of rclpy. It may also be lost in a callback of a weak reference or from C, in
+`__del__`, and in C itself: it is raised again, until somebody who has caught it calls `finish`.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ NUMBERS = tuple(
 HANGUP = getattr(signal, 'SIGHUP', None)
 LONGEST_END = 5.0  # time from `limit_end` to the end of the process [s]
 AGAIN = 0.05  # time until an interrupt is retried that was impossible or lost [s]
+RCLPY = f'{os.sep}rclpy{os.sep}'
 ONE_PRESS = 1.0  # signals within this time count as one, because launchers forward Ctrl-C [s]
 
 
@@ -47,7 +48,7 @@ class Interrupted(KeyboardInterrupt):
 class _State:
     """State of the process, which has one handler for each signal."""
 
-    depth = 0  # nesting of `handled`
+    before: dict[int, Any] | None = None  # handlers that ours replace; None: ours are not in use
     gentle = 0  # nesting of `gently`
     number = 0  # the first received signal; 0: none
     at = 0.0  # its time [s]
@@ -68,58 +69,52 @@ def forget() -> None:
 
 
 @contextmanager
-def handled() -> Iterator[None]:
+def handled(background: bool = False) -> Iterator[None]:
     """Handle the signals of this process; a context that may be nested.
 
     A signal that was ignored before stays ignored, as by `nohup`.
-    """
-    if _State.depth or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    _State.depth, _State.number, _State.gentle = 1, 0, 0
-    _State.terminals = tuple(number for number in (1, 2) if os.isatty(number))
-    before = {
-        number: signal.signal(number, _take)
-        for number in NUMBERS
-        if signal.getsignal(number) != signal.SIG_IGN
-    }
-    _State.report, sys.unraisablehook = sys.unraisablehook, _lost
-    try:
-        yield
-    finally:
-        sys.unraisablehook = _State.report
-        if _State.alarm is not None:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-            signal.signal(signal.SIGALRM, _State.alarm)
-            _State.alarm = None
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        _State.depth = 0
-
-
-@contextmanager
-def gently(background: bool = False) -> Iterator[None]:
-    """Let the first signal set `came` and raise nothing.
 
     Parameters
     ----------
     background : handle INT also in a background job, for which a shell ignores it.
     """
-    with handled():
-        ignored = (
-            background
-            and signal.getsignal(signal.SIGINT) == signal.SIG_IGN
-            and threading.current_thread() is threading.main_thread()
-        )
-        if ignored:
-            signal.signal(signal.SIGINT, _take)
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    outermost = _State.before is None
+    if outermost:
+        _State.before, _State.number, _State.gentle = {}, 0, 0
+        _State.terminals = tuple(number for number in (1, 2) if os.isatty(number))
+        _State.report, sys.unraisablehook = sys.unraisablehook, _lost
+    before: dict[int, Any] = _State.before  # type: ignore[assignment]  # set above
+    for number in NUMBERS:
+        handler = signal.getsignal(number)
+        if handler != signal.SIG_IGN or (background and number == signal.SIGINT):
+            before.setdefault(number, handler)
+            signal.signal(number, _take)
+    try:
+        yield
+    finally:
+        if outermost:
+            sys.unraisablehook = _State.report
+            if _State.alarm is not None:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+                signal.signal(signal.SIGALRM, _State.alarm)
+                _State.alarm = None
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            _State.before = None
+
+
+@contextmanager
+def gently(background: bool = False) -> Iterator[None]:
+    """Let the first signal set `came` and raise nothing; `background` as for `handled`."""
+    with handled(background):
         _State.gentle += 1
         try:
             yield
         finally:
             _State.gentle -= 1
-            if ignored:
-                signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
@@ -153,7 +148,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     """Raise Interrupted, now or after an import, unless the command ends by itself."""
     if _State.gentle:
         return
-    if is_importing(frame):
+    if _is_fragile(frame):
         _retry()
         return
     raised = Interrupted()
@@ -175,11 +170,14 @@ def _lost(unraisable: Any) -> None:
         _State.report(unraisable)
 
 
-def is_importing(frame: FrameType | None, *also: str) -> bool:
-    """Return True within an import, or a file whose name contains one of `also`."""
+def _is_fragile(frame: FrameType | None) -> bool:
+    """Return True within an import, or within rclpy, which would leave incomplete objects.
+
+    These print errors when they are destroyed.
+    """
     while frame is not None:
         file = frame.f_code.co_filename
-        if file == '<frozen importlib._bootstrap>' or any(part in file for part in also):
+        if file == '<frozen importlib._bootstrap>' or RCLPY in file:
             return True
         frame = frame.f_back
     return False
@@ -207,9 +205,12 @@ def say(text: str) -> None:
 
 
 def limit_end() -> None:
-    """End the process by an alarm if it is still there after `LONGEST_END`.
+    """Ignore signals, and end the process by an alarm if it is still there after `LONGEST_END`.
 
     To be called when nothing is left but to end: then DDS may wait for one of its threads for ever.
     """
+    _State.alarm = None  # no interrupt comes again
+    for number in NUMBERS:
+        signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_REAL, LONGEST_END)

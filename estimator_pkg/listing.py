@@ -82,7 +82,13 @@ def as_text(found: Mapping[str, Mapping[str, str]], rate: float) -> str:
 
 def _wrapped(text: str, width: int, first: int, others: int) -> list[str]:
     """Return the text in lines, indented by `first` and by `others` columns."""
-    return textwrap.wrap(text, width, initial_indent=' ' * first, subsequent_indent=' ' * others)
+    return textwrap.wrap(
+        printable(text),
+        width,
+        initial_indent=' ' * first,
+        subsequent_indent=' ' * others,
+        break_on_hyphens=False,
+    )
 
 
 TYPE_NAMES = {
@@ -252,24 +258,18 @@ def describe(item: Item, width: int) -> str:
 
 def line(item: Item, width: int) -> str:
     """Return the item in one line: its name, and what it is as far as the line reaches."""
-    text = f'  {item.name:<18}{" " if len(item.name) > 17 else ""}{printable(item.summary)}'
-    return text if len(text) <= width else text[: width - 3].rpartition(' ')[0] + ' ...'
+    text = printable(item.summary)
+    lead = f'  {item.name:<17} '
+    return lead + textwrap.shorten(text, width - len(lead), placeholder=' ...')
 
 
 def brief(item: Item, width: int) -> str:
     """Return the item in lines of `width` columns: its name, what it is, how many parameters."""
     count = len(item.parameters)
     more = f' ({count} parameter{"s" * (count > 1)})' if count else ''
-    lead = f'  {item.name:<18}'
-    return '\n'.join(
-        textwrap.wrap(
-            printable(item.summary) + more,
-            width,
-            initial_indent=lead if len(lead) <= 20 else f'{lead} ',
-            subsequent_indent=' ' * 20,
-            break_on_hyphens=False,
-        )
-    )
+    lead = f'  {item.name:<17} '
+    first, *rest = _wrapped(item.summary + more, width, len(lead), 20)
+    return '\n'.join([lead + first[len(lead) :], *rest])
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

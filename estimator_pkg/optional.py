@@ -27,14 +27,8 @@ OF_ROS = re.compile(
     r'rclpy|rmw.*|rpyutils|ament_index_python|builtin_interfaces|\w+_(msgs|srvs)'
     r'|\w+_interfaces'
 )
-BAGS = (
-    'mcap',
-    'rosbags',
-    'rich',
-    'apsw',
-    'lz4',
-    'zstandard',
-)  # needed by every command that reads or writes bags
+# Needed by every command that reads or writes bags.
+BAGS = ('mcap', 'rosbags', 'rich', 'apsw', 'lz4', 'zstandard')
 PLACE = '~/velocity_estimator_venv'
 
 

@@ -89,11 +89,11 @@ def table(joints: Mapping[str, Joint], lines: int | None = None) -> Group:
     shown = list(joints.items())[:lines]
     for name, joint in shown:
         cells = (
-            _cut(printable(name), COLUMNS[0][1]),
+            printable(name),
             _signed(joint.position),
             _signed(joint.velocity),
             f'{joint.interval:.3g}',
-            _cut(joint.state, COLUMNS[4][1]),
+            joint.state,
             f'{joint.rate:{".4g" if joint.rate < 1e3 else ".0f" if joint.rate < 1e6 else ".0e"}}',
             str(joint.dropped) if joint.dropped < 1e7 else f'{joint.dropped:.1e}',
         )
@@ -110,10 +110,6 @@ def _signed(value: float) -> str:
     return f'{value:+.4f}' if abs(value) < 1e4 else f'{value:+.3e}'
 
 
-def _cut(text: str, width: int) -> str:
-    return text if len(text) <= width else text[: width - 3] + '...'
-
-
 def picture(watching: Watching, seconds: float, height: int | None = None) -> Group:
     """Return the whole display of an observer.
 
@@ -125,7 +121,7 @@ def picture(watching: Watching, seconds: float, height: int | None = None) -> Gr
     from rich.text import Text
 
     room = None if height is None else max(1, (height - 6) // 2)
-    name = _cut(printable(watching.name), WIDTH - 40)
+    name = printable(watching.name)[: WIDTH - 40]
     lines = []
     if watching.faults not in ('', 'ok'):
         lines.append(f'the node reports: {watching.faults}')

@@ -128,8 +128,6 @@ def of_command_line(text: str) -> Any:
 
     A word such as off becomes a `Word`; invalid YAML is a text.
     """
-    if text in TRUE | FALSE and text.lower() not in ('true', 'false'):
-        return Word(text)
     try:
         return yaml.load(text, Loader=_Unquoted)
     except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError):
@@ -139,12 +137,12 @@ def of_command_line(text: str) -> Any:
 class _Unquoted(Loader):
     """YAML in which y, n, yes, no, on and off are texts, as in ``--set joints=[x,y]``."""
 
-    def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
-        """Return the tag of a node; only true and false are booleans."""
-        found = super().resolve(kind, value, implicit)
-        if found == f'{_TAG}bool' and value.lower() not in ('true', 'false') and implicit[0]:
-            return f'{_TAG}str'
-        return found
+
+def _word(text: str) -> bool | Word:
+    return text in TRUE if text.lower() in ('true', 'false') else Word(text)
+
+
+_Unquoted.add_constructor(f'{_TAG}bool', _constructor(f'{_TAG}bool', _word))
 
 
 class _Dumper(yaml.SafeDumper):

@@ -87,24 +87,21 @@ def test_two_outputs_with_one_name_are_a_usage_error(words, options, tmp_path, m
     assert not (tmp_path / 'X').exists()
 
 
-OVERWRITES, JOINS = 'would overwrite an input', 'would become a part of the bag'
-
-
 @pytest.mark.parametrize(
-    ('words', 'problem'),
+    'words',
     [
-        (['evaluate', 'B', '--html', 'B/B_0.mcap'], OVERWRITES),
-        (['evaluate', 'B', 'B/B_0.mcap', '--data', 'B/B_0.mcap'], OVERWRITES),
-        (['tune', 'B', '--observer', 'pll', '--out', 'B/metadata.yaml'], OVERWRITES),
-        (['evaluate', 'B/B_0.mcap', '--json', 'hard'], OVERWRITES),
-        (['evaluate', 'B/B_0.mcap', '--html', 'link'], OVERWRITES),
-        (['replay', 'B', '--observer', 'pll', '--out', 'B/new'], JOINS),
-        (['evaluate', 'B/B_0.mcap', '--data', 'B/B_1.mcap'], JOINS),
-        (['tune', 'B', '--observer', 'pll', '--out', 'B/x.db3'], JOINS),
-        (['evaluate', 'alone/B_0.mcap', '--html', 'alone/metadata.yaml'], JOINS),
+        ['evaluate', 'B', '--html', 'B/B_0.mcap'],
+        ['evaluate', 'B', 'B/B_0.mcap', '--data', 'B/B_0.mcap'],
+        ['tune', 'B', '--observer', 'pll', '--out', 'B/metadata.yaml'],
+        ['evaluate', 'B/B_0.mcap', '--json', 'hard'],
+        ['evaluate', 'B/B_0.mcap', '--html', 'link'],
+        ['replay', 'B', '--observer', 'pll', '--out', 'B/new'],
+        ['evaluate', 'B/B_0.mcap', '--data', 'B/B_1.mcap'],
+        ['tune', 'B', '--observer', 'pll', '--out', 'B/x.db3'],
+        ['evaluate', 'alone/B_0.mcap', '--html', 'alone/metadata.yaml'],
     ],
 )
-def test_no_output_changes_the_bag_that_is_read(words, problem, tmp_path, monkeypatch, capsys):
+def test_no_output_changes_the_bag_that_is_read(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', 'encoder', '--duration', '0.1', '--out', 'B']) == 0
     Path('alone').mkdir()
@@ -115,7 +112,7 @@ def test_no_output_changes_the_bag_that_is_read(words, problem, tmp_path, monkey
     capsys.readouterr()
     assert main(words) == 2
     said = capsys.readouterr().err
-    assert problem in said and said.count('\n') == 1
+    assert 'would change the input' in said and said.count('\n') == 1
     assert {file: file.read_bytes() for file in Path('.').rglob('*') if file.is_file()} == before
 
 

@@ -165,13 +165,6 @@ def test_commands_in_the_documentation_are_understood(page, words):
         assert (ROOT / bag).exists()
 
 
-def test_a_status_is_echoed_as_a_whole():
-    # without -f, ros2 topic echo cuts each text at 128 characters, and with it the remedy
-    text = ''.join(page.read_text() for page in [*pages(), *ROOT.glob('.github/**/*.md')])
-    shown = [line for line in re.findall('ros2 topic echo.*', text) if '/status' in line]
-    assert shown and all(' -f ' in line for line in shown), shown
-
-
 def test_functions_in_the_pages_of_contributors_exist():
     text = ''.join((DOCS / f'{name}.md').read_text() for name in ('architecture', 'engine'))
     named = re.findall(r'`([\w/]+\.py)(?:: ([\w.]+))?`', text)
@@ -181,12 +174,6 @@ def test_functions_in_the_pages_of_contributors_exist():
         assert found or file.startswith('my_package/'), file
         for part in name.split('.') if name else ():
             assert re.search(rf'(def|class) {part}\b', (found[0] / file).read_text()), (file, name)
-
-
-def test_the_repository_has_one_address():
-    declared = re.findall('<url type="repository">(.*)</url>', (ROOT / 'package.xml').read_text())
-    cloned = re.findall(r'git clone (\S+)', ''.join(page.read_text() for page in pages()))
-    assert len(cloned) > 2 and set(cloned) == set(declared)
 
 
 def test_modules_and_nodes_in_the_documentation_exist():

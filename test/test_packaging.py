@@ -80,7 +80,7 @@ def assert_installed(prefix, executables):
     assert layouts == {'foxglove.json', 'plotjuggler.xml'}
     launch = {path.name for path in (share / 'launch').iterdir() if path.is_file()}
     assert launch == {path.name for path in (ROOT / 'launch').iterdir() if path.is_file()}
-    templates = 'export/ros2_control/templates/**/*.in'
+    templates = 'export/**/*.in'
     installed = {path.name for path in (prefix / 'lib').rglob(f'estimator_pkg/{templates}')}
     assert installed == {path.name for path in (ROOT / 'estimator_pkg').glob(templates)}
     config = {path.relative_to(share / 'config') for path in (share / 'config').rglob('*')}

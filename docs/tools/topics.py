@@ -133,7 +133,7 @@ def rows(kind: str, values: dict[str, Any]) -> Iterator[Row]:
     node = ObserverNode(kind, parameter_overrides=ros_values(values))
     try:
         own = node.get_fully_qualified_name()
-        inputs = node.health.inputs
+        inputs = node._endpoints.inputs
         for each in inputs:
             short = each.type.replace('/msg/', '/')
             yield Row('input', each.topic_name.lstrip('/'), short, quality(each.qos))

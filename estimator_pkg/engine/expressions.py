@@ -289,8 +289,7 @@ class Expressions:
         if not minus:
             return value
         if value.kind == COMPLEX:
-            made = self.helper('complex_negative', COMPLEX, value)
-            return made._replace(**self.in_order(node, value))
+            self.not_translated(node)
         if value.kind == WHOLE:
             self._whole(node, ast.unparse(inner))
         if value.constant is not None and value.kind == INT:
@@ -438,10 +437,6 @@ class Expressions:
             return self._take(node, func.value)
         if node.keywords or isinstance(found, (Found, Module)):
             self.not_translated(node)
-        if found is None and isinstance(func, ast.Attribute) and func.attr == 'conjugate':
-            value = self.one_of(func.value, (COMPLEX,), 'complex')
-            made = self.helper('complex_conjugate', COMPLEX, value)
-            return made._replace(**self.in_order(node, value))
         values = [self.one_of(item, (*k.VALUES, WHOLE), 'a number') for item in node.args]
         if isinstance(found, Outside):
             made = self._math(node, found.name, values)

@@ -37,10 +37,6 @@ static inline Complex complex_multiply(Complex a, Complex b)
 {
     return complex_of(a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real);
 }""",
-    'complex_negative': """\
-static inline Complex complex_negative(Complex a) { return complex_of(-a.real, -a.imag); }""",
-    'complex_conjugate': """\
-static inline Complex complex_conjugate(Complex a) { return complex_of(a.real, -a.imag); }""",
     'complex_equal': """\
 static inline bool complex_equal(Complex a, Complex b)
 {

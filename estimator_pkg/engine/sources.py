@@ -4,7 +4,6 @@
 """Modules as the translator reads them: syntax trees, comments and what a name refers to."""
 
 import ast
-import copy
 import hashlib
 import io
 import math
@@ -114,12 +113,7 @@ class Sources:
         self._constants: dict[ast.AST, Any] = {}
 
     def module(self, name: str) -> Module | None:
-        """Return a module by its dotted name, None for one that is not below a root.
-
-        ``'one name=other'`` is module ``one``, in which ``name`` is module ``other``.
-        """
-        if ' ' in name:
-            return self._bound(*name.split(' '))
+        """Return a module by its dotted name, None for one that is not below a root."""
         if name not in self.modules:
             file = '/'.join(name.split('.'))
             shown = (f'{file}.py', f'{file}/__init__.py')
@@ -127,15 +121,6 @@ class Sources:
             found = next((each for each in paths if each[0].is_file()), None)
             self.modules[name] = Module(name, *found) if found else None
         return self.modules[name]
-
-    def _bound(self, name: str, binding: str) -> Module | None:
-        key, module = f'{name} {binding}', self.module(name)
-        if module and key not in self.modules:
-            made, (attribute, _, other) = copy.copy(module), binding.partition('=')
-            made.names = {**module.names, attribute: Imported(other, None)}
-            made.name = f'{name}_{other.rpartition(".")[2]}'
-            self.modules[key] = made
-        return self.modules.get(key)
 
     def read(self) -> list[str]:
         """Return the paths of all sources that were read, relative to the root."""

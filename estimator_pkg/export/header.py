@@ -20,6 +20,7 @@ from estimator_pkg.engine.prelude import MATH, TAKEN, TESTS
 from estimator_pkg.engine.sources import RefusedError
 from estimator_pkg.engine.translate import Entry, Translator
 from estimator_pkg.errors import UsageError
+from estimator_pkg.export import template
 from estimator_pkg.export.angle import Options
 from estimator_pkg.parameters import declared
 
@@ -35,33 +36,6 @@ TITLES = {
     'drive': 'speed and angle of a motor from its currents and voltages',
 }
 SIZES = 'a header is for observers of one angle and of drives'
-FILE = """\
-/* {title}
- *
-{about}
- *
- * Copyright 2026 velocity_estimator contributors
- * SPDX-License-Identifier: Apache-2.0
- */
-#ifndef {guard}
-#define {guard}
-
-#include <math.h>
-#include <stdbool.h>
-#include <stdint.h>
-
-#ifdef __cplusplus
-extern "C" {{
-#endif
-
-{body}
-
-#ifdef __cplusplus
-}}
-#endif
-
-#endif
-"""
 
 
 @dataclass(frozen=True)
@@ -136,13 +110,13 @@ def exported(
             ) from error
         used = translator.reached
     body = translator.body()
-    header = FILE.format(
-        title=f'{prefix}: {TITLES[observer.kind]}, by the observer {observer.name}.',
-        about='\n'.join(f' * {line}'.rstrip() for line in _about(observer, gains, settings)),
-        guard=f'{prefix.upper()}_H',
-        body=single(body) if float32 else body,
-    )
-    return Exported(prefix, header, joint, float32)
+    values = {
+        'TITLE': f'{prefix}: {TITLES[observer.kind]}, by the observer {observer.name}.',
+        'ABOUT': '\n'.join(f' * {line}'.rstrip() for line in _about(observer, gains, settings)),
+        'GUARD': f'{prefix.upper()}_H',
+        'BODY': single(body) if float32 else body,
+    }
+    return Exported(prefix, template('observer.h', values), joint, float32)
 
 
 def _joint(observer: Any, gains: Any, settings: Any, sample_period: float) -> Any:

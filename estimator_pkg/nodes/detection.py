@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from time import monotonic
 from typing import Any
 
@@ -16,14 +16,12 @@ from rclpy.node import Node
 from estimator_pkg.estimate import MISCONFIGURED, STATUS_NAMES
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.nodes import faults
-from estimator_pkg.nodes.endpoints import Endpoints
+from estimator_pkg.nodes.endpoints import Endpoints, Input
 from estimator_pkg.nodes.faults import Faults, listed, of_joints, say, which
-from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import JointWatch
 from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
 from estimator_pkg.params_file import OVERRIDES
 from estimator_pkg.sensor.faults import STOPPED
-from estimator_pkg.sensor.guard import DUPLICATE, ZERO_STAMP
 from estimator_pkg.streams.contract import PUBLISHER, Stream, stamp_remedy
 
 INPUT_PATIENCE = 2.5  # time after the start in which publishers appear [s]
@@ -32,9 +30,6 @@ CLOCKS_DIFFER = 1.0  # smaller distances of stamps from the clock are latency [s
 OFTEN = 0.05  # fraction of dropped samples that is reported
 LOSSES = 5  # seconds that are searched for lost messages,
 LASTING = 3  # and those of them in which messages were lost, if the loss is reported
-RATE_CHANGE = 0.2  # relative change of a rate that is reported,
-RATE_AGREES = 0.1  # if two measurements of the new one differ by less than this
-RATE_SAMPLES = 4  # samples of one measurement at least
 RECENT = 5.0  # age of names that a topic carries [s]
 SILENCE = 4.0  # time without an estimate that is reported [s],
 MESSAGES = 8  # if so many messages have come in it: a slow stream takes longer to start
@@ -53,11 +48,8 @@ class Detector:
 
     Attributes
     ----------
-    inputs : the inputs by port, the measurement first; set after their creation.
     first_input : when the first message was seen, by `monotonic` [s]; 0: none has come.
     """
-
-    inputs: list[Input]
 
     def __init__(
         self,
@@ -69,6 +61,7 @@ class Detector:
         patience: float,
     ) -> None:
         self._node, self._stream, self._endpoints = node, stream, endpoints
+        self._inputs = endpoints.inputs
         self._watch, self._faults = watch, faults
         self._started = monotonic()
         self.first_input = 0.0
@@ -84,7 +77,6 @@ class Detector:
         self._offset = math.inf  # least distance of stamps from the clock since the report [s]
         self._often: set[str] = set()  # kinds of drops that were often at the last report
         self._losses: deque[tuple[int, int]] = deque(maxlen=LOSSES)
-        self._rates: dict[str, _Rate] = {}
         self._without_estimate = self._started, 0  # since when, and received messages then
         self._estimated = False  # True after the first estimate
         self._clock_ran = False  # simulated time was beyond NEW_CLOCK
@@ -114,20 +106,11 @@ class Detector:
 
     def _of_sensor(self, name: str, found: Mapping[int, str]) -> dict[str, str]:
         """Return the faults of a joint's sensor, as texts by kind."""
-        topic = self.inputs[0].topic_name
+        topic = self._inputs[0].topic_name
         return {
             f'sensor {name} {kind}': say('sensor', name=name, topic=topic, what=what)
             for kind, what in found.items()
         }
-
-    def forget(self, names: Iterable[str]) -> None:
-        """Forget joints that were removed."""
-        for name in names:
-            self._rates.pop(name, None)
-
-    def rate(self, names: Iterable[str]) -> float:
-        """Return the largest measured rate of these joints [Hz]; 0: none was measured yet."""
-        return max((self._rates[name].newest for name in names if name in self._rates), default=0.0)
 
     def present(self, new: Mapping[str, int], now: float) -> dict[str, str]:
         """Return the faults that are present, as texts by kind; to be called once a second.
@@ -149,7 +132,6 @@ class Detector:
         found.update(self._of_stamps(new, mixed, now))
         if 'equal_names' in found:  # the second position of a name repeats its stamp
             found.pop('duplicate', None)
-        self._find_rates(new, now, mixed)
         found.update(self._of_nothing(found, new, now))
         return found
 
@@ -176,7 +158,7 @@ class Detector:
         if explained or (self._estimated and all(joint.needs_motion for joint in joints)):
             return {}
         topics = ' and '.join(
-            each.topic_name for each, count in zip(self.inputs, stream.received) if count
+            each.topic_name for each, count in zip(self._inputs, stream.received) if count
         )
         why = stream.why() or ', '.join(
             f"'{name}' is {STATUS_NAMES[status]}" for name, (status, _) in statuses.items()
@@ -186,14 +168,14 @@ class Detector:
     def _of_graph(self, now: float) -> dict[str, str]:
         """Return faults among publishers and subscribers, once two reports have seen them."""
         suspected = self._endpoints.faults()
-        for port, each in enumerate(self.inputs):
+        for port, each in enumerate(self._inputs):
             if each.found and not self._stream.received[port] and not each.optional:
                 who = listed(dict.fromkeys(each.found))
                 suspected[f'mute {each.topic_name}'] = say('mute', who=who, topic=each.topic_name)
         before, self._suspected = self._suspected, suspected
         if now - self._started < INPUT_PATIENCE:
             return {}
-        heard = [each for port, each in enumerate(self.inputs) if self._stream.received[port]]
+        heard = [each for port, each in enumerate(self._inputs) if self._stream.received[port]]
         ended = {f'nobody {each.topic_name}' for each in heard}  # reported as silence
         return {
             kind: text for kind, text in suspected.items() if kind in before and kind not in ended
@@ -203,7 +185,7 @@ class Detector:
         """Return joints that are not in the messages, and those that several publishers send."""
         stream, found = self._stream, {}
         shown = True  # the messages have shown their names
-        for port, each in enumerate(self.inputs):
+        for port, each in enumerate(self._inputs):
             several = len(each.found) > 1 and not each.optional
             if port == 0:
                 joints = stream.bank.joints
@@ -235,7 +217,7 @@ class Detector:
 
     def _of_missing(self, missing: list[str], now: float) -> dict[str, str]:
         """Return the texts about joints that have never come, by the parameters that name them."""
-        each, overrides = self.inputs[0], self._stream.overrides
+        each, overrides = self._inputs[0], self._stream.overrides
         names = each.senders.recent(now - RECENT) or each.senders.recent(-math.inf)
         carried = names if each.type == JOINT_STATE else set(self._stream.bank.joints)
         selected = [name for name in missing if name not in overrides]
@@ -263,7 +245,7 @@ class Detector:
         for port, (count, since) in enumerate(self._arrivals):
             if received[port] > count:
                 self._arrivals[port] = received[port], now
-                each = self.inputs[port]
+                each = self._inputs[port]
                 if count and not each.optional and now - since > self._patience:
                     self._report_return(port, 'the messages are', now - since, now)
 
@@ -271,7 +253,7 @@ class Detector:
         self, port: int, subject: str, outage: float, now: float, which: str = ''
     ) -> None:
         """Report what is back, with the length of the outage [s]."""
-        topic = self.inputs[port].topic_name
+        topic = self._inputs[port].topic_name
         text = say('back', subject=subject, topic=topic, passed=outage, which=which)
         self._faults.begin(f'back {topic}', text, now)
 
@@ -280,7 +262,7 @@ class Detector:
         joints, found = self._stream.bank.joints, {}
         patience = max([self._shortest, *(joint.silence for joint in joints.values())])
         self._patience = patience
-        for (count, since), each in zip(self._arrivals, self.inputs):
+        for (count, since), each in zip(self._arrivals, self._inputs):
             if not count or each.optional or now - since <= patience:
                 continue
             what = f'no message on {each.topic_name}'
@@ -292,7 +274,7 @@ class Detector:
             lost = before and self._watch.lost(name)
             if lost and before == joints[name].received and arrived - since > joints[name].silence:
                 self._watch.silent.setdefault(name, since)
-        measured = self.inputs[0]
+        measured = self._inputs[0]
         carried = measured.senders.recent(now - patience)
         gone = sorted(set(self._watch.names_of(self._watch.silent)) - carried)
         if gone and carried:
@@ -319,46 +301,38 @@ class Detector:
         who = listed(left or dict.fromkeys(each.found)) or 'its publisher'
         return say(kind, what=what, passed=now - since, who=who, which=which)
 
+    def _counted(
+        self, kind: str, count: int, received: int, fault: str = '', **values: Any
+    ) -> dict[str, str]:
+        """Return the fault `kind` (with the text of `fault`) of `count` of the received, if any."""
+        values = {'topic': self._inputs[0].topic_name, **values}
+        text = say(fault or kind, count=count, received=received, **values) if count else ''
+        return {kind: text} if text else {}
+
     def _of_messages(self, new: Mapping[str, int]) -> dict[str, str]:
         """Return faults of whole messages: those that are dropped or lost."""
-        stream, topic, found = self._stream, self.inputs[0].topic_name, {}
-        received = new['messages_received']
+        stream, found = self._stream, {}
+        received, counted = new['messages_received'], self._counted
         before, self._malformed = self._malformed, [*zip(stream.malformed, stream.received)]
         if new['messages_dropped.malformed']:
             where, why = stream.complaint
             port = stream.topics.index(where)
-            (bad, every), (bad_before, every_before) = self._malformed[port], before[port]
-            found['malformed'] = say(
-                'malformed',
-                count=bad - bad_before,
-                received=every - every_before,
-                topic=where,
-                why=why,
-            )
+            bad, every = (now - old for now, old in zip(self._malformed[port], before[port]))
+            found.update(counted('malformed', bad, every, topic=where, why=why))
         for kind, why in stream.UNUSED.items():
             count = new.get(f'messages_dropped.{kind}', 0)
             if count > OFTEN * received:
-                found[kind] = say('unused', count=count, received=received, topic=topic, why=why)
+                found.update(counted(kind, count, received, 'unused', why=why))
         count = new.get('messages_dropped.mismatched', 0)
-        if count:
-            found['mismatched'] = say(
-                'mismatched', count=count, received=received, topic=topic, why=stream.MISMATCH
-            )
+        found.update(counted('mismatched', count, received, why=stream.MISMATCH))
         if new['dropped.refused']:
             bank: Any = stream.bank
-            found['refused'] = say(
-                'refused',
-                count=new['dropped.refused'],
-                received=new['received'],
-                topic=topic,
-                name=bank.refused_name,
-                joints=len(bank.joints),
-            )
-        lost = self._endpoints.lost
+            values = {'name': bank.refused_name, 'joints': len(bank.joints)}
+            found.update(counted('refused', new['dropped.refused'], new['received'], **values))
         self._losses.append((new['lost_by_dds'], received))
         if sum(count > 0 for count, _ in self._losses) >= LASTING:
             count, came = (sum(each[k] for each in self._losses) for k in (0, 1))
-            where = ' and '.join(each for each, total in lost.items() if total)
+            where = ' and '.join(each for each, total in self._endpoints.lost.items() if total)
             found['lost'] = say(
                 'lost', count=count, sent=count + came, topic=where, passed=len(self._losses)
             )
@@ -369,17 +343,10 @@ class Detector:
         bank = self._stream.bank
         count, self._doubled = bank.doubled - self._doubled, bank.doubled
         names = sorted(bank.doubled_names.intersection(self._watch.names_of(bank.joints)))
-        if not (count and names):
+        if not names:
             return {}
-        text = say(
-            'equal_names',
-            names=of_joints(names, 'joint', ('has', 'have')),
-            count=count,
-            received=received,
-            topic=self.inputs[0].topic_name,
-            which=which(names),
-        )
-        return {'equal_names': text}
+        values = {'names': of_joints(names, 'joint', ('has', 'have')), 'which': which(names)}
+        return self._counted('equal_names', count, received, **values)
 
     def _of_stamps(self, new: Mapping[str, int], mixed: bool, now: float) -> dict[str, str]:
         """Return faults of stamps and readings.
@@ -388,22 +355,18 @@ class Detector:
         ----------
         mixed : several publishers send the same joint, which explains the rest.
         """
-        node, stream, topic = self._node, self._stream, self.inputs[0].topic_name
+        node, stream, topic = self._node, self._stream, self._inputs[0].topic_name
         source = getattr(stream.settings, 'stamp_source', PUBLISHER)
-        header = source != PUBLISHER and self.inputs[0].type == JOINT_STATE
-        found = {}
+        header = source != PUBLISHER and self._inputs[0].type == JOINT_STATE
+        found, received = {}, new['received']
         simulated = node.get_parameter('use_sim_time').value
         clock = node.get_clock().now().nanoseconds * 1e-9
         before, self._clock_ran = self._clock_ran, simulated and clock > NEW_CLOCK
         ran = before and self._clock_ran  # it may have started again
-        if new['dropped.zero_stamp'] and (ran or not simulated):
-            found['zero_stamp'] = say(
-                'zero_stamp',
-                count=new['dropped.zero_stamp'],
-                received=new['received'],
-                topic=topic,
-                remedy=stamp_remedy(stream.source_of_stamps),
-            )
+        if ran or not simulated:
+            remedy = stamp_remedy(stream.source_of_stamps)
+            count = new['dropped.zero_stamp']
+            found.update(self._counted('zero_stamp', count, received, remedy=remedy))
         offset, self._offset = self._offset, math.inf
         if simulated and not node.count_publishers(node.resolve_topic_name('/clock')):
             if now - self._started >= INPUT_PATIENCE:
@@ -418,24 +381,16 @@ class Detector:
                 + (", set 'stamp_source: publisher'" if header else '')
                 + ('' if simulated else ', or set use_sim_time for a bag or a simulation'),
             )
-        often = set()
-        for kind in ('duplicate', 'late', 'repeated'):
-            if new[f'dropped.{kind}'] <= OFTEN * new['received']:
-                continue
-            often.add(kind)
-            if kind in self._often and not mixed:
-                found[kind] = say(
-                    kind,
-                    count=new[f'dropped.{kind}'],
-                    received=new['received'],
-                    topic=topic,
-                    remedy=", or, if each has a reading of its own, set 'stamp_source: publisher'"
-                    if header
-                    else '',
-                )
+        counts = {kind: new[f'dropped.{kind}'] for kind in ('duplicate', 'late', 'repeated')}
+        often = {kind for kind, count in counts.items() if count > OFTEN * received}
+        remedy = ", or, if each has a reading of its own, set 'stamp_source: publisher'"
+        for kind in often & self._often if not mixed else ():
+            found.update(
+                self._counted(kind, counts[kind], received, remedy=remedy if header else '')
+            )
         self._often = often
         if new['events.clock_jump'] and not mixed:
-            publishers = self.inputs[0].publishers()
+            publishers = self._inputs[0].publishers()
             several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
             self._faults.begin('jump', say('jump', several=several, kept=stream.KEPT), now)
         return found
@@ -450,66 +405,3 @@ class Detector:
             clock_ns = self._node.get_clock().now().nanoseconds
             offsets = [1e-9 * (joints[name].stamp_ns - clock_ns) for name in fresh]
             self._offset = min(self._offset, *offsets, key=abs)
-
-    def _find_rates(self, new: Mapping[str, int], now: float, mixed: bool) -> None:
-        """Report rates that changed; losses and gaps are reported elsewhere."""
-        holes = ('events.outage', 'events.gap', 'events.clock_jump', 'events.stray_stamp')
-        holed = mixed or new['lost_by_dds'] or any(new[kind] for kind in holes)
-        changed = {}
-        for name, joint in self._stream.bank.joints.items():
-            rate = self._rates.setdefault(name, _Rate())
-            counts = joint.counts
-            count = sum(counts) - counts[DUPLICATE] - counts[ZERO_STAMP]
-            change = rate.measure(count, joint.last_ns, bool(holed))
-            if change:
-                changed[name] = change
-        if changed:
-            name, *others = changed
-            before, after = map(faults.rounded, changed[name])
-            text = say(
-                'rate',
-                name=name,
-                topic=self.inputs[0].topic_name,
-                before=before,
-                after=after,
-                which=f' (also {listed(others, chr(39))})' if others else '',
-            )
-            self._faults.begin('rate', text, now)
-
-
-class _Rate:
-    """The rate of a joint's samples by their stamps, measured again and again.
-
-    Attributes
-    ----------
-    newest : the newest measurement [Hz]; 0: none.
-    """
-
-    def __init__(self) -> None:
-        self._count, self._last_ns = 0, 0
-        self._rate = self.newest = 0.0
-
-    def measure(self, count: int, last_ns: int, holed: bool) -> tuple[float, float] | None:
-        """Return the rates (before, after) a change, else None.
-
-        Parameters
-        ----------
-        count, last_ns : number of samples so far, and the newest stamp [ns].
-        holed : samples are missing since the last call.
-        """
-        new, passed = count - self._count, 1e-9 * (last_ns - self._last_ns)
-        if not self._count or holed or passed < 0.0:
-            self._count, self._last_ns, self.newest = count, last_ns, 0.0
-            return None
-        if new < RATE_SAMPLES or passed <= 0.0:
-            return None
-        self._count, self._last_ns = count, last_ns
-        rate, candidate = new / passed, self.newest
-        self.newest = rate
-        if abs(rate - candidate) > RATE_AGREES * rate:
-            return None
-        before = self._rate
-        if before and abs(rate - before) <= RATE_CHANGE * before:
-            return None
-        self._rate = rate
-        return (before, rate) if before else None

@@ -1,14 +1,20 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Subscriptions and publishers of a node, and the problems that DDS reports."""
+"""Inputs and outputs of a node: when they are connected, and the problems that DDS reports.
+
+An input is subscribed to while its topic has a publisher; the first messages of an output wait for
+a subscriber.
+"""
 
 from __future__ import annotations
 
 import importlib
 import inspect
 import warnings
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from time import monotonic, time_ns
 from typing import Any
 
@@ -19,6 +25,7 @@ from rclpy.event_handler import (
     UnsupportedEventTypeError,
 )
 from rclpy.exceptions import ParameterException
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -27,13 +34,14 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.nodes.faults import listed, say
-from estimator_pkg.nodes.inputs import Input
+from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
+from estimator_pkg.nodes.faults import Senders, listed, say
 from estimator_pkg.nodes.misfits import full_name, misfits, type_name
-from estimator_pkg.nodes.outputs import Output, Outputs
 from estimator_pkg.nodes.qos import estimates, overriding, sensor_data
 from estimator_pkg.nodes.ros_parameters import QOS, in_words
 from estimator_pkg.ros import observers
+from estimator_pkg.ros.executor import take_turn
+from estimator_pkg.ros.loss import Loss
 
 
 def get_message(name: str) -> Any:
@@ -51,9 +59,231 @@ UNMATCHED = 1.0  # [s] that are waited for subscribers of our outputs that are n
 # one whose QoS does not fit never is
 GHOST = 25.0  # [s] for which one that was there at our start may have crashed: DDS shows it for 20
 AT_START = 2.5  # [s] in which it is found
+WAIT_FOR_PUBLISHER = 10.0  # [s] without a publisher, after which we subscribe all the same:
+# some bridges publish only topics that have a subscriber
+TOGETHER = 0.1  # [s] between the first and the last subscription of one process, at most
 LEFT = 20  # nodes that are remembered after they ended
 
 Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
+
+
+class Input:
+    """A topic that a node reads, subscribed to while it has a publisher.
+
+    A publisher knows of a subscription up to 0.1 s before the subscription knows of the publisher,
+    and DDS drops the best-effort messages of that time unseen. A subscription that is made when the
+    publisher is known knows it from its beginning, before the publisher can know of it.
+
+    Parameters
+    ----------
+    node : the node that reads. kind : message class.
+    port : name of the topic before remapping.
+    receive : gets the bytes of every message, and its info.
+    optional : the node works without a publisher of it.
+    mismatch, left : called for a publisher with an incompatible QoS, and after one has left.
+
+    Attributes
+    ----------
+    topic_name : fully qualified. type : name of the message class. qos : requested.
+    found : nodes that publish the topic so that they are connected, at the last examination.
+    left : nodes that were found before, and when they were missed, by `monotonic` [s]; the last.
+    unnamed : True if a publisher had no name at the last report; set by the reporter.
+    senders : what the messages carry; they are only looked at while `watched`.
+    subscription : None while there is none.
+    loss : counts the messages that are lost.
+    unpublished_since : when a publisher was last known, by `monotonic` [s].
+
+    Raises
+    ------
+    UsageError : a wrong ``qos_overrides`` parameter.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: type,
+        port: str,
+        receive: Receive,
+        optional: bool,
+        mismatch: Callable[[Any], None],
+        left: Callable[[], None],
+    ) -> None:
+        self._node, self._kind, self.port, self.optional = node, kind, port, optional
+        self._receive, self._mismatch, self._publisher_left = receive, mismatch, left
+        self.topic_name, self.qos = node.resolve_topic_name(port), sensor_data()
+        self.type = type_name(kind)
+        self.found: list[str] = []
+        self.left: dict[str, float] = {}
+        self.unnamed = False
+        self.senders = Senders(self.type == JOINT_STATE)
+        self.watched = True
+        self.subscription: Subscription | None = None
+        self.loss = Loss(self.publishers)
+        self.unpublished_since = monotonic()
+        self._served = False  # True after a publisher was known
+        with _in_words(port):  # now, so that a wrong one ends the start
+            _declare_qos_parameters(Subscription, node, self.topic_name, self.qos, overriding())
+
+    def publishers(self) -> int:
+        """The number of publishers that are connected."""
+        return 0 if self.subscription is None else self.subscription.get_publisher_count()
+
+    def connect(self, known: int, discovered: bool) -> None:
+        """Make the subscription, or destroy it after its last publisher.
+
+        Parameters
+        ----------
+        known : number of publishers on the topic.
+        discovered : they have had time to discover this node.
+        """
+        now = monotonic()
+        if known:
+            self.unpublished_since = now
+        if self.subscription is None:
+            if discovered if known else now - self.unpublished_since >= WAIT_FOR_PUBLISHER:
+                self.loss.begins(time_ns())
+                self._served = False
+                self.subscription = self._subscribe()
+        elif known:
+            self._served = True
+        elif isinstance(self._node.executor, MultiThreadedExecutor):
+            return  # another of its threads may be about to wait for the subscription
+        elif self._served and self.drain():
+            self._node.destroy_subscription(self.subscription)
+            self.subscription = None
+            self.loss.forget(time_ns())
+
+    def drain(self) -> bool:
+        """Receive messages that wait, for one turn of the executor; return True if none is left.
+
+        EventsExecutor takes one message for each event. An event that comes while it takes a node
+        or a subscription in may go unnoticed, and every message after it would be one message late.
+        """
+        return self.subscription is None or take_turn(self.subscription, self._came)
+
+    def _subscribe(self) -> Subscription:
+        def callback(*arguments: Any) -> None:
+            # EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
+            self._came(*(arguments if len(arguments) == 2 else arguments[0]))
+
+        def make(**events: Any) -> Subscription:
+            made = SubscriptionEventCallbacks(incompatible_qos=self._mismatch, **events)
+            return self._node.create_subscription(
+                self._kind, self.port, callback, self.qos, raw=True, event_callbacks=made
+            )
+
+        callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]  # rclpy counts them
+        with _in_words(self.port):
+            try:
+                return make(matched=self._matched, message_lost=self._reported)
+            except UnsupportedEventTypeError:  # this middleware has no such events
+                return make()
+
+    def _came(self, raw: bytes, info: Mapping[str, Any]) -> None:
+        number = info['publication_sequence_number']
+        self.loss.saw(number, info['source_timestamp'])
+        if self.watched:
+            self.senders.saw(raw, number)
+        self._receive(raw, info)
+
+    def _matched(self, event: Any) -> None:
+        if event.current_count_change < 0:
+            if event.current_count:  # else its last messages may wait, and show what is lost
+                self.loss.forget(time_ns())
+            self._publisher_left()
+
+    def _reported(self, event: Any) -> None:
+        self.loss.reported += event.total_count_change
+
+
+_TWO_ARGUMENTS = inspect.signature(lambda message, info: None)
+
+
+@contextmanager
+def _in_words(topic: str) -> Iterator[None]:
+    """Turn rclpy's errors about ``qos_overrides`` of a topic into UsageError."""
+    try:
+        with warnings.catch_warnings():  # about a depth of 0, which is refused
+            warnings.simplefilter('ignore', UserWarning)
+            yield
+    except ParameterException as error:
+        raise UsageError(in_words(error)) from error
+    except (InvalidQosOverridesError, AssertionError, RuntimeError, TypeError, ValueError) as error:
+        why = str(error).rpartition('are not valid: ')[2]
+        raise UsageError(f"qos_overrides of '{topic}': {why}") from error
+
+
+class Output:
+    """A topic of answers, which at the start wait for their first subscriber.
+
+    A publisher sends nothing to a subscription that it does not know, and on a busy machine DDS
+    discovers a process seconds late: one that has found us may be unknown to us. So the answers of
+    the first seconds are kept, as many as the publisher itself keeps, until somebody subscribes.
+    (Fast DDS announces a process every 3 s.)
+
+    Parameters
+    ----------
+    on_demand : its messages are made only while there is a subscriber, or one is waited for.
+
+    Attributes
+    ----------
+    wanted : True if messages are to be made.
+    publish : publishes a message, or keeps it.
+    waits : True while messages are kept.
+    topic_name : fully qualified.
+    """
+
+    def __init__(self, publisher: Publisher, on_demand: bool) -> None:
+        self._publisher, self._on_demand = publisher, on_demand
+        self.topic_name = publisher.topic_name
+        self._kept: deque[bytes] = deque(maxlen=publisher.qos_profile.depth)
+        self.wanted = self.waits = True
+        self.publish: Any = self._kept.append
+
+    def look(self, wait: bool) -> bool:
+        """Check for subscribers and return True if there are any.
+
+        Parameters
+        ----------
+        wait : keep waiting if there are none.
+        """
+        known = self._publisher.get_subscription_count() > 0
+        if self.waits and (known or not wait):
+            self.waits, self.publish = False, self._publisher.publish
+            for message in self._kept:
+                self.publish(message)
+            self._kept.clear()
+        self.wanted = known or self.waits or not self._on_demand
+        return known
+
+
+class Outputs(list[Output]):
+    """The outputs of a node. They wait for a subscriber together.
+
+    Parameters
+    ----------
+    wait : for how long after the inputs are connected [s]; 0: not at all.
+    """
+
+    def __init__(self, wait: float) -> None:
+        super().__init__()
+        self._wait = wait
+        self._until = float('inf') if wait else 0.0
+
+    def look(self, connected: bool) -> bool:
+        """Check for subscribers; return True while an output waits for one.
+
+        Parameters
+        ----------
+        connected : the inputs are subscribed to.
+        """
+        now = monotonic()
+        if connected:
+            self._until = min(self._until, now + self._wait)
+        known = [each.look(now < self._until) for each in self]
+        if any(known):
+            self._until = min(self._until, now + TOGETHER)
+        return any(each.waits for each in self)
 
 
 class Endpoints:
@@ -66,6 +296,7 @@ class Endpoints:
     Attributes
     ----------
     qos_mismatches : number of publishers and subscriptions with incompatible QoS.
+    inputs : by port, the measurement first.
     outputs : the topics of answers.
     """
 
@@ -73,7 +304,7 @@ class Endpoints:
         self._node = node
         self.qos_mismatches = 0
         self.outputs = Outputs(wait_for_subscriber)
-        self._inputs: list[Input] = []
+        self.inputs: list[Input] = []
         self._publishers: list[Publisher] = []
         self._written: dict[str, str] = {}  # topic -> the same before remapping
         self._around: list[int] = []  # publishers of our inputs, subscriptions to our outputs
@@ -83,14 +314,9 @@ class Endpoints:
         self._first_seen: dict[bytes, float] = {}  # publishers of our first output, by identity
 
     @property
-    def inputs(self) -> list[str]:
-        """Names of the input topics."""
-        return [each.topic_name for each in self._inputs]
-
-    @property
     def lost(self) -> dict[str, int]:
         """Messages lost on the way to our subscriptions since they were made, by topic."""
-        return {each.topic_name: each.loss.lost for each in self._inputs}
+        return {each.topic_name: each.loss.lost for each in self.inputs}
 
     def open(self, clock: Clock) -> None:
         """Subscribe to topics that have a publisher, once the executor runs.
@@ -107,9 +333,9 @@ class Endpoints:
         A subscriber of our outputs must know them before, or it would miss the first answers.
         """
         now, node = monotonic(), self._node
-        around = [node.count_publishers(each.topic_name) for each in self._inputs]
+        around = [node.count_publishers(each.topic_name) for each in self.inputs]
         known, matched = tuple(around), True
-        if not all(each.subscription for each in self._inputs):
+        if not all(each.subscription for each in self.inputs):
             listeners = [node.count_subscribers(each.topic_name) for each in self._publishers]
             around += listeners
             matched = all(
@@ -119,9 +345,9 @@ class Endpoints:
         if around != self._around:
             self._around, self._discovered = around, max(self._discovered, now + UNCHANGED)
         discovered = now >= self._discovered + (0.0 if matched else UNMATCHED)
-        for each, publishers in zip(self._inputs, known):
-            each.connect(publishers, discovered, node)
-        connected = all(each.subscription for each in self._inputs)
+        for each, publishers in zip(self.inputs, known):
+            each.connect(publishers, discovered)
+        connected = all(each.subscription for each in self.inputs)
         waits = self.outputs.look(connected)
         if self._often is None:
             return
@@ -144,7 +370,7 @@ class Endpoints:
     def refuse_circles(self) -> None:
         """Raise UsageError if an output is published on a topic that the node reads."""
         for publisher in self._publishers:
-            for each in self._inputs:
+            for each in self.inputs:
                 if publisher.topic_name == each.topic_name:
                     name = each.topic_name.rpartition('/')[2]
                     raise UsageError(
@@ -158,7 +384,7 @@ class Endpoints:
         outputs, as texts by kind; DDS reports most of it to nobody.
         """
         node, texts = self._node, {}
-        for each in self._inputs:
+        for each in self.inputs:
             topic = each.topic_name
             others = node.get_publishers_info_by_topic(topic)
             before = each.found
@@ -201,7 +427,8 @@ class Endpoints:
     def _instead(self, each: Input) -> str:
         """Return the topics with a publisher of an input's type that may be meant, as text."""
         node = self._node
-        own = {*self.inputs, *(publisher.topic_name for publisher in self._publishers)}
+        own = {each.topic_name for each in self.inputs}
+        own.update(each.topic_name for each in self._publishers)
         own.update(*(observers.outputs(node, name) for name in observers.observers(node)))
         names = sorted(
             name
@@ -214,86 +441,19 @@ class Endpoints:
         return f'; {said}' if 'mean' in said else f'; others of this type: {listed(names)}'
 
     def subscribe(
-        self,
-        kind: type,
-        topic: str,
-        receive: Receive,
-        qos: QoSProfile | None = None,
-        *,
-        optional: bool = False,
-    ) -> Input:
-        """Return an input that `connect` subscribes; `receive` gets every message's bytes and info.
-
-        Parameters
-        ----------
-        optional : the node works without a publisher of it.
-
-        Raises
-        ------
-        UsageError : a wrong ``qos_overrides`` parameter.
-        """
-        name, profile = self._node.resolve_topic_name(topic), qos or sensor_data()
-
-        def make(**events: Any) -> Subscription:
-            return self._node.create_subscription(
-                kind,
-                topic,
-                callback,
-                profile,
-                raw=True,
-                event_callbacks=SubscriptionEventCallbacks(
-                    incompatible_qos=self._mismatch, **events
-                ),
-            )
-
-        made = Input(
-            name,
-            kind,
-            lambda: self._made(topic, make, {'matched': matched, 'message_lost': reported}),
-            topic,
-            profile,
-            optional,
+        self, kind: type, topic: str, receive: Receive, *, optional: bool = False
+    ) -> None:
+        """Add an input, which `connect` subscribes; raises as `Input`."""
+        self.inputs.append(
+            Input(self._node, kind, topic, receive, optional, self._mismatch, self._look_often)
         )
-        loss = made.loss
-        saw = loss.saw
-
-        def callback(*arguments: Any) -> None:
-            # EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
-            raw, info = arguments if len(arguments) == 2 else arguments[0]
-            saw(info['publication_sequence_number'], info['source_timestamp'])
-            if made.watched:
-                made.senders.saw(raw, info['publication_sequence_number'])
-            receive(raw, info)
-
-        callback.__signature__ = _TWO_ARGUMENTS  # type: ignore[attr-defined]  # rclpy counts them
-        made.callback = callback
-
-        def matched(event: Any) -> None:
-            if event.current_count_change < 0:
-                if event.current_count:  # else its last messages may wait, and show what is lost
-                    loss.forget(time_ns())
-                self._look_often()
-
-        def reported(event: Any) -> None:
-            loss.reported += event.total_count_change
-
-        # Now, so that a wrong one ends the start.
-        self._made(
-            topic,
-            lambda **_: _declare_qos_parameters(
-                Subscription, self._node, name, profile, overriding()
-            ),
-            {},
-        )
-        self._inputs.append(made)
-        return made
 
     def look(self) -> None:
         """Check for publishers and subscribers, and receive waiting messages; to be called
         regularly.
         """
         self.connect()
-        for each in self._inputs:
+        for each in self.inputs:
             each.drain()
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
@@ -305,16 +465,14 @@ class Endpoints:
         durability = self._node._parameter_overrides.get(name)
         latches = durability is not None and durability.value == 'transient_local'
 
-        def make() -> Publisher:
-            return self._node.create_publisher(
+        with _in_words(topic):
+            made = self._node.create_publisher(
                 kind,
                 topic,
                 qos or (estimates(depth=1) if latches else estimates()),
                 qos_overriding_options=overriding(),
                 event_callbacks=PublisherEventCallbacks(incompatible_qos=self._mismatch),
             )
-
-        made: Publisher = self._made(topic, make, {})
         self._publishers.append(made)
         self._written[made.topic_name] = topic
         return made
@@ -325,29 +483,6 @@ class Endpoints:
         self.outputs.append(made)
         return made
 
-    def _made(self, topic: str, make: Callable[..., Any], events: dict[str, Any]) -> Any:
-        try:
-            with warnings.catch_warnings():  # about a depth of 0, which is refused
-                warnings.simplefilter('ignore', UserWarning)
-                try:
-                    return make(**events)
-                except UnsupportedEventTypeError:  # this middleware has no such events
-                    return make()
-        except ParameterException as error:
-            raise UsageError(in_words(error)) from error
-        except (
-            InvalidQosOverridesError,
-            AssertionError,
-            RuntimeError,
-            TypeError,
-            ValueError,
-        ) as error:
-            why = str(error).rpartition('are not valid: ')[2]
-            raise UsageError(f"qos_overrides of '{topic}': {why}") from error
-
     def _mismatch(self, event: Any) -> None:
         # the change is 0 where the other side was there before: an event is one at least
         self.qos_mismatches += max(1, event.total_count_change)
-
-
-_TWO_ARGUMENTS = inspect.signature(lambda message, info: None)

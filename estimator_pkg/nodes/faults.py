@@ -60,8 +60,6 @@ TEXTS: Mapping[str, str] = {
     'dropped: publish them in the order of their stamps',
     'repeated': '{count} of {received} samples on {topic} repeat the previous reading and are '
     'dropped: publish each reading once; the sensor is slower than its driver',
-    'rate': "the rate of '{name}' on {topic} changed from {before} to {after} Hz: check the load "
-    'of its publisher; if the new rate is right, check the gains for it{which}',
     'jump': 'the clock of the measurements jumped (a looping bag, a restarted simulation{several}):'
     ' its {kept}s are reset',
     'malformed': '{count} of {received} messages on {topic} are malformed and dropped: {why}',
@@ -79,7 +77,7 @@ TEXTS: Mapping[str, str] = {
 # Faults that do not explain why nothing is estimated
 HARMLESS = (
     'sensor',
-    *('back', 'clock', 'equal_names', 'expired', 'jump', 'lost', 'no_clock', 'rate', 'shared'),
+    *('back', 'clock', 'equal_names', 'expired', 'jump', 'lost', 'no_clock', 'shared'),
     *('silent', 'twice'),
 )
 

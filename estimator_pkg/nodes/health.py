@@ -20,7 +20,6 @@ from estimator_pkg.nodes.detection import INPUT_PATIENCE, JOINT_PATIENCE, Detect
 from estimator_pkg.nodes.diagnostics import counters, joint_status
 from estimator_pkg.nodes.endpoints import Endpoints
 from estimator_pkg.nodes.faults import HARMLESS, Faults, listed, of_joints, rounded, which
-from estimator_pkg.nodes.inputs import Input
 from estimator_pkg.nodes.joint_watch import NEW, JointWatch, Status
 from estimator_pkg.nodes.qos import latched
 from estimator_pkg.nodes.ros_parameters import RosParameters
@@ -83,17 +82,8 @@ class Health:
         self._detector = Detector(node, stream, endpoints, self.watch, self._faults, DIAGNOSTICS)
         self._expired: dict[str, int] = {}  # counters of expired joints
         self._entries: dict[str, Entry] = {}  # by joint, each at most a second old
-        self._before = _Totals()
+        self._before: dict[str, int] = {}
         self._publish_status()
-
-    @property
-    def inputs(self) -> list[Input]:
-        """The inputs by port, the measurement first; set after their creation."""
-        return self._detector.inputs
-
-    @inputs.setter
-    def inputs(self, inputs: list[Input]) -> None:
-        self._detector.inputs = inputs
 
     def took(self, seconds: float) -> None:
         """Count the time that decoding, estimating and answering a message took [s]."""
@@ -153,7 +143,6 @@ class Health:
         for key, count in counts.items():
             self._expired[key] = self._expired.get(key, 0) + count
         self.watch.forget(old)
-        self._detector.forget(old)
         for name in old:
             self._entries.pop(name, None)
         self._faults.begin(
@@ -188,7 +177,7 @@ class Health:
     def _report(self, now: float) -> None:
         passed, self._last_report = now - self._last_report, now
         totals = self._totals()
-        new = totals.since(self._before)
+        new = {key: count - self._before.get(key, 0) for key, count in totals.items()}
         self._before = totals
         self._faults.update(self._detector.present(new, now), now)
         of_node = self._of_node(self._values(totals, new, passed), self._counted(new))
@@ -215,7 +204,7 @@ class Health:
             return f"no {self._stream.KEPT} has an estimate; '{name}' is {said}"
         return 'no input yet'
 
-    def _values(self, totals: _Totals, new: _Totals, passed: float) -> dict[str, Any]:
+    def _values(self, totals: dict[str, int], new: dict[str, int], passed: float) -> dict[str, Any]:
         decoded = (
             new['messages_received']
             - new['messages_dropped.malformed']
@@ -224,28 +213,28 @@ class Health:
         return {
             'rate_hz': new['messages_received'] / passed,
             **totals,
-            'publishers': self.inputs[0].publishers(),
+            'publishers': self._endpoints.inputs[0].publishers(),
             'step_time_mean_us': 1e6 * self._step_time / decoded if decoded else 0.0,
             'step_time_max_us': 1e6 * self._longest_step,
         }
 
-    def _counted(self, new: _Totals) -> list[str]:
+    def _counted(self, new: dict[str, int]) -> list[str]:
         """Return the counters that grew, as texts; no input is one of them."""
         counted = [f'{new[key]} {text}' for key, text in self._wrong.items() if new.get(key)]
         if new['messages_dropped.malformed']:
             why = self._stream.complaint[1]
             counted.insert(0, f'{new["messages_dropped.malformed"]} malformed messages ({why})')
         if not new['messages_received'] and not self._faults.present:
-            topic = self.inputs[0].topic_name
+            topic = self._endpoints.inputs[0].topic_name
             counted.insert(
                 0,
                 'no input'
-                if self.inputs[0].subscription
+                if self._endpoints.inputs[0].subscription
                 else f'no input: waits for a publisher of {topic}',
             )
         return counted
 
-    def _totals(self) -> _Totals:
+    def _totals(self) -> dict[str, int]:
         stream, bank = self._stream, self._stream.bank
         malformed, unused = sum(stream.malformed), stream.unused()
         decoded = (
@@ -260,21 +249,19 @@ class Health:
         for key, count in self._expired.items():
             samples[key] += count
         samples['received'] += bank.refused
-        return _Totals(
-            {
-                'messages_received': decoded + malformed + self._failed,
-                'messages_used': decoded - sum(unused.values()),
-                'messages_dropped.malformed': malformed,
-                'messages_dropped.failed': self._failed,
-                **{f'messages_dropped.{kind}': count for kind, count in unused.items()},
-                **samples,
-                'dropped.refused': bank.refused,
-                'joints': len(bank.joints),
-                'joints_expired': bank.expired,
-                'lost_by_dds': sum(self._endpoints.lost.values()),
-                'qos_mismatches': self._endpoints.qos_mismatches,
-            }
-        )
+        return {
+            'messages_received': decoded + malformed + self._failed,
+            'messages_used': decoded - sum(unused.values()),
+            'messages_dropped.malformed': malformed,
+            'messages_dropped.failed': self._failed,
+            **{f'messages_dropped.{kind}': count for kind, count in unused.items()},
+            **samples,
+            'dropped.refused': bank.refused,
+            'joints': len(bank.joints),
+            'joints_expired': bank.expired,
+            'lost_by_dds': sum(self._endpoints.lost.values()),
+            'qos_mismatches': self._endpoints.qos_mismatches,
+        }
 
     def _report_tracking(self, now: float) -> None:
         """Log once what is tracked, when all joints have had time to appear."""
@@ -288,11 +275,7 @@ class Health:
         if len(tracked) < len(statuses) and passed < 3.0 * JOINT_PATIENCE:
             return
         names = list(self.watch.names_of(tracked))
-        rate = self._detector.rate(tracked)
-        if not rate:
-            if passed < 3.0 * JOINT_PATIENCE:
-                return
-            rate = 1.0 / (self._stream.bank.joints[tracked[0]].mean_dt or math.inf)
+        rate = 1.0 / (self._stream.bank.joints[tracked[0]].mean_dt or math.inf)
         some = (
             f' of {len(list(self.watch.names_of(statuses)))}'
             if len(tracked) < len(statuses)
@@ -301,7 +284,7 @@ class Health:
         self._reported_tracking = True
         self._node.get_logger().info(
             f'tracking {len(names)}{some} joint{"s" * (len(names) > 1 or bool(some))} of '
-            f'{self.inputs[0].topic_name} at {rounded(rate)} Hz ({listed(names)})'
+            f'{self._endpoints.inputs[0].topic_name} at {rounded(rate)} Hz ({listed(names)})'
         )
 
     def _report_changes(self, changed: Mapping[str, tuple[Status, Status]]) -> None:
@@ -329,11 +312,3 @@ class Health:
             self._reported_unknown = True
             for name, hint in self._ros.unknown().items():
                 self._node.get_logger().warning(f"unknown parameter '{name}': {hint}")
-
-
-class _Totals(dict[str, int]):
-    """Counters since the start."""
-
-    def since(self, before: _Totals) -> _Totals:
-        """Return the increase since `before`."""
-        return _Totals({key: count - before.get(key, 0) for key, count in self.items()})

@@ -139,15 +139,16 @@ class ObserverNode(Node):
         self._ros.watch(self._check, self._apply)
         stream.go_live()
         stream.wanted[:] = [each.wanted for each in self._endpoints.outputs]
-        self.health.inputs = [self._listen(port) for port in range(len(stream.inputs))]
+        for port in range(len(stream.inputs)):
+            self._listen(port)
         self._endpoints.refuse_circles()
-        stream.topics = [each.topic_name for each in self.health.inputs]
+        stream.topics = [each.topic_name for each in self._endpoints.inputs]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_AROUND, self._look_around, clock=steady)
         self._endpoints.open(steady)  # last: the queues of subscriptions are not long
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} from '
-            f'{" and ".join(dict.fromkeys(self._endpoints.inputs))} '
+            f'{" and ".join(dict.fromkeys(stream.topics))} '
             f'on {self._endpoints.outputs[0].topic_name} '
             f'({self._ros.changed()})'
         )
@@ -156,7 +157,7 @@ class ObserverNode(Node):
 
     # Messages
 
-    def _listen(self, number: int) -> Any:
+    def _listen(self, number: int) -> None:
         port, feed, outputs = self.stream.inputs[number], self.stream.feed, self._endpoints.outputs
 
         def came(raw: bytes, info: Mapping[str, Any]) -> None:
@@ -174,7 +175,7 @@ class ObserverNode(Node):
                 self.health.took(perf_counter() - begun)
 
         kind = message_types.find(port.type) if port.field else get_message(port.type)
-        return self._endpoints.subscribe(kind, port.topic, came, optional=port.optional)
+        self._endpoints.subscribe(kind, port.topic, came, optional=port.optional)
 
     def _failed(self, topic: str, error: Exception) -> None:
         """Reset after a failure of the observer, so that other joints keep their estimates."""

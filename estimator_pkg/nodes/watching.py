@@ -9,7 +9,6 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
 from time import monotonic
 from typing import Any
 
@@ -17,8 +16,6 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
-from estimator_pkg.messages.cdr import MalformedMessageError
-from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.ros.observers import estimate_topics, listen, observers
 
 INTERVAL = 1.959964  # standard deviations of a 95 % interval
@@ -44,7 +41,7 @@ class Joint:
 
 
 class Watching:
-    """Subscribes to an observer's topics, raw, and keeps the newest value of each joint.
+    """Subscribes to an observer's topics, and keeps the newest value of each joint.
 
     Parameters
     ----------
@@ -74,9 +71,7 @@ class Watching:
         for topic, take in zip(estimate_topics(self._node, self.name), takers):
             if topic and topic not in self._topics:
                 self._topics.add(topic)
-                self._node.create_subscription(
-                    JointState, topic, partial(take, Decoder()), qos_profile_sensor_data, raw=True
-                )
+                self._node.create_subscription(JointState, topic, take, qos_profile_sensor_data)
         return self.name in observers(self._node)
 
     @property
@@ -95,24 +90,16 @@ class Watching:
     def _joint(self, name: str) -> Joint:
         return self.joints.setdefault(name, Joint())
 
-    def _estimate(self, decoder: Decoder, raw: bytes) -> None:
-        try:
-            message = decoder.decode(raw)
-        except MalformedMessageError:
-            return
+    def _estimate(self, message: JointState) -> None:
         self._heard = monotonic()
         self.count += 1
         self._times.append(self._heard)
-        for name, position, velocity in zip(message.names, message.positions, message.velocities):
+        for name, position, velocity in zip(message.name, message.position, message.velocity):
             joint = self._joint(name)
             joint.position, joint.velocity = position, velocity
 
-    def _stddev(self, decoder: Decoder, raw: bytes) -> None:
-        try:
-            message = decoder.decode(raw)
-        except MalformedMessageError:
-            return
-        for name, sigma in zip(message.names, message.velocities):
+    def _stddev(self, message: JointState) -> None:
+        for name, sigma in zip(message.name, message.velocity):
             self._joint(name).interval = INTERVAL * sigma
 
     def _diagnosed(self, text: str) -> None:

@@ -6,14 +6,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
+from time import monotonic
 from typing import Any
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STATUS, RESET = '/status', '/reset'
 STDDEV = '_stddev'
+ESTIMATING = {'tracking', 'coasting'}
+PATIENCE = 3.0  # [s] for ~/status, which is latched, and /diagnostics, which comes once a second
+DISCOVERY = 1.0  # [s] for the first node
 DIAGNOSTICS, STATES = 'diagnostic_msgs/msg/DiagnosticArray', 'sensor_msgs/msg/JointState'
 
 
@@ -90,3 +96,34 @@ def estimate_topics(node: Any, name: str) -> tuple[str, str]:
     estimates = [topic for topic in states if not topic.endswith(STDDEV)]
     ours = [topic for topic in estimates if topic.endswith('/estimate')] or estimates
     return (next(iter(ours), ''), next((topic for topic in states if topic.endswith(STDDEV)), ''))
+
+
+def why_nothing(node: Any) -> dict[str, str]:
+    """Return the observer nodes of the graph: name -> '' or why it estimates nothing.
+
+    Parameters
+    ----------
+    node : in no executor; it listens for up to `DISCOVERY` + `PATIENCE`.
+    """
+    statuses: dict[str, list[Any]] = {}
+    diagnoses: dict[str, str] = {}
+    end = monotonic() + DISCOVERY
+    while not (names := observers(node)) and monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    for name in names:
+        listen(node, name, *(partial(each.__setitem__, name) for each in (statuses, diagnoses)))
+    end = monotonic() + PATIENCE
+    while not (names <= statuses.keys() & diagnoses.keys()) and monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    return {name: _why(statuses.get(name), diagnoses.get(name, '')) for name in sorted(names)}
+
+
+def _why(entries: list[Any] | None, diagnosis: str) -> str:
+    """Return why a node estimates nothing; '' if one of its joints has an estimate."""
+    if entries is None:
+        return f'its status did not arrive within {PATIENCE:g} s'
+    for entry in entries:
+        if any(item.key == 'status' and item.value in ESTIMATING for item in entry.values):
+            return ''
+    reasons = [f'{entry.name}: {entry.message}' for entry in entries] or ['no joint has appeared']
+    return '; '.join([*reasons, *([diagnosis] if diagnosis not in ('', 'ok') else [])])

@@ -11,15 +11,13 @@ from __future__ import annotations
 import gc
 import os
 import re
-import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from estimator_pkg import interrupts
 from estimator_pkg.errors import UserError
-from estimator_pkg.interrupts import AGAIN, is_importing, limit_end
 from estimator_pkg.optional import missing
 from estimator_pkg.printable import printable
 
@@ -64,72 +62,31 @@ def make_executor() -> SteadyExecutor:
     return SteadyExecutor()
 
 
-class Interrupts:
-    """Handlers for Ctrl-C and SIGTERM; `came` is True after one of them.
-
-    During the construction of the node they also end it, by SystemExit. Once the node runs they
-    only set `came`: ROS's own handlers would shut its context down during a call.
-
-    Attributes
-    ----------
-    making : True during the construction, while they raise SystemExit.
-    """
-
-    NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)  # the last one comes from `_take`
-
-    def __init__(self) -> None:
-        self.came = False
-        self.making = True
-        self._before = {number: signal.signal(number, self._take) for number in self.NUMBERS}
-        self._report, sys.unraisablehook = sys.unraisablehook, self._lost
-
-    def _take(self, number: int, frame: FrameType | None) -> None:
-        self.came = True
-        if not self.making:
-            return
-        # rclpy would leave incomplete objects, which print errors when they are destroyed
-        if is_importing(frame, f'{os.sep}rclpy{os.sep}'):
-            signal.setitimer(signal.ITIMER_REAL, AGAIN)
-            return
-        raise SystemExit(0)
-
-    def _lost(self, unraisable: Any) -> None:
-        """Report an exception that nobody can catch; SystemExit is raised again instead."""
-        if isinstance(unraisable.exc_value, SystemExit):
-            signal.setitimer(signal.ITIMER_REAL, AGAIN)
-        else:
-            self._report(unraisable)
-
-    def over(self, last: bool) -> None:
-        """Restore the handlers; `last`: the process ends, and ignores a second Ctrl-C."""
-        sys.unraisablehook = self._report
-        for number, handler in self._before.items():
-            signal.signal(number, signal.SIG_IGN if last else handler)
-        if last:
-            limit_end()
-
-
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Run a node until it is interrupted; return the exit code.
+
+    ROS's own handlers of signals would shut its context down during a call, so ours are in use: a
+    signal ends the construction of the node, and ends the loop once the node runs.
 
     Parameters
     ----------
     make_node : makes the node, after ROS is initialised. Its imports happen after Ctrl-C has become
         quiet.
     args : command line; None: that of the process, which ends afterwards.
-
-    Raises
-    ------
-    SystemExit : interrupted before the node ran; the exit code is 0.
     """
-    interrupts = Interrupts()
     try:
-        return _run(make_node, args, interrupts)
+        with interrupts.handled(background=True):
+            try:
+                return _run(make_node, args)
+            except KeyboardInterrupt:
+                interrupts.finish()
+                return 0
     finally:
-        interrupts.over(last=args is None)
+        if args is None:
+            interrupts.limit_end()
 
 
-def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Interrupts) -> int:
+def _run(make_node: Callable[[], Node], args: list[str] | None) -> int:
     global _report
     program = os.path.basename(sys.argv[0])
     reported: list[BaseException] = []
@@ -137,7 +94,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
     def report(error: BaseException) -> None:
         """Print the error, once, if the user can correct it; from here on the process ends."""
         if args is None:
-            limit_end()
+            interrupts.limit_end()
         if isinstance(error, UserError) and error not in reported:
             reported.append(error)
             print(f'{program}: {printable(error)}', file=sys.stderr, flush=True)
@@ -173,9 +130,9 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
         executor.add_node(node)
         gc.freeze()  # later collections skip all imported objects
         gc.enable()
-        interrupts.making = False
-        while rclpy.ok() and not interrupts.came:
-            executor.spin_once(timeout_sec=SPIN)
+        with interrupts.gently():
+            while rclpy.ok() and not interrupts.came():
+                executor.spin_once(timeout_sec=SPIN)
         return 0
     except UserError as error:
         report(error)
@@ -189,9 +146,9 @@ def _run(make_node: Callable[[], Node], args: list[str] | None, interrupts: Inte
     finally:
         _report = None
         gc.enable()
-        interrupts.making = False
+        interrupts.finish()
         if args is None:
-            limit_end()
+            interrupts.limit_end()
         with ExitStack() as ends:  # from last to first, each of them whatever another raises
             if node is not None:
                 ends.callback(node.destroy_node)

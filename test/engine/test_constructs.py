@@ -169,7 +169,7 @@ CASES = {  # name: (types of the arguments, body of the function with arguments 
     ),
     'complex': (
         'float float float',
-        'z = complex(a, b)\ny = -z * 2.0 + z.conjugate() * z - 1j\ny += c\ny -= z\n'
+        'z = complex(a, b)\ny = z * 2.0 + complex(a, c) * z - 1j\ny += c\ny -= z\n'
         'y *= complex(c, b)\n'
         'x = y if a > b else 3 * z + 0.5j * c\nx, y = y, x\n'
         'return abs(x) + 3.0 * y.real - 5.0 * x.imag',

@@ -104,6 +104,7 @@ BODIES = {  # the body of a function of inner: Inner, x: float, n: int, b: bool;
     'return 1j == b': 'a complex number is equal to a number or not',
     'return math.sqrt(1j)': 'no function of floats in math that C has too',
     'return float(1j)': "'float(1j)' is not translated",
+    'return abs(-1j)': "'-1j' is not translated",
     'x = 1j': "'x' is float and cannot become complex",
     'return ~n': "'~n' is not translated",
     'return b + 1': "'b' is bool, not a number",

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from importlib import import_module
 from typing import NamedTuple
@@ -14,12 +15,17 @@ import pytest
 
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.writer import BagWriter
+from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
 
 AHEAD = 10  # messages published before their answers came
 
 
 class Case(NamedTuple):
-    """A node, the simulator that feeds it, and the outputs of its stream."""
+    """A node, the simulator that feeds it, and the outputs of its stream.
+
+    odd : what no simulator makes follows, see `odd_messages`.
+    """
 
     plant: str
     observer: str
@@ -28,9 +34,36 @@ class Case(NamedTuple):
     words: tuple[str, ...] = ()
     seconds: float = 1.5
     options: tuple[str, ...] = ()
+    odd: bool = False
 
 
 CASES = {
+    'joint_observer with faults': Case(
+        'encoder',
+        'hybrid_angle',
+        'estimate estimate_stddev acceleration',
+        (
+            'observer: hybrid_angle',
+            'quantum: 0.0015339',
+            'per_joint.b: {bandwidth_hz: 100, unwrap: true}',
+        ),
+        (
+            'joints=[a, b]',
+            'noise=0.0005',
+            'sampling_jitter=0.0004',
+            'dropped=0.02',
+            'repeated=0.02',
+            'duplicated=0.02',
+            'outliers=0.002',
+            'outlier_size=3.13',
+            'gap_every=0.7',
+            'gap_length=0.25',
+            'burst_every=0.9',
+            'eccentricity=0.002',
+        ),
+        seconds=2.0,
+        odd=True,
+    ),
     'joint_observer': Case(
         'encoder',
         'kalman',
@@ -107,15 +140,53 @@ def padded(raw):
     return bytes(raw) + bytes(-len(raw) % 4)
 
 
-@pytest.mark.parametrize('node', CASES)
-def test_live_is_replay(node, probe, tmp_path):
-    case = CASES[node]
+def odd_messages(raw):
+    """Bad values and stamps, joints that come and go, a clock that jumps back."""
+    stamp, encode = Decoder().decode(raw).stamp_ns, Encoder().encode
+
+    def at(milliseconds, names, positions):
+        return encode(stamp + milliseconds * 1_000_000, 'tool', names, positions)
+
+    yield from (
+        at(1, ['a', 'b'], [math.nan, 1.0]),
+        at(2, ['b', 'a'], [1.0, math.inf]),
+        at(2, ['a', 'b'], [1.0, 1.0]),
+        at(1, ['a', 'b'], [1.0, 1.0]),
+        at(3, [], []),
+        at(3, ['a', 'b'], [1.0]),
+        encode(0, '', ['a'], [1.0]),
+        at(10**9, ['a'], [1.0]),
+        at(4, ['a'], [1.001]),
+    )
+    for i in range(300):
+        yield at(5 + i, ['c', 'a'], [0.001 * i, 1.0 + 0.002 * i])
+    for i in range(300):  # the bag loops
+        yield at(i - 5000, ['b'], [0.003 * i])
+
+
+def with_odd_messages(bag, path):
+    """Write a bag with the measurements of `bag` and `odd_messages` after them; return its path."""
+    with open_bag(bag) as found, BagWriter(path) as writer:
+        writer.add_topic('/joint_states', TYPE)
+        for message in found.messages(['/joint_states']):
+            last, raw = message.log_ns, bytes(message.raw)
+            writer.write('/joint_states', last, raw)
+        for i, message in enumerate(odd_messages(raw), 1):
+            writer.write('/joint_states', last + i * 1_000_000, message)
+    return str(path)
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_live_is_replay(name, probe, tmp_path):
+    case, node = CASES[name], name.partition(' ')[0]
     file = tmp_path / 'params.yaml'
     lines = ''.join(f'\n    {line}' for line in case.parameters) or ' {}'
     file.write_text(f'{node}:\n  ros__parameters:{lines}\n')
     bag, out = str(tmp_path / 'bag'), str(tmp_path / 'out')
     sets = [part for word in case.words for part in ('--set', word)]
     run('simulate', case.plant, '--out', bag, '--duration', str(case.seconds), *sets)
+    if case.odd:
+        bag = with_odd_messages(bag, tmp_path / 'odd')
     run(
         'replay',
         bag,

@@ -254,9 +254,12 @@ def test_an_override_of_one_joint_before_it_appears_and_back(live):
 def test_a_wrong_value_is_refused_with_the_reason_and_nothing_changes(live, given, reason):
     names = ('bandwidth_hz', 'gap_max', 'order')
     before = [live.get(name) for name in names]
+    logged = live.process.output.count('parameters are not changed: ')
     result = live.set(**given)
     assert not result.successful and reason in result.reason
     assert [live.get(name) for name in names] == before
+    # rqt_reconfigure shows the new value and drops the node's answer
+    live.process.prints('parameters are not changed: ', logged + 1)
 
 
 def test_automatic_parameters_can_be_set_and_left_to_the_node_again(live):

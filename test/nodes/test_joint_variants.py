@@ -13,7 +13,6 @@ import time
 from pathlib import Path
 
 import dds
-import nursery
 import pytest
 from answers import estimated
 from test_joint import BEGIN, MODULE, MS, turning
@@ -419,20 +418,3 @@ def test_an_end_that_hangs_is_ended_by_an_alarm():
     )
     done = subprocess.run([sys.executable, '-c', script], timeout=dds.PATIENCE, check=False)
     assert done.returncode == -signal.SIGALRM
-
-
-WRONG_STARTS = [  # test_wrong_starts.py has more parameters
-    (['-p', 'observer:=hybrid_angel'], "did you mean 'hybrid_angle'?"),
-    (['--params-file', 'no_such_file.yaml'], 'no_such_file.yaml'),
-    (['-p', 'bandwidth_hz'], 'bandwidth_hz'),
-    (['--', 'observer=pll'], "not 'observer=pll'"),
-]
-
-
-def test_a_wrong_start_is_one_line_and_exit_code_2():
-    runs = [nursery.Run(*MODULE.split(), '--ros-args', *words) for words, _ in WRONG_STARTS]
-    for run, (words, reported) in zip(runs, WRONG_STARTS):
-        code, output, error = run.done(dds.PATIENCE)
-        assert code == 2, (words, error)
-        assert reported in error and len(error.splitlines()) == 1, (words, error)
-        assert output == ''

@@ -19,7 +19,6 @@ from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.nodes import health
 from estimator_pkg.nodes.observer import ObserverNode
 from estimator_pkg.nodes.ros_parameters import ros_values
-from estimator_pkg.ros.loss import Loss
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from estimator_pkg.streams.angle import AngleStream
 
@@ -218,23 +217,6 @@ def test_a_stream_that_is_too_fast_starves_no_service(probe):
         busy.destroy_node()
         rclpy.shutdown(context=context)
         probe.node.destroy_publisher(publisher)
-
-
-@pytest.mark.parametrize(
-    'first, sent_ms, lost',
-    [
-        (1, 5, 0),  # nothing is missing
-        (31, 40, 30),  # 30 ms of a stream that began at 10 ms
-        (31, 20, 0),  # it began before anybody was there
-    ],
-)
-def test_what_was_sent_before_the_first_message_is_lost(first, sent_ms, lost):
-    loss = Loss(lambda: 1, BEGIN)
-    for k in range(5):
-        loss.saw(first + k, BEGIN + (sent_ms + k) * MS)
-    assert loss.lost == lost
-    loss.saw(first + 7, BEGIN + (sent_ms + 7) * MS)
-    assert loss.lost == lost + 2
 
 
 # ---------------------------------------------------------------- names without end

@@ -372,6 +372,8 @@ def test_descriptors_have_ranges_with_the_automatic_value(classes, per_joint, pr
             low, automatic = parameter.minimum, parameter.automatic
             assert found.from_value == (low if automatic is None else min(low, automatic))
             assert found.to_value == parameter.maximum and found.step == 0
+            if parameter.kind is int:  # rqt_reconfigure's slider has 32 bits
+                assert -(2**31) <= found.from_value < found.to_value < 2**31, name
             for wrong in (math.nan, float(found.to_value * 2 + 1)):
                 (result,) = node.set_parameters([RosParameter(name, value=wrong)])
                 assert not result.successful

@@ -123,19 +123,44 @@ def test_raw_angles():
 
 # Loss
 
-
-def counted(sequence, publishers=1):
-    loss = Loss(lambda: publishers)
-    for number in sequence:
-        loss.saw(number)
-    return loss.count
+BEGIN, LEFT = 10**18, None
 
 
-def test_loss_is_what_is_missing():
-    assert counted([1, 2, 3]) == 0
-    assert counted([7, 8, 11, 12, 20]) == 2 + 7
-    assert counted([50, 51, 1, 2, 4]) == 1  # another publisher in the place of the first
-    assert counted([None, None]) == 0 and counted([0, 0]) == 0
+def at(*numbers, later=0):
+    """Messages of these numbers, each sent at its number [s] and so much later."""
+    return [(number, number + later) for number in numbers]
+
+
+STAYS = [*at(*range(1, 11)), LEFT, *at(*range(11, 14))]
+GAP = at(*range(1, 11), *range(60, 70), 72)
+LOSSES = {  # publishers, time from which messages count [ns], messages and those that leave; lost
+    'nothing': (1, 0, at(1, 2, 3), 0),
+    'no numbers': (1, 0, [(None, 0), (0, 0)], 0),
+    'what is missing': (1, 0, at(7, 8, 11, 12, 20), 2 + 7),
+    'another publisher in the place of the first': (1, 0, at(50, 51, 1, 2, 4), 1),
+    'one that left is forgotten': (1, 0, [*at(1, 2, 3), LEFT, *at(700, 702)], 1),
+    'one that stays when another leaves is not new': (2, BEGIN, STAYS, 0),
+    'a new one, whose first messages nobody got': (2, BEGIN, [*STAYS, *at(6, 7, 8, later=14)], 5),
+    'a gap beside a silent publisher': (2, 0, GAP, 49 + 2),
+    'the same, of messages that count': (2, BEGIN, GAP, 49 + 2),
+    'the first message is there': (1, BEGIN, at(1, 2, 3, 4, 5, 8, later=4), 2),
+    'sent before the first one came': (1, BEGIN, at(31, 32, 33, 34, 35, 38, later=9), 30 + 2),
+    'sent before anybody was there': (1, BEGIN, at(31, 32, 33, 34, 35, 38, later=-11), 2),
+}
+
+
+@pytest.mark.parametrize('case', LOSSES)
+def test_loss_is_what_is_missing(case):
+    publishers, since_ns, messages, lost = LOSSES[case]
+    loss, now_ns = Loss(lambda: publishers, since_ns), BEGIN
+    for message in messages:
+        if message is LEFT:
+            loss.forget(now_ns)
+            continue
+        number, sent = message
+        now_ns = BEGIN + sent * 10**9
+        loss.saw(number, now_ns)
+    assert loss.count == lost
 
 
 @pytest.mark.long
@@ -165,36 +190,3 @@ def test_where_there_are_no_sequence_numbers_the_middleware_is_believed():
     loss.saw(5)
     loss.saw(7)
     assert loss.lost == 1
-
-
-def test_a_publisher_that_left_is_forgotten():
-    loss = Loss(lambda: 1)
-    for number in (1, 2, 3):
-        loss.saw(number)
-    loss.forget(0)
-    loss.saw(700)
-    loss.saw(702)
-    assert loss.count == 1
-
-
-def test_one_that_stays_or_waits_when_another_leaves_is_no_new_publisher():
-    second, begin = 10**9, 10**18
-    loss = Loss(lambda: 2, begin)
-    for k in range(1, 11):
-        loss.saw(k, begin + k * second)
-    loss.forget(begin + 10 * second)  # the other one left
-    for k in range(11, 14):
-        loss.saw(k, begin + k * second)
-    assert loss.count == 0
-    for k in range(6, 9):  # and a new one, whose first 5 messages nobody received
-        loss.saw(k, begin + (14 + k) * second)
-    assert loss.count == 5
-
-
-@pytest.mark.parametrize('since', [0, 10**18])
-def test_a_gap_beside_a_silent_publisher_is_counted_as_it_is(since):
-    second = 10**9
-    loss = Loss(lambda: 2, since)
-    for k in (*range(1, 11), *range(60, 70), 72):
-        loss.saw(k, 10**18 + k * second)
-    assert loss.count == 49 + 2

@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 
 import dds
 import pytest
-import strangers
 import yaml
 from ament_index_python.packages import get_package_share_directory
 
@@ -19,6 +18,33 @@ MODULE = 'estimator_pkg.nodes.executables joint_observer'
 FILES = Path(get_package_share_directory('velocity_estimator'), 'config', 'ros2_control')
 FRAGMENT = ElementTree.parse(FILES / 'joint_state_topic.ros2_control.xacro').getroot()
 LOST = 'elbow_joint'
+NAMES = [
+    'shoulder_pan_joint',
+    'shoulder_lift_joint',
+    'elbow_joint',
+    'wrist_1_joint',
+    'wrist_2_joint',
+    'wrist_3_joint',
+]
+DRIFT = [0.3, -0.2, 0.1, 0.0, -0.3, 0.4]  # [rad/s] at most, of a slow sine
+SLOW, SWING, PACE = 2.0 * math.pi * 0.01, 0.3, 2.0 * math.pi * 0.2  # [rad/s, rad, rad/s]
+TURN = 100 * 10**9  # [ns] after which both sines repeat
+
+
+def motion(stamp_ns):
+    """The positions and velocities of all joints at a stamp."""
+    t = stamp_ns % TURN * 1e-9
+    found = []
+    for joint, drift in enumerate(DRIFT):
+        slow, phase = SLOW * t, PACE * t + joint
+        position = drift / SLOW * math.sin(slow) + SWING * math.sin(phase)
+        found.append((position, drift * math.cos(slow) + SWING * PACE * math.cos(phase)))
+    return [each[0] for each in found], [each[1] for each in found]
+
+
+def efforts(count):
+    """The efforts in the message number `count` of a driver: they carry its number."""
+    return [count + 0.125 * joint for joint in range(len(NAMES))]
 
 
 def parameters(name):
@@ -68,7 +94,7 @@ class Plugin:
 
 def test_the_files_fit_each_other_and_the_node():
     names = [joint.get('name') for joint in FRAGMENT.findall('ros2_control/joint')]
-    assert names == strangers.NAMES
+    assert names == NAMES
     assert FRAGMENT.find('ros2_control/hardware/plugin').text == (
         'joint_state_topic_hardware_interface/JointStateTopicSystem'
     )
@@ -97,7 +123,7 @@ class Driver:
         self.lost_stamps = set()
         self._running = True
         self._publisher = node.create_publisher(JointState, topic, 50)
-        self._message = JointState(name=[*strangers.NAMES, 'gripper'])
+        self._message = JointState(name=[*NAMES, 'gripper'])
         self._clock = node.get_clock()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -107,12 +133,12 @@ class Driver:
         while self._running:
             message.header.stamp = self._clock.now().to_msg()
             stamp = stamp_of(message)
-            positions = [*strangers.motion(stamp)[0], math.nan]
+            positions = [*motion(stamp)[0], math.nan]
             if self.lost:
-                positions[strangers.NAMES.index(LOST)] = math.nan
+                positions[NAMES.index(LOST)] = math.nan
                 self.lost_stamps.add(stamp)
             message.position = positions
-            message.effort = [*strangers.efforts(count), 0.0]
+            message.effort = [*efforts(count), 0.0]
             self._publisher.publish(message)
             count += 1
             time.sleep(0.004)
@@ -143,7 +169,7 @@ def test_the_plugin_gets_states_of_one_instant_and_nothing_while_a_joint_is_lost
             plugin.read(message)
         assert all(map(math.isfinite, plugins[0].states.values()))
         assert plugins[0].states == plugins[1].states
-        assert list(message.name) == strangers.NAMES  # the gripper holds nothing back
+        assert list(message.name) == NAMES  # the gripper holds nothing back
         assert len(message.position) == len(message.velocity) == len(message.effort) == 6
 
     plugins = [Plugin(finite_only) for finite_only in (False, True)]
@@ -170,6 +196,6 @@ def test_the_plugin_gets_states_of_one_instant_and_nothing_while_a_joint_is_lost
         assert 'incompatible QoS' not in node.output and 'Traceback' not in node.output
     assert not driver.lost_stamps & set(came)
     assert came == sorted(set(came))
-    for joint, position, velocity in zip(strangers.NAMES, *strangers.motion(stamp)):
+    for joint, position, velocity in zip(NAMES, *motion(stamp)):
         assert states[f'{joint}/position'] == pytest.approx(position, abs=5e-3)
         assert states[f'{joint}/velocity'] == pytest.approx(velocity, abs=0.05)

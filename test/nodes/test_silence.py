@@ -237,25 +237,6 @@ class NobodyPublishes(Case):
         pass
 
 
-class OnlyTheCurrent(NobodyPublishes):
-    """nobody publishes one of several topics"""
-
-    node, parameters = 'pmsm_observer', (*MOTOR, 'input:=current_voltage')
-    report = r'nobody publishes SPACE/voltage .*-r voltage:='
-    error = True
-
-    def begin(self):
-        from geometry_msgs.msg import Vector3Stamped
-
-        self.message = Vector3Stamped
-        self.publisher('inverter', Vector3Stamped, 'current')
-
-    def tick(self):
-        message = self.message()
-        message.header.stamp = self.probe.node.get_clock().now().to_msg()
-        self.publishers[0].publish(message)
-
-
 class AnotherType(NobodyPublishes):
     """it has another type"""
 
@@ -313,31 +294,6 @@ class OtherNames(Case):
     )
 
 
-class OtherNamesLive(Case):
-    """the same, in an override that is set while the node runs"""
-
-    report = (
-        r"joint 'elbow_jiont' is not in SPACE/joint_states: did you mean 'elbow_joint'\? "
-        "correct 'per_joint.elbow_jiont.gap_max'"
-    )
-    later = estimates = True
-
-    def begin(self):
-        from rcl_interfaces.srv import SetParametersAtomically
-
-        super().begin()
-        self.kind = SetParametersAtomically
-        self.client = self.probe.node.create_client(
-            self.kind, f'{self.space}/{self.node}/set_parameters_atomically'
-        )
-
-    def inject(self):
-        from rclpy.parameter import Parameter
-
-        changed = Parameter('per_joint.elbow_jiont.gap_max', value=0.3).to_parameter_msg()
-        self.client.call_async(self.kind.Request(parameters=[changed]))
-
-
 class AnotherLayout(NobodyPublishes):
     """another dimension than `channel` (pmsm_observer)"""
 
@@ -373,18 +329,6 @@ class WithoutEffort(Case):
         angle = 0.5 * np.sin(4.0 * self.k / self.rate)
         raw = self.encode(time.time_ns(), '', self.names, [angle] * len(self.names))
         self.publishers[0].publish(raw)
-
-
-class WithoutEffortMechanical(WithoutEffort):
-    """the same (mechanical_observer)"""
-
-    node = 'mechanical_observer'
-    names = ('joint',)
-    report = (
-        r'no estimate for \d s, though messages come on SPACE/joint_states: joint: no effort for '
-        r"joint, which model 'single_joint' needs: .* or set 'input: effort_command'"
-    )
-    longest = 7.0
 
 
 class WrongFlux(AnotherLayout):
@@ -532,21 +476,6 @@ class RepeatedReadings(Case):
         self.send(k=self.k if self.cause is None else self.k // 5 * 5, stamp_ns=stamp)
 
 
-class AnotherRate(Case):
-    """a rate that changed"""
-
-    report = (
-        r"the rate of 'shoulder_pan_joint' on SPACE/joint_states changed from (4[5-9]|50) to 2[3-7]"
-        r" Hz: check the load .* \(also 'shoulder_lift_joint', 'elbow_joint'\)"
-    )
-    later = estimates = True
-
-    def tick(self):
-        stamp = self.regular_ns()
-        if self.cause is None or self.k % 2:
-            self.send(stamp_ns=stamp)
-
-
 class Lost(Case):
     """messages that are lost for several seconds"""
 
@@ -684,7 +613,7 @@ class SimulatedTime(Fine):
 
 FAULTS = [name for name, case in CASES.items() if not issubclass(case, Fine)]
 # The same fault in another node, or part of another one: each node takes two seconds of processor.
-ALIKE = ('OnlyTheCurrent', 'TwoThatAgree', 'Killed', 'OneOfTwoEnded')
+ALIKE = ('TwoThatAgree', 'Killed', 'OneOfTwoEnded')
 
 
 def world(names, file):
@@ -834,7 +763,7 @@ def rows(cases):
     """Rows of the table in the docs."""
     for name in (name for name in FAULTS if name in cases):
         case, fault = cases[name], CASES[name].__doc__
-        if name in ALIKE or fault.startswith('the same'):
+        if name in ALIKE:
             continue
         took = max(case['took'].values(), default=float('nan'))
         text = case['text'].replace(f'/{name}/', '/').replace('|', '\\|')

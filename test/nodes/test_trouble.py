@@ -266,7 +266,7 @@ def test_outputs_of_our_nodes_are_no_hint(own):
 
     live, other = own(AngleStream), own(SwitchedStream, model=f'{__name__}:RAISING')
     assert dds.until(lambda: live.node.count_publishers(f'/{other.node.get_name()}/estimate'))
-    [each] = live.node._endpoints._inputs
+    [each] = live.node._endpoints.inputs
     assert live.node._endpoints._instead(each) == ''
     driver = live.probe.node.create_publisher(JointState, '/arm/joint_states', 1)
     assert dds.until(lambda: live.node.count_publishers('/arm/joint_states'))

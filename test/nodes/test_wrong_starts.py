@@ -28,11 +28,15 @@ KIND_OF = {
 OWN = 'own_models:'
 HYBRID = {'observer': 'hybrid_angle'}
 MOTOR = {'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
-EXECUTABLES = [
-    ('mechanical', 'input:=torque'),
-    ('adaptive', 'order:=9'),
-    ('switched', 'joints:=[a, b]'),
-    ('pmsm', 'resistance:=0.0'),
+EXECUTABLES = [  # node, arguments of ROS, what it prints
+    ('mechanical', ['-p', 'input:=torque'], 'input'),
+    ('adaptive', ['-p', 'order:=9'], 'order'),
+    ('switched', ['-p', 'joints:=[a, b]'], 'joints'),
+    ('pmsm', ['-p', 'resistance:=0.0'], 'resistance'),
+    ('joint', ['-p', 'observer:=hybrid_angel'], "did you mean 'hybrid_angle'?"),
+    ('joint', ['--params-file', 'no_such_file.yaml'], 'no_such_file.yaml'),
+    ('joint', ['-p', 'bandwidth_hz'], 'bandwidth_hz'),
+    ('joint', ['--', 'observer=pll'], "not 'observer=pll'"),
 ]
 
 # node -> (parameters, what it says)
@@ -114,12 +118,13 @@ def test_a_wrong_start_is_one_line(node, values, reported, probe):
 def test_executables_print_it_and_end():
     module = 'estimator_pkg.nodes.executables'
     runs = [
-        nursery.Run(module, f'{node}_observer', *dds.ros_args(given)) for node, given in EXECUTABLES
+        nursery.Run(module, f'{node}_observer', '--ros-args', *words)
+        for node, words, _ in EXECUTABLES
     ]
-    for run, (_, given) in zip(runs, EXECUTABLES):
-        code, output, error = run.done()
-        assert code == 2, error
-        assert given.split(':=')[0] in error and len(error.splitlines()) == 1 and output == ''
+    for run, (_, words, reported) in zip(runs, EXECUTABLES):
+        code, output, error = run.done(dds.PATIENCE)
+        assert code == 2, (words, error)
+        assert reported in error and len(error.splitlines()) == 1 and output == '', (words, error)
 
 
 @pytest.mark.parametrize(

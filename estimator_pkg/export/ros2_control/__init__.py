@@ -18,6 +18,7 @@ from typing import Any
 from estimator_pkg import __version__, observers, whole_file
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.errors import UsageError
+from estimator_pkg.export import filled
 from estimator_pkg.export.header import exported
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.streams.contract import Stream
@@ -124,13 +125,9 @@ def package(
     for path in sorted(TEMPLATES.rglob('*.in')):
         place, text = path.relative_to(TEMPLATES).with_suffix('').as_posix(), path.read_text()
         for prefix in prefixes if '@PREFIX@' in place else ['']:
-            filled = _fill(place, {**values, 'PREFIX': prefix})
-            files[filled] = _fill(text, {**values, 'PREFIX': prefix})
+            own_values = {**values, 'PREFIX': prefix}
+            files[filled(place, own_values)] = filled(text, own_values)
     return files
-
-
-def _fill(text: str, values: dict[str, str]) -> str:
-    return re.sub(r'@([A-Z_]+)@', lambda found: values[found[1]], text)
 
 
 def _listed(names: Iterable[str]) -> str:
