@@ -37,12 +37,11 @@ MARGIN = 1.15  # a new bound over the measured value
 
 def part(bags: Path) -> tuple[Rows, str]:
     """Return the rows of signals and recordings, and why the latter are not among them."""
-    columns, lacking = shared(ALL, DURATION), ''
+    rows = run(shared(ALL, DURATION), at_defaults())
     try:
-        columns += recorded.with_truth(bags)
+        return rows + run(recorded.with_truth(bags)), ''
     except UserError as error:
-        lacking = f'recordings: not run: {error}'
-    return run(columns), lacking
+        return rows, f'recordings: not run: {error}'
 
 
 def run(columns: Sequence[Column], entries: Sequence[Entry] | None = None) -> Rows:

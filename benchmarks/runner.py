@@ -102,7 +102,7 @@ def chosen(
 
 def delay_and_coverage(found: Mapping[str, Any], prefix: str = '') -> dict[str, str]:
     """Return cells of a CSV file for a `result`."""
-    late = 1e3 * found['delay_s']
+    late = math.nan if found['delay_s'] is None else 1e3 * found['delay_s']  # None: from JSON
     return {
         f'{prefix}delay_ms': fixed(late, 2) if math.isfinite(late) else '',
         f'{prefix}covered_percent': f'{100.0 * found["coverage"]:.0f}',
