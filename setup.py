@@ -31,7 +31,7 @@ EXTRAS = {
     'logs': ['pandas>=2,<4', 'scipy>=1.11,<2'],
     'cluster': ['dask>=2024.8,<2030', 'distributed>=2024.8,<2030'],
     'docs': ['mkdocs-material>=9.5,<10', 'latex2mathml>=3.77,<4'],
-    'peers': ['AlgDiff>=2.4,<3', 'pynumdiff>=0.3,<1; python_version >= "3.11"', 'control>=0.10,<1'],
+    'peers': ['AlgDiff>=2.4,<3', 'pynumdiff>=0.3,<1; python_version >= "3.11"'],
     'test': [
         'pytest>=9,<10',
         'pytest-timeout>=2.3,<3',

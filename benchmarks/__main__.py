@@ -13,10 +13,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import accuracy, csv_files, field, held_out, second
+from benchmarks import accuracy, field, held_out, second
 from benchmarks.drive import drives
 from benchmarks.live import live
 from benchmarks.replay import MESSAGES, replays
+from benchmarks.runner import chosen
 from benchmarks.update import batches, updates
 from estimator_pkg import cli
 from estimator_pkg.cli import Command
@@ -49,12 +50,9 @@ def _accuracy(parsed: argparse.Namespace) -> Result:
 def _field(parsed: argparse.Namespace) -> Result:
     sets = field.columns(Path(parsed.bags))
     laws, missing = field.laws()
-    rows = field.run(sets, laws)
-    compared = field.compared(rows, sets)
-    printed = field.describe(compared, parsed.markdown)
-    if missing:
-        printed += f'\nnot run, not installed: {", ".join(missing)}'
-    return {'laws': rows, 'compared': compared}, printed
+    rows = field.compared(chosen(laws, sets), sets)
+    lacking = [f'not run, not installed: {", ".join(missing)}'] if missing else []
+    return rows, '\n'.join([field.describe(rows, parsed.markdown), *lacking])
 
 
 def _held_out(parsed: argparse.Namespace) -> Result:
@@ -62,9 +60,8 @@ def _held_out(parsed: argparse.Namespace) -> Result:
         raise UsageError(
             'their files are not shipped: give the folder of the repositories with --held-out'
         )
-    found = held_out.run(Path(parsed.held_out), parsed.list or tuple(held_out.LISTS))
-    lists = {title: held_out.as_dict(each) for title, each in found.items()}
-    return lists, held_out.describe(found, parsed.markdown)
+    lists = held_out.run(Path(parsed.held_out), parsed.list or tuple(held_out.LISTS))
+    return lists, held_out.describe(lists, parsed.markdown)
 
 
 def _second(parsed: argparse.Namespace) -> Result:
@@ -74,10 +71,7 @@ def _second(parsed: argparse.Namespace) -> Result:
     return rows, second.describe(rows, parsed.markdown)
 
 
-CSV: dict[str, Callable[[Any], str]] = {
-    'accuracy': csv_files.accuracy,
-    'held-out': csv_files.held_out,
-}
+CSV: dict[str, Callable[[Any], str]] = {'accuracy': accuracy.as_csv, 'held-out': held_out.as_csv}
 PARTS: dict[str, Callable[[argparse.Namespace], Result]] = {
     'speed': _speed,
     'accuracy': _accuracy,
@@ -94,25 +88,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     def add(*names: str, **options: Any) -> None:
         parser.add_argument(*names, **options)
 
-    add(
-        '--part',
-        action='append',
-        default=[],
-        choices=tuple(PARTS),
-        help='run only this part (may be repeated; default: all): cost of updates, batches, replay '
-        'and drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out series; '
-        'second sensors',
+    some: dict[str, Any] = {'action': 'append', 'default': []}
+    parts = (
+        'run only this part (may be repeated; default: all): cost of updates, batches, replay and '
+        'drive; errors, delays and coverage; nodes over DDS; all causal laws; held-out series; '
+        'second sensors'
     )
+    add('--part', choices=tuple(PARTS), help=parts, **some)
     add('--bags', metavar='FOLDER', default='bags', help='folder of the recordings (default: bags)')
     add('--held-out', metavar='FOLDER', help='folder of the repositories of the held-out series')
     add('--second', metavar='FOLDER', help='folder of recordings with a second sensor')
-    add(
-        '--list',
-        action='append',
-        default=[],
-        choices=tuple(held_out.LISTS),
-        help='held-out: only this list (may be repeated; default: all)',
-    )
+    lists = 'held-out: only this list (may be repeated; default: all)'
+    add('--list', choices=tuple(held_out.LISTS), help=lists, **some)
     add('--markdown', action='store_true', help='print the tables as Markdown')
     add('--csv', metavar='FOLDER', help='write accuracy.csv and held_out.csv into this folder')
     add('--quick', action='store_true', help='a quick check, not a measurement: fewer rounds')

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -29,14 +28,13 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from benchmarks.columns import Column, published, referenced
-from benchmarks.field import swept
+from benchmarks.columns import Column, referenced
 from benchmarks.laws import ours
+from benchmarks.runner import chosen, csv_text, delay_and_coverage, result
 from benchmarks.signals import START_NS
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import text
-from estimator_pkg.evaluation.compare import metrics
 from estimator_pkg.evaluation.compare.truth import OFFLINE_SMOOTHER, measured_truth
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.reference.motion import motion
@@ -55,7 +53,6 @@ LISTS = {
 }
 OBSERVERS = ('edge_adaptive', 'hybrid_angle')
 BASELINES = ('finite_difference', 'pll', 'kalman velocity', 'kalman acceleration')
-SIGMAS = 1.959964  # standard deviations of a 95 % interval
 NEAR = 1.15  # of a baseline's error, at most on each series
 TURN = 2.0 * np.pi
 SHORTEST = 300, 3.0  # readings and duration [s] of a series of the last list, at least
@@ -209,37 +206,25 @@ def numbers(line: str) -> list[float]:
         return []
 
 
-class Found(NamedTuple):
-    """All series of a list; the single best baseline and the common settings, in words.
-
-    rows : by series: name, reference and noise (its error [rad/s]); results by observer; single and
-    best, rms of the single best baseline and of the best of the four [rad/s], which (name of the
-    latter); judged, whether the reference is fine enough for the baselines' errors.
-    left_out : of the last list, names of the series by reason.
-    """
-
-    rows: list[dict[str, Any]]
-    single: str
-    common: dict[str, str]
-    left_out: dict[str, list[str]]
+Found = dict[str, Any]
 
 
 def run(folder: Path, lists: Iterable[str] = tuple(LISTS)) -> dict[str, Found]:
     """Return the comparison by list, whose files are below `folder`; raise UserError."""
     frozen = yaml.safe_load(CONTACT.read_text(encoding='utf-8'))['frozen']
-    read = {which: _columns(folder, which) for which in lists}  # a missing file is named at once
+    read = {which: columns(folder, which) for which in lists}  # a missing file is named at once
     found = {}
-    for which, (columns, judged, excluded) in read.items():
-        compare = compared(columns, judged, frozen if which == 'contact' else None)
-        found[LISTS[which]] = compare._replace(left_out=excluded)
+    for which, (every, judged, excluded) in read.items():
+        compare = compared(every, judged, frozen if which == 'contact' else None)
+        found[LISTS[which]] = {**compare, 'left_out': excluded}
     return found
 
 
-def _columns(
+def columns(
     folder: Path, which: str
 ) -> tuple[list[Column], dict[str, float], dict[str, list[str]]]:
     """Return the columns of a list, `judged` as in `Listed`, and names left out by reason."""
-    chosen, columns, excluded = listed(which), [], defaultdict(list)
+    chosen, found, excluded = listed(which), [], defaultdict(list)
     with progress(LISTS[which], len(chosen)) as advance:
         for each in chosen:
             made = column(folder, each)
@@ -247,9 +232,9 @@ def _columns(
             if why:
                 excluded[why].append(each.name)
             else:
-                columns.append(made)
+                found.append(made)
             advance(1)
-    return columns, {each.name: each.judged for each in chosen}, dict(excluded)
+    return found, {each.name: each.judged for each in chosen}, dict(excluded)
 
 
 def compared(
@@ -259,72 +244,52 @@ def compared(
 ) -> Found:
     """Return the comparison on these columns; `judged` as in `Listed`, by name.
 
+    Parameters
+    ----------
     frozen : gain of each baseline, the single best one first; by default they are swept.
+
+    Returns
+    -------
+    rows : by series: name, reference and noise (its error [rad/s]); `result` by observer; single
+    and best, rms of the single best baseline and of the best of the four [rad/s], which (name of
+    the latter); judged, whether the reference is fine enough for the baselines' errors. single and
+    common : the single best baseline and the settings of all, in words. ratios : see `summary`.
     """
     families = [law for law in ours() if law.name in BASELINES]
     if frozen is not None:
         families = [replace(law, values=(frozen[law.name],)) for law in families]
-    errors: dict[str, Array] = {}
-    with progress('baselines', sum(len(law.values) for law in families)) as advance:
-        for law in families:
-            errors[law.name] = swept(law, columns, advance)
-    best = {name: int(np.argmin(_means(each))) for name, each in errors.items()}
-    at_best = {name: each[best[name]] for name, each in errors.items()}
-    single = (
-        next(iter(frozen))
-        if frozen is not None
-        else min(at_best, key=lambda name: float(_means(at_best[name])))
-    )
+    swept = chosen(families, {'': columns}, floors=False)
+    errors = {name: found[''][1] for name, found in swept.items()}
+    means = {name: float(np.mean(np.log(each))) for name, each in errors.items()}
+    single = next(iter(frozen)) if frozen is not None else min(means, key=lambda name: means[name])
     settings = {
-        law.name: f'{law.name}, {law.gain} {number(float(law.values[best[law.name]]), 3)}'
+        law.name: f'{law.name}, {law.gain} {number(float(swept[law.name][""][0]), 3)}'
         for law in families
     }
     rows = []
     with progress('observers', len(columns)) as advance:
         for j, one in enumerate(columns):
-            which = min(at_best, key=lambda name: at_best[name][j])
-            least = float(at_best[which][j])
+            which = min(errors, key=lambda name: errors[name][j])
+            least = float(errors[which][j])
             rows.append(
                 {
                     'series': one.name,
                     'reference': one.reference,
                     'noise': one.noise,
-                    'results': {name: result(one, name) for name in OBSERVERS},
-                    'single': float(at_best[single][j]),
+                    'results': {name: result(one, Entry(name, name)) for name in OBSERVERS},
+                    'single': float(errors[single][j]),
                     'best': least,
                     'which': which,
                     'judged': bool(one.noise <= judged[one.name] * least),
                 }
             )
             advance(1)
-    return Found(rows, settings[single], settings, {})
-
-
-def _means(errors: Array) -> Array:
-    """Return the mean logarithm over the columns, the last axis."""
-    found: Array = np.mean(np.log(np.maximum(errors, 1e-300)), axis=-1)
-    return found
-
-
-def result(column: Column, observer: str) -> dict[str, float]:
-    """Return an observer at its defaults on a column; it does not know the quantum.
-
-    Returns
-    -------
-    rms [rad/s], delay_s, covered: share of the 95 % interval, which contains the reference's error.
-    """
-    samples = column.samples
-    joint = Entry(observer, observer).joint(wrap_period=column.period)
-    out = joint.run(samples.stamps, samples.angle)
-    velocity = np.where(published(out), out.velocity, np.nan)
-    rows = np.flatnonzero(column.counted & np.isfinite(velocity))
-    rows = rows[np.concatenate([[True], np.diff(column.time[rows]) > 0.0])]
-    true = samples.velocity[rows]
-    found = metrics.velocity(column.time[rows], velocity[rows], true, column.noise)
-    sigma = np.hypot(out.velocity_stddev[rows], column.noise)
-    covered = float(np.mean(np.abs(velocity[rows] - true) <= SIGMAS * sigma))
-    rms = column.error(velocity)[0]
-    return {'rms': rms, 'delay_s': found['delay_s'], 'covered': covered}
+    ratios = {
+        f'{name} / {baseline}': summary(rows, name, baseline)
+        for name in OBSERVERS
+        for baseline in ('single', 'best')
+    }
+    return {'rows': rows, 'single': settings[single], 'common': settings, 'ratios': ratios}
 
 
 def summary(rows: Iterable[dict[str, Any]], observer: str, baseline: str) -> dict[str, Any]:
@@ -350,29 +315,44 @@ def summary(rows: Iterable[dict[str, Any]], observer: str, baseline: str) -> dic
     }
 
 
-def as_dict(found: Found) -> dict[str, Any]:
-    """Return the comparison for ``--json``."""
-    ratios = {
-        f'{name} / {baseline}': summary(found.rows, name, baseline)
-        for name in OBSERVERS
-        for baseline in ('single', 'best')
-    }
-    return {**found._asdict(), 'ratios': ratios}
+def as_csv(lists: Mapping[str, Found]) -> str:
+    """Return the series of all lists as a file of benchmarks/results."""
+    return csv_text(
+        {
+            'list': title,
+            'series': row['series'],
+            'judged': 'yes' if row['judged'] else 'no',
+            'reference_error_rad_s': number(row['noise'], 2),
+            'single_rms_rad_s': number(row['single'], 3),
+            'best_of_four_rms_rad_s': number(row['best'], 3),
+            'best_of_four': row['which'],
+            **{
+                key: value
+                for name, found in row['results'].items()
+                for key, value in (
+                    (f'{name}_rms_rad_s', number(found['rms'], 3)),
+                    *delay_and_coverage(found, f'{name}_').items(),
+                )
+            },
+        }
+        for title, found in lists.items()
+        for row in found['rows']
+    )
 
 
 def describe(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
     """Return the table of all series, and lines that summarise each list."""
     lines = []
     for title, found in lists.items():
-        for row in found.rows:
+        for row in found['rows']:
             single, best = row['single'], row['best']
             cells = [row['series'] + ('' if row['judged'] else ' *'), number(row['noise'], 2)]
             cells += [number(single, 3), f'{number(best, 3)}, {row["which"]}']
             for each in row['results'].values():
-                rms, late = each['rms'], each['delay_s']
+                rms = each['rms']
                 cells += [number(rms, 3), fixed(rms / single, 2), fixed(rms / best, 2)]
-                cells.append(f'{100.0 * each["covered"]:.0f} %')
-                cells.append(fixed(1e3 * late, 1) if math.isfinite(late) else '-')
+                cells.append(f'{100.0 * each["coverage"]:.0f} %')
+                cells.append(fixed(1e3 * each['delay_s'], 1))
             lines.append((title, *cells))
     header = ['list', 'series', 'reference', 'single', 'best of four']
     for observer in OBSERVERS:
@@ -388,18 +368,16 @@ def describe(lists: Mapping[str, Found], as_markdown: bool = False) -> str:
 
 
 def _summarised(title: str, found: Found) -> Iterable[str]:
-    yield f'{title}: single: {found.single}; best of four: {"; ".join(found.common.values())}'
-    for why, names in found.left_out.items():
+    yield f'{title}: single: {found["single"]}; best of four: {"; ".join(found["common"].values())}'
+    for why, names in found.get('left_out', {}).items():
         yield f'- left out, {why}: {", ".join(names)}'
+    for name, over in found['ratios'].items():
+        yield (
+            f'- {name}: geometric mean {over["mean"]:.2f}; at most 1.0 on {over["at_most"]:.0%}, '
+            f'at most {NEAR} on {over["near"]:.0%}; worst {over["worst"]:.2f}, {over["series"]}'
+        )
     for name in OBSERVERS:
-        for baseline, meaning in (('single', 'single'), ('best', 'best of four')):
-            over = summary(found.rows, name, baseline)
-            yield (
-                f'- {name} / {meaning}: geometric mean {over["mean"]:.2f}; at most 1.0 on '
-                f'{over["at_most"]:.0%}, at most {NEAR} on {over["near"]:.0%}; worst '
-                f'{over["worst"]:.2f}, {over["series"]}'
-            )
-        covered = [row['results'][name]['covered'] for row in found.rows if row['judged']]
+        covered = [row['results'][name]['coverage'] for row in found['rows'] if row['judged']]
         yield (
             f'- {name}: the 95 % interval covers {100.0 * float(np.median(covered)):.0f} % '
             f'(median), {100.0 * min(covered):.0f} % at least'

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import kendalltau
 
 from benchmarks import held_out, recorded
 from benchmarks.columns import published
@@ -92,9 +93,8 @@ class Outcome(NamedTuple):
 
     tau : Kendall's, over all candidates. regret : of the pick among all; regret_of_choice : of what
     `evaluate` chooses among the defaults; regret_of_doctor : of what `doctor` chooses among its own
-    candidates, nan without a choice; regret_of_default : of edge_adaptive. few : a few events
-    decide between the pick and edge_adaptive. pairs, declared, wrong, ratio (median of the
-    estimated over the true error) : of the defaults.
+    candidates, nan without a choice; regret_of_default : of edge_adaptive. pairs, declared,
+    wrong, ratio (median of the estimated over the true error) : of the defaults.
     """
 
     name: str
@@ -104,7 +104,6 @@ class Outcome(NamedTuple):
     regret_of_choice: float
     regret_of_doctor: float
     regret_of_default: float
-    few: bool
     pairs: int
     declared: int
     wrong: int
@@ -212,16 +211,14 @@ def judge(case: Case, entries: Sequence[Entry]) -> Outcome | None:
     if case.noise > LIMITS.get(case.group, JUDGES) * true[best]:
         return None
     declared = [pair for pair in small.pairs if pair.sign]
-    other = small.pair(small.best, DEFAULT)
     return Outcome(
         case.name,
         case.group,
-        kendall([verdict.rms[name] for name in true], list(true.values())),
+        float(kendalltau([verdict.rms[name] for name in true], [*true.values()]).statistic),
         true[verdict.best] / true[best],
         true[small.choice] / min(true[name] for name in small.rms),
         _of_doctor(case),
         true[DEFAULT] / true[best],
-        bool(other and not other.sign and other.events),
         len(small.pairs),
         len(declared),
         sum(true[pair.first] > true[pair.second] for pair in declared),
@@ -263,14 +260,6 @@ def _of_doctor(case: Case) -> float:
     }
     true = _true(case, reference, found, made.verdict)
     return true[choice.choose({'': made}).label('')] / min(true.values())
-
-
-def kendall(one: Sequence[float], other: Sequence[float], same: float = 0.0) -> float:
-    """Return Kendall's tau over the pairs whose `other` numbers differ by more than this part."""
-    a, b = np.asarray(one), np.asarray(other)
-    differ = np.abs(b[:, None] - b) > same * np.minimum(b[:, None], b)
-    signs = np.sign(a[:, None] - a) * np.sign(b[:, None] - b)
-    return float(np.mean(signs[differ])) if differ.any() else math.nan
 
 
 def run(found: Sequence[Case]) -> list[Outcome]:
@@ -346,7 +335,7 @@ def describe(outcomes: Sequence[Outcome]) -> str:
         if worst > SEEN and each.group in (*USUAL, *HELD_OUT):
             text += (
                 f'\n- {each.name}, {each.group}: {each.regret_of_choice:.2f} of evaluate, '
-                f'{each.regret_of_doctor:.2f} of doctor' + (', few events decide' * each.few)
+                f'{each.regret_of_doctor:.2f} of doctor'
             )
     return text
 

@@ -21,8 +21,7 @@ import numpy as np
 
 from benchmarks import outside
 from benchmarks.signals import RATE, START_NS, encoder, sine
-from benchmarks.timing import best_and_median, interleave, not_run, ratio, row
-from benchmarks.update import MAIN
+from benchmarks.timing import compared, interleave, not_run, row
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.options import MEASUREMENT
@@ -31,8 +30,9 @@ from estimator_pkg.progress import progress
 
 MESSAGES = 1_000_000
 JOINTS = 7
-READ_FACTOR = 3.0  # required speed of reading and estimating over rosbags' reading
-WRITE_FACTOR = 1.0  # the same with --out
+OBSERVER = 'hybrid_angle'
+WITH, ROSBAGS = 'replay with --out', 'rosbags'  # which reads and deserialises
+FACTORS = {'replay without --out': 3.0, WITH: 1.0}  # required speed over rosbags' reading
 CHUNK = 10_000
 
 PEER = """
@@ -113,30 +113,19 @@ def replays(messages: int = MESSAGES, rounds: int = 2) -> list[dict[str, Any]]:
         def side(label: str, *words: str) -> Callable[[int], float]:
             def timed(number: int) -> float:
                 out = folder / f'out{number}'
-                extra = ('--out', str(out)) if label == 'with' else ()
+                extra = ('--out', str(out)) if label == WITH else ()
                 costs.setdefault(label, []).append(run_process(*words, *extra))
                 shutil.rmtree(out, ignore_errors=True)
                 return costs[label][-1].cpu
 
             return timed
 
-        replay = (REPLAY, 'replay', str(bag), '--observer', MAIN)
-        sides = {label: side(label, *replay) for label in ('without', 'with')}
-        sides['peer'] = side('peer', PEER, str(bag))
+        replay = (REPLAY, 'replay', str(bag), '--observer', OBSERVER)
+        sides = {label: side(label, *replay) for label in FACTORS}
+        sides[ROSBAGS] = side(ROSBAGS, PEER, str(bag))
         with progress('replay', (rounds + 1) * len(sides)) as advance:
             times = interleave(sides, rounds, advance)
-    rows = []
-    for label, title in (
-        ('without', 'replay without --out'),
-        ('with', 'replay with --out'),
-        ('peer', 'rosbags reads and deserialises'),
-    ):
-        least, median = (messages / seconds for seconds in best_and_median(times[label]))
-        rows.append(row(title, least, 'messages/s of CPU', median=median))
-    for label, factor in (('without', READ_FACTOR), ('with', WRITE_FACTOR)):
-        value = ratio(times['peer'], times[label])
-        name = f'rosbags / replay {label} --out'
-        rows.append(row(name, value, 'times', limit=factor, at_least=True))
-    full = max(cost.memory for cost in costs['with'])
-    rows.append(row(f'peak memory with --out, {messages} messages', full, 'MB'))
-    return rows
+    rate = 'messages/s of CPU'
+    rows = compared('', times, lambda seconds: messages / seconds, rate, ROSBAGS, FACTORS)
+    full = max(cost.memory for cost in costs[WITH])
+    return [*rows, row(f'peak memory with --out, {messages} messages', full, 'MB')]

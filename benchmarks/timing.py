@@ -41,14 +41,34 @@ def interleave(
     return times
 
 
-def best_and_median(times: Sequence[float]) -> tuple[float, float]:
-    """Return the smallest and the median time."""
-    return min(times), statistics.median(times)
-
-
 def ratio(of: Sequence[float], to: Sequence[float]) -> float:
     """Return the median over the rounds of one side's time over the other's in the same round."""
     return statistics.median(a / b for a, b in zip(of, to))
+
+
+def compared(
+    title: str,
+    times: Mapping[str, Sequence[float]],
+    convert: Callable[[float], float],
+    unit: str,
+    peer: str,
+    factors: Mapping[str, float],
+) -> list[dict[str, Any]]:
+    """Return rows: each side's cost at its best and at the median, and the peer's time over it.
+
+    Parameters
+    ----------
+    convert : time [s] -> the cost in `unit`.
+    factors : required ratio, by side; the others have no requirement.
+    """
+    rows = []
+    for name, own in times.items():
+        best, median = convert(min(own)), convert(statistics.median(own))
+        rows.append(row(f'{title} {name}'.strip(), best, unit, median=median))
+        if name != peer and peer in times:
+            value, limit = ratio(times[peer], own), factors.get(name)
+            rows.append(row(f'{peer} / {name}', value, 'times', limit=limit, at_least=True))
+    return rows
 
 
 def row(

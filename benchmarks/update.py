@@ -15,9 +15,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.signal import butter, lfilter
 
 from benchmarks.signals import RATE, Signal, sine
-from benchmarks.timing import Side, best_and_median, interleave, not_run, ratio, row
+from benchmarks.timing import Side, compared, interleave, not_run
 from estimator_pkg.circle import wrap
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.evaluation.entries import at_defaults
@@ -28,13 +29,11 @@ Chunk = Callable[[int], tuple[list[int], list[float]]]  # round -> stamps, angle
 
 SIGNAL = Signal('update', 'the sine, sampled with +-40 % jitter', sine(5.0, 2.0), jitter=0.4)
 UPDATES = 4000  # per round
-UPDATE_LIMIT = 2.5  # [us]
-FILTERPY_FACTOR = 10.0
-ADAPTIVE = 'edge_adaptive'  # it may cost more, because it needs no tuning:
-ADAPTIVE_UPDATE = 4.0  # [us]
-FILTERPY = 'filterpy, same work'
-MAIN = 'hybrid_angle'  # the observer with a required batch speed
-BATCH_LIMITS = {MAIN: 25.0, ADAPTIVE: 8.0}  # million samples/s
+FILTERPY, SCIPY = 'filterpy, same work', 'numpy difference, scipy low-pass'
+FILTERPY_FACTOR = 10.0  # required cost of filterpy's update over ours
+# required time of the vectorised difference over that of a batch, which has guard and sigma too
+BATCH_FACTORS = {'hybrid_angle': 0.15, 'edge_adaptive': 0.1}
+LOW_PASS = butter(2, 20.0, fs=RATE)
 
 
 def updates(rounds: int) -> Rows:
@@ -60,29 +59,12 @@ def updates(rounds: int) -> Rows:
         return side
 
     sides = {entry.label: observer_side(entry.joint()) for entry in at_defaults()}
-    names, peer = list(sides), _filterpy(chunk)
-    sides |= peer
-    with progress('one update', (rounds + 1) * len(sides)) as advance:
-        times = interleave(sides, rounds, advance)
-
-    def cost(title: str, name: str, limit: float | None) -> dict[str, Any]:
-        least, median = best_and_median(times[name])
-        return row(title, least * 1e6, 'us', median=median * 1e6, limit=limit)
-
-    rows = []
-    for name in names:
-        limit = ADAPTIVE_UPDATE if name == ADAPTIVE else UPDATE_LIMIT
-        rows.append(cost(f'update {name}', name, limit))
-        if peer:
-            factor = FILTERPY_FACTOR if name != ADAPTIVE else None
-            value = ratio(times[FILTERPY], times[name])
-            rows.append(row(f'{FILTERPY} / {name}', value, 'times', limit=factor, at_least=True))
-    rows.append(
-        cost(f'update {FILTERPY}', FILTERPY, None)
-        if peer
-        else not_run(FILTERPY, 'filterpy is not installed')
-    )
-    return rows
+    peer = _filterpy(chunk)
+    with progress('one update', (rounds + 1) * (len(sides) + len(peer))) as advance:
+        times = interleave({**sides, **peer}, rounds, advance)
+    factors = dict.fromkeys(sides, FILTERPY_FACTOR)
+    rows = compared('update', times, lambda seconds: 1e6 * seconds, 'us', FILTERPY, factors)
+    return rows if peer else [*rows, not_run(f'update {FILTERPY}', 'filterpy is not installed')]
 
 
 def _filterpy(chunk: Chunk) -> dict[str, Side]:
@@ -120,7 +102,7 @@ def _filterpy(chunk: Chunk) -> dict[str, Side]:
 
 
 def batches(samples: int, rounds: int) -> Rows:
-    """Return rows: batches on one core [million samples/s]."""
+    """Return rows: batches on one core [million samples/s], and the same difference, vectorised."""
     signal = SIGNAL.samples(duration=samples / RATE)
 
     def observer_side(joint: Joint) -> Side:
@@ -132,15 +114,16 @@ def batches(samples: int, rounds: int) -> Rows:
 
         return side
 
+    def peer(number: int) -> float:
+        start = time.thread_time()
+        lfilter(*LOW_PASS, np.diff(np.unwrap(signal.angle)) / np.diff(1e-9 * signal.stamps))
+        return time.thread_time() - start
+
     joints = {entry.label: entry.joint() for entry in at_defaults()}
     if any(joint.memory is None for joint in joints.values()):
         return [not_run('batches', 'the engine was not built: install a C compiler')]
     sides = {name: observer_side(joint) for name, joint in joints.items()}
-    with progress('batches', (rounds + 1) * len(sides)) as advance:
-        times = interleave(sides, rounds, advance)
-    rows = []
-    for name in sides:
-        least, median = (samples / seconds * 1e-6 for seconds in best_and_median(times[name]))
-        limit, unit = BATCH_LIMITS.get(name), 'million samples/s'
-        rows.append(row(f'batch {name}', least, unit, limit=limit, at_least=True, median=median))
-    return rows
+    with progress('batches', (rounds + 1) * (len(sides) + 1)) as advance:
+        times = interleave({**sides, SCIPY: peer}, rounds, advance)
+    unit = 'million samples/s'
+    return compared('batch', times, lambda s: 1e-6 * samples / s, unit, SCIPY, BATCH_FACTORS)

@@ -64,16 +64,7 @@ def pytest_itemcollected(item):
 
 # Libraries that rosdep cannot install with apt, so that a ROS installation may lack them.
 WITHOUT_KEY = {
-    *(
-        'AlgDiff',
-        'colcon_core',
-        'control',
-        'dask',
-        'distributed',
-        'filterpy',
-        'latex2mathml',
-        'mcap',
-    ),
+    *('AlgDiff', 'colcon_core', 'dask', 'distributed', 'filterpy', 'latex2mathml', 'mcap'),
     *('mkdocs', 'motulator', 'optuna', 'pynumdiff', 'rosbags', 'selenium'),
 }
 LACKING = []  # (error, why) of the tests that were skipped

@@ -42,7 +42,7 @@ from pathlib import Path
 import yaml
 
 from benchmarks import __main__ as benchmarks
-from benchmarks import csv_files
+from benchmarks import accuracy
 from estimator_pkg import cli
 from estimator_pkg.evaluation.text import number
 
@@ -113,7 +113,7 @@ def names(results: list) -> dict:
         'rms': lambda observer, run=-1: velocity(observer, run)['rms'],
         'delay': lambda observer, run=-1: 1e3 * velocity(observer, run)['delay_s'],
         'covered': covered,
-        'csv_of': csv_files.accuracy,
+        'csv_of': accuracy.as_csv,
         'rms_table': rms_table,
     }
 

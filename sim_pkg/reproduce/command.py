@@ -43,7 +43,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         _require_matplotlib()
         parsed.plot.mkdir(parents=True, exist_ok=True)
     with progress(reproduction.name, len(reproduction.references(parsed.only))) as advance:
-        rows = list(reproduction.rows(advance, parsed.only))
+        rows = reproduction.rows(advance, parsed.only)
     found = claims.claims(rows, reproduction.reasons)
     print('\n'.join(_wrapped(reproduction.summary)))
     print('\n'.join(claims.text(reproduction, found)))

@@ -4,7 +4,7 @@
 """The interface of a reproduction of a paper: rows that can fail, tables and figures.
 
 A row is a figure, a table or a claim of the paper. Its reference is data: ``references.csv`` beside
-the code that computes the values of a paper. `Part.rows` raises KeyError if a value has no
+the code that computes the values of a paper. `Reproduction.rows` raises KeyError if a value has no
 reference or a reference no value, so no row is lost.
 """
 
@@ -14,7 +14,7 @@ import csv
 import importlib
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -31,20 +31,16 @@ OPEN = 'open'  # gains, start, input or machine are not published: ours are assu
 MISPRINT = 'misprint'  # explains a misprint or an ambiguity
 DPI = 100  # resolution of the figures
 
+Values = Iterator[tuple[str, Any]]  # (id, a number of Python's or numpy's)
 
-@dataclass(frozen=True)
-class Reference:
+
+class Reference(NamedTuple):
     """The reference of a row.
 
-    Attributes
-    ----------
-    id : unique, its part's name first: 'F4 RMS e2 [0,2) sin'.
-    what : the quantity in words, with its unit.
-    value : the reference number.
-    tolerance : in the unit of the value, or in % for `kind` PERCENT; else unused.
-    kind : ABSOLUTE, PERCENT, EXACT or AT_MOST.
-    paper : what the paper prints: a number or its words.
-    basis : SPECIFIED, OPEN or MISPRINT.
+    id : unique, its part's name first: 'F4 RMS e2 [0,2) sin'. what : the quantity in words, with
+    its unit. tolerance : in the unit of the value, or in % for `kind` PERCENT; else unused.
+    kind : ABSOLUTE, PERCENT, EXACT or AT_MOST. paper : what the paper prints: a number or its
+    words. basis : SPECIFIED, OPEN or MISPRINT.
     """
 
     id: str
@@ -63,8 +59,7 @@ class Reference:
         return self.tolerance if self.kind == ABSOLUTE else 0.0
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """A reference and our value."""
 
     reference: Reference
@@ -82,54 +77,9 @@ class Row:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the row for ``--json``; 'tolerance' is in the unit of the value."""
-        reference = self.reference
-        return {
-            'id': reference.id,
-            'what': reference.what,
-            'value': self.value,
-            'reference': reference.value,
-            'tolerance': reference.allowed,
-            'kind': reference.kind,
-            'paper': reference.paper,
-            'basis': reference.basis,
-            'ok': self.ok,
-        }
-
-
-Values = Iterator[tuple[str, Any]]  # (id, a number of Python's or numpy's)
-
-
-@dataclass(frozen=True)
-class Part:
-    """Rows that are computed together.
-
-    Attributes
-    ----------
-    name : every id of the part starts with it.
-    references : in the order of the table.
-    values : () -> (id, value) of each reference, in any order, as they are computed.
-    """
-
-    name: str
-    references: tuple[Reference, ...]
-    values: Callable[[], Values]
-
-    def rows(self) -> Iterator[Row]:
-        """Yield the rows as they are computed.
-
-        Raises
-        ------
-        KeyError : a value without a reference, or a reference without a value.
-        """
-        missing = {reference.id: reference for reference in self.references}
-        for name, value in self.values():
-            yield Row(missing.pop(name), float(value))
-        if missing:
-            raise KeyError(f'{self.name}: no value for {", ".join(missing)}')
-
-    def concerns(self, prefix: str) -> bool:
-        """Return True if an id of this part starts with `prefix`."""
-        return any(reference.id.startswith(prefix) for reference in self.references)
+        own = self.reference._asdict()
+        own['reference'], own['tolerance'] = own['value'], self.reference.allowed
+        return {**own, 'value': self.value, 'ok': self.ok}
 
 
 class Table(NamedTuple):
@@ -148,9 +98,7 @@ class Reproduction:
     ----------
     name : as users write it.
     summary : one line; the paper.
-    parts : in the order of the table.
-    figures : the module whose FIGURES maps file names to functions () -> figure. It is imported
-        only for drawing, because it imports matplotlib.
+    parts : name -> () -> (id, value) of each row whose id starts with the name, in any order.
     notes : lines printed below the table.
     tables : shown if all their rows were computed.
     reasons : (regular expression of ids, why ours are not what the paper prints).
@@ -158,16 +106,19 @@ class Reproduction:
 
     name: str
     summary: str
-    parts: tuple[Part, ...]
-    figures: str
-    notes: tuple[str, ...] = field(default=())
-    tables: tuple[Table, ...] = field(default=())
-    reasons: tuple[tuple[str, str], ...] = field(default=())
+    parts: Mapping[str, Callable[[], Values]]
+    notes: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    reasons: tuple[tuple[str, str], ...] = ()
 
     def draw(self, folder: Path) -> list[Path]:
-        """Draw the figures as PNG files into `folder`; return their paths. Needs matplotlib."""
+        """Draw the figures as PNG files into `folder`; return their paths. Needs matplotlib.
+
+        The paper's module `figures` maps file names to functions () -> figure.
+        """
         paths = []
-        for name, make in importlib.import_module(self.figures).FIGURES.items():
+        module = importlib.import_module(f'{__package__}.{self.name}.figures')
+        for name, make in module.FIGURES.items():
             paths.append(folder / f'{name}.png')
             make().savefig(paths[-1], dpi=DPI, pil_kwargs={'optimize': True})
         return paths
@@ -179,34 +130,38 @@ class Reproduction:
         ------
         UsageError : no id starts with `prefix`; the nearest part is suggested.
         """
-        every = [reference for part in self.parts for reference in part.references]
-        found = [reference for reference in every if reference.id.startswith(prefix)]
+        found = [each for each in references(self.name) if each.id.startswith(prefix)]
         if not found:
-            names = [part.name for part in self.parts]
             raise UsageError(
-                f"no row of {self.name} starts with '{prefix}': {suggestion(prefix, names)}"
+                f"no row of {self.name} starts with '{prefix}': {suggestion(prefix, self.parts)}"
             )
         return found
 
     def rows(
         self, advance: Callable[[int], None] = lambda count: None, prefix: str = ''
-    ) -> Iterator[Row]:
-        """Yield the rows whose id starts with `prefix`; parts without such rows are not run.
+    ) -> list[Row]:
+        """Return the rows whose id starts with `prefix`; parts without such rows are not run.
 
         Parameters
         ----------
         advance : called with 1 after each row.
+
+        Raises
+        ------
+        KeyError : a value without a reference, or a reference without a value.
         """
-        for part in self.parts:
-            if not part.concerns(prefix):
+        missing = {each.id: each for each in self.references(prefix)}
+        found: dict[str, Row] = {}
+        for part, values in self.parts.items():
+            if not any(name.startswith(part) for name in missing):
                 continue
-            order = {reference.id: place for place, reference in enumerate(part.references)}
-            found = []
-            for row in part.rows():
-                if row.reference.id.startswith(prefix):
-                    found.append(row)
+            for name, value in values():
+                if name.startswith(prefix):
+                    found[name] = Row(missing[name], float(value))
                     advance(1)
-            yield from sorted(found, key=lambda row: order[row.reference.id])
+        if found.keys() != missing.keys():
+            raise KeyError(f'{self.name}: no value for {", ".join(missing.keys() - found.keys())}')
+        return [found[name] for name in missing]
 
 
 @lru_cache
@@ -215,8 +170,7 @@ def references(paper: str) -> tuple[Reference, ...]:
 
     Its columns are the attributes of `Reference`.
     """
-    folder = files(f'{__package__}.{paper}')
-    table = folder.joinpath('references.csv').read_text(encoding='utf-8')
+    table = files(f'{__package__}.{paper}').joinpath('references.csv').read_text(encoding='utf-8')
     return tuple(
         Reference(
             row['id'],
@@ -237,24 +191,3 @@ def _printed(cell: str) -> float | str:
         return float(cell)
     except ValueError:
         return cell
-
-
-def parts(paper: str, values: Mapping[str, Callable[[], Values]]) -> tuple[Part, ...]:
-    """Return the parts of a paper; each takes the references whose id starts with its name.
-
-    Parameters
-    ----------
-    values : name of the part -> function of its values, in the order of ``references.csv``.
-
-    Raises
-    ------
-    ValueError : a reference belongs to no part or to two, or the order is another.
-    """
-    every = references(paper)
-    found = tuple(
-        Part(name, tuple(row for row in every if row.id.startswith(name)), compute)
-        for name, compute in values.items()
-    )
-    if tuple(row for part in found for row in part.references) != every:
-        raise ValueError(f'{paper}: the parts {", ".join(values)} do not divide its references')
-    return found

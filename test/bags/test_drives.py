@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from answers import estimated
 
-from benchmarks.recorded import judge
+from benchmarks.accuracy import judge
 from estimator_pkg import cli
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.errors import UsageError

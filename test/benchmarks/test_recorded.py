@@ -5,7 +5,7 @@
 
 Bounds guard against change. Fresh ones:
 
-    python -m benchmarks.recorded bags > test/recordings_bounds.yaml
+    python -m benchmarks.accuracy bags > test/recordings_bounds.yaml
 """
 
 from pathlib import Path
@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from benchmarks import recorded as recordings
+from benchmarks.accuracy import bounds, judge, run
+from benchmarks.recorded import RAW, recordings, with_truth
+from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import compare
 from estimator_pkg.evaluation.entries import at_defaults
 from estimator_pkg.evaluation.options import Options
@@ -30,8 +32,7 @@ DRIVE_BIAS = {'dfki_simple_pendulum': -0.011, 'dfki_double_pendulum': 0.0055}
 
 @pytest.fixture(scope='module')
 def measured():
-    rows = recordings.rows(BAGS)
-    return {(row['stream'], row['observer']): row for row in rows}
+    return {(row['stream'], row['observer']): row for row in run(with_truth(BAGS))}
 
 
 @pytest.mark.long
@@ -41,8 +42,8 @@ def measured():
 )
 def test_no_worse_than_its_bound_and_no_better_than_half_of_it(measured, case, observer):
     row, (rms, largest) = measured[case, observer], BOUNDS[case][observer]
-    assert recordings.judge(row['rms'], rms) == '', 'rms'
-    assert recordings.judge(row['max_abs'], largest) == '', 'largest error'
+    assert judge(row['rms'], rms) == '', 'rms'
+    assert judge(row['max_abs'], largest) == '', 'largest error'
 
 
 @pytest.mark.long
@@ -55,10 +56,10 @@ def test_every_case_has_a_bound(measured):
 
 
 def test_a_bound_is_two_sided():
-    assert recordings.judge(1.0, 1.0) == '' and recordings.judge(0.5, 1.0) == ''
-    assert 'worse' in recordings.judge(1.01, 1.0)
-    assert 'worse' in recordings.judge(float('nan'), 1.0)
-    assert 'better' in recordings.judge(0.49, 1.0)
+    assert judge(1.0, 1.0) == '' and judge(0.5, 1.0) == ''
+    assert 'worse' in judge(1.01, 1.0)
+    assert 'worse' in judge(float('nan'), 1.0)
+    assert 'better' in judge(0.49, 1.0)
 
 
 def pendulums(measured):
@@ -78,14 +79,14 @@ def test_it_is_hardly_worse_than_constant_acceleration(measured, observer, most)
 @pytest.mark.parametrize('observer', [DEFAULT, 'hybrid_angle'])
 @pytest.mark.long
 def test_it_has_at_most_half_the_error_of_the_difference_at_1_khz(measured, observer):
-    own, difference = (measured[ONE_KHZ, name]['rms'] for name in (observer, recordings.RAW.label))
+    own, difference = (measured[ONE_KHZ, name]['rms'] for name in (observer, RAW.label))
     assert own <= 0.5 * difference
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('bag', PENDULUMS, ids=lambda bag: bag.name)
 def test_the_drives_own_bias_lag_and_noise_are_found(bag):
-    found = compare(str(bag), Options(observers=(recordings.RAW,)))
+    found = compare(str(bag), Options(observers=(RAW,)))
     for known in found.references.values():
         bias = DRIVE_BIAS[bag.parent.name]
         assert known.bias == pytest.approx(bias, abs=4.0 * known.bias_stddev)
@@ -100,10 +101,8 @@ def test_the_drives_own_bias_lag_and_noise_are_found(bag):
             assert 0.05 < known.noise < 0.12
 
 
-def test_the_module_prints_bounds_and_refuses_a_folder_without_bags(tmp_path, capsys):
-    assert recordings.main([str(tmp_path)]) == 1
-    assert len(capsys.readouterr().err.splitlines()) == 1
-    bag = BAGS / 'dfki_simple_pendulum' / 'system_identification_300hz'
-    assert recordings.main([str(bag)]) == 0
-    fresh = yaml.safe_load(capsys.readouterr().out)
-    assert list(fresh) == ['system_identification_300hz/pendulum']
+def test_new_bounds_are_above_what_was_measured_and_a_folder_without_bags_is_named(tmp_path):
+    row = {'stream': 'a/b', 'observer': 'pll', 'rms': 1.0, 'max_abs': 2.0}
+    assert bounds([row]) == {'a/b': {'pll': [1.15, 2.3]}}
+    with pytest.raises(UserError, match='contains no bag'):
+        recordings(tmp_path)

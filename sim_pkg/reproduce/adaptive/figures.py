@@ -17,6 +17,7 @@ from sim_pkg.reproduce.adaptive.plant import (
     random_input,
     response,
 )
+from sim_pkg.reproduce.drawing import TRUTH, lines, panels
 
 THIN = 20  # every n-th point is drawn
 
@@ -24,19 +25,13 @@ THIN = 20  # every n-th point is drawn
 def estimation() -> Figure:
     """Return Figure 1: the velocity while the parameters are learnt, and after that."""
     run = continuous(VELOCITY, example_1(), freeze=FROZEN_FROM)
-    figure = Figure(figsize=(8.0, 6.0), layout='constrained')
-    for axes, begin, end, title in zip(
-        figure.subplots(2, 1),
-        (0.0, FROZEN_FROM),
-        (40.0, FROZEN_FROM + 40.0),
-        ('a) during estimation', 'b) estimation stopped at 100 s, another input'),
-    ):
-        part = slice(run.at(begin), run.at(end), THIN)
-        axes.plot(run.time[part], run.velocity[part], label='velocity')
-        axes.plot(run.time[part], run.estimate[part], '--', label='estimate (38)')
-        axes.set(title=title, xlabel='time [s]', ylabel='[rad/s]')
-        axes.grid(True)
-        axes.legend()
+    title = 'during estimation (above), and stopped at 100 s, with another input'
+    figure, axes = panels(2, title, ('[rad/s]',) * 2)
+    for each, begin in zip(axes, (0.0, FROZEN_FROM)):
+        part = slice(run.at(begin), run.at(begin + 40.0), THIN)
+        time = run.time[part] - begin
+        curves = {'estimate (38)': run.estimate[part], 'velocity': run.velocity[part]}
+        lines(each, time, curves, {'velocity': TRUTH})
     return figure
 
 
@@ -47,22 +42,14 @@ def identification() -> Figure:
     plant = response(IDENTIFICATION, inputs)
     model = parallel(run.theta[run.at(400.0)], inputs)
     time = np.arange(len(plant)) * STEP
-    figure = Figure(figsize=(8.0, 9.0), layout='constrained')
-    first, second, third = figure.subplots(3, 1)
-    for name, values in zip(NAMES, run.theta.T):
-        first.plot(run.time[::100], values[::100], label=name)
-    first.set(title='a) parameters during training', xlabel='time [s]', ylim=(-3.0, 6.0))
-    first.legend(loc='upper right', ncols=4)
-    second.plot(time[::THIN], plant[::THIN], label='plant')
-    second.plot(time[::THIN], model[::THIN], '--', label='model of 400 s')
-    second.set(
-        title='b) plant and identified model under another input', xlabel='time [s]', ylabel='[rad]'
-    )
-    second.legend()
-    third.plot(time[::THIN], (model - plant)[::THIN])
-    third.set(title='c) their difference', xlabel='time [s]', ylabel='[rad]')
-    for axes in (first, second, third):
-        axes.grid(True)
+    title = 'parameters during training; plant and model under another input; their difference'
+    figure, axes = panels(3, title, ('', '[rad]', '[rad]'), sharex=False)
+    lines(axes[0], run.time[::100], dict(zip(NAMES, run.theta[::100].T)), {})
+    axes[0].set_ylim(-3.0, 6.0)
+    thin = slice(None, None, THIN)
+    curves = {'model of 400 s': model[thin], 'plant': plant[thin]}
+    lines(axes[1], time[thin], curves, {'plant': TRUTH})
+    lines(axes[2], time[thin], {'difference': (model - plant)[thin]}, {})
     return figure
 
 

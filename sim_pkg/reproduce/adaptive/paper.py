@@ -4,13 +4,12 @@
 """The adaptive paper: Figures 1 and 2, and what it prints of its two examples."""
 
 from sim_pkg.reproduce.adaptive import examples
-from sim_pkg.reproduce.contract import Reproduction, parts
+from sim_pkg.reproduce.contract import Reproduction
 
 REPRODUCTION = Reproduction(
     name='adaptive',
     summary='Gonzalez-Olvera, Tang: Velocity estimation using adaptive observers',
-    parts=parts('adaptive', {'A1': examples.a1_values, 'A2': examples.a2_values}),
-    figures='sim_pkg.reproduce.adaptive.figures',
+    parts={'A1': examples.a1_values, 'A2': examples.a2_values},
     reasons=(
         (
             r'A2 theta.* b1',

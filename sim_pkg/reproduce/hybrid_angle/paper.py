@@ -3,24 +3,20 @@
 
 """The hybrid-angle paper: Figures 3 to 6, Lemma 1 and Theorem 2."""
 
-from sim_pkg.reproduce.contract import Reproduction, parts
+from sim_pkg.reproduce.contract import Reproduction
 from sim_pkg.reproduce.hybrid_angle import continuous, sampled
 
 REPRODUCTION = Reproduction(
     name='hybrid_angle',
     summary='Brentari, Bosetti, Zaccarian: A class of hybrid velocity observers for angular '
     'measurements with jumps (2018)',
-    parts=parts(
-        'hybrid_angle',
-        {
-            'F4': continuous.figure_4_values,
-            'LY': continuous.lyapunov_values,
-            'F5': continuous.figure_5_values,
-            'F6': sampled.figure_6_values,
-            'stability': sampled.stability_values,
-        },
-    ),
-    figures='sim_pkg.reproduce.hybrid_angle.figures',
+    parts={
+        'F4': continuous.figure_4_values,
+        'LY': continuous.lyapunov_values,
+        'F5': continuous.figure_5_values,
+        'F6': sampled.figure_6_values,
+        'stability': sampled.stability_values,
+    },
     notes=(
         'The paper prints curves and words, and only one number (150 rad/s). The noise of Figure 5 '
         'and the motor of Figure 6 are ours.',

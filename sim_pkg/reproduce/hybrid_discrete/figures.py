@@ -5,69 +5,39 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim_pkg.reproduce.hybrid_discrete.runs import Array, example
+from sim_pkg.reproduce.drawing import TRUTH, lines, panels
+from sim_pkg.reproduce.hybrid_discrete.runs import example
 
 STEP = 1e-3  # [s]
 UNTIL = 10.0  # [s]
-KEPT = slice(0, round(UNTIL / STEP), 5)
+PANELS = {'x': 'continuous states', 'zeta': 'in the coordinates of the outputs', 'z': 'discrete'}
 
 
-def continuous_states() -> Figure:
-    """Figure 2."""
-    run = example(STEP)
-    return _panels(
-        run.times[KEPT],
-        run.state[KEPT],
-        (run.state + run.state_error)[KEPT],
-        'x',
-        'continuous states',
-    )
-
-
-def output_coordinates() -> Figure:
-    """Figure 3."""
-    run = example(STEP)
-    return _panels(
-        run.times[KEPT],
-        run.zeta[KEPT],
-        run.zeta_hat[KEPT],
-        'zeta',
-        'in the coordinates of the outputs',
-    )
-
-
-def discrete_states() -> Figure:
-    """Figure 4."""
-    run = example(STEP)
-    events = np.arange(round(UNTIL / 0.5) + 1)
-    return _panels(
-        0.5 * events, run.z[events], run.z_hat[events], 'z', 'discrete states', steps=True
-    )
-
-
-def _panels(
-    time: Array, real: Array, observed: Array, name: str, title: str, steps: bool = False
-) -> Figure:
-    """Real and observed, one panel for each column."""
-    figure = Figure(figsize=(8.0, 1.8 * real.shape[1] + 0.6), layout='constrained')
-    figure.suptitle(f'{title}: real and observed')
-    for i, axes in enumerate(figure.subplots(real.shape[1], 1, sharex=True, squeeze=False)[:, 0]):
-        style = {'drawstyle': 'steps-post'} if steps else {}
-        axes.plot(time, real[:, i], label='real', **style)
-        axes.plot(time, observed[:, i], '--', label='observed', **style)
-        axes.set_ylabel(f'{name}{i + 1}')
-        axes.grid(True)
-        if i == 0:
-            axes.legend()
-    axes.set_xlabel('time [s]')
+def states(name: str) -> Figure:
+    """Return Figure 2, 3 or 4: real and observed, one panel for each state."""
+    run, style = example(STEP), dict[str, Any]()
+    kept = slice(0, round(UNTIL / STEP), 5)
+    time, real, observed = run.times, run.zeta, run.zeta_hat
+    if name == 'x':
+        real, observed = run.state, run.state + run.state_error
+    elif name == 'z':
+        real, observed, kept = run.z, run.z_hat, slice(0, round(UNTIL / 0.5) + 1)
+        time, style = 0.5 * np.arange(len(real)), {'drawstyle': 'steps-post'}
+    labels = tuple(f'{name}{i + 1}' for i in range(real.shape[1]))
+    figure, axes = panels(len(labels), f'{PANELS[name]}: real and observed', labels)
+    for i, each in enumerate(axes):
+        curves = {'observed': observed[kept, i], 'real': real[kept, i]}
+        lines(each, time[kept], curves, {'real': TRUTH}, **style)
     return figure
 
 
 FIGURES = {
-    'hybrid_discrete_figure_2': continuous_states,
-    'hybrid_discrete_figure_3': output_coordinates,
-    'hybrid_discrete_figure_4': discrete_states,
+    f'hybrid_discrete_figure_{number}': partial(states, name)
+    for number, name in zip((2, 3, 4), PANELS)
 }

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim_pkg.reproduce.contract import Reproduction, Table, Values, parts
+from sim_pkg.reproduce.contract import Reproduction, Table, Values
 from sim_pkg.reproduce.hybrid_discrete.runs import example
 
 STEP, EVENTS = 1e-4, 10  # [s]; of 0.5 s each
@@ -39,7 +39,7 @@ REPRODUCTION = Reproduction(
     name='hybrid_discrete',
     summary='Barbot, Djemai, Manamanni: State observer and observability conditions for a class '
     'of hybrid continuous-discrete dynamic system (2007)',
-    parts=parts('hybrid_discrete', {'run': run_values}),
+    parts={'run': run_values},
     tables=(
         _table(
             'Convergence in the first interval [ms]; (26) claims less than the period, 500',
@@ -51,7 +51,6 @@ REPRODUCTION = Reproduction(
         ),
         _table('Figures 2 to 4: largest errors from 1 s on; of Z at and after event 2', FINAL),
     ),
-    figures='sim_pkg.reproduce.hybrid_discrete.figures',
     notes=(
         'The paper prints no gains, start values or results as numbers: ours are L = 120, 400 and '
         '60, 150, epsilon = 1e-3, start 1, .5, .5, 0, steps of 0.1 ms.',

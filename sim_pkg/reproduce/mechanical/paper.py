@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from sim_pkg.reproduce.contract import Reproduction, Table, parts
+from sim_pkg.reproduce.contract import Reproduction, Table
 from sim_pkg.reproduce.mechanical import cart, lab, leg, loop
 from sim_pkg.reproduce.mechanical.runs import METRICS, OF_FIRST
 
@@ -44,10 +44,7 @@ REPRODUCTION = Reproduction(
     name='mechanical',
     summary='Aranovskiy, Ortega, Romero, Sokolov: A globally exponentially stable speed observer '
     'for a class of mechanical systems (2019)',
-    parts=parts(
-        'mechanical', {'B': cart.values, 'C': leg.values, 'D': lab.values, 'E': loop.values}
-    ),
-    figures='sim_pkg.reproduce.mechanical.figures',
+    parts={'B': cart.values, 'C': leg.values, 'D': lab.values, 'E': loop.values},
     tables=TABLES,
     reasons=(
         (

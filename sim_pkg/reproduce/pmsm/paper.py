@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from sim_pkg.reproduce.contract import Reproduction, Table, Values, parts
+from sim_pkg.reproduce.contract import Reproduction, Table, Values
 from sim_pkg.reproduce.pmsm.motor import (
     CONTINUOUS,
     HYBRID,
@@ -61,7 +61,7 @@ REPRODUCTION = Reproduction(
     name='pmsm',
     summary='Bosso, Azzollini, Tilli: A semi-global hybrid sensorless observer for permanent '
     'magnets synchronous machines with unknown mechanical model (2020)',
-    parts=parts('pmsm', {'F2': run_values, 'starts': start_values}),
+    parts={'F2': run_values, 'starts': start_values},
     tables=(
         _table(
             'Figure 2: settling time of speed (2 %), angle (5 deg), xi, back-EMF (2 %) [ms]',
@@ -85,7 +85,6 @@ REPRODUCTION = Reproduction(
             for start, (_, eta, xi) in STARTS.items()
         ),
     ),
-    figures='sim_pkg.reproduce.pmsm.figures',
     notes=(
         'The paper draws curves and prints no result as a number; its profile, load and start are '
         'not published.',

@@ -15,7 +15,7 @@ from estimator_pkg import cli
 from estimator_pkg.errors import UsageError
 from sim_pkg.reproduce import claims, contract
 from sim_pkg.reproduce.command import PAPERS
-from sim_pkg.reproduce.contract import AT_MOST, EXACT, PERCENT, Part, Reference, Row
+from sim_pkg.reproduce.contract import AT_MOST, EXACT, PERCENT, Reference, Row
 
 FIGURES = {'adaptive': 2, 'hybrid_angle': 4, 'hybrid_discrete': 3, 'mechanical': 10, 'pmsm': 2}
 
@@ -102,40 +102,31 @@ def reference(name, value):
     return Reference(name, 'the thing', value, 0.1, 'absolute', value)
 
 
-def test_no_row_gets_lost():
-    references = reference('p a', 1.0), reference('p b', 2.0)
+def of_parts(monkeypatch, names, **parts):
+    """Return a paper with these rows and parts."""
+    rows = tuple(reference(name, float(value)) for name, value in names.items())
+    monkeypatch.setattr(contract, 'references', lambda paper: rows)
+    return contract.Reproduction('paper', 'summary', parts)
+
+
+def test_no_row_gets_lost(monkeypatch):
+    names = {'p a': 1, 'p b': 2}
     with pytest.raises(KeyError, match='p b'):
-        list(Part('p', references, lambda: iter([('p a', 1.0)])).rows())
+        of_parts(monkeypatch, names, p=lambda: iter([('p a', 1.0)])).rows()
     with pytest.raises(KeyError, match='p c'):
-        list(Part('p', references, lambda: iter([('p c', 1.0)])).rows())
+        of_parts(monkeypatch, names, p=lambda: iter([('p c', 1.0)])).rows()
+    with pytest.raises(KeyError, match='q a'):  # that no part computes
+        of_parts(monkeypatch, {**names, 'q a': 3}, p=lambda: iter(names.items())).rows()
 
 
-def test_the_parts_divide_the_references_of_a_paper():
-    """A row of the file that no part computes is reported, and so are parts that share one."""
-    values = dict.fromkeys(part.name for part in reproduction('hybrid_angle').parts)
-    assert len(contract.parts('hybrid_angle', values)) == len(values)
-    with pytest.raises(ValueError, match='do not divide'):
-        contract.parts('hybrid_angle', {**values, 'F4 gain': None})
-    values.pop('F6')
-    with pytest.raises(ValueError, match='do not divide'):
-        contract.parts('hybrid_angle', values)
-
-
-def test_only_runs_the_parts_that_are_asked_for():
+def test_only_runs_the_parts_that_are_asked_for(monkeypatch):
     def never():
         raise AssertionError('a part ran that was not selected')
 
-    parts = (
-        Part(
-            'p',
-            (reference('p b', 2.0), reference('p a', 1.0)),
-            lambda: iter([('p a', 1.0), ('p b', 2.0)]),
-        ),
-        Part('q', (reference('q a', 1.0),), never),
-    )
-    found = contract.Reproduction('paper', 'summary', parts, '')
+    names = {'p b': 2, 'p a': 1, 'q a': 1}
+    found = of_parts(monkeypatch, names, p=lambda: iter([('p a', 1.0), ('p b', 2.0)]), q=never)
     counted = []
-    rows = list(found.rows(counted.append, 'p'))
+    rows = found.rows(counted.append, 'p')
     assert [row.reference.id for row in rows] == ['p b', 'p a']  # the order of the table
     assert sum(counted) == 2
     assert [row.reference.id for row in found.rows(prefix='p a')] == ['p a']
@@ -183,12 +174,7 @@ def test_a_claim_is_compared_with_our_value(rows, agreeing):
 
 
 def test_command_fails_when_a_row_fails(monkeypatch, capsys):
-    wrong = contract.Reproduction(
-        'hybrid_angle',
-        'summary',
-        (Part('p', (reference('p a', 1.0),), lambda: iter([('p a', 1.2)])),),
-        '',
-    )
+    wrong = of_parts(monkeypatch, {'p a': 1}, p=lambda: iter([('p a', 1.2)]))
     monkeypatch.setattr('sim_pkg.reproduce.hybrid_angle.paper.REPRODUCTION', wrong)
     assert cli.main(['reproduce', 'hybrid_angle']) == 1
     out = capsys.readouterr().out

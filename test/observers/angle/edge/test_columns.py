@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from edge_encoder import DT, QUANTUM
 
-from benchmarks.accuracy import covered, measure
+from benchmarks import columns, runner
 from benchmarks.signals import FURTHER, SIGNALS, SKIPPED
 from estimator_pkg.evaluation.entries import Entry
 
@@ -49,7 +49,7 @@ def _draw(joint, samples):
     out = joint.run(samples.stamps, samples.angle)
     counted = (samples.stamps - samples.stamps[0]) * 1e-9 >= SKIPPED
     error = (out.velocity - samples.velocity)[counted]
-    return np.sqrt(np.mean(error * error)), covered(error, out.velocity_stddev[counted])
+    return np.sqrt(np.mean(error * error)), runner.covered(error, out.velocity_stddev[counted])
 
 
 def check(draws, duration=6.0):
@@ -80,7 +80,7 @@ def test_one_setting_serves_every_column_at_a_hundred_phases_and_speeds():
 
 
 def test_delay_on_the_sine_is_at_most_half_a_millisecond():
-    found = measure(ENTRY, BY_NAME['sine'].samples(duration=5.0))
+    found = runner.result(columns.of_signal(BY_NAME['sine'], 5.0), ENTRY)
     assert 0.0 < found['delay_s'] <= 0.5e-3
     assert found['published'] == 1.0
 

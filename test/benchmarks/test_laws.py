@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The comparison with the field: the peers run, and each law has its one setting."""
+"""The laws of the field are what their papers say, and each has its one setting for a set."""
 
 import math
 from pathlib import Path
@@ -12,12 +12,19 @@ import pytest
 from benchmarks import __main__ as command
 from benchmarks import field, laws, recorded
 from benchmarks.columns import Column, of_signal
-from benchmarks.laws import Law
+from benchmarks.laws import Law, peers
+from benchmarks.runner import chosen
 from benchmarks.signals import SIGNALS, Samples, Signal, constant, sine
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 SINE = next(signal for signal in SIGNALS if signal.name == 'sine')
 DROPS = next(signal for signal in SIGNALS if signal.name == 'drops')
+H, QUANTUM = 1e-3, 2e-3
+TIME = np.arange(2000) * H
+
+
+def counted(angle):
+    return np.round(angle / QUANTUM) * QUANTUM
 
 
 def columns():
@@ -40,16 +47,13 @@ def made(name, errors, share=1.0):
 
 def test_a_law_has_one_setting_for_a_set():
     law = made('x', {1: (1.0, 9.0), 2: (2.0, 2.0), 3: (9.0, 1.0), 4: (math.inf, 0.5)}, share=0.7)
-    row, hardly = field.run({'shared': columns()}, [law, made('y', {1: (1.0, 1.0)}, share=0.1)])
-    assert row['settings'] == {'shared': 2}
-    assert row['errors']['shared'] == pytest.approx({'one': 2.0, 'two': 2.0})
-    assert hardly['errors']['shared'] == {'one': math.inf, 'two': math.inf}  # what is published
-
-
-def test_peers_are_not_run_on_captures():
-    law = Law('peer', made('', {1: (1.0, 1.0)}).run, (1,), 'gain', laws.PEERS)
-    (row,) = field.run({field.SIGNALS: columns(), field.CAPTURES: columns()}, [law])
-    assert list(row['errors']) == [field.SIGNALS]
+    hardly = made('y', {1: (1.0, 1.0)}, share=0.1)
+    away = Law('away', law.run, law.values, without=('shared',))
+    found = chosen([law, hardly, away], {'shared': columns()})
+    setting, errors = found['x']['shared']
+    assert setting == 2 and errors == pytest.approx([2.0, 2.0])
+    assert found['y']['shared'][1].tolist() == [math.inf, math.inf]  # what is published
+    assert found['away'] == {}
 
 
 def test_every_observer_of_an_angle_is_a_law_and_uses_its_gain():
@@ -61,14 +65,13 @@ def test_every_observer_of_an_angle_is_a_law_and_uses_its_gain():
 
 
 @pytest.mark.slow
-def test_the_peers_that_are_installed_follow_the_motion():
-    found, missing = laws.peers()
-    if not found:
-        pytest.skip(f'not run, not installed: {", ".join(missing)}')
+def test_the_libraries_that_are_installed_follow_the_motion():
+    found, missing = peers()
     column = of_signal(DROPS, 2.0)
-    for each in found:
+    for each in found[-2:]:
         errors = [column.error(each.run(column, value))[0] for value in each.values[2::3]]
         assert min(errors) < 0.5, each.name
+    assert len(found) == 8 - len(missing)
 
 
 def test_peers_get_clean_samples_and_their_estimates_stand_at_their_stamps():
@@ -106,8 +109,8 @@ def test_every_loss_is_printed():
         made('silent', {1: (1.0, 1.0)}, share=0.1),
     ]
     sets = {'shared': columns(), 'captures': columns()}
-    rows = field.run(sets, every)
-    del rows[2]['errors']['captures']  # it was not run there
+    rows = chosen(every, sets)
+    del rows['mixed']['captures']  # it was not run there
     found = field.compared(rows, sets)
     assert found[1]['lost'] == pytest.approx({'one': 0.26 / 1.01})
     text = field.describe(found)
@@ -115,3 +118,61 @@ def test_every_loss_is_printed():
     assert lines['worse'] == ['worse', '3.97', '3.97', 'none']
     assert lines['mixed'] == ['mixed', '1.01', '-', 'one', '0.26']
     assert lines['silent'] == ['silent', '-', '-', 'none'] and field.MAIN not in lines
+
+
+@pytest.mark.long
+def test_every_law_of_practice_follows_a_constant_speed():
+    stamps = 10**9 + (TIME * 1e9).astype(np.int64)
+    column = Column('x', Samples(stamps, counted(1.3 * TIME), np.full(len(TIME), 1.3)), QUANTUM)
+    for law in peers()[0][:-2]:
+        errors = [
+            np.sqrt(np.nanmean((law.run(column, value)[1000:] - 1.3) ** 2)) for value in law.values
+        ]
+        assert min(errors) < 0.02, law.name  # a raw difference has 1.0
+
+
+def test_the_slope_at_the_end_of_a_parabola_is_exact_for_one():
+    """At even and at uneven times."""
+    law = next(each for each in peers()[0] if each.name == 'Savitzky-Golay, causal')
+    for jitter in (0.0, 0.3):
+        time = TIME + jitter * H * np.random.default_rng(1).random(len(TIME))
+        samples = Samples(np.rint(1e9 + 1e9 * time).astype(np.int64), 0.4 * time**2, 0.8 * time)
+        column = Column('x', samples, QUANTUM, period=0.0)
+        found = law.run(column, 14 * H)[100:]
+        np.testing.assert_allclose(found, samples.velocity[100:], atol=1e-5)
+
+
+def test_adaptive_windows_are_as_long_as_the_chord_holds():
+    rng = np.random.default_rng(4)
+    time = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, 400))
+    angle = counted(0.3 * np.sin(9.0 * time)) + 1e-4 * rng.standard_normal(400)
+    found = laws.adaptive_windows(time, angle, QUANTUM, 1.5)
+    for k in range(1, 400, 7):
+        n = 0
+        while n < min(k, laws.length(time, laws.LONGEST)):
+            chord = np.interp(time[k - n - 1 : k + 1], time[[k - n - 1, k]], angle[[k - n - 1, k]])
+            if np.abs(chord - angle[k - n - 1 : k + 1]).max() > 1.5 * QUANTUM:
+                break
+            n += 1
+        slope = np.polyfit(time[k - n : k + 1], angle[k - n : k + 1], 1)[0]
+        assert found[k] == pytest.approx(slope, rel=1e-6, abs=1e-9), k
+
+
+def test_edges_are_where_the_count_changes():
+    """Exact for a constant speed, below one count per sample and above; at rest it is 0."""
+    for speed in (0.31, 7.77):
+        found = laws.edges(TIME, counted(speed * TIME), QUANTUM, 30)
+        assert np.abs(found[500:] - speed).max() < 0.03 * speed
+    stopped = counted(0.31 * np.minimum(TIME, 1.0))
+    found = laws.edges(TIME, stopped, QUANTUM, 10)
+    assert found[990] == pytest.approx(0.31, rel=0.05) and not found[1100:].any()
+
+
+def test_the_filtering_differentiator_is_exact_within_its_bound():
+    """A jerk of 40 rad/s^3, without noise: exact up to the step if the bound is larger."""
+    angle = 40.0 / 6.0 * TIME**3
+    errors = [
+        np.abs(laws.filtering(TIME, angle, QUANTUM, bound) - 20.0 * TIME**2)[1500:].max()
+        for bound in (100.0, 20.0)
+    ]
+    assert errors[0] < 0.1 < errors[1]
