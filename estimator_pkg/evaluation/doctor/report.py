@@ -16,15 +16,8 @@ import numpy as np
 from estimator_pkg import observers, params_file, yaml_text
 from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation import plots
-from estimator_pkg.evaluation.checks.readings import (
-    FAIL,
-    LEVELS,
-    PASS,
-    WARN,
-    Finding,
-    Readings,
-    to_mend,
-)
+from estimator_pkg.evaluation.checks.readings import Readings, to_mend
+from estimator_pkg.evaluation.checks.row import FAIL, LEVELS, PASS, WARN, Finding
 from estimator_pkg.evaluation.doctor import second
 from estimator_pkg.evaluation.doctor.choice import Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from estimator_pkg.evaluation.checks.joint import as_read, checked, reference, stretch
-from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Readings
+from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN
 from estimator_pkg.evaluation.doctor import velocities
 from estimator_pkg.evaluation.doctor.published import relation
 
@@ -296,7 +297,7 @@ def test_the_published_velocity_is_checked(case, motion):
     seen = Readings('joint', stamps, stamps, reading, given, TURN, START)
     rows = np.sort(stretch(seen))
     found = velocities.checks(seen, reference(seen, rows), rows)
-    (own,) = [each for each in found if each.check == velocities.PUBLISHED]
+    (own,) = [each for each in found if each.check == velocities.PUBLISHED.name]
     assert own.level == level and re.search(text, own.value) and re.search(remedy, own.remedy), own
     assert velocities.misleads(found) is (level == WARN and case != 'late')
 
