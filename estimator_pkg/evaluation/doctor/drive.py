@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import params_file, yaml_text
+from estimator_pkg import params_file
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation import parameter_file
 from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN, Check, Finding
 from estimator_pkg.evaluation.checks.stamps import plural
@@ -29,7 +30,7 @@ from estimator_pkg.evaluation.matching import exact, pieces
 from estimator_pkg.evaluation.plots import COLOURS, GREY, Curve, Style, ahead, sample_times
 from estimator_pkg.evaluation.reference.back_emf import BackEmf, Drive, back_emf, needed, signals
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
-from estimator_pkg.evaluation.text import for_node, number, wrapped
+from estimator_pkg.evaluation.text import for_node, number
 from estimator_pkg.streams.drive import ELECTRICAL, DriveSettings, DriveStream
 
 PMSM = 'pmsm'
@@ -408,11 +409,9 @@ def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str
         'Checked by the off-line angle of the back-EMF.',
         *examined.said,
     ]
-    written = [yaml_text.comment(each) for line in lines for each in wrapped(line, 78)]
-    written += ['/**:', '  ros__parameters:']
-    for name, value in {'observer': PMSM, **settings}.items():
-        if params_file.parameter_of(name) == name:
-            written.append(f'    {yaml_text.key(name)}: {yaml_text.scalar(value)}')
+    values = {'observer': PMSM, **settings}
+    own = {name: value for name, value in values.items() if params_file.parameter_of(name) == name}
+    written = [parameter_file.as_yaml(lines, own).rstrip()]
     for name in needed(settings):
         written.append(f'    # {name}:  # {MOTOR_UNITS[name]}')
     return '\n'.join(written) + '\n'
