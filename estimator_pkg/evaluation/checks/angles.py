@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,11 @@ from estimator_pkg.evaluation.checks.readings import (
     Array,
     Readings,
     neighbour_motion,
+    plural,
     short,
     times,
 )
 from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN, Check, Measured
-from estimator_pkg.evaluation.checks.stamps import plural
 from estimator_pkg.sensor.clock import Clock
 from estimator_pkg.sensor.faults import (
     KINDS,
@@ -95,7 +96,7 @@ def wrap(seen: Readings) -> Measured:
     raw = np.diff(seen.raw)
     low, high = float(np.min(seen.raw)), float(np.max(seen.raw))
     period, count = _period(seen)
-    words = {
+    words: dict[str, Any] = {
         'low': low,
         'high': high,
         'period': period,

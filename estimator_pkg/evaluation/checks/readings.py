@@ -372,6 +372,11 @@ def times(seconds: list[float]) -> str:
     return 'at ' + ', '.join(f'{each:.2f} s' for each in seconds[:TIMES_NAMED]) + more
 
 
+def plural(count: int, name: str) -> str:
+    """Return '1 hole' or '2 holes'."""
+    return f'{count} {name}{"s" * (count > 1)}'
+
+
 def late_by(late: Delay) -> str:
     """Return a delay for a text."""
     known = interval(1e3 * late.late, 1e3 * late.half, 'ms')

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimator_pkg.evaluation.checks.readings import Array, Readings, short, times
+from estimator_pkg.evaluation.checks.readings import Array, Readings, plural, short, times
 from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN, Check, Measured
 from estimator_pkg.evaluation.checks.stamp_error import line_error, spacing_error
 from estimator_pkg.evaluation.delay import GAP_STEPS
@@ -181,11 +181,6 @@ def clock(seen: Readings) -> Measured:
         return Measured(WARN, ['ahead'], numbers, words)
     old = usual > STAMPS_OLD
     return Measured(WARN if old else PASS, ['old' if old else 'age'], numbers, words)
-
-
-def plural(count: int, name: str) -> str:
-    """Return '1 hole' or '2 holes'."""
-    return f'{count} {name}{"s" * (count > 1)}'
 
 
 CLOCK = Check(

@@ -22,9 +22,8 @@ from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import parameter_file
-from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.checks.readings import Readings, plural
 from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN, Check, Finding
-from estimator_pkg.evaluation.checks.stamps import plural
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.matching import exact, pieces
 from estimator_pkg.evaluation.plots import COLOURS, GREY, Curve, Style, ahead, sample_times

@@ -32,7 +32,6 @@ from estimator_pkg.evaluation.options import (
     worker_arguments,
 )
 from estimator_pkg.evaluation.report import full_data, plot
-from estimator_pkg.evaluation.report.page import ReportPage
 from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.observers import DEFAULT
@@ -139,6 +138,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         page = None
         if parsed.html:
+            from estimator_pkg.evaluation.report.page import ReportPage
+
             ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
             report = ReportPage(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
             page = stack.enter_context(report.written())

@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg import whole_file
 from estimator_pkg.evaluation.compare.comparison import Comparison
@@ -16,7 +16,7 @@ from estimator_pkg.evaluation.compare.comparison import Comparison
 
 def write(path: str, comparisons: Iterable[Comparison]) -> None:
     """Write every compared sample; ``numpy.load(path)[name]`` returns an array."""
-    arrays: dict[str, NDArray] = {}
+    arrays: dict[str, Any] = {}
     for comparison in comparisons:
         for row in comparison.rows:
             base = _name(comparison.bag, row.joint)
