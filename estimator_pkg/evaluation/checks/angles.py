@@ -80,11 +80,12 @@ def resolution(seen: Readings) -> Measured:
         numbers['counts_per_turn'] = turn / count
     scatters = noise > max(NOISY_READING * turn / TURN, NOISY_COUNTS * count)
     noisy = scatters and not seen.stale
-    coarse = in_turns and turn / count < COARSE_COUNTS and not noisy
+    coarse = bool(in_turns and turn / count < COARSE_COUNTS and not noisy)
+    known = seen.own_quantum and not noisy
     words = {
         'turns': f' rad, {turn / count:.6g} per turn' if in_turns else '',
         'speed': count / seen.step,
-        'set': f"set 'quantum: {count:.6g}'" if seen.own_quantum and not noisy else '',
+        'set': f"set 'quantum: {count:.6g}'" + '; ' * coarse if known else '',
         'scatter': f'{noise / count:.2g} counts' if count else f'{noise:.2g} rad',
     }
     texts = ['coarse' if coarse else 'count' if count else 'none', *(['noisy'] if noisy else [])]
@@ -356,7 +357,7 @@ CHECKS = (
         {
             'none': 'no counts found (a float sensor, or noise above a count)',
             'count': f'{COUNT} -> {{set}}',
-            'coarse': f'{COUNT}: coarse -> {{set}}; use edge_adaptive or kalman; more counts, or '
+            'coarse': f'{COUNT}: coarse -> {{set}}use edge_adaptive or kalman; more counts, or '
             'one before the gear, help most',
             'noisy': 'neighbouring readings scatter by {scatter} -> check shielding, supply and '
             'mounting of the sensor',

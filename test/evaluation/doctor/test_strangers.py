@@ -128,6 +128,10 @@ CASES = {  # stream of a seed, checks that do not pass: (check, level, remedy), 
         lambda seed: turning(seed, 360.0, 0.1),
         [('wrap', FAIL, 'degrees.*' + COUNTS + '360')],
     ),
+    'degrees, wrapped, in whole ones': (
+        lambda seed: turning(seed, 360.0, 1.0),
+        [('wrap', FAIL, 'degrees.*' + COUNTS + '360'), ('resolution', WARN, '^use edge_adaptive')],
+    ),
     'degrees of 4096 counts': (
         lambda seed: turning(seed, 360.0, 360.0 / 4096, speed=-1.0),
         [('wrap', FAIL, 'degrees.*' + COUNTS + '360')],
