@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -77,21 +78,16 @@ def match(
     truth_stamps, velocity, position : shape (k,), the truth [ns, rad/s, rad].
     period : wrap period of the positions [rad]; 0: none.
     """
-    ours, theirs = pieces(stamps), pieces(truth_stamps)
     found: list[tuple[NDArray[np.int64], Array, Array, Array, int]] = []
     offset = 0.0
-    for number, mine in enumerate(ours):
-        other = _partner(stamps, mine, truth_stamps, theirs, number, len(ours))
-        if other is None:
-            continue
-        rows, speeds, angles, exact = _piece(
+    for mine, other in _paired(stamps, truth_stamps):
+        rows, speeds, angles, count = _piece(
             stamps, mine, truth_stamps, velocity, position, other, period
         )
-        if not len(rows):
-            continue
-        time = (stamps[rows] - stamps[rows[0]]) * 1e-9 + offset
-        offset = float(time[-1]) + PIECE_PAUSE
-        found.append((rows, time, speeds, angles, exact))
+        if len(rows):
+            time = (stamps[rows] - stamps[rows[0]]) * 1e-9 + offset
+            offset = float(time[-1]) + PIECE_PAUSE
+            found.append((rows, time, speeds, angles, count))
     if not found:
         nothing = np.zeros(0)
         return Matched(np.zeros(0, np.int64), nothing, nothing, nothing, 0, len(stamps))
@@ -108,35 +104,29 @@ def exact(stamps: Stamps, known: Stamps, values: Array) -> Array:
     stamps : shape (n,) [ns]. known, values : shape (k,); both in order of arrival.
     """
     found = np.full(len(stamps), np.nan)
-    ours, theirs = pieces(stamps), pieces(known)
-    for number, mine in enumerate(ours):
-        other = _partner(stamps, mine, known, theirs, number, len(ours))
-        if other is not None:
-            found[mine] = at_stamps(stamps[mine], known[other], values[other])
+    for mine, other in _paired(stamps, known):
+        found[mine] = at_stamps(stamps[mine], known[other], values[other])
     return found
 
 
-def _partner(
-    stamps: Stamps,
-    mine: NDArray[np.int64],
-    truth_stamps: Stamps,
-    theirs: list[NDArray[np.int64]],
-    number: int,
-    count: int,
-) -> NDArray[np.int64] | None:
-    """Return the piece of the truth for a piece of the estimates, the `number`-th of `count`.
+def _paired(
+    stamps: Stamps, truth_stamps: Stamps
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Yield each piece of the estimates with its piece of the truth.
 
     It has the same number, or where some have no partner, most of its time in common.
     """
-    if len(theirs) == count:
-        return theirs[number]
-    low, high = stamps[mine[0]], stamps[mine[-1]]
-
-    def overlap(piece: NDArray[np.int64]) -> int:
-        return int(min(high, truth_stamps[piece[-1]]) - max(low, truth_stamps[piece[0]]))
-
-    best = max(theirs, key=overlap, default=None)
-    return best if best is not None and overlap(best) >= 0 else None
+    ours, theirs = pieces(stamps), pieces(truth_stamps)
+    if len(theirs) == len(ours):
+        yield from zip(ours, theirs)
+        return
+    for mine in ours:
+        first, last = stamps[mine[0]], stamps[mine[-1]]
+        shared = [
+            min(last, truth_stamps[each[-1]]) - max(first, truth_stamps[each[0]]) for each in theirs
+        ]
+        if shared and max(shared) >= 0:
+            yield mine, theirs[int(np.argmax(shared))]
 
 
 def _piece(
@@ -164,7 +154,8 @@ def _piece(
     speeds = _at(seconds, velocity[other], when, exact[usable], right[usable])
     angles = position[other]
     if period > 0.0:
-        angles = _unwrap(angles, period)
+        angles, finite = angles.copy(), np.isfinite(angles)
+        angles[finite] = np.unwrap(angles[finite], period=period)
     angles = _at(seconds, angles, when, exact[usable], right[usable])
     return mine[usable], speeds, angles, int(np.count_nonzero(exact))
 
@@ -177,12 +168,4 @@ def _at(
     result[exact] = values[right[exact]]
     if not exact.all():
         result[~exact] = cubic(seconds, values, when[~exact])
-    return result
-
-
-def _unwrap(angles: Array, period: float) -> Array:
-    """Return unwrapped angles; samples that are not finite stay unchanged."""
-    result = angles.copy()
-    finite = np.isfinite(angles)
-    result[finite] = np.unwrap(angles[finite], period=period)
     return result

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.thinning import LINE_GAP, extremes, limits
 from estimator_pkg.optional import needs
 from estimator_pkg.printable import printable
 
@@ -24,6 +23,10 @@ DASHES = ('', '7 3', '2 3', '9 3 2 3', '5 2', '12 4', '4 3 1 3')
 GREY = '#9a9a9e'  # of references
 MOST_NUMBERS = 1_200_000  # of all curves over time of a page: 6.4 MB
 FEWEST_POINTS = 200  # points of a curve
+LINE_GAP = 10.0  # a line is not drawn across a longer gap [median sample times]
+PERCENTILE_VALUES = 100_000  # number of values that determine a percentile
+OUTLIER_PERCENT = 99.5  # an outlier beyond OUTLIER_ROOM times this percentile is marked, not drawn
+OUTLIER_ROOM = 2.5
 TALL_PANEL, LOW_PANEL = 250, 130  # height of a panel [pixels]
 TEMPLATES = resources.files(__package__) / 'templates'
 
@@ -101,6 +104,45 @@ def sample_times(time: NDArray[np.floating]) -> dict[str, list[Curve]]:
 def longest(time: NDArray[np.floating]) -> float:
     """Return the longest time that a line crosses [s], of sample times, shape (n,) [s]."""
     return LINE_GAP * float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+
+
+def extremes(values: Array, points: int) -> NDArray[np.int64]:
+    """Return the indices to draw: lowest and highest of each of `points` / 2 equal stretches.
+
+    Spikes stay visible, unlike with every n-th sample. Indices, shape (k,), in ascending order; all
+    of those of `values`, shape (n,), if there are at most `points`.
+    """
+    count = len(values)
+    if count <= points:
+        return np.arange(count)
+    stretches = max(1, points // 2)
+    length = -(-count // stretches)
+    padded = np.full(-(-count // length) * length, np.nan)
+    padded[:count] = values
+    rows = padded.reshape(-1, length)
+    empty = ~np.isfinite(rows)
+    first = np.arange(len(rows)) * length
+    low = np.argmin(np.where(empty, np.inf, rows), axis=1)
+    high = np.argmax(np.where(empty, -np.inf, rows), axis=1)
+    chosen = np.unique(np.concatenate([[0], first + low, first + high, [count - 1]]))
+    return chosen[chosen < count]
+
+
+def limits(lines: Iterable[Array]) -> tuple[float, float] | None:
+    """Return the range to draw, in the lines' unit, if outliers would compress them; or None.
+
+    Each line has shape (n,), with an n of its own; nan: none.
+    """
+    known = np.concatenate([np.zeros(0), *(line[np.isfinite(line)] for line in lines)])
+    if not len(known):
+        return None
+    some = known[:: max(1, len(known) // PERCENTILE_VALUES)]
+    low, high = np.percentile(some, [100.0 - OUTLIER_PERCENT, OUTLIER_PERCENT])
+    room = 0.5 * (OUTLIER_ROOM - 1.0) * max(float(high - low), 1e-9)
+    least, most = float(known.min()), float(known.max())
+    if least >= low - room and most <= high + room:
+        return None
+    return max(float(low) - room, least - 0.1 * room), min(float(high) + room, most + 0.1 * room)
 
 
 def instants(curves: Sequence[Curve], rows: int) -> tuple[Array, str]:

@@ -6,23 +6,24 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.engine.calls import run
 from estimator_pkg.evaluation.checks.readings import (
-    FAIL,
     JUMP_SIDE,
-    PASS,
-    WARN,
+    JUMP_SPEEDS,
+    STUCK_READINGS,
     Array,
-    Finding,
     Readings,
     neighbour_motion,
+    plural,
     short,
     times,
 )
+from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN, Check, Measured
 from estimator_pkg.sensor.clock import Clock
 from estimator_pkg.sensor.faults import (
     KINDS,
@@ -50,93 +51,86 @@ SELDOM, FEW_REPEATS = 0.005, 5  # repeated readings up to this fraction, or numb
 
 FREE = "set 'wrap_period: 0' (--wrap-period 0)"
 DEGREES, DEGREES_DIFFER = 360.0, 4.0  # the period of degrees, and its allowed error
+MISSING_OFTEN = 0.2  # a larger fraction of missing readings leaves too few
 
 
-def finite(seen: Readings) -> Finding:
-    """Return how many readings are missing, not finite, or beyond any encoder's range."""
+def finite(seen: Readings) -> Measured:
+    """Count the readings that are missing, not finite, or beyond any encoder's range."""
     rows = np.flatnonzero(~np.isfinite(seen.position))
     count, total = len(rows), len(seen.position)
-    if not count:
-        return Finding('finite readings', PASS, f'all {total}', '', {'count': 0})
-    level = FAIL if count > 0.2 * total else WARN
-    text = f'{count} of {total} readings are NaN, infinite or absent, {times(seen.when(rows))}'
-    remedy = 'publish only readings that the sensor has taken'
-    return Finding('finite readings', level, text, remedy, {'count': count})
+    level = PASS if not count else FAIL if count > MISSING_OFTEN * total else WARN
+    words = {'total': total, 'when': times(seen.when(rows))}
+    return Measured(level, ['some' if count else 'all'], {'count': count}, words)
 
 
-def resolution(seen: Readings) -> Finding:
-    """Return the quantum, the counts per turn, and what one count is as a speed."""
-    count, noise = seen.quantum, seen.noise
+def motion(seen: Readings) -> Measured:
+    """Measure how far the joint moves, and whether it moves at all."""
+    numbers = {'range': seen.range}
+    if seen.at_rest:
+        return Measured(WARN, ['rest'], numbers)
+    return Measured(PASS, ['moves'], numbers | {'speed': seen.speed})
+
+
+def resolution(seen: Readings) -> Measured:
+    """Measure the quantum, the counts per turn, and what one count is as a speed."""
+    count, noise, turn = seen.quantum, seen.noise, seen.period or TURN
     numbers = {'quantum': count, 'noise': noise}
-    period = 0.0 if seen.period and _of_another_unit(seen) else seen.period
-    turn = seen.period or TURN
-    level, remedy = PASS, f"set 'quantum: {count:.6g}'" if seen.own_quantum else ''
-    if not count:
-        text = 'no counts found (a float sensor, or noise above a count)'
-    else:
-        text = f'one count is {count:.4g}'
-        if period:
-            numbers['counts_per_turn'] = turn / count
-            text += f' rad, {turn / count:.6g} per turn'
-        text += f'; {count / seen.step:.3g} per second in a finite difference'
-    if noise > max(NOISY_READING * turn / TURN, NOISY_COUNTS * count) and not seen.stale:
-        scatter = f'{noise / count:.2g} counts' if count else f'{noise:.2g} rad'
-        text += f'; neighbouring readings scatter by {scatter}'
-        level, remedy = WARN, 'check shielding, supply and mounting of the sensor'
-    elif count and period and turn / count < COARSE_COUNTS:
-        level, text = WARN, f'{text}: coarse'
-        remedy += '; use edge_adaptive or kalman; more counts, or one before the gear, help most'
-    return Finding('resolution', level, text, remedy, numbers)
+    in_turns = count and seen.period and not _of_another_unit(seen)
+    if in_turns:
+        numbers['counts_per_turn'] = turn / count
+    scatters = noise > max(NOISY_READING * turn / TURN, NOISY_COUNTS * count)
+    noisy = scatters and not seen.stale
+    coarse = bool(in_turns and turn / count < COARSE_COUNTS and not noisy)
+    known = seen.own_quantum and not noisy
+    words = {
+        'turns': f' rad, {turn / count:.6g} per turn' if in_turns else '',
+        'speed': count / seen.step,
+        'set': f"set 'quantum: {count:.6g}'" + '; ' * coarse if known else '',
+        'scatter': f'{noise / count:.2g} counts' if count else f'{noise:.2g} rad',
+    }
+    texts = ['coarse' if coarse else 'count' if count else 'none', *(['noisy'] if noisy else [])]
+    return Measured(WARN if noisy or coarse else PASS, texts, numbers, words)
 
 
-def wrap(seen: Readings) -> Finding:
-    """Return where the reading wraps, and whether it does so by the wrap period."""
+def wrap(seen: Readings) -> Measured:
+    """Find where the reading wraps, and whether it does so by the wrap period."""
     raw = np.diff(seen.raw)
     low, high = float(np.min(seen.raw)), float(np.max(seen.raw))
-    text = f'readings from {low:.3g} to {high:.3g}'
     period, count = _period(seen)
-    degrees = _as_counts(seen, '360')
+    words: dict[str, Any] = {
+        'low': low,
+        'high': high,
+        'period': period,
+        'expected': seen.period,
+        'degrees': _as_counts(seen, '360'),
+        'counts': _as_counts(seen, f'{period:.0f}'),
+        'mm': 'read it with --unit mm' if seen.log else 'publish m',
+    }
     if count == 1:
-        text += f'; they wrap once, by {period:.4g}'
-        remedy = f'if degrees, {degrees}; if not, they jump there: mend or cut the record'
-        return Finding('wrap', WARN, text, remedy, {'wrap_period': DEGREES})
+        return Measured(WARN, ['range', 'once'], {'wrap_period': DEGREES}, words)
     if period:
-        text += f'; their period is {period:.4g}, not {seen.period:.4g}'
-        remedy = f"set 'wrap_period: {period:.6g}'"
-        if abs(period - DEGREES) < DEGREES_DIFFER:
-            remedy = f'the angle is in degrees: {degrees}'
-        elif seen.raw_counts:
-            remedy = f'they are raw counts: {_as_counts(seen, f"{period:.0f}")}'
-        return Finding('wrap', FAIL, text, remedy, {'wrap_period': period})
+        in_degrees = abs(period - DEGREES) < DEGREES_DIFFER
+        text = 'degrees' if in_degrees else 'raw_counts' if seen.raw_counts else 'period'
+        return Measured(FAIL, ['range', text], {'wrap_period': period}, words)
     if seen.free or (seen.period and _of_another_unit(seen)):
-        text += '; nothing wraps, and their steps are not those of radians'
-        if seen.free:
-            text += ': judged without a wrap period'
-        mm = 'read it with --unit mm' if seen.log else 'publish m'
-        remedy = f'if degrees, {degrees}; if mm, {mm}; if prismatic or multi-turn, {FREE}'
-        if seen.raw_counts:
-            remedy = f'if counts, {_as_counts(seen, "N")}; {remedy}'
-        return Finding('wrap', WARN, text, remedy, {'wraps': 0})
+        words['free'] = ': judged without a wrap period' if seen.free else ''
+        words['if_counts'] = f'if counts, {_as_counts(seen, "N")}; ' if seen.raw_counts else ''
+        return Measured(WARN, ['range', 'unit'], {'wraps': 0}, words)
     if not seen.period:
-        return Finding('wrap', PASS, f'{text}; no wrap period')
+        return Measured(PASS, ['range', 'no_period'], {}, words)
     whole = seen.joined & (np.abs(raw) > 0.5 * seen.period) & ~seen.leaps
     turns = (high - low) / seen.period
     count = int(np.count_nonzero(whole))
     numbers = {'wraps': count, 'turns': turns}
-    fast = np.percentile(np.abs(seen.moves[seen.joined]), 99.0)
-    if fast > AMBIGUOUS_MOVE * seen.period:
-        text += f'; the joint moves {fast:.3g} rad from one reading to the next'
-        text += ': half a turn reads as its opposite'
-        remedy = 'raise the rate, or check the unit (radians)'
-        if seen.never_wraps:
-            remedy = f'they never wrap: {FREE}; or check the unit (radians)'
-        return Finding('wrap', FAIL, text, remedy, numbers)
+    words['fast'] = float(np.percentile(np.abs(seen.moves[seen.joined]), 99.0))
+    if words['fast'] > AMBIGUOUS_MOVE * seen.period:
+        words['else'] = f'they never wrap: {FREE}; or' if seen.never_wraps else 'raise the rate, or'
+        return Measured(FAIL, ['range', 'ambiguous'], numbers, words)
     if count and turns > 1.2:
-        when = times(seen.when(seen.rows[1:][whole]))
-        text += f'; they jump by whole turns {count} times, {when}'
-        remedy = 'the turn counter of the sensor is wrong there; observers see the angle alone'
-        return Finding('wrap', WARN, text, remedy, numbers)
-    return Finding('wrap', PASS, f'{text}; {count or "no"} wrap{"s" * (count > 1)}', '', numbers)
+        words['when'] = times(seen.when(seen.rows[1:][whole]))
+        return Measured(WARN, ['range', 'turns'], numbers, words)
+    words['many'] = plural(count, 'wrap') if count else 'no wrap'
+    return Measured(PASS, ['range', 'wraps'], numbers, words)
 
 
 def _as_counts(seen: Readings, counts: str) -> str:
@@ -218,83 +212,56 @@ def _middle(moves: Array, at: int) -> float:
     )
 
 
-def jumps(seen: Readings) -> Finding:
-    """Return the moves that no joint can make."""
+def jumps(seen: Readings) -> Measured:
+    """Find the moves that no joint can make."""
     size = np.abs(seen.moves)
-    if seen.alternating:
-        return _two_sources(float(np.median(size)), 1.0)
-    found = np.flatnonzero(seen.leaps)
+    found = np.arange(len(size)) if seen.alternating else np.flatnonzero(seen.leaps)
     if not len(found):
-        return Finding('jumps', PASS, f'none; the largest change is {np.max(size):.3g} rad')
+        return Measured(PASS, ['none'], words={'largest': float(np.max(size))})
     part = len(found) / len(size)
     back = len(found) > 1 and np.mean(
         np.sign(seen.moves[found][1:]) != np.sign(seen.moves[found][:-1])
     )
-    if part > ALTERNATING_PART and len(found) > 20 and back > 0.8:
-        return _two_sources(float(np.median(size[found])), part)
+    two = seen.alternating or (part > ALTERNATING_PART and len(found) > 20 and back > 0.8)
+    if two:
+        distance = float(np.median(size[found]))
+        return Measured(FAIL, ['sources'], {'alternating': part}, {'distance': distance})
     worst = found[np.argmax(size[found])]
     events = found[np.diff(found, prepend=-JUMP_SIDE) > 2]  # there and back is one
     when = seen.when(seen.rows[events + 1])
-    text = (
-        f'{len(events)} jump{"s" * (len(events) > 1)} that no joint can make, up to '
-        f'{size[worst]:.3g} rad within {short(float(seen.steps[worst]))}, {times(when)}'
+    return Measured(
+        FAIL,
+        ['jumps'],
+        {'count': len(events), 'largest': float(size[worst]), 'times_s': when},
+        {
+            'many': plural(len(events), 'jump'),
+            'within': short(float(seen.steps[worst])),
+            'when': times(when),
+        },
     )
-    remedy = 'a flipped pose, a slipped encoder or a damaged reading: mend or cut the record there'
-    numbers = {'count': len(events), 'largest': float(size[worst]), 'times_s': when}
-    return Finding('jumps', FAIL, text, remedy, numbers)
 
 
-def _two_sources(distance: float, part: float) -> Finding:
-    text = (
-        f'the readings alternate between two positions {distance:.3g} rad apart '
-        f'({part:.0%} of the samples)'
-    )
-    remedy = 'two publishers send this joint: stop one, or remap its topic'
-    return Finding('jumps', FAIL, text, remedy, {'alternating': part})
-
-
-def repeated_readings(seen: Readings) -> Finding:
-    """Return how many readings in motion repeat the one before."""
+def repeated_readings(seen: Readings) -> Measured:
+    """Count the readings in motion that repeat the one before."""
     known, total = seen.count(REPEATED_READING), len(seen.position)
     count = max(known, len(seen.repeats))
-    level, remedy = WARN, 'publish each reading once, with the stamp of when it was taken'
-    if seen.stale:
-        text = (
-            f'{seen.equal:.0%} of the readings in motion repeat the one before: the sensor gives '
-            f'a new one at about {seen.new_hz:.3g} Hz'
-        )
-    elif count > max(FEW_REPEATS, SELDOM * total):
-        text = f'{count} of {total} readings repeat the one before, and the next one catches up'
-    else:
-        level, remedy = PASS, ''
-        text = f'{seen.equal:.1%} of those in motion' if seen.equal == seen.equal else 'none seen'
     numbers = {'dropped': known, 'equal_in_motion': seen.equal}
-    return Finding('repeated readings', level, text, remedy, numbers)
+    if seen.stale:
+        return Measured(WARN, ['stale'], numbers, {'new_hz': seen.new_hz})
+    if count > max(FEW_REPEATS, SELDOM * total):
+        return Measured(WARN, ['some'], numbers, {'count': count, 'total': total})
+    return Measured(PASS, ['few' if seen.equal == seen.equal else 'none'], numbers)
 
 
-def sticking(seen: Readings) -> Finding:
-    """Return where the sensor holds a reading while the joint moves."""
+def sticking(seen: Readings) -> Measured:
+    """Find where the sensor holds a reading while the joint moves."""
     released = np.flatnonzero(seen.released)
     if seen.stale or not len(released):
-        text = 'hidden by repeated readings' if seen.stale else 'none seen'
-        return Finding('sticking sensor', PASS, text)
+        return Measured(PASS, ['hidden' if seen.stale else 'none'])
     when = seen.when(seen.rows[released + 1])
-    many = f'{len(released)} time{"s" * (len(released) > 1)}'
-    text = f'the reading holds and then catches up {many}, {times(when)}'
-    remedy = 'look for a blocked bus or driver; publish nothing while there is no new reading'
     numbers = {'count': len(released), 'times_s': when}
-    return Finding('sticking sensor', WARN, text, remedy, numbers)
-
-
-def motion(seen: Readings) -> Finding:
-    """Return how far the joint moves, and whether it moves at all."""
-    numbers = {'range': seen.range}
-    if seen.at_rest:
-        text = f'at rest throughout: the reading changes by {seen.range:.2g}'
-        remedy = 'record it in motion: nothing can be tuned or compared at rest'
-        return Finding('motion', WARN, text, remedy, numbers)
-    text = f'over {seen.range:.3g} rad, up to {seen.speed:.3g} rad/s'
-    return Finding('motion', PASS, text, '', numbers | {'speed': seen.speed})
+    words = {'many': plural(len(released), 'time'), 'when': times(when)}
+    return Measured(WARN, ['holds'], numbers, words)
 
 
 def faults_of(
@@ -314,8 +281,8 @@ def faults_of(
     return record, kinds
 
 
-def encoder(seen: Readings) -> Finding:
-    """Return the faults of the encoder that its readings alone show, as the nodes report them."""
+def encoder(seen: Readings) -> Measured:
+    """Find the faults of the encoder that its readings alone show, as the nodes report them."""
     used = seen.of(*range(DUPLICATE))
     record, kinds = faults_of(seen.stamps_ns[used], seen.position[used], seen.period, seen.step)
     texts = [
@@ -323,11 +290,128 @@ def encoder(seen: Readings) -> Finding:
         for kind in np.unique(kinds[kinds != NO_FAULT]).tolist()
     ]
     faulty = bool(np.any((kinds != NO_FAULT) & (kinds != STOPPED)))
-    unit = wrap(seen)
-    remedy = unit.remedy if unit.level != PASS else 'check sensor, cable and bus'
-    remedy = remedy if faulty else ''
+    unit = WRAP(seen)
+    words = {
+        'faults': '; '.join(texts),
+        'remedy': unit.remedy if unit.level != PASS else 'check sensor, cable and bus',
+    }
     numbers = {'counts': {name: n for (name, _), n in zip(KINDS, record.counts)}}
-    return Finding('encoder', WARN if faulty else PASS, '; '.join(texts) or 'none', remedy, numbers)
+    text = 'faults' if faulty else 'stops' if texts else 'none'
+    return Measured(WARN if faulty else PASS, [text], numbers, words)
 
 
-CHECKS = (finite, motion, resolution, wrap, jumps, repeated_readings, sticking, encoder)
+COUNT = 'one count is {quantum:.4g}{turns}; {speed:.3g} per second in a finite difference'
+ONCE = 'publish each reading once, with the stamp of when it was taken'
+PERIOD = 'their period is {period:.4g}, not {expected:.4g}'
+WRAP = Check(
+    'wrap',
+    'where and by what period the readings wrap',
+    'FAIL: another period or degrees, from several wraps; half a turn per sample. WARN: degrees, '
+    'mm or counts that do not wrap; whole turns',
+    {
+        'range': 'readings from {low:.3g} to {high:.3g}',
+        'once': 'they wrap once, by {period:.4g} -> if degrees, {degrees}; if not, they jump '
+        'there: mend or cut the record',
+        'degrees': f'{PERIOD} -> the angle is in degrees: {{degrees}}',
+        'raw_counts': f'{PERIOD} -> they are raw counts: {{counts}}',
+        'period': f"{PERIOD} -> set 'wrap_period: {{wrap_period:.6g}}'",
+        'unit': 'nothing wraps, and their steps are not those of radians{free} -> {if_counts}if '
+        f'degrees, {{degrees}}; if mm, {{mm}}; if prismatic or multi-turn, {FREE}',
+        'no_period': 'no wrap period',
+        'ambiguous': 'the joint moves {fast:.3g} rad from one reading to the next: half a turn '
+        'reads as its opposite -> {else} check the unit (radians)',
+        'turns': 'they jump by whole turns {wraps} times, {when} -> the turn counter of the '
+        'sensor is wrong there; observers see the angle alone',
+        'wraps': '{many}',
+    },
+    wrap,
+)
+CHECKS = (
+    Check(
+        'finite readings',
+        'NaN, infinite or absent readings',
+        'any',
+        {
+            'all': 'all {total}',
+            'some': '{count} of {total} readings are NaN, infinite or absent, {when} -> publish '
+            'only readings that the sensor has taken',
+        },
+        finite,
+    ),
+    Check(
+        'motion',
+        'range and speed',
+        'at rest throughout',
+        {
+            'rest': 'at rest throughout: the reading changes by {range:.2g} -> record it in '
+            'motion: nothing can be tuned or compared at rest',
+            'moves': 'over {range:.3g} rad, up to {speed:.3g} rad/s',
+        },
+        motion,
+    ),
+    Check(
+        'resolution',
+        'quantum, counts per turn, scatter',
+        f'below {COARSE_COUNTS:g} counts per turn; scatter above {NOISY_COUNTS:g} counts and '
+        f'{NOISY_READING * 1e3:g} mrad',
+        {
+            'none': 'no counts found (a float sensor, or noise above a count)',
+            'count': f'{COUNT} -> {{set}}',
+            'coarse': f'{COUNT}: coarse -> {{set}}use edge_adaptive or kalman; more counts, or '
+            'one before the gear, help most',
+            'noisy': 'neighbouring readings scatter by {scatter} -> check shielding, supply and '
+            'mounting of the sensor',
+        },
+        resolution,
+    ),
+    WRAP,
+    Check(
+        'jumps',
+        f'moves that no joint can make, above {JUMP_SPEEDS:g} times its speed elsewhere, with '
+        'their times',
+        'any; readings that alternate between two sources',
+        {
+            'none': 'none; the largest change is {largest:.3g} rad',
+            'jumps': '{many} that no joint can make, up to {largest:.3g} rad within {within}, '
+            '{when} -> a flipped pose, a slipped encoder or a damaged reading: mend or cut the '
+            'record there',
+            'sources': 'the readings alternate between two positions {distance:.3g} rad apart '
+            '({alternating:.0%} of the samples) -> two publishers send this joint: stop one, or '
+            'remap its topic',
+        },
+        jumps,
+    ),
+    Check(
+        'repeated readings',
+        'readings in motion that repeat the one before',
+        f'above {100 * SELDOM:g} % and {FEW_REPEATS}',
+        {
+            'none': 'none seen',
+            'few': '{equal_in_motion:.1%} of those in motion',
+            'some': f'{{count}} of {{total}} readings repeat the one before, and the next one '
+            f'catches up -> {ONCE}',
+            'stale': '{equal_in_motion:.0%} of the readings in motion repeat the one before: the '
+            f'sensor gives a new one at about {{new_hz:.3g}} Hz -> {ONCE}',
+        },
+        repeated_readings,
+    ),
+    Check(
+        'sticking sensor',
+        f'readings that stay for {STUCK_READINGS} samples and then catch up',
+        'any',
+        {
+            'none': 'none seen',
+            'hidden': 'hidden by repeated readings',
+            'holds': 'the reading holds and then catches up {many}, {when} -> look for a blocked '
+            'bus or driver; publish nothing while there is no new reading',
+        },
+        sticking,
+    ),
+    Check(
+        'encoder',
+        '[faults that the readings show](troubleshooting.md#faults-of-an-encoder)',
+        'any but a stop that may be a stuck sensor',
+        {'none': 'none', 'stops': '{faults}', 'faults': '{faults} -> {remedy}'},
+        encoder,
+    ),
+)

@@ -13,13 +13,22 @@ import numpy as np
 
 from estimator_pkg.evaluation.checks import angles, stamps
 from estimator_pkg.evaluation.checks.angles import AMBIGUOUS_MOVE
-from estimator_pkg.evaluation.checks.readings import FAIL, Finding, Readings, Rows
+from estimator_pkg.evaluation.checks.readings import Readings, Rows
+from estimator_pkg.evaluation.checks.row import FAIL, Check, Finding
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
 
 FEWEST_READINGS = 12  # readings without which nothing is checked
 LONGEST_STRETCH = 20_000  # readings of the part that is smoothed
 TURNED = 1.2  # wrap periods beyond which a range is that of several turns
 FEWEST_FOR_REFERENCE = 100  # readings without which there is no reference
+
+CHECKS = (*stamps.CHECKS, *angles.CHECKS)
+READINGS = Check(
+    'readings',
+    'usable readings',
+    f'fewer than {FEWEST_READINGS}',
+    {'few': '{usable} usable of {n} readings -> record the joint for some seconds'},
+)
 
 
 def stamped(seen: Readings) -> Readings:
@@ -41,20 +50,16 @@ def as_read(seen: Readings) -> Readings:
 
 def checked(seen: Readings) -> list[Finding]:
     """Return the findings on stamps and readings of one joint."""
-    missing, seen = stamps.missing_stamps(seen), stamped(seen)
+    missing, seen = stamps.MISSING(seen), stamped(seen)
     if len(seen.rows) < FEWEST_READINGS:
-        text = f'{len(seen.rows)} usable of {len(seen.position)} readings'
-        few = Finding('readings', FAIL, text, 'record the joint for some seconds')
-        return [missing, stamps.order(seen), few]
-    wrap = angles.wrap(seen)
+        few = READINGS.found(FAIL, ['few'], {}, {'usable': len(seen.rows), 'n': len(seen.position)})
+        return [missing, stamps.ORDER(seen), few]
+    wrap = angles.WRAP(seen)
     if other := wrap.numbers.get('wrap_period'):  # the other checks read the angle by it
         seen = replace(seen, period=other)
-    every = [*stamps.CHECKS, *angles.CHECKS]
-    if seen.log:
-        every.remove(stamps.clock)
-    found = [wrap if check is angles.wrap else check(seen) for check in every]
-    found.insert(len(stamps.CHECKS) - seen.log, missing)
-    return found
+    known = {angles.WRAP.name: wrap, missing.check: missing}
+    every = [each for each in CHECKS if not (seen.log and each is stamps.CLOCK)]
+    return [known[each.name] if each.name in known else each(seen) for each in every]
 
 
 def failed(findings: Iterable[Finding]) -> list[Finding]:

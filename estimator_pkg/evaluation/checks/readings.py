@@ -1,14 +1,13 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One joint's readings in the form that the checks share, and the form of a check's result."""
+"""One joint's readings in the form that the checks share."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.bags.series import Series, of_positions
 from estimator_pkg.driver.batch import Estimates
+from estimator_pkg.evaluation.checks.row import Finding
 from estimator_pkg.evaluation.delay import Delay
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.matching import pieces
@@ -27,8 +27,6 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-PASS, WARN, FAIL = 'PASS', 'WARN', 'FAIL'
-LEVELS = (PASS, WARN, FAIL)
 DIFFERENCE = Entry('', 'finite_difference')
 TIMES_NAMED = 5  # largest number of times in a text
 MOVING_COUNTS = 3.0  # a joint moves where it passes this many quanta per sample, over
@@ -51,27 +49,6 @@ OVER = 0.1  # time over which a speed is averaged [s]
 CATCH_UP_MOVES = 1.5  # a reading after a repeated one moves by this many times its neighbours
 SELDOM_WRAPS = 1e-3  # of the moves: a smaller part of wraps is none
 STALE = 0.2  # a larger fraction of equal readings in motion is not chance
-
-
-class Finding(NamedTuple):
-    """The result of one check.
-
-    check : its name. level : PASS; WARN: estimates get worse; FAIL: they are wrong or missing.
-    value : what was measured, with units. remedy : what to do; '' if nothing.
-    numbers : the measured values for ``--json``.
-    """
-
-    check: str
-    level: str
-    value: str
-    remedy: str = ''
-    numbers: Mapping[str, Any] = {}
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the finding for ``--json``."""
-        fields = self._asdict()
-        numbers = fields.pop('numbers')
-        return {**fields, **numbers}
 
 
 @dataclass(frozen=True)
@@ -393,6 +370,11 @@ def times(seconds: list[float]) -> str:
     """Return times for a text, as 'at 1.20 s, 3.41 s and 7 more'."""
     more = f' and {len(seconds) - TIMES_NAMED} more' if len(seconds) > TIMES_NAMED else ''
     return 'at ' + ', '.join(f'{each:.2f} s' for each in seconds[:TIMES_NAMED]) + more
+
+
+def plural(count: int, name: str) -> str:
+    """Return '1 hole' or '2 holes'."""
+    return f'{count} {name}{"s" * (count > 1)}'
 
 
 def late_by(late: Delay) -> str:

@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from estimator_pkg.evaluation.checks.joint import FEWEST_FOR_REFERENCE, checked, failed
-from estimator_pkg.evaluation.checks.readings import Finding, Readings, to_mend
+from estimator_pkg.evaluation.checks.readings import Readings, to_mend
+from estimator_pkg.evaluation.checks.row import Finding
 from estimator_pkg.evaluation.checks.stamps import DROPPED_OFTEN, HOLE_RATIO
 
 LONG_PART, LONG_S = 0.5, 5.0  # a part this long suffices: of the record, or [s]

@@ -210,16 +210,17 @@ def compared(
                     )
                 else:
                     try:
-                        row = _row(
-                            source,
-                            joint,
-                            estimate,
-                            true.series[joint],
-                            starts[joint],
-                            true.references[joint],
-                            options,
+                        rows.append(
+                            _row(
+                                source,
+                                joint,
+                                estimate,
+                                true.series[joint],
+                                starts[joint],
+                                true.references[joint],
+                                options,
+                            )
                         )
-                        rows.append(_sharing(row, rows))
                     except UserError as error:
                         raise UserError(f"{path}: {source}, joint '{joint}': {error}") from None
     if not rows and not (some and true.motions):
@@ -303,23 +304,6 @@ def _row(
 def _cautioned(verdict: Verdict, caveat: str) -> Verdict:
     """Return the verdict with one more caution, the most important; '': none."""
     return replace(verdict, cautions=(caveat, *verdict.cautions)) if caveat else verdict
-
-
-def _sharing(row: Row, others: list[Row]) -> Row:
-    """Return the row with those arrays that equal (the end of) another row's stored only once."""
-
-    def shared(name: str) -> Array:
-        values: Array = getattr(row, name)
-        for other in others:
-            longer: Array = getattr(other, name)
-            tail = longer[max(0, len(longer) - len(values)) :]
-            if len(tail) == len(values) and not np.any(np.abs(tail - values) > ZERO_BELOW):
-                return tail
-        return values
-
-    return replace(
-        row, time=shared('time'), truth=shared('truth'), status_time=shared('status_time')
-    )
 
 
 def coverage(errors: Array, stddev: Array) -> float:

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 
-from estimator_pkg.evaluation.compare.comparison import ZERO_BELOW, Comparison
+import numpy as np
+
+from estimator_pkg.evaluation.compare.comparison import ZERO_BELOW, Comparison, Row
 from estimator_pkg.evaluation.compare.truth import OFFLINE_SMOOTHER
 from estimator_pkg.evaluation.reference.reference import Reference
 from estimator_pkg.evaluation.reference.smoother.smoother import Smoothed
@@ -23,7 +25,40 @@ from estimator_pkg.evaluation.text import (
 )
 from estimator_pkg.streams.drive import ELECTRICAL
 
-NARROW_COLUMNS = ('estimate', 'joint', 'rms', 'max', 'delay ms', 'noise', 'dropped')
+NARROW_COLUMNS = ('estimate', 'joint', 'rms', 'max', 'delay', 'noise', 'drops')
+WIDE_COLUMNS = (
+    *('estimate', 'joint', 'rms', 'mean', 'max', 'bias', 'delay', 'noise', 'compared', 'received'),
+    *('used', 'dropped'),
+)
+
+
+def cells(row: Row) -> dict[str, str]:
+    """Return what the tables of a terminal and of a page show of an estimate, by column."""
+    v, dropped, difference = row.velocity, row.samples['dropped'], np.abs(row.estimate - row.truth)
+    known = np.isfinite(difference).any()
+    worst = float(row.time[int(np.nanargmax(difference))]) if known else math.nan
+    total = sum(row.validity.values())
+    valid = sum(row.validity.get(kind, 0.0) for kind in ('tracking', 'coasting', 'published'))
+    places = 2 if total < 1000.0 else 0
+    return {
+        'estimate': row.source,
+        'joint': row.joint,
+        'rms': error(v['rms'], 4) + ' *' * row.reference_cannot_tell,
+        'mean': error(v['mean_abs'], 4),
+        'max': error(v['max_abs'], 3),
+        'max at': fixed(worst, 2),
+        'bias': fixed(v['bias'], 4),
+        'delay': interval(_ms(v['delay_s']), _ms(v['delay_95_s'])),
+        'noise': number(v['noise'], 3),
+        'in 95 % interval': f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
+        'valid': f'{valid:.{places}f} of {total:.{places}f}' if total else '-',
+        'compared': str(row.matched['compared']),
+        'received': str(row.samples['received']),
+        'used': str(row.samples['used']),
+        'samples': f'{row.samples["used"]} of {row.samples["received"]}',
+        'drops': str(sum(dropped.values())),  # in all
+        'dropped': ' '.join(f'{kind} {count}' for kind, count in dropped.items()) or '0',
+    }
 
 
 def describe(comparison: Comparison, wide: bool = False, period: float = math.tau) -> str:
@@ -37,25 +72,7 @@ def describe(comparison: Comparison, wide: bool = False, period: float = math.ta
     lines: list[str] = []
     rows, remarks = [], []
     for row in comparison.rows:
-        v = row.velocity
-        kinds = row.samples['dropped']  # they have no limit
-        every = ' '.join(f'{kind} {count}' for kind, count in kinds.items()) or '0'
-        rows.append(
-            {
-                'estimate': row.source,
-                'joint': row.joint,
-                'rms': error(v['rms'], 4) + ' *' * row.reference_cannot_tell,
-                'mean': error(v['mean_abs'], 4),
-                'max': error(v['max_abs'], 3),
-                'bias': fixed(v['bias'], 4),
-                'delay ms': interval(_ms(v['delay_s']), _ms(v['delay_95_s'])),
-                'noise': number(v['noise'], 3),
-                'compared': str(row.matched['compared']),
-                'received': str(row.samples['received']),
-                'used': str(row.samples['used']),
-                'dropped': every if wide else str(sum(kinds.values())),
-            }
-        )
+        rows.append(cells(row))
         for source, state in row.samples.get('sources', {}).items():
             remarks.append(f'{row.source}, {row.joint}: source {source}: {state}')
         counts = row.matched
@@ -70,9 +87,10 @@ def describe(comparison: Comparison, wide: bool = False, period: float = math.ta
                 f'{counts["interpolated"]} have an interpolated truth, '
                 f'{counts["unmatched"]} none'
             )
-    columns = list(rows[0]) if wide and rows else NARROW_COLUMNS
-    cells = [[row[name] for name in columns] for row in rows]
-    shown = table(columns, cells, left=2, width=None if wide else WIDTH)
+    columns = WIDE_COLUMNS if wide else NARROW_COLUMNS
+    texts = [[row[name] for name in columns] for row in rows]
+    header = [{'delay': 'delay ms', 'drops': 'dropped'}.get(name, name) for name in columns]
+    shown = table(header, texts, left=2, width=None if wide else WIDTH)
     if any(row.reference_cannot_tell for row in comparison.rows):
         lines.append("* the error is below the reference's own error")
     for joint, verdict in comparison.verdicts.items():

@@ -23,7 +23,7 @@ from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.checks.joint import LONGEST_STRETCH
-from estimator_pkg.evaluation.checks.readings import WARN, Finding
+from estimator_pkg.evaluation.checks.row import WARN, Check, Finding
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report, second
 from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
@@ -50,6 +50,15 @@ from estimator_pkg.streams.drive import DriveStream
 APPEAR = 5.0  # longest wait for a topic of joint states [s]
 ANOTHER_TOPIC = 0.5  # and for another one after the first [s]
 PARALLEL_ESTIMATES = 2_000_000  # estimates that are worth a second process
+TOPIC = Check(
+    'topic',
+    'whether the topic is a measurement',
+    'an estimate of ours',
+    {
+        'ours': '{topic} is {of}, not a measurement -> name the topic of the driver with '
+        '--measurement'
+    },
+)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -122,7 +131,7 @@ def _drive(parsed: argparse.Namespace, bag: Bag, origin: str) -> dict[str, Any]:
     chosen = wired(DriveStream, bag, values, Request(None, None))
     found = drive.examine(bag, chosen, drive.needed(settings))
     show(*wrapped(f'{origin}: {", ".join(topic.name for topic in chosen.topics if topic)}'), '')
-    missing = all(each.check == drive.MOTOR_DATA for each in found.failed)  # a form to fill in
+    missing = all(each.check == drive.MOTOR_DATA.name for each in found.failed)  # a form to fill in
     parameters = drive.as_yaml(found, origin, chosen.input | settings) if missing else ''
     return _reported(parsed, [found], Choice(drive.PMSM), origin, parameters, chosen)
 
@@ -234,8 +243,7 @@ def _own(topic: str, made: Mapping[str, str]) -> list[Finding]:
     if topic not in made and not topic.endswith(ESTIMATE_SUFFIXES):
         return []
     of = f'the estimate of {made[topic]}' if topic in made else 'an estimate of ours'
-    remedy = 'name the topic of the driver with --measurement'
-    return [Finding('topic', WARN, f'{topic} is {of}, not a measurement', remedy)]
+    return [TOPIC.found(WARN, ['ours'], {}, {'topic': topic, 'of': of})]
 
 
 def _running(named: str) -> tuple[list[str], dict[str, str]]:

@@ -16,22 +16,23 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import params_file, yaml_text
+from estimator_pkg import params_file
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Finding, Readings
+from estimator_pkg.evaluation import parameter_file
+from estimator_pkg.evaluation.checks.readings import Readings, plural
+from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN, Check, Finding
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.matching import exact, pieces
 from estimator_pkg.evaluation.plots import COLOURS, GREY, Curve, Style, ahead, sample_times
 from estimator_pkg.evaluation.reference.back_emf import BackEmf, Drive, back_emf, needed, signals
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
-from estimator_pkg.evaluation.text import for_node, number, wrapped
+from estimator_pkg.evaluation.text import for_node, number
 from estimator_pkg.streams.drive import ELECTRICAL, DriveSettings, DriveStream
 
 PMSM = 'pmsm'
-PHASE_CHECK = 'phases'  # name of a check
 LOST_PART = 0.01  # a larger fraction of lost samples is reported
 SEEN_PART = 0.5  # a smaller fraction of angles with enough back-EMF is reported
 FLUX_TOLERANCE = 0.15  # a larger relative difference of the flux linkage is reported
@@ -47,13 +48,117 @@ SLOWEST_RATE = 500.0  # a lower rate is that of a wrong unit of time [Hz]
 TURNING_TIME = 0.02  # time over which currents and voltages turn together [s],
 OPPOSED = 3.0  # or against each other: by this factor
 ANY = {'resistance': 1.0, 'inductance': 1e-3, 'flux': 0.1, 'pole_pairs': 1}  # to read the topics
-MOTOR_DATA = 'motor data'  # check that they are given
 MOTOR_UNITS = {
     'resistance': 'ohm, one phase to the star point: half of line to line',
     'inductance': 'H, one phase to the star point: half of line to line',
     'flux': 'Wb, flux linkage of the magnets',
     'pole_pairs': 'half of the number of poles',
 }
+FEWEST_SAMPLES = 100  # without which nothing is examined
+
+
+def _signal(what: str, unit: str) -> Check:
+    text = f'amplitude {{rms}} {unit} rms, up to {{most}} {unit}'
+    zero = f'{text} -> the {what} is zero throughout: is it connected?'
+    return Check(what, f'amplitude [{unit}]', 'zero throughout', {'there': text, 'zero': zero})
+
+
+MOTOR_DATA = Check(
+    'motor data',
+    'which of the four are set',
+    'any missing (FAIL)',
+    {'missing': 'not given: {names} -> set {units}'},
+)
+SAMPLES = Check(
+    'samples',
+    'usable samples',
+    f'fewer than {FEWEST_SAMPLES} (FAIL)',
+    {'few': '{n} usable samples -> record currents and voltages for a second'},
+)
+RATE = Check(
+    'rate',
+    'sample rate',
+    f'below {SLOWEST_RATE:g} Hz: milliseconds were taken for seconds',
+    {
+        'rate': '{hz} Hz, {n} samples',
+        'slow': '{hz} Hz, {n} samples -> check the unit of the stamps: milliseconds as seconds? '
+        'A drive is sampled at kHz',
+    },
+)
+LOST = Check(
+    'lost samples',
+    'missing samples, and the longest gap',
+    f'above {100 * LOST_PART:g} %',
+    {
+        'few': '{percent} %, longest gap {gap} ms',
+        'often': '{percent} %, longest gap {gap} ms -> send each sample',
+    },
+)
+ORDER = Check(
+    'order of stamps',
+    'jumps of the clock',
+    'the clock jumps back (FAIL); the longest run is judged',
+    {
+        'none': 'no jump back',
+        'jumps': 'the clock jumps back {many} -> one run or simulation per record; the longest is '
+        'judged here',
+    },
+)
+CURRENT, VOLTAGE = _signal('current', 'A'), _signal('voltage', 'V')
+PHASES = Check(
+    'phases',
+    'whether currents and voltages turn the same way',
+    'they turn in opposite directions: two phases of one are swapped',
+    {
+        'same': 'turn the same way',
+        'unseen': 'this record does not show it',
+        'opposed': 'currents and voltages turn in opposite directions -> two phases are swapped '
+        'in one of them: give both in the order a, b, c',
+    },
+)
+SHOWS = 'shows the rotor for {percent:.0f} % of the time, up to {fastest} rad/s (electrical)'
+BACK_EMF = Check(
+    'back-EMF',
+    'how long it shows the rotor',
+    'for less than half of the time; never (FAIL)',
+    {
+        'seen': SHOWS,
+        'seldom': f'{SHOWS} -> nothing is judged while the motor is slow: turn it faster',
+        'never': 'too small in every sample -> turn the motor faster; check voltages and flux, and '
+        'that resistance and inductance are of one phase (half of line to line)',
+    },
+)
+FLUX = Check(
+    'flux linkage',
+    'flux linkage that fits best',
+    f'{100 * FLUX_TOLERANCE:g} % from the parameter',
+    {
+        'fits': '{fitted} Wb, given {given} Wb',
+        'wrong': '{fitted} Wb, given {given} Wb -> set flux to {fitted}, or check resistance, '
+        'voltages and scaling',
+    },
+)
+RESISTANCE = Check(
+    'resistance',
+    'resistance that fits best',
+    f'{100 * RESISTANCE_TOLERANCE:g} % from the parameter and outside the 95 % interval of the one '
+    'that fits; line to line; negative (the current is counted out of the motor)',
+    {
+        'half': 'half of {given} ohm, with half of the inductance, fits better -> {remedy}',
+        'fits': '{fitted} +- {half} ohm (95 %) fits best, given {given} ohm -> {remedy}',
+        'unseen': 'this record does not show it -> {remedy}',
+    },
+)
+LOCK = Check(
+    'lock',
+    'how long `pmsm` has an estimate',
+    'for less than half of the samples',
+    {'lock': 'pmsm has an estimate for {percent:.0f} % of the samples -> {remedy}'},
+)
+CHECKS = (
+    *(MOTOR_DATA, SAMPLES, RATE, LOST, ORDER, CURRENT, VOLTAGE, PHASES),
+    *(BACK_EMF, FLUX, RESISTANCE, LOCK),
+)
 
 
 def examine(bag: Bag, setup: Setup, missing: Sequence[str] = ()) -> Examined:
@@ -68,8 +173,9 @@ def examine(bag: Bag, setup: Setup, missing: Sequence[str] = ()) -> Examined:
     panels = _panels(drive)
     if missing:
         found = _of_samples(drive)
-        give = '; '.join(f'{each} ({MOTOR_UNITS[each]})' for each in missing)
-        found.append(Finding(MOTOR_DATA, FAIL, f'not given: {", ".join(missing)}', f'set {give}'))
+        units = '; '.join(f'{each} ({MOTOR_UNITS[each]})' for each in missing)
+        words = {'names': ', '.join(missing), 'units': units}
+        found.append(MOTOR_DATA.found(FAIL, ['missing'], {}, words))
         options = ' '.join(f'--set {each}=...' for each in missing)
         said = f'The motor data are needed: add {options}, or --params FILE.'
         return Examined(_nothing(name), found, said=(said,), panels=panels)
@@ -113,46 +219,45 @@ def checked(
     found = _of_samples(drive)
     emf = back_emf(drive, values)
     if emf is None or not np.isfinite(emf.angle).any():
-        remedy = (
-            'turn the motor faster; check voltages and flux, and that resistance and inductance '
-            'are of one phase (half of line to line)'
-        )
-        return [*found, Finding('back-EMF', FAIL, 'too small in every sample', remedy)], None
+        return [*found, BACK_EMF.found(FAIL, ['never'])], None
     moved = motion(emf.stamps, emf.angle, 0.0)
-    swapped = any(each.check == PHASE_CHECK and each.level == WARN for each in found)
+    swapped = any(each.check == PHASES.name and each.level == WARN for each in found)
     found.append(_of_back_emf(emf))
     return found + ([] if moved is None or swapped else _of_motor(emf, moved, values)), moved
 
 
 def _of_samples(drive: Drive) -> list[Finding]:
     """Return the findings on stamps and signals."""
-    if len(drive.stamps) < 100:
-        text = f'{len(drive.stamps)} usable samples'
-        return [Finding('samples', FAIL, text, 'record currents and voltages for a second')]
+    if len(drive.stamps) < FEWEST_SAMPLES:
+        return [SAMPLES.found(FAIL, ['few'], {}, {'n': len(drive.stamps)})]
     steps = np.diff(drive.stamps) * 1e-9
     back = int(np.count_nonzero(steps < 0.0))
     steps = steps[steps > 0.0]
     step = float(np.median(steps))
     lost = float(np.sum(np.rint(steps / step) - 1.0)) / (len(steps) + 1)
-    longest = float(np.max(steps))
     slow, often = 1.0 / step < SLOWEST_RATE, lost > LOST_PART
-    unit = 'check the unit of the stamps: milliseconds as seconds? A drive is sampled at kHz'
-    jumps = f'the clock jumps back {back} time{"s" * (back > 1)}' if back else 'no jump back'
-    one = 'one run or simulation per record; the longest is judged here' if back else ''
-    rate = f'{1.0 / step:.6g} Hz, {len(drive.stamps)} samples'
-    gaps = f'{100.0 * lost:.2g} %, longest gap {number(longest * 1e3, 2)} ms'
+    words = {
+        'hz': f'{1.0 / step:.6g}',
+        'n': len(drive.stamps),
+        'percent': f'{100.0 * lost:.2g}',
+        'gap': number(float(np.max(steps)) * 1e3, 2),
+        'many': plural(back, 'time'),
+    }
     found = [
-        Finding('rate', WARN if slow else PASS, rate, unit if slow else ''),
-        Finding('lost samples', WARN if often else PASS, gaps, 'send each sample' if often else ''),
-        Finding('order of stamps', FAIL if back else PASS, jumps, one, {'clock_jumps': back}),
+        RATE.found(WARN if slow else PASS, ['slow' if slow else 'rate'], {}, words),
+        LOST.found(WARN if often else PASS, ['often' if often else 'few'], {}, words),
+        ORDER.found(
+            FAIL if back else PASS, ['jumps' if back else 'none'], {'clock_jumps': back}, words
+        ),
     ]
-    for what, values, unit in (('current', drive.current, 'A'), ('voltage', drive.voltage, 'V')):
+    for check, values in ((CURRENT, drive.current), (VOLTAGE, drive.voltage)):
         most = float(np.max(np.abs(values)))
         rms = float(np.sqrt(np.mean(np.abs(values) ** 2)))
-        level = PASS if most > 0.0 else FAIL
-        remedy = '' if most > 0.0 else f'the {what} is zero throughout: is it connected?'
-        text = f'amplitude {number(rms, 3)} {unit} rms, up to {number(most, 3)} {unit}'
-        found.append(Finding(what, level, text, remedy))
+        words = {'rms': number(rms, 3), 'most': number(most, 3)}
+        there = most > 0.0
+        found.append(
+            check.found(PASS if there else FAIL, ['there' if there else 'zero'], {}, words)
+        )
     return [*found, _sense(drive)]
 
 
@@ -170,28 +275,18 @@ def _sense(drive: Drive) -> Finding:
         for each in (np.conj(voltage), voltage)
     )
     if against > OPPOSED * same:
-        text = 'currents and voltages turn in opposite directions'
-        remedy = 'two phases are swapped in one of them: give both in the order a, b, c'
-        return Finding(PHASE_CHECK, WARN, text, remedy)
-    seen = same > OPPOSED * against
-    return Finding(
-        PHASE_CHECK, PASS, 'turn the same way' if seen else 'this record does not show it'
-    )
+        return PHASES.found(WARN, ['opposed'])
+    return PHASES.found(PASS, ['same' if same > OPPOSED * against else 'unseen'])
 
 
 def _of_back_emf(emf: BackEmf) -> Finding:
     """Return the finding on how long the rotor is seen."""
     seen = np.isfinite(emf.angle)
     share = float(np.mean(seen))
-    fastest = float(np.max(np.abs(emf.speed[seen])))
-    text = (
-        f'shows the rotor for {100.0 * share:.0f} % of the time, up to '
-        f'{number(fastest, 4)} rad/s (electrical)'
-    )
-    if share >= SEEN_PART:
-        return Finding('back-EMF', PASS, text)
-    remedy = 'nothing is judged while the motor is slow: turn it faster'
-    return Finding('back-EMF', WARN, text, remedy)
+    fastest = number(float(np.max(np.abs(emf.speed[seen]))), 4)
+    words = {'percent': 100.0 * share, 'fastest': fastest}
+    often = share >= SEEN_PART
+    return BACK_EMF.found(PASS if often else WARN, ['seen' if often else 'seldom'], {}, words)
 
 
 def _of_motor(emf: BackEmf, moved: ReferenceMotion, values: Mapping[str, Any]) -> list[Finding]:
@@ -210,24 +305,16 @@ def _of_motor(emf: BackEmf, moved: ReferenceMotion, values: Mapping[str, Any]) -
     given, resistance = float(values['flux']), float(values['resistance'])
     inductance = float(values['inductance'])
     wrong = abs(flux / given - 1.0) > FLUX_TOLERANCE
-    text = f'{number(flux, 4)} Wb, given {number(given, 4)} Wb'
-    remedy = f'set flux to {number(flux, 4)}, or check resistance, voltages and scaling'
-    level = WARN if wrong else PASS
-    found = [Finding('flux linkage', level, text, remedy if wrong else '', {'flux': flux})]
+    words = {'fitted': number(flux, 4), 'given': number(given, 4)}
+    text = 'wrong' if wrong else 'fits'
+    found = [FLUX.found(WARN if wrong else PASS, [text], {'flux': flux}, words)]
     halved = np.abs(size + 0.5 * (resistance + 1j * inductance * speed) * current)
     half = _rest(halved, np.abs(speed)) < CLEARLY * _rest(size, np.abs(speed))
     fits = resistance + more
     half_width = math.hypot(half_width, SYSTEMATIC * resistance)
     shown = half_width < resistance
     doubt = half or (shown and abs(more) > max(half_width, RESISTANCE_TOLERANCE * resistance))
-    text = (
-        f'half of {number(resistance, 3)} ohm, with half of the inductance, fits better'
-        if half
-        else f'{number(fits, 3)} +- {number(half_width, 2)} ohm (95 %) fits best, given '
-        f'{number(resistance, 3)} ohm'
-        if shown
-        else 'this record does not show it'
-    )
+    text = 'half' if half else 'fits' if shown else 'unseen'
     if half or HALF[0] < fits / resistance < HALF[1]:
         remedy = (
             'resistance and inductance line to line? One phase to the star point has half: set '
@@ -238,9 +325,14 @@ def _of_motor(emf: BackEmf, moved: ReferenceMotion, values: Mapping[str, Any]) -
         remedy = 'turn the sign of the current: it must be counted into the motor'
     else:
         remedy = 'check the resistance (one phase to the star point, warm), and the dead time'
+    words = {
+        'fitted': number(fits, 3),
+        'half': number(half_width, 2),
+        'given': number(resistance, 3),
+        'remedy': remedy if doubt else '',
+    }
     numbers = {'resistance': fits, 'stddev': half_width / NORMAL}
-    level = WARN if doubt else PASS
-    return [*found, Finding('resistance', level, text, remedy if doubt else '', numbers)]
+    return [*found, RESISTANCE.found(WARN if doubt else PASS, [text], numbers, words)]
 
 
 def _blocks(values: np.ndarray) -> np.ndarray:
@@ -296,11 +388,11 @@ def _lock(
         velocity = exact(moved.stamps, made.stamps, made.velocity)[run]
         speed.append(Curve(PMSM, '@ rad/s', time, velocity, Style(COLOURS[0]).line))
     speed.append(Curve('back-EMF', '@ rad/s', time, moved.plain[run], Style(GREY).line))
-    text = f'pmsm has an estimate for {100.0 * share:.0f} % of the samples'
     remedy = '' if share >= SEEN_PART else why or 'see flux linkage and resistance'
     level = PASS if share >= SEEN_PART else WARN if share else FAIL
+    lock = LOCK.found(level, ['lock'], {}, {'percent': 100.0 * share, 'remedy': remedy})
     title = 'electrical speed [rad/s]; blue: pmsm, grey: back-EMF'
-    return Finding('lock', level, text, remedy), {title: speed}
+    return lock, {title: speed}
 
 
 def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str:
@@ -316,11 +408,9 @@ def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str
         'Checked by the off-line angle of the back-EMF.',
         *examined.said,
     ]
-    written = [yaml_text.comment(each) for line in lines for each in wrapped(line, 78)]
-    written += ['/**:', '  ros__parameters:']
-    for name, value in {'observer': PMSM, **settings}.items():
-        if params_file.parameter_of(name) == name:
-            written.append(f'    {yaml_text.key(name)}: {yaml_text.scalar(value)}')
+    values = {'observer': PMSM, **settings}
+    own = {name: value for name, value in values.items() if params_file.parameter_of(name) == name}
+    written = [parameter_file.as_yaml(lines, own).rstrip()]
     for name in needed(settings):
         written.append(f'    # {name}:  # {MOTOR_UNITS[name]}')
     return '\n'.join(written) + '\n'

@@ -31,7 +31,8 @@ from estimator_pkg.evaluation.checks.joint import (
     stamped,
     stretch,
 )
-from estimator_pkg.evaluation.checks.readings import WARN, Finding, Readings
+from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.checks.row import WARN, Finding
 from estimator_pkg.evaluation.checks.usable import cut, usable
 from estimator_pkg.evaluation.doctor import second, velocities
 from estimator_pkg.evaluation.doctor.choice import JointRanking, answer

@@ -13,18 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import observers, params_file, yaml_text
+from estimator_pkg import observers, yaml_text
 from estimator_pkg.estimate import VALID
-from estimator_pkg.evaluation import plots
-from estimator_pkg.evaluation.checks.readings import (
-    FAIL,
-    LEVELS,
-    PASS,
-    WARN,
-    Finding,
-    Readings,
-    to_mend,
-)
+from estimator_pkg.evaluation import parameter_file, plots
+from estimator_pkg.evaluation.checks.readings import Readings, to_mend
+from estimator_pkg.evaluation.checks.row import FAIL, LEVELS, PASS, WARN, Finding
 from estimator_pkg.evaluation.doctor import second
 from estimator_pkg.evaluation.doctor.choice import Choice, sentences
 from estimator_pkg.evaluation.doctor.examine import Examined
@@ -165,9 +158,6 @@ def as_yaml(
     quanta = {
         each.readings.name: 0.0 if each.refused else each.readings.own_quantum for each in examined
     }
-    known = {name: float(f'{count:.6g}') for name, count in quanta.items() if count}
-    known = {} if 'quantum' in settings else known
-    common = known and len(set(known.values())) == 1 and len(known) == len(quanta)
     lines = [
         f'Made by velocity_estimator doctor from {origin}.',
         *for_node(AngleStream.NODE, remaps),
@@ -187,34 +177,15 @@ def as_yaml(
         lines.append(f'{how}, the default: no joint moves enough to compare observers.')
     for name, said in verdicts(examined, choice).items():
         lines += [f'{name or "joint"}: {sentence}' for sentence in said[:2]]
-    written = [
-        line
-        for sentence in lines
-        for line in map(
-            yaml_text.comment, textwrap.wrap(printable(sentence), WIDTH - 2, subsequent_indent='  ')
-        )
-    ]
-    written += ['/**:', '  ros__parameters:', f'    observer: {yaml_text.scalar(choice.observer)}']
-    written += [
-        f'    {yaml_text.key(name)}: {yaml_text.scalar(value)}'
-        for name, value in (dict(settings) | _sources(examined, choice)).items()
-    ]
-    if common:
-        written.append(f'    quantum: {next(iter(known.values()))}')
-    for each in examined:
-        name = each.readings.name
-        values = dict(choice.gains.get(name, {}))
-        if each.readings.free and len(examined) > 1:
-            values['wrap_period'] = each.readings.period
-        if not common and name in known:
-            values['quantum'] = known[name]
-        if values and name:
-            written.append(f'    {yaml_text.key(f"{params_file.OVERRIDES}.{name}")}:')
-        written += [
-            f'    {"  " * bool(name)}{key}: {yaml_text.scalar(value)}'
-            for key, value in values.items()
-        ]
-    return '\n'.join(written) + '\n'
+    values = {'observer': choice.observer} | dict(settings) | _sources(examined, choice)
+    gains = {
+        each.readings.name: dict(choice.gains.get(each.readings.name, {})) for each in examined
+    }
+    if len(examined) > 1:
+        for each in examined:
+            if each.readings.free:
+                gains[each.readings.name]['wrap_period'] = each.readings.period
+    return parameter_file.as_yaml(lines, values, quanta, gains)
 
 
 def page(examined: Sequence[Examined], choice: Choice, origin: str, parameters: str) -> str:

@@ -26,7 +26,8 @@ from estimator_pkg.bags.series import joint_series
 from estimator_pkg.driver.configuration import AS_ANGLE, AS_RATE, Configuration, SourceSettings
 from estimator_pkg.driver.fused import FusedJoint
 from estimator_pkg.estimate import VALID
-from estimator_pkg.evaluation.checks.readings import PASS, Finding, Readings, Rows
+from estimator_pkg.evaluation.checks.readings import Readings, Rows
+from estimator_pkg.evaluation.checks.row import PASS, Finding
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
 from estimator_pkg.evaluation.ranking.verdict import shown
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion

@@ -11,7 +11,7 @@ import argparse
 import contextlib
 from typing import Any
 
-from estimator_pkg import interrupts
+from estimator_pkg import destination, interrupts
 from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.evaluation.compare import requested
@@ -31,9 +31,7 @@ from estimator_pkg.evaluation.options import (
     window_arguments,
     worker_arguments,
 )
-from estimator_pkg.evaluation.report import plot
-from estimator_pkg.evaluation.report.full_data import full_data
-from estimator_pkg.evaluation.report.page import ReportPage
+from estimator_pkg.evaluation.report import full_data, plot
 from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.observers import DEFAULT
@@ -129,6 +127,8 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     chosen = options_of(parsed, observers, columns, parsed.estimate)
     if parsed.plot:
         plot.check(parsed.plot)
+    if parsed.data:
+        destination.check(parsed.data)
     bags = expanded(parsed.bags)
     result: dict[str, Any] = {}
     drawn: list[Comparison] = []
@@ -136,28 +136,26 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     interrupted = False
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
-        page, data = None, None
+        page = None
         if parsed.html:
+            from estimator_pkg.evaluation.report.page import ReportPage
+
             ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
             report = ReportPage(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
             page = stack.enter_context(report.written())
-        if parsed.data:
-            data = stack.enter_context(full_data(parsed.data))
         try:
             for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
                 with interrupts.gently():  # a bag is evaluated completely or not at all
                     text = describe(comparison, parsed.wide, chosen.wrap_period)
                     print(text + '\n')
                     result[comparison.bag] = comparison.as_dict()
-                    if data is not None:
-                        data(comparison)
                     if page is not None:
                         findings = page.add(comparison)
                         result[comparison.bag]['findings'] = findings
                         said = ' '.join(text.split())
                         new = [each for each in findings if printable(each) not in said]
                         show(*(line for each in new for line in wrapped(f'- {each}')), '')
-                    if parsed.plot:
+                    if parsed.plot or parsed.data:
                         drawn.append(comparison)
                 if interrupts.came() and len(result) < len(bags):
                     raise KeyboardInterrupt
@@ -172,6 +170,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.html:
         show(f'page: {parsed.html}')
     if parsed.data:
+        full_data.write(parsed.data, drawn)
         show(f'data: {parsed.data}')
     if parsed.plot:
         plot.draw(drawn, parsed.plot)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from estimator_pkg import registry, streams
 from estimator_pkg.bags.series import Series
 from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked
-from estimator_pkg.evaluation.checks.readings import LEVELS, PASS, Readings
+from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.checks.row import LEVELS, PASS
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.signals import cubic
 from estimator_pkg.evaluation.text import interval, units

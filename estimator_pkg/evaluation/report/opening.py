@@ -11,16 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator_pkg import params_file, registry, streams, yaml_text
+from estimator_pkg import registry, streams
 from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
+from estimator_pkg.evaluation.options import PERIOD_KEY, WRAP_PERIOD
+from estimator_pkg.evaluation.parameter_file import as_yaml
 from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.verdict import Verdict, listed
 from estimator_pkg.evaluation.report.findings import grouped
 from estimator_pkg.evaluation.report.tables import changed
 from estimator_pkg.evaluation.report.tradeoff import RAW
-from estimator_pkg.evaluation.text import number
+from estimator_pkg.evaluation.text import for_node, number
 from estimator_pkg.observers import DEFAULT
 
 
@@ -153,32 +155,9 @@ def parameter_file(
     values = {} if entry is None else dict(entry.values)
     stream = streams.of_observer(observer)
     known = streams.parameters(observer, values)
-    lines = [
-        yaml_text.comment(f'{observer}, from {Path(comparison.bag).name}'),
-        f'# ros2 run velocity_estimator {stream.NODE} \\',
-        '#   --ros-args --params-file THIS_FILE',
-        '/**:',
-        '  ros__parameters:',
-    ]
+    if stream.WRAPS and period != WRAP_PERIOD:
+        values = {PERIOD_KEY: period} | values
     if 'observer' in known:
-        lines.append(f'    observer: {yaml_text.scalar(observer)}')
-    if stream.WRAPS and abs(period - 2.0 * math.pi) > 1e-9:
-        lines.append(f'    wrap_period: {period!r}')
-    lines += [
-        f'    {yaml_text.key(name)}: {known[params_file.parameter_of(name)].text(value)}'
-        for name, value in values.items()
-    ]
-    counted = {joint: quantum for joint, quantum in quanta.items() if quantum}
-    if counted and 'quantum' in known and 'quantum' not in values:
-        if len({f'{each:.3g}' for each in counted.values()}) == 1 and len(counted) == len(quanta):
-            quantum = float(np.median(list(counted.values())))
-            lines += [f'    # {_counts(quantum)}', f'    quantum: {quantum:.6g}']
-        else:
-            for joint, quantum in counted.items():
-                lines.append(f'    {yaml_text.key(f"{params_file.OVERRIDES}.{joint}")}:')
-                lines += [f'      # {_counts(quantum)}', f'      quantum: {quantum:.6g}']
-    return '\n'.join(lines) + '\n'
-
-
-def _counts(quantum: float) -> str:
-    return f'from the readings: {2.0 * math.pi / quantum:.0f} counts a turn'
+        values = {'observer': observer} | values
+    head = [f'{observer}, from {Path(comparison.bag).name}', *for_node(stream.NODE)]
+    return as_yaml(head, values, quanta if 'quantum' in known else {})

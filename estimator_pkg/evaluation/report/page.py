@@ -15,12 +15,12 @@ import numpy as np
 from estimator_pkg import __version__, destination, whole_file
 from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
-from estimator_pkg.evaluation.compare.description import describe_smoother, describe_truth
+from estimator_pkg.evaluation.compare.description import cells, describe_smoother, describe_truth
 from estimator_pkg.evaluation.compare.many import LeftOut
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.report import figures, opening, tradeoff
 from estimator_pkg.evaluation.report.findings import NO_FINDINGS, grouped, look, of_joint, sentences
-from estimator_pkg.evaluation.report.tables import COLUMNS, cells, gains
+from estimator_pkg.evaluation.report.tables import COLUMNS, gains
 from estimator_pkg.evaluation.text import filled
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.progress import progress
@@ -164,16 +164,17 @@ class ReportPage:
     ) -> dict[str, Any]:
         """Return the table of the estimates, and how good their reference is."""
         ordered = [row for each in rows.values() for row in each]
-        kept, texts = filled([*COLUMNS], [cells(row) for row in ordered])
+        every = [cells(row) for row in ordered]
+        kept, texts = filled([*COLUMNS], [[each[name] for name in COLUMNS] for each in every])
         lines = []
         errors: dict[str, dict[str, Any]] = {}
-        for row, shown in zip(ordered, texts):
+        for row, own, shown in zip(ordered, every, texts):
             verdict = comparison.verdicts.get(row.joint)
             ranked = verdict.best if verdict is not None else not row.reference_cannot_tell
             small = [row.joint] * (len(rows) > 1) + [gains(row, self._entries.get(row.source))]
             best = bool(ranked) and chosen[row.joint] is row
             line = {'source': row.source, 'best': best, 'small': small, 'cells': shown}
-            lines.append(line | {'rms': cells(row)[0]})
+            lines.append(line | {'rms': own['rms']})
             errors.setdefault(row.joint, {})[row.source] = lines[-1]
         references = [
             f'{joint}: {describe_smoother(comparison.smoothed[joint], known.noise)}'

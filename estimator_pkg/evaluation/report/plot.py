@@ -14,8 +14,7 @@ from typing import Any
 from estimator_pkg import destination, whole_file
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation.compare.comparison import Comparison, Row
-from estimator_pkg.evaluation.plots import Curve, instants
-from estimator_pkg.evaluation.thinning import limits
+from estimator_pkg.evaluation.plots import Curve, instants, limits
 from estimator_pkg.optional import needs
 from estimator_pkg.printable import drawn
 

@@ -1,62 +1,25 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The cells of a page's table: the numbers of an estimate, and its gains."""
+"""The columns of a page's table, and the gains of an estimate."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
-
-import numpy as np
 
 from estimator_pkg import registry
 from estimator_pkg.evaluation.compare.comparison import Row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.report.tradeoff import MAIN_GAINS
-from estimator_pkg.evaluation.text import error, fixed, interval, number
 from estimator_pkg.parameters import declared
 from estimator_pkg.params_file import split
 
-COLUMNS = {  # title: unit
-    'rms': 'rad/s',
-    'mean': 'rad/s',
-    'worst': 'rad/s',
-    'worst at': 's',
-    'bias': 'rad/s',
-    'delay': 'ms',
-    'noise': 'rad/s',
-    'in 95 % interval': '',
-    'valid': 's',
-    'samples': '',
-    'dropped': '',
+COLUMNS = {  # of `description.cells`: unit
+    **{'rms': 'rad/s', 'mean': 'rad/s', 'max': 'rad/s', 'max at': 's', 'bias': 'rad/s'},
+    **{'delay': 'ms', 'noise': 'rad/s', 'in 95 % interval': '', 'valid': 's'},
+    **{'samples': '', 'dropped': ''},
 }
 SHOWN_GAINS = 3  # gains in a cell
-
-
-def cells(row: Row) -> tuple[str, ...]:
-    """Return the numbers of an estimate, by `COLUMNS`."""
-    v = row.velocity
-    difference = np.abs(row.estimate - row.truth)
-    known = np.isfinite(difference).any()
-    worst = float(row.time[int(np.nanargmax(difference))]) if known else math.nan
-    dropped = ', '.join(f'{kind} {count}' for kind, count in row.samples['dropped'].items())
-    total = sum(row.validity.values())
-    valid = sum(row.validity.get(kind, 0.0) for kind in ('tracking', 'coasting', 'published'))
-    places = 2 if total < 1000.0 else 0
-    return (
-        error(v['rms'], 4) + ('*' if row.reference_cannot_tell else ''),
-        error(v['mean_abs'], 4),
-        error(v['max_abs'], 3),
-        fixed(worst, 2),
-        fixed(v['bias'], 4),
-        interval(v['delay_s'] * 1e3, v['delay_95_s'] * 1e3),
-        number(v['noise'], 3),
-        f'{row.coverage:.0%}' if row.coverage == row.coverage else '-',
-        f'{valid:.{places}f} of {total:.{places}f}' if total else '-',
-        f'{row.samples["used"]} of {row.samples["received"]}',
-        dropped or '0',
-    )
 
 
 def gains(row: Row, entry: Entry | None) -> str:

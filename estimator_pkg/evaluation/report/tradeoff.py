@@ -55,16 +55,16 @@ def raw_difference(comparison: Comparison, joint: str, row: Row, period: float) 
     series = comparison.measurement.get(joint)
     if series is None:
         return None
-    found = _run(Entry(RAW, RAW), series, comparison.starts[joint], period)
+    found = _run(Entry(RAW, RAW), series, row.time, comparison.starts[joint], period)
     if found is None:
         return None
-    time, velocity, stddev, samples = found
-    estimate = _at(row.time, time, velocity)
+    estimate, deviation, samples = found
     good = np.isfinite(estimate)
     if np.count_nonzero(good) < FEWEST:
         return None
-    at, true, estimate = row.time[good], row.truth[good], estimate[good]
-    deviation = _at(at, time, stddev)
+    at, true, estimate, deviation = (
+        each[good] for each in (row.time, row.truth, estimate, deviation)
+    )
     return replace(
         row,
         source=RAW,
@@ -82,15 +82,15 @@ def raw_difference(comparison: Comparison, joint: str, row: Row, period: float) 
     )
 
 
-def _at(wanted: Array, time: Array, values: Array) -> Array:
-    """Return the values at these times [s], shape (n,), interpolated linearly; nan outside."""
-    return np.interp(wanted, time, values, left=np.nan, right=np.nan)
-
-
 def _run(
-    entry: Entry, series: Series, start: int, period: float
-) -> tuple[Array, Array, Array, dict[str, Any]] | None:
-    """Return (time, velocity, its deviation, counts of samples) of an observer; None: none."""
+    entry: Entry, series: Series, wanted: Array, start: int, period: float
+) -> tuple[Array, Array, dict[str, Any]] | None:
+    """Return (velocity, its deviation, counts of samples) of an observer; None: no estimates.
+
+    Parameters
+    ----------
+    wanted : shape (n,), times of the velocities [s], interpolated linearly; nan outside.
+    """
     try:
         joint = entry.joint(wrap_period=period)
         out = joint.run(series.stamps_ns, series.position)
@@ -100,8 +100,12 @@ def _run(
     valid = valid[ahead((series.stamps_ns[valid] - start) * 1e-9)]
     if len(valid) < FEWEST:
         return None
-    time = np.asarray((series.stamps_ns[valid] - start) * 1e-9, float)
-    return time, out.velocity[valid], out.velocity_stddev[valid], joint.samples()
+    time = (series.stamps_ns[valid] - start) * 1e-9
+    velocity, deviation = (
+        np.interp(wanted, time, each[valid], left=np.nan, right=np.nan)
+        for each in (out.velocity, out.velocity_stddev)
+    )
+    return velocity, deviation, joint.samples()
 
 
 def sweeps(
@@ -132,8 +136,8 @@ def sweeps(
         entry = entries.get(row.source) or (Entry(RAW, RAW) if row.source == RAW else None)
         curve = []
         for varied in _varied(entry):
-            run = None if series is None else _run(varied, series, start, period)
-            estimate = np.full(len(time), np.nan) if run is None else _at(time, run[0], run[1])
+            run = None if series is None else _run(varied, series, time, start, period)
+            estimate = np.full(len(time), np.nan) if run is None else run[0]
             curve.append(late_and_noisy(time, estimate, true))
         own = late_and_noisy(time, row.estimate[inside], true)
         found.append(Sweep(row.source, own, np.reshape(np.array(curve, float), (-1, 2))))

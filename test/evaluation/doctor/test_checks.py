@@ -8,8 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from estimator_pkg.evaluation.checks.joint import checked
-from estimator_pkg.evaluation.checks.readings import FAIL, PASS, Readings
+from docs.tools import checks
+from estimator_pkg.evaluation.checks.joint import CHECKS, checked
+from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.checks.row import FAIL, PASS
 
 TURN = 2.0 * math.pi
 RATE, SECONDS, COUNT = 500.0, 12.0, TURN / 4096
@@ -141,6 +143,11 @@ FAULTS = {  # what is planted, the check that names it, and others that may
         'lying stamps',
         {'jitter', 'order of stamps', 'repeated stamps', 'holes'},
     ),
+    'irregular stamps': (
+        stamped(lambda s: s + noise(3, 1e6).astype(np.int64)),
+        'jitter',
+        {'lying stamps', 'order of stamps', 'repeated stamps', 'holes'},
+    ),
     'stamps of arrival': (arrival_stamps, 'lying stamps', {'jitter', 'repeated stamps'}),
     'holes': (picked(np.r_[0:2000, 2060:4000, 4030:COUNTED]), 'holes', set()),
     'lost': (
@@ -181,6 +188,7 @@ FAULTS = {  # what is planted, the check that names it, and others that may
     'coarse': (read(lambda y: np.round(y / (TURN / 90)) * (TURN / 90)), 'resolution', set()),
     'noisy': (read(lambda y: y + noise(6, 0.02)), 'resolution', set()),
     'two sources': (read(put(slice(1, None, 2), 0.3)), 'jumps', SOURCES),
+    'wrong readings': (read(add([900, 1800, 4200], 1.0)), 'encoder', {'jumps'}),
     'a slow second source': (read(put(slice(3, None, 7), 2.5)), 'jumps', SOURCES),
 }
 
@@ -193,6 +201,13 @@ def test_a_planted_fault_is_named(fault):
     assert check in named(found)
     assert named(found) <= {check, 'encoder'} | others
     assert found[check].remedy
+
+
+def test_every_row_has_a_fault_and_is_on_the_page():
+    assert {check for _, check, _ in FAULTS.values()} == {each.name for each in CHECKS}
+    text = checks.PAGE.read_text()
+    assert checks.page(text) == text, 'python -m docs.tools.checks'
+    assert f'plants {len(FAULTS)} faults' in text and f'in {len(CLEAN)} kinds' in text
 
 
 def test_the_times_of_a_flip_are_named():

@@ -186,21 +186,6 @@ def checks(read, values):
     return {each.check: each for each in drive.checked(read, values)[0]}
 
 
-@pytest.mark.parametrize(
-    'name, factor, check',
-    [
-        ('flux', 1.4, 'flux linkage'),
-        ('resistance', 0.5, 'resistance'),
-        ('resistance', 2.0, 'resistance'),
-    ],
-)
-def test_wrong_motor_data_are_named(name, factor, check):
-    values = {'observer': 'pmsm', **MOTOR, name: factor * MOTOR[name]}
-    finding = checks(recorded(REVERSAL, values), values)[check]
-    assert finding.level == 'WARN' and finding.remedy
-    assert finding.numbers[name] == pytest.approx(MOTOR[name], rel=0.05)
-
-
 SERVO = {'resistance': 2.1, 'inductance': 0.009, 'flux': 0.059, 'pole_pairs': 4}
 SERVO_SIM = (
     *(f'{name}={value}' for name, value in SERVO.items()),
@@ -244,34 +229,62 @@ def test_drives_without_a_fault_pass(simulations):
         assert found['flux linkage'].numbers['flux'] == pytest.approx(motor['flux'], rel=0.01)
 
 
-@pytest.mark.long
-def test_resistance_and_inductance_line_to_line_are_named(simulations):
-    for motor, read in simulations:
-        double = {name: 2.0 * motor[name] for name in ('resistance', 'inductance')}
-        finding = checks(read, motor | double)['resistance']
-        assert finding.level == 'WARN' and 'line to line?' in finding.remedy
-        assert f'resistance to {motor["resistance"]:g}' in finding.remedy
+def wrong(**factors):
+    """Other motor data."""
+    return lambda motor, read: (motor | {k: v * motor[k] for k, v in factors.items()}, read)
+
+
+def signal(name, change):
+    """Another current or voltage, or other stamps."""
+    return lambda motor, read: (motor, read._replace(**{name: change(getattr(read, name))}))
+
+
+def only(rows):
+    """Only these samples."""
+    return lambda motor, read: (motor, Drive(*(each[rows(len(each))] for each in read)))
+
+
+def back(stamps):
+    return stamps - 10**9 * (np.arange(len(stamps)) > len(stamps) // 2)
+
+
+def swapped(turn):
+    return lambda current: np.exp(2j * np.pi * turn / 3.0) * np.conj(current)
+
+
+MISTAKES = {  # what is planted, the check that names it, its remedy
+    'flux': (wrong(flux=1.4), 'flux linkage', 'set flux'),
+    'half of the resistance': (wrong(resistance=0.5), 'resistance', 'check the resistance'),
+    'twice the resistance': (wrong(resistance=2.0), 'resistance', 'line to line'),
+    'line to line': (wrong(resistance=2.0, inductance=2.0), 'resistance', 'line to line'),
+    'a and b swapped': (signal('current', swapped(1)), 'phases', 'swapped'),
+    'a and c swapped': (signal('current', swapped(2)), 'phases', 'swapped'),
+    'b and c swapped': (signal('current', np.conj), 'phases', 'swapped'),
+    'counted out of the motor': (signal('current', np.negative), 'resistance', 'sign'),
+    'no current': (signal('current', np.zeros_like), 'current', 'connected'),
+    'no voltage': (signal('voltage', np.zeros_like), 'voltage', 'connected'),
+    'a short record': (only(lambda n: slice(50)), 'back-EMF', 'turn the motor'),
+    'milliseconds': (signal('stamps', lambda s: s[0] + 1000 * (s - s[0])), 'rate', 'milliseconds'),
+    'a loop': (signal('stamps', back), 'order of stamps', 'one run'),
+    'lost': (only(lambda n: np.arange(n) % 20 != 3), 'lost samples', 'each sample'),
+    'few': (only(lambda n: slice(50)), 'samples', 'for a second'),
+}
+OF_A_BAG = {'motor data', 'lock'}  # tests above have these checks
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('turn', [0, 1, 2], ids=['b and c', 'a and b', 'a and c'])
-def test_two_swapped_currents_are_named(turn, simulations):
-    for motor, read in simulations:
-        turned = np.exp(2j * np.pi * turn / 3.0) * np.conj(read.current)
-        finding = checks(read._replace(current=turned), motor)['phases']
-        assert finding.level == 'WARN' and 'swapped' in finding.remedy
+@pytest.mark.parametrize('mistake', MISTAKES)
+def test_a_mistake_is_named(mistake, simulations):
+    plant, check, remedy = MISTAKES[mistake]
+    shown = simulations[1:2] if 'resistance' in mistake or 'out of' in mistake else simulations
+    for motor, read in shown:
+        changed = plant(motor, read)
+        finding = checks(changed[1], changed[0])[check]
+        assert finding.level != 'PASS' and remedy in finding.remedy, finding
+        if mistake == 'line to line':
+            assert f'resistance to {motor["resistance"]:g}' in finding.remedy
 
 
-@pytest.mark.long
-def test_milliseconds_taken_for_seconds_are_named(simulations):
-    for motor, read in simulations:
-        stamps = read.stamps[0] + 1000 * (read.stamps - read.stamps[0])
-        finding = checks(read._replace(stamps=stamps), motor)['rate']
-        assert finding.level == 'WARN' and 'milliseconds' in finding.remedy
-
-
-@pytest.mark.long
-def test_a_current_counted_out_of_the_motor_is_named(simulations):
-    motor, read = simulations[1]
-    finding = checks(read._replace(current=-read.current), motor)['resistance']
-    assert finding.level == 'WARN' and 'sign of the current' in finding.remedy
+def test_every_row_has_a_mistake():
+    named = {check for _, check, _ in MISTAKES.values()}
+    assert named | OF_A_BAG == {each.name for each in drive.CHECKS}

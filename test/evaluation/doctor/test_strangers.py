@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from estimator_pkg.evaluation.checks.joint import as_read, checked, reference, stretch
-from estimator_pkg.evaluation.checks.readings import FAIL, PASS, WARN, Readings
+from estimator_pkg.evaluation.checks.readings import Readings
+from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN
 from estimator_pkg.evaluation.doctor import velocities
 from estimator_pkg.evaluation.doctor.published import relation
 
@@ -126,6 +127,10 @@ CASES = {  # stream of a seed, checks that do not pass: (check, level, remedy), 
     'degrees, wrapped': (
         lambda seed: turning(seed, 360.0, 0.1),
         [('wrap', FAIL, 'degrees.*' + COUNTS + '360')],
+    ),
+    'degrees, wrapped, in whole ones': (
+        lambda seed: turning(seed, 360.0, 1.0),
+        [('wrap', FAIL, 'degrees.*' + COUNTS + '360'), ('resolution', WARN, '^use edge_adaptive')],
     ),
     'degrees of 4096 counts': (
         lambda seed: turning(seed, 360.0, 360.0 / 4096, speed=-1.0),
@@ -296,7 +301,7 @@ def test_the_published_velocity_is_checked(case, motion):
     seen = Readings('joint', stamps, stamps, reading, given, TURN, START)
     rows = np.sort(stretch(seen))
     found = velocities.checks(seen, reference(seen, rows), rows)
-    (own,) = [each for each in found if each.check == velocities.PUBLISHED]
+    (own,) = [each for each in found if each.check == velocities.PUBLISHED.name]
     assert own.level == level and re.search(text, own.value) and re.search(remedy, own.remedy), own
     assert velocities.misleads(found) is (level == WARN and case != 'late')
 

@@ -25,7 +25,6 @@ from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
 from estimator_pkg.evaluation.report import figures, findings, opening, tradeoff
 from estimator_pkg.evaluation.report.tables import changed
-from estimator_pkg.evaluation.thinning import limits
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 PENDULUM = BAGS / 'dfki_simple_pendulum' / 'gravity_compensation_1000hz'
@@ -371,10 +370,10 @@ def test_the_findings_on_the_readings_are_those_of_doctor(jump, said):
 
 def test_outliers_do_not_crush_the_picture():
     line = np.sin(np.linspace(0.0, 20.0, 5000))
-    assert limits([line]) is None
-    low, high = limits([line, np.where(np.arange(5000) == 77, 500.0, line)])
+    assert plots.limits([line]) is None
+    low, high = plots.limits([line, np.where(np.arange(5000) == 77, 500.0, line)])
     assert -5.0 < low <= -1.0 and 1.0 <= high < 5.0
-    assert limits([np.full(10, np.nan)]) is None
+    assert plots.limits([np.full(10, np.nan)]) is None
 
 
 def curve(name, time, values, kind='line'):
