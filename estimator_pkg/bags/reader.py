@@ -368,7 +368,7 @@ class Bag:
             if logs:
                 self.warn(f'{file} was not closed: it is read with {" and ".join(logs)}')
                 file = sqlite_file.completed(file, logs, self._temporary())
-            self._add(sqlite_file.SqliteFile(file, self.warn, self._limit))
+            self._add(sqlite_file.SqliteFile(file, self.warn))
         elif start.startswith(b'\x89MCAP0\r\n'):
             self._add(mcap_file.McapFile(file, self.warn, self._limit))
         elif start.startswith(b'#ROSBAG'):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from estimator_pkg import observers, params_file, registry, streams
-from estimator_pkg.bags.definitions import fields_of, store_for
+from estimator_pkg.bags.definitions import fields_of
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics, measurement_topic
 from estimator_pkg.bags.source import Topic
@@ -76,16 +76,16 @@ class Setup:
         stream.history = {}
         measurement = self.ports[0]
         if self.path and measurement is not None:
-            store = store_for(measurement.type, measurement.definition)
-            stream.read_field(Field(fields_of(store), measurement.type, self.path))
+            definition = fields_of(measurement.type, measurement.definition)
+            stream.read_field(Field(definition, measurement.type, self.path))
         for number, (port, topic) in enumerate(zip(stream.inputs, self.ports)):
             if number and port.field:
                 if topic is None:
                     named = 'sources' in self.values
                     remedy = "omit it in 'sources'" if named else "unset 'gyro_topic'"
                     raise UsageError(f"'{port.topic}' is not in the bag: {remedy}")
-                store = store_for(topic.type, topic.definition)
-                stream.read_field(Field(fields_of(store), topic.type, port.field), number)
+                definition = fields_of(topic.type, topic.definition)
+                stream.read_field(Field(definition, topic.type, port.field), number)
         return stream
 
 

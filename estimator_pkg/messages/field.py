@@ -48,6 +48,7 @@ _CODES = {
     'float64': 'd',
 }
 INTEGERS = frozenset(name for name in _CODES if 'int' in name)
+BASES = {*_CODES, 'string', 'wstring'}
 _STEP = re.compile(r'([A-Za-z_]\w*)((?:\[\d+\])?)$')
 
 
