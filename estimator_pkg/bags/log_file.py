@@ -141,7 +141,7 @@ def columns(parsed: argparse.Namespace) -> Columns | None:
 
 
 class LogFile:
-    """A log as the file of a bag, see `estimator_pkg.bags.source.BagFile`.
+    """A log as the file of a bag, see `estimator_pkg.bags.source`.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class _Chunk(NamedTuple):
 
 
 class McapFile:
-    """An MCAP file that is open for reading; see `estimator_pkg.bags.source.BagFile`.
+    """An MCAP file that is open for reading; see `estimator_pkg.bags.source`.
 
     Parameters
     ----------

@@ -103,21 +103,15 @@ class McapOutput:
         self.statistics.channel_count = len(self._channels)
         self.statistics.metadata_count = 1
         self.statistics.chunk_count = len(self._chunks)
-        summary_start = self._at
-        offsets = []
-        for opcode, group in (
-            (Opcode.SCHEMA, [*self._schemas.values()]),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [self.statistics]),
-            (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.METADATA_INDEX, [index]),
-        ):
-            start = self._at
-            self._record(*group)
-            if group:
-                offsets.append(records.SummaryOffset(opcode, start, self._at - start))
-        offset_start = self._at
-        self._record(*offsets, records.Footer(summary_start, offset_start, 0))
+        start = self._at
+        self._record(
+            *self._schemas.values(),
+            *self._channels,
+            self.statistics,
+            *self._chunks,
+            index,
+            records.Footer(start, 0, 0),
+        )
         self._put(MAGIC)
 
     def _write_chunk(self, block: Block) -> None:

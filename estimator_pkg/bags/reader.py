@@ -26,7 +26,7 @@ import yaml
 
 from estimator_pkg import whole_file
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import CDR, BagFile, PendingBlock, Topic, UnreadableError, full_type
+from estimator_pkg.bags.source import CDR, PendingBlock, Topic, UnreadableError, full_type
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.messages.block import Block, compact, from_messages, join, rows
@@ -34,7 +34,11 @@ from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
 
 if TYPE_CHECKING:
-    from estimator_pkg.bags.log_file import Columns
+    from estimator_pkg.bags.log_file import Columns, LogFile
+    from estimator_pkg.bags.mcap_file import McapFile
+    from estimator_pkg.bags.sqlite_file import SqliteFile
+
+    BagFile = LogFile | McapFile | SqliteFile
 
 log_file = Lazy('estimator_pkg.bags.log_file')
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
@@ -380,7 +384,7 @@ class Bag:
         It is -1 if another type of the same name came before.
         """
         topic = replace(topic, type=full_type(topic.type))
-        known = self.topics.setdefault(topic.name, replace(topic, count=0, qos=()))
+        known = self.topics.setdefault(topic.name, replace(topic, count=0))
         if known.type != topic.type:
             self.warn(
                 f"{self.path}: topic '{topic.name}' has two types, {known.type} and {topic.type}: "
@@ -389,15 +393,13 @@ class Bag:
             return -1
         defined = known if known.definition else topic
         self.topics[topic.name] = replace(
-            known,
+            defined,
             count=known.count + topic.count,
-            qos=known.qos + tuple(item for item in topic.qos if item not in known.qos),
-            definition=defined.definition,
-            definition_format=defined.definition_format,
+            qos=known.qos or topic.qos,
             type_hash=known.type_hash or topic.type_hash,
-            serialization=topic.serialization
-            if known.serialization == CDR
-            else known.serialization,
+            serialization=known.serialization
+            if known.serialization != CDR
+            else topic.serialization,
         )
         return list(self.topics).index(topic.name)
 

@@ -26,7 +26,7 @@ ROWS = 4096  # messages per block, if they are small
 
 
 class SqliteFile:
-    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source.BagFile`.
+    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source`.
 
     Parameters
     ----------

@@ -147,28 +147,23 @@ def requested(
     params, values : parameter file, and parameters set on the command line.
     node : name of the node whose section of the file is used; None: the stream's own.
     """
-    if observer:
-        return streams.of_observer(observer)
-    if isinstance(values.get('observer'), str):
-        return streams.of_observer(values['observer'])
-    known = streams.every()
+    named = observer or values.get('observer')
+    if isinstance(named, str):
+        return streams.of_observer(named)
+    known, usual = streams.every(), streams.named(streams.USUAL)
+    configured = set(values)
     if params:
         sections = params_file.section_names(params)
         for stream in known:
             with suppress(UsageError):  # reported when the file is used
-                named = params_file.load(params, node or stream.NODE).get('observer')
-                if isinstance(named, str):
-                    return streams.of_observer(named)
+                section = params_file.load(params, node or stream.NODE)
+                if isinstance(section.get('observer'), str):
+                    return streams.of_observer(section['observer'])
+                if stream is known[0]:
+                    configured |= set(params_file.of_this_node(section))
         for stream in known:
             if stream.NODE in sections:
                 return stream
-    configured = set(values)
-    if params:
-        with suppress(UsageError):
-            configured |= set(
-                params_file.of_this_node(params_file.load(params, node or known[0].NODE))
-            )
-    usual = streams.named(streams.USUAL)
     if configured and not _knows(usual, configured):
         for stream in known:
             if _knows(stream, configured):

@@ -75,12 +75,12 @@ Definition = Callable[[str], Mapping[str, Kind]]  # message type -> its fields, 
 
 
 class _Level(NamedTuple):
-    """A step of the path: its field with its index, and the fields before and after it."""
+    """A step of the path: its field and element, and the fields before and after it."""
 
     name: str
     before: list[tuple[str, Kind]]
     kind: Kind
-    index: int | None
+    element: int | None
     after: list[Kind]
 
 
@@ -279,7 +279,7 @@ class Field:
         layout = _Layout(raw)
         self._go(layout, 0)
         layout.end()
-        if layout.has_number and any(level.index is not None for level in self._levels[:-1]):
+        if layout.has_number and any(level.element is not None for level in self._levels[:-1]):
             names = filter(None, (layout.frame_id, layout.child_frame_id))
             if len(self.frames) < MOST_FRAMES:
                 self.frames.add(' -> '.join(names))

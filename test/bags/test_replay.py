@@ -11,7 +11,6 @@ import shutil
 from pathlib import Path
 
 import bag_making as make
-import numpy as np
 import pytest
 from answers import estimated
 from bag_making import OTHER, START, STATES, STORE
@@ -20,7 +19,7 @@ from hypothesis import strategies as st
 
 from estimator_pkg import cli, observers
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.series import joint_series, with_velocity
+from estimator_pkg.bags.series import joint_series
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
@@ -353,7 +352,10 @@ def test_why_there_is_no_estimate(step, names, positions, words, why, tmp_path, 
 @pytest.mark.parametrize(
     ('words', 'topics'),
     [
-        (['--observer', 'pll', '--copy', '--name', 'mine'], {'/mine/estimate', '/mine/estimate_stddev'}),
+        (
+            ['--observer', 'pll', '--copy', '--name', 'mine'],
+            {'/mine/estimate', '/mine/estimate_stddev'},
+        ),
         (['--observer', 'pll', '--copy', OTHER, '--joint', 'b'], {OTHER, ESTIMATE, STDDEV}),
     ],
 )
@@ -445,23 +447,6 @@ def test_stamps_of_the_publisher(tmp_path):
     assert [
         (message.log_ns, message.publish_ns) for message in messages_of(tmp_path / 'out', ESTIMATE)
     ] == [(START + 5 * i, START + 5 * i) for i in range(100)]
-
-
-@pytest.mark.parametrize('name', ['yawbag', 'flybag', 'yx2bag'])
-def test_yaw_of_motion_capture(name, tmp_path):
-    path, out = RECORDINGS / 'vicon' / name, tmp_path / 'out'
-    with open_bag(path) as bag:
-        (topic,) = (topic for topic in bag.topics.values() if 'PoseStamped' in topic.type)
-    words = ['--observer', 'finite_difference', '--angle', f'{topic.name}:pose.orientation.yaw']
-    replay(path, *words, '--out', out, '--json', tmp_path / 'json')
-    assert json.loads((tmp_path / 'json').read_text())['messages']['used'] == topic.count
-    with open_bag(out) as bag:
-        yaw = with_velocity(joint_series(bag, ESTIMATE)['joint'])
-        frame = Decoder().decode(next(bag.messages([ESTIMATE])).raw).frame_id
-    assert frame == 'vicon/world'
-    assert len(yaw.position) > 0.9 * topic.count
-    assert np.all(np.abs(yaw.position) <= math.pi)
-    assert np.median(np.abs(yaw.velocity)) < 5.0
 
 
 PLL = ('--observer', 'pll')
