@@ -109,11 +109,13 @@ def fields_of(type_name: str, definition: str) -> Definition:
     ------
     UserError : the definition cannot be read, and neither Jazzy nor an installed package has one.
     """
+    if 0 < len(definition) <= LONGEST_DEFINITION:
+        with suppress(ValueError):
+            return _parsed(type_name, definition).__getitem__
     own, known = define(type_name)
-    for text, usable in ((definition, 0 < len(definition) <= LONGEST_DEFINITION), (own, known)):
-        if usable:
-            with suppress(ValueError):
-                return _parsed(type_name, text).__getitem__
+    if known:
+        with suppress(ValueError):
+            return _parsed(type_name, own).__getitem__
     raise UserError(
         f'the bag has no definition of {type_name} that can be read, and ROS 2 Jazzy does not '
         'have it either: install its package'
