@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from estimator_pkg.bags.source import PendingBlock, Topic
 from estimator_pkg.errors import UsageError, UserError, first_line, suggestion
 from estimator_pkg.messages.block import Block
-from estimator_pkg.messages.joint_state import LATEST, TYPE, Encoder
+from estimator_pkg.messages.cdr import LATEST
+from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.messages.joint_state_block import encode_block
 from estimator_pkg.optional import Lazy
 from estimator_pkg.stamps import UNITS, stamps_of
@@ -140,7 +141,7 @@ def columns(parsed: argparse.Namespace) -> Columns | None:
 
 
 class LogFile:
-    """A log as the file of a bag, see `estimator_pkg.bags.source.BagFile`.
+    """A log as the file of a bag, see `estimator_pkg.bags.source`.
 
     Parameters
     ----------

@@ -16,12 +16,16 @@ from estimator_pkg.bags.reader import Bag, open_bag
 from estimator_pkg.bags.source import CDR
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
+from estimator_pkg.ros.message_class import message_class
 
 if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from estimator_pkg.bags.live import Live
+
+live = Lazy('estimator_pkg.bags.live')
 
 CLOCK = '/clock'
 CLOCK_RATE = 200.0  # Hz
@@ -56,16 +60,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Play until the end or Ctrl-C; print and return the numbers of messages."""
     if not (math.isfinite(parsed.rate) and parsed.rate > 0.0):
         raise UsageError(f'--rate is {parsed.rate:g}: it must be above 0')
-    with open_bag(parsed.bag, parsed.unpack_limit) as bag:
-        from estimator_pkg.bags.live import live
-
-        with live('bag_player') as here:
-            player = Player(here, bag, parsed.rate, parsed.clock)
-            player.wait()
+    with open_bag(parsed.bag, parsed.unpack_limit) as bag, live.live('bag_player') as here:
+        player = Player(here, bag, parsed.rate, parsed.clock)
+        player.wait()
+        player.play()
+        while parsed.loop and not here.stopping:
             player.play()
-            while parsed.loop and not here.stopping:
-                player.play()
-            player.finish()
+        player.finish()
     show(f'{parsed.bag}: ' + ', '.join(f'{name} {count}' for name, count in player.sent.items()))
     return {'bag': str(parsed.bag), 'sent': player.sent}
 
@@ -87,9 +88,6 @@ class Player:
         from rclpy.exceptions import InvalidTopicNameException
         from rclpy.qos import ReliabilityPolicy
 
-        from estimator_pkg.bags.live import matching
-        from estimator_pkg.ros.message_class import message_class
-
         self._here, self._bag, self._rate = here, bag, rate
         self._best_effort = False
         self._publishers: dict[str, Publisher] = {}
@@ -102,7 +100,7 @@ class Player:
             elif kind is None:
                 why = f'its type {topic.type} is not installed'
             else:
-                profile = matching(topic.qos)
+                profile = live.matching(topic.qos)
                 try:
                     publisher = here.node.create_publisher(kind, topic.name, profile)
                 except InvalidTopicNameException:

@@ -26,7 +26,7 @@ import yaml
 
 from estimator_pkg import whole_file
 from estimator_pkg.bags import unpacking
-from estimator_pkg.bags.source import CDR, BagFile, PendingBlock, Topic, UnreadableError, full_type
+from estimator_pkg.bags.source import CDR, PendingBlock, Topic, UnreadableError, full_type
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError, suggestion
 from estimator_pkg.messages.block import Block, compact, from_messages, join, rows
@@ -34,7 +34,11 @@ from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
 
 if TYPE_CHECKING:
-    from estimator_pkg.bags.log_file import Columns
+    from estimator_pkg.bags.log_file import Columns, LogFile
+    from estimator_pkg.bags.mcap_file import McapFile
+    from estimator_pkg.bags.sqlite_file import SqliteFile
+
+    BagFile = LogFile | McapFile | SqliteFile
 
 log_file = Lazy('estimator_pkg.bags.log_file')
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
@@ -75,7 +79,6 @@ class Bag:
         self.warnings: list[str] = []
         self.topics: dict[str, Topic] = {}
         self._sources: list[tuple[BagFile, np.ndarray]] = []  # with the indices of its topics
-        self._packed: bool | None = None  # messages are compressed one by one; None: unknown
         self._stack = ExitStack()
         try:
             self._open()
@@ -168,7 +171,10 @@ class Bag:
         names = list(self.topics)
         keep = np.array([name in chosen for name in names] + [False])  # the last one for -1
         for block in self._in_log_order(self._pieces(keep)):
-            for part in self._unpacked(block) if self._is_packed(block) else (block,):
+            starts = block.start[block.end - block.start >= len(ZSTD)]
+            heads = rows(block.data, starts, len(ZSTD))
+            packed = np.any(np.all(heads == np.frombuffer(ZSTD, np.uint8), axis=1))
+            for part in self._unpacked(block) if packed else (block,):
                 if len(part):
                     yield names, part
 
@@ -208,16 +214,8 @@ class Bag:
         if held is not None:
             yield held
 
-    def _is_packed(self, block: Block) -> bool:
-        """Return True if messages of the block are compressed one by one."""
-        if self._packed is not None:
-            return self._packed
-        starts = block.start[block.end - block.start >= len(ZSTD)]
-        heads = rows(block.data, starts, len(ZSTD))
-        return bool(np.any(np.all(heads == np.frombuffer(ZSTD, np.uint8), axis=1)))
-
     def _unpacked(self, block: Block) -> Iterator[Block]:
-        """Yield the messages of a bag with messages compressed one by one, a few MB at a time."""
+        """Yield messages of which some are compressed one by one, a few MB at a time."""
         view = block.data.data
         good: list[int] = []
         raws: list[memoryview] = []
@@ -230,7 +228,7 @@ class Bag:
         for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
             raw = view[start:end]
             try:
-                if self._packed or raw[: len(ZSTD)] == ZSTD:
+                if raw[: len(ZSTD)] == ZSTD:
                     raw = unpacking.unpack_message(raw, f'{self.path}: a message', self._limit)
             except zstandard.ZstdError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are skipped')
@@ -281,18 +279,9 @@ class Bag:
             raise UserError(f'{self.path} is an empty bag: it has no topics; name another')
 
     def _open_folder(self) -> None:
-        information = self._metadata()
-        files = self._files(information.get('relative_file_paths'))
-        by_message = str(information.get('compression_mode') or '').lower() == 'message'
-        packed = information.get('compression_format')
-        if by_message and packed not in ('zstd', '', None):
-            raise UserError(
-                f"{self.path}: its messages are compressed with '{packed}', but only zstd is "
-                'supported: convert the bag'
-            )
-        self._packed = by_message if information else None
+        listed, described = self._metadata()
         problems = []
-        for file in files:
+        for file in self._files(listed):
             try:
                 self._open_file(file)
             except UserError as error:
@@ -301,52 +290,51 @@ class Bag:
             raise UserError(problems[0])
         for problem in problems:
             self.warn(f'{problem}; it is skipped')
-        described = information.get('topics_with_message_count')
-        for item in described if isinstance(described, list) else ():
-            self._describe(item.get('topic_metadata') if isinstance(item, dict) else None)
+        for topic in described:
+            self._index(topic)
 
-    def _metadata(self) -> dict[str, Any]:
-        """Return the content of the metadata; {} without valid ones."""
+    def _metadata(self) -> tuple[list[str], list[Topic]]:
+        """Return the files and topics that valid metadata list, else nothing."""
         file = self.path / METADATA
         if not file.exists():
-            return {}
+            return [], []
         try:
-            return dict(yaml.safe_load(whole_file.read_text(file))[INFORMATION])
+            found = yaml.safe_load(whole_file.read_text(file))[INFORMATION]
+            names = [Path(name).name for name in found['relative_file_paths']]
+            if any(name in ('', '..') or '\0' in name for name in names):
+                raise ValueError('a name of a file is damaged')
+            return names, [_described(**each) for each in found['topics_with_message_count']]
         except OSError:
             raise
         except Exception:  # the library may raise anything for a damaged file
             self.warn(f'{file} is not valid metadata: reading the files in its folder')
-            return {}
+            return [], []
 
-    def _files(self, listed: Any) -> list[Path]:
+    def _files(self, listed: list[str]) -> list[Path]:
         """Return the files of the folder: those that its metadata list, else those it has."""
         there = sorted(
             (file for file in self.path.iterdir() if file.suffix in SUFFIXES), key=natural
         )
-        valid = isinstance(listed, list) and all(isinstance(name, str) for name in listed)
-        names = [Path(name).name for name in listed] if valid else []
-        if names and not any(name in ('', '..') or '\0' in name for name in names):
-            missing = [name for name in names if not (self.path / name).is_file()]
-            if len(missing) == len(names) and there:  # renamed with their folder
-                return there
-            if len(missing) == len(names):
-                raise UserError(f'{self.path}: {missing[0]}, listed in {METADATA}, is missing')
+        missing = [name for name in listed if not (self.path / name).is_file()]
+        if len(missing) < len(listed):
             if missing:
                 self.warn(
                     f'{self.path}: {", ".join(missing)}, listed in {METADATA}, is missing: '
                     'its messages are skipped'
                 )
-            return [self.path / name for name in names if name not in missing]
+            return [self.path / name for name in listed if name not in missing]
         if not there:
             raise UserError(
-                f'{self.path} is not a bag: it has no {METADATA} and no .mcap or .db3 files'
+                f'{self.path}: {missing[0]}, listed in {METADATA}, is missing'
+                if missing
+                else f'{self.path} is not a bag: it has no {METADATA} and no .mcap or .db3 files'
             )
         if not (self.path / METADATA).exists():
             self.warn(
                 f'{self.path} has no {METADATA} (was its recorder killed?): '
                 f'reading {len(there)} file{"s" if len(there) > 1 else ""}'
             )
-        return there
+        return there  # the listed ones were renamed with their folder
 
     def _open_file(self, file: Path) -> None:
         if not file.is_file():
@@ -368,7 +356,7 @@ class Bag:
             if logs:
                 self.warn(f'{file} was not closed: it is read with {" and ".join(logs)}')
                 file = sqlite_file.completed(file, logs, self._temporary())
-            self._add(sqlite_file.SqliteFile(file, self.warn, self._limit))
+            self._add(sqlite_file.SqliteFile(file, self.warn))
         elif start.startswith(b'\x89MCAP0\r\n'):
             self._add(mcap_file.McapFile(file, self.warn, self._limit))
         elif start.startswith(b'#ROSBAG'):
@@ -390,34 +378,13 @@ class Bag:
         index = np.array([self._index(topic) for topic in source.topics], np.int64)
         self._sources.append((source, index))
 
-    def _describe(self, about: Any) -> None:
-        """Add a topic as the metadata describe it; its messages are counted in the files."""
-        about = about if isinstance(about, dict) else {}
-        name, type_name, type_hash = (
-            about.get(key) for key in ('name', 'type', 'type_description_hash')
-        )
-        if not (isinstance(name, str) and name and isinstance(type_name, str)):
-            self.warn(
-                f'{self.path / METADATA}: the description of a topic is damaged and is skipped'
-            )
-            return
-        self._index(
-            Topic(
-                name,
-                type_name,
-                qos=qos.of_metadata(about.get('offered_qos_profiles')),
-                type_hash=type_hash if isinstance(type_hash, str) else '',
-                serialization=str(about.get('serialization_format') or CDR),
-            )
-        )
-
     def _index(self, topic: Topic) -> int:
         """Add a topic, or the messages of a known one, and return its index.
 
         It is -1 if another type of the same name came before.
         """
         topic = replace(topic, type=full_type(topic.type))
-        known = self.topics.setdefault(topic.name, replace(topic, count=0, qos=()))
+        known = self.topics.setdefault(topic.name, replace(topic, count=0))
         if known.type != topic.type:
             self.warn(
                 f"{self.path}: topic '{topic.name}' has two types, {known.type} and {topic.type}: "
@@ -426,15 +393,13 @@ class Bag:
             return -1
         defined = known if known.definition else topic
         self.topics[topic.name] = replace(
-            known,
+            defined,
             count=known.count + topic.count,
-            qos=known.qos + tuple(item for item in topic.qos if item not in known.qos),
-            definition=defined.definition,
-            definition_format=defined.definition_format,
+            qos=known.qos or topic.qos,
             type_hash=known.type_hash or topic.type_hash,
-            serialization=topic.serialization
-            if known.serialization == CDR
-            else known.serialization,
+            serialization=known.serialization
+            if known.serialization != CDR
+            else topic.serialization,
         )
         return list(self.topics).index(topic.name)
 
@@ -460,6 +425,21 @@ def natural(file: Path) -> list[tuple]:
     """Return a sort key under which wbag_10 comes after wbag_9."""
     parts = re.findall(r'(\d+)|(\D)', file.name)
     return [(0, int(digits), '') if digits else (1, 0, letter) for digits, letter in parts]
+
+
+def _described(topic_metadata: dict[str, Any], **_: Any) -> Topic:
+    """Return a topic as metadata describe it; its messages are counted in the files."""
+    name, type_name = topic_metadata['name'], topic_metadata['type']
+    type_hash = topic_metadata.get('type_description_hash') or ''
+    if not (isinstance(name, str) and isinstance(type_name, str) and isinstance(type_hash, str)):
+        raise ValueError('the description of a topic is damaged')
+    return Topic(
+        name,
+        type_name,
+        qos=qos.of_metadata(topic_metadata.get('offered_qos_profiles')),
+        type_hash=type_hash,
+        serialization=str(topic_metadata.get('serialization_format') or CDR),
+    )
 
 
 def _kept(load: Callable[[], Block], index: np.ndarray, keep: np.ndarray) -> Block:

@@ -6,19 +6,20 @@
 from __future__ import annotations
 
 import argparse
-import inspect
 import math
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import Command
 from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.optional import Lazy
 from estimator_pkg.printable import show
+from estimator_pkg.ros.message_class import message_class
 
 if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
@@ -28,12 +29,17 @@ if TYPE_CHECKING:
     from estimator_pkg.bags.live import Live
     from estimator_pkg.ros.loss import Loss
 
+executor = Lazy('estimator_pkg.ros.executor')
+live = Lazy('estimator_pkg.bags.live')
+loss = Lazy('estimator_pkg.ros.loss')
+
 GRAPH_PERIOD = 0.1  # time between two checks of the graph [s]
 FIRST_MESSAGE_WAIT = 10.0  # added to a duration while no message has arrived yet [s]
-QUIET_CHECKS = 3  # consecutive checks without a message after which all received ones are recorded
-CHECK_TIME = 0.02  # length of such a check [s]
-LONGEST_END_CHECKS = 0.3  # longest time for these checks [s]
-LONGEST_DRAIN = 0.5  # longest time for messages of one topic that the executor has not noticed [s]
+TAKE_PERIOD = 0.005  # time between two looks for messages [s]
+LONGEST_TURN = 0.5  # longest time for the messages of one topic [s]
+QUIET_CHECKS = 3  # consecutive looks without a message after which all received ones are recorded
+CHECK_TIME = 0.02  # time between these looks [s]
+LONGEST_END_CHECKS = 0.3  # longest time for them [s]
 FLUSH_PERIOD = 2.0  # time between two flushes to the disk [s]
 
 
@@ -60,7 +66,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         math.isfinite(parsed.duration) and parsed.duration > 0.0
     ):
         raise UsageError(f'--duration is {parsed.duration:g} s: it must be above 0')
-    from estimator_pkg.bags.live import live  # isort: skip  prepares the environment
+    with_ros = live.live  # prepares the environment of rclpy
     from rclpy.exceptions import InvalidTopicNameException
     from rclpy.validate_full_topic_name import validate_full_topic_name
 
@@ -71,7 +77,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         except InvalidTopicNameException:
             raise UsageError(f"'{name}' is not a valid topic name: correct it") from None
     with interrupts.gently(background=True), BagWriter(parsed.out, keep=True) as writer:
-        with live('bag_recorder') as here:
+        with with_ros('bag_recorder') as here:
             recorder = Recorder(here, writer, topics)
             recorder.run(parsed.duration)
         counts = writer.counts()
@@ -99,8 +105,8 @@ class RecordedTopic:
     receive: Callable[[bytes, Any], None]
     qos: QoSProfile
     loss: Loss
+    profiles: list[Qos]
     lost_before: int = 0
-    profiles: list[Qos] = field(default_factory=list)
 
     @property
     def lost(self) -> int:
@@ -127,47 +133,34 @@ class Recorder:
 
     def run(self, duration: float | None) -> None:
         """Record for `duration` [s] from the first message on, or until Ctrl-C."""
-        self._follow(duration)
-        until, quiet = time.monotonic() + LONGEST_END_CHECKS, 0  # take in the waiting messages
-        while quiet < QUIET_CHECKS and time.monotonic() < until:
-            before = self._received
-            self._here.spin(CHECK_TIME)
-            self._drain()
-            quiet = quiet + 1 if self._received == before else 0
-
-    def _follow(self, duration: float | None) -> None:
         look = flush = 0.0
-        printed = False
         begun = time.monotonic()
+        if self._topics:
+            show(f'waiting for {", ".join(self._topics)}', file=sys.stderr)
         while not self._here.stopping:
             now = time.monotonic()
             if now >= look:
                 self._look()
-                self._drain()
                 look = now + GRAPH_PERIOD
-                if not printed and now > begun + 1.0:
-                    printed = True
-                    self._print_missing()
             if now >= flush:
                 self._writer.flush()
                 flush = now + FLUSH_PERIOD
-            if duration is not None:
-                since = self._first_ns * 1e-9 if self._first_ns else begun + FIRST_MESSAGE_WAIT
-                if time.monotonic() - since > duration:
-                    return
-            self._here.spin(min(GRAPH_PERIOD, duration or GRAPH_PERIOD))
+            self._take()
+            since = self._first_ns * 1e-9 if self._first_ns else begun + FIRST_MESSAGE_WAIT
+            if duration is not None and now - since > duration:
+                break
+            time.sleep(TAKE_PERIOD)
+        until, quiet = time.monotonic() + LONGEST_END_CHECKS, 0
+        while quiet < QUIET_CHECKS and time.monotonic() < until:
+            quiet = 0 if self._take() else quiet + 1
+            time.sleep(CHECK_TIME)
 
-    def _drain(self) -> None:
-        """Receive messages that the executor has not noticed."""
-        from estimator_pkg.ros.executor import take_turn
-
+    def _take(self) -> bool:
+        """Write the messages that came; return True if there were some."""
+        before = self._received
         for track in self.tracks.values():
-            take_turn(track.subscription, track.receive, LONGEST_DRAIN)
-
-    def _print_missing(self) -> None:
-        missing = [name for name in self._topics if name not in self.tracks]
-        if missing:
-            show(f'waiting for {", ".join(missing)}', file=sys.stderr)
+            executor.take_turn(track.subscription, track.receive, LONGEST_TURN)
+        return self._received > before
 
     def _look(self) -> None:
         """Subscribe to new topics, and adapt to publishers that offer less than before."""
@@ -177,13 +170,7 @@ class Recorder:
             publishers = self._here.node.get_publishers_info_by_topic(name)
             if not publishers:
                 continue
-            from estimator_pkg.bags.live import offered
-
-            profiles = []
-            for publisher in publishers:
-                profile = offered(publisher.qos_profile)
-                if profile not in profiles:
-                    profiles.append(profile)
+            profiles = list(dict.fromkeys(live.offered(each.qos_profile) for each in publishers))
             track = self.tracks.get(name)
             if track is None:
                 self._start(name, types, profiles, str(publishers[0].topic_type_hash))
@@ -191,17 +178,11 @@ class Recorder:
                 self._adapt(name, types[0], track, profiles)
 
     def _start(self, name: str, types: list[str], profiles: list[Qos], type_hash: str) -> None:
-        from estimator_pkg.bags.live import matching
-        from estimator_pkg.ros.message_class import message_class
-
         kind = message_class(types[0])
         if kind is None or len(types) > 1:
             self._refused.add(name)
-            why = (
-                'it has several types'
-                if len(types) > 1
-                else f'its type {types[0]} is not installed'
-            )
+            several = len(types) > 1
+            why = 'it has several types' if several else f'its type {types[0]} is not installed'
             if self._topics:
                 raise UserError(f'{name} cannot be recorded: {why}')
             show(f'warning: {name} is not recorded: {why}', file=sys.stderr)
@@ -209,53 +190,45 @@ class Recorder:
         self._writer.add_topic(
             name, types[0], profiles, type_hash=type_hash if type_hash.startswith('RIHS01_') else ''
         )
-        qos = matching(profiles)
-        self.tracks[name] = self._subscribe(name, kind, qos, profiles)
+        self.tracks[name] = self._subscribe(name, kind, profiles)
         show(f'recording {name} ({types[0]})', file=sys.stderr)
 
     def _adapt(self, name: str, type_name: str, track: RecordedTopic, profiles: list[Qos]) -> None:
         """Subscribe again if a new publisher does not match the present subscription."""
-        from estimator_pkg.bags.live import matching
-        from estimator_pkg.ros.message_class import message_class
-
         track.profiles += [profile for profile in profiles if profile not in track.profiles]
-        qos = matching(track.profiles)
+        qos = live.matching(track.profiles)
         if (qos.reliability, qos.durability) == (track.qos.reliability, track.qos.durability):
             return
         show(
             f'warning: a publisher of {name} offers less than the others: subscribing again',
             file=sys.stderr,
         )
-        self._drain()
+        self._take()
         self._here.node.destroy_subscription(track.subscription)
-        again = self._subscribe(name, message_class(type_name), qos, track.profiles)
+        again = self._subscribe(name, message_class(type_name), track.profiles)
         again.lost_before = track.lost
         self.tracks[name] = again
 
-    def _subscribe(
-        self, name: str, kind: Any, qos: QoSProfile, profiles: list[Qos]
-    ) -> RecordedTopic:
-        from estimator_pkg.ros.loss import Loss
-
-        holder: list[Subscription] = []
-        loss = Loss(lambda: holder[0].get_publisher_count())
-        write = self._writer.write
+    def _subscribe(self, name: str, kind: Any, profiles: list[Qos]) -> RecordedTopic:
+        """Subscribe without an executor: `_take` polls, and DDS knows when each message came."""
+        qos = live.matching(profiles)
+        subscription = self._here.node.create_subscription(kind, name, _unused, qos, raw=True)
+        counted = loss.Loss(subscription.get_publisher_count)
 
         def receive(raw: bytes, info: Any) -> None:
-            loss.saw(info['publication_sequence_number'])
+            counted.saw(info['publication_sequence_number'])
             now = time.time_ns()
-            write(name, info['received_timestamp'] or now, raw, info['source_timestamp'] or now)
+            self._writer.write(
+                name, info['received_timestamp'] or now, raw, info['source_timestamp'] or now
+            )
             self._received += 1
-            if not self._first_ns:
-                self._first_ns = time.monotonic_ns()
+            self._first_ns = self._first_ns or time.monotonic_ns()
 
-        def callback(*arguments: Any) -> None:
-            # EventsExecutor of rclpy 7.1 passes one tuple, other executors two arguments.
-            receive(*(arguments if len(arguments) == 2 else arguments[0]))
+        return RecordedTopic(subscription, receive, qos, counted, profiles)
 
-        callback.__signature__ = inspect.signature(receive)  # type: ignore[attr-defined]  # rclpy counts them
-        holder.append(self._here.node.create_subscription(kind, name, callback, qos, raw=True))
-        return RecordedTopic(holder[0], receive, qos, loss, profiles=list(profiles))
+
+def _unused(raw: bytes) -> None:
+    """Stand in for the callback that rclpy requires."""
 
 
 COMMAND = Command(

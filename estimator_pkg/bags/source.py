@@ -1,14 +1,17 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a file of a bag contains: its topics, and its messages in pieces."""
+"""What a file of a bag contains: its topics, and its messages in pieces.
+
+A file has `topics`, and `pieces(places)` with the messages of the topics at these places, and maybe
+others. If it `sorts`, its pieces are known in advance and can be sorted with those of other files.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block
@@ -67,20 +70,3 @@ class PendingBlock(NamedTuple):
     start_ns: int
     size: int
     load: Callable[[], Block]
-
-
-class BagFile(Protocol):
-    """A file of a bag that is open for reading.
-
-    sorts : its pieces are known in advance, so they can be sorted with those of other files.
-    """
-
-    path: Path
-    topics: list[Topic]
-    sorts: bool
-
-    def pieces(self, places: Sequence[int]) -> Iterable[PendingBlock]:
-        """Return the pieces with messages of the topics at these places, and maybe others."""
-
-    def close(self) -> None:
-        """Close the file."""

@@ -26,11 +26,11 @@ ROWS = 4096  # messages per block, if they are small
 
 
 class SqliteFile:
-    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source.BagFile`.
+    """A sqlite3 file that is open for reading; see `estimator_pkg.bags.source`.
 
     Parameters
     ----------
-    limit : bytes that a message may have, if the file is not larger: its columns can be computed.
+    warn : reports what is damaged.
 
     Raises
     ------
@@ -39,7 +39,7 @@ class SqliteFile:
 
     sorts = False
 
-    def __init__(self, path: Path, warn: Callable[[str], None], limit: int) -> None:
+    def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
         self.path = path
         self._warn = warn
         for_library = _within_uri(path)
@@ -50,8 +50,9 @@ class SqliteFile:
             why = first_line(error).replace(str(for_library), str(path))
             raise UserError(f'{path} cannot be read as a bag: {why}; {REPAIR}') from error
         assert self._reader.dbconn is not None
-        self._most = min(max(limit, path.stat().st_size), 2**31 - 1)
-        self._reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, self._most)
+        # a message larger than its file is computed, or its pages point to themselves
+        largest = min(path.stat().st_size, 2**31 - 1)
+        self._reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, largest)
         self._connections = [
             item
             for item in self._reader.connections
@@ -104,8 +105,6 @@ class SqliteFile:
                 times.append(time_ns)
                 raws.append(raw)
                 size += len(raw)
-        except apsw.TooBigError:
-            unpacking.check(f'{self.path}: a message', self._most + 1, self._most)
         except (apsw.Error, UnicodeDecodeError) as error:
             raise UserError(f'{self.path} is damaged: {first_line(error)}; {REPAIR}') from error
         if raws:

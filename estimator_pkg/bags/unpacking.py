@@ -113,14 +113,12 @@ def unpack_message(packed: memoryview, what: str, limit: int) -> memoryview:
     TooLargeError : it unpacks to more than `limit` bytes.
     zstandard.ZstdError : it is damaged.
     """
-    size = zstandard.get_frame_parameters(packed).content_size
-    known = size not in (zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR)
-    check(what, size if known else 0, limit)
-    data = unpack(packed, 'zstd', (size if known else limit) + 1)
+    size = zstandard.frame_content_size(packed)  # -1: unknown
+    data = unpack(packed, 'zstd', limit + 1)
     check(what, len(data), limit)
-    if known and len(data) != size:
+    if size not in (-1, len(data)):
         raise zstandard.ZstdError('it is truncated')
-    return data.data
+    return data.data if len(data) > PIECE_SIZE else memoryview(bytes(data))  # data reserves `limit`
 
 
 def unpack_file(packed: Path, target: Path, limit: int) -> None:

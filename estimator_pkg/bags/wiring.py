@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from estimator_pkg import observers, params_file, registry, streams
-from estimator_pkg.bags.definitions import fields_of, store_for
+from estimator_pkg.bags.definitions import fields_of
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics, measurement_topic
 from estimator_pkg.bags.source import Topic
@@ -76,16 +76,16 @@ class Setup:
         stream.history = {}
         measurement = self.ports[0]
         if self.path and measurement is not None:
-            store = store_for(measurement.type, measurement.definition)
-            stream.read_field(Field(fields_of(store), measurement.type, self.path))
+            definition = fields_of(measurement.type, measurement.definition)
+            stream.read_field(Field(definition, measurement.type, self.path))
         for number, (port, topic) in enumerate(zip(stream.inputs, self.ports)):
             if number and port.field:
                 if topic is None:
                     named = 'sources' in self.values
                     remedy = "omit it in 'sources'" if named else "unset 'gyro_topic'"
                     raise UsageError(f"'{port.topic}' is not in the bag: {remedy}")
-                store = store_for(topic.type, topic.definition)
-                stream.read_field(Field(fields_of(store), topic.type, port.field), number)
+                definition = fields_of(topic.type, topic.definition)
+                stream.read_field(Field(definition, topic.type, port.field), number)
         return stream
 
 
@@ -147,28 +147,23 @@ def requested(
     params, values : parameter file, and parameters set on the command line.
     node : name of the node whose section of the file is used; None: the stream's own.
     """
-    if observer:
-        return streams.of_observer(observer)
-    if isinstance(values.get('observer'), str):
-        return streams.of_observer(values['observer'])
-    known = streams.every()
+    named = observer or values.get('observer')
+    if isinstance(named, str):
+        return streams.of_observer(named)
+    known, usual = streams.every(), streams.named(streams.USUAL)
+    configured = set(values)
     if params:
         sections = params_file.section_names(params)
         for stream in known:
             with suppress(UsageError):  # reported when the file is used
-                named = params_file.load(params, node or stream.NODE).get('observer')
-                if isinstance(named, str):
-                    return streams.of_observer(named)
+                section = params_file.load(params, node or stream.NODE)
+                if isinstance(section.get('observer'), str):
+                    return streams.of_observer(section['observer'])
+                if stream is known[0]:
+                    configured |= set(params_file.of_this_node(section))
         for stream in known:
             if stream.NODE in sections:
                 return stream
-    configured = set(values)
-    if params:
-        with suppress(UsageError):
-            configured |= set(
-                params_file.of_this_node(params_file.load(params, node or known[0].NODE))
-            )
-    usual = streams.named(streams.USUAL)
     if configured and not _knows(usual, configured):
         for stream in known:
             if _knows(stream, configured):

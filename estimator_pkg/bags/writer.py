@@ -8,9 +8,8 @@
 ...     bag.write('/joint_states', log_ns, raw)
 
 The bag is written in a new folder next to its final path and moved there when it is complete, so an
-error or an interrupt leaves no incomplete bag. A recording, which cannot be repeated, is kept in
-any case. After a crash the new folder stays, with the only copy: no other instance changes it, and
-the next one reports it (`unfinished`).
+error or an interrupt leaves no incomplete bag. Of a recording, which cannot be repeated, the folder
+stays, as after a crash: no other instance changes it, and the next one reports it (`unfinished`).
 """
 
 from __future__ import annotations
@@ -21,10 +20,11 @@ import re
 import secrets
 import shutil
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -54,7 +54,7 @@ class BagWriter:
     Parameters
     ----------
     path : of the bag: a folder, or a single file if it ends in .mcap.
-    keep : keep the written messages after any failure, if need be without the end of the file.
+    keep : after a failure, keep the written messages in the new folder.
 
     Raises
     ------
@@ -63,7 +63,6 @@ class BagWriter:
 
     def __init__(self, path: str | Path, *, keep: bool = False) -> None:
         self._keep = keep
-        self._torn = False  # a write failed: the state of the file's end is unknown
         self.path = Path(os.path.abspath(path))
         self._name = Path(path)
         self._bare = self.path.suffix == '.mcap'
@@ -86,16 +85,11 @@ class BagWriter:
                 f'warning: {folder} contains an incomplete {path} of a process that was killed or '
                 f'still writes; {REPAIR}'
             )
-        self._folder: Path | None = None
         self._file = self.path.name if self._bare else f'{self.path.stem}_0.mcap'
-        self._stream: BinaryIO | None = None
-        try:
+        with self._writing():
             self._folder = _new_folder(self.path)
             self._stream = (self._folder / self._file).open('xb')
             self._mcap = output(self._stream)
-        except OSError as error:
-            self.abort()
-            raise self._unwritable(error) from error
 
     def __enter__(self) -> BagWriter:
         return self
@@ -108,14 +102,10 @@ class BagWriter:
     ) -> None:
         if kind is None:
             self.close()
-        elif not self._keep or not any(self.counts().values()):
-            self.abort()
-        elif self._torn:
-            self._give_up()
         else:
             with contextlib.suppress(UserError):  # the first error is the one to report
-                self.close()
-                self._print_kept()
+                self.flush()
+            self._give_up()
 
     def add_topic(
         self,
@@ -135,9 +125,8 @@ class BagWriter:
         type_hash : by default looked up.
         serialization : of its messages.
         """
-        if qos is None:
-            qos = qos_profiles.profile()
-        profiles = (qos,) if isinstance(qos, qos_profiles.Qos) else tuple(qos)
+        offered = qos_profiles.profile() if qos is None else qos
+        profiles = (offered,) if isinstance(offered, qos_profiles.Qos) else tuple(offered)
         return self.add(
             Topic(name, type_name, qos=profiles, type_hash=type_hash, serialization=serialization)
         )
@@ -187,21 +176,17 @@ class BagWriter:
         """
         block = from_messages(*self._pending)
         self._pending, self._pending_size = ([], [], [], []), 0
-        with self._writing() as stream:
+        with self._writing():
             self._mcap.write(block)
-            stream.flush()
+            self._stream.flush()
 
     @contextlib.contextmanager
-    def _writing(self) -> Iterator[BinaryIO]:
-        """Yield the stream; after any error, such as a second Ctrl-C, its end is unknown."""
-        assert self._stream is not None
+    def _writing(self) -> Iterator[None]:
+        """Raise UserError for an OSError within the block."""
         try:
-            yield self._stream
-        except BaseException as error:
-            self._torn = True
-            if isinstance(error, OSError):
-                raise self._unwritable(error) from error
-            raise
+            yield
+        except OSError as error:
+            raise UserError(f'{self._name} cannot be written: {error.strerror or error}') from error
 
     def counts(self) -> dict[str, int]:
         """Return the number of messages written so far, by topic."""
@@ -218,74 +203,44 @@ class BagWriter:
         ------
         UserError : that failed; nothing is left over, except with `keep`.
         """
-        assert self._stream is not None and self._folder is not None
         try:
             self.flush()
             information = self._information()
-            self._mcap.finish(
-                {'serialized_metadata': yaml.safe_dump(information, sort_keys=False).strip()}
-            )
-            self._stream.close()
-            if not self._bare:
+            with self._writing():
+                text = yaml.safe_dump(information, sort_keys=False).strip()
+                self._mcap.finish({'serialized_metadata': text})
+                self._stream.close()
+                if self._bare:
+                    self._move_file()
+                    return
                 text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
                 (self._folder / METADATA).write_text(text, encoding='utf-8')
-            self._move()
-        except BaseException as error:
+                os.rename(
+                    self._folder, self.path
+                )  # fails if something but an empty folder is there
+        except BaseException:
             self._give_up()
-            if isinstance(error, OSError):
-                raise self._unwritable(error) from error
             raise
 
-    def _move(self) -> None:
-        """Move the new bag to its path; raise OSError if the path exists by now.
-
-        The path is reserved first, which fails if another process has it. Only the reservation
-        that this instance made is replaced, so no hard links are needed.
-        """
-        assert self._folder is not None
-        if self._bare:
-            with open(self.path, 'xb'):
-                pass
-        else:
-            self.path.mkdir()
-        made = self._folder / self._file if self._bare else self._folder
+    def _move_file(self) -> None:
+        """Move the file to the path; raise OSError if something is there by now."""
+        with open(self.path, 'xb'):  # what is replaced is ours
+            pass
         try:
-            os.replace(made, self.path)
+            os.replace(self._folder / self._file, self.path)
         except OSError:
-            if self._bare:
-                self.path.unlink()
-                raise
-            self.path.rmdir()
-            os.rename(made, self.path)  # for systems that cannot replace an empty folder
-        if self._bare:
-            self._folder.rmdir()
-        self._folder = None
+            self.path.unlink()
+            raise
+        self._folder.rmdir()
 
     def _give_up(self) -> None:
-        """Remove everything; with `keep`, keep all that is readable."""
-        if not self._keep or not self._mcap.statistics.message_count:
-            self.abort()
-            return
-        self._close_stream()
+        """Remove everything that was written; with `keep`, leave it in its folder."""
         with contextlib.suppress(OSError):
-            self._move()
-        self._print_kept()
-
-    def _print_kept(self) -> None:
-        where = f'{self._folder or self._name} contains the messages written so far'
-        interrupts.say(f'{where}; {REPAIR}' if self._folder else where)
-
-    def abort(self) -> None:
-        """Remove everything that was written."""
-        self._close_stream()
-        if self._folder is not None:
+            self._stream.close()
+        if self._keep and self._mcap.statistics.message_count:
+            interrupts.say(f'{self._folder} contains the messages written so far; {REPAIR}')
+        else:
             shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
-
-    def _close_stream(self) -> None:
-        if self._stream is not None:
-            with contextlib.suppress(OSError):
-                self._stream.close()
 
     def _information(self) -> dict[str, Any]:
         """Return the metadata of the bag, as Jazzy writes them."""
@@ -294,17 +249,15 @@ class BagWriter:
         start = found.message_start_time if count else EMPTY_START_NS
         length = found.message_end_time - start if count else 0
 
-        def extent() -> dict[str, Any]:
-            return {
-                'duration': {'nanoseconds': length},
-                'starting_time': {'nanoseconds_since_epoch': start},
-                'message_count': count,
-            }
-
+        extent = {
+            'duration': {'nanoseconds': length},
+            'starting_time': {'nanoseconds_since_epoch': start},
+            'message_count': count,
+        }
         return {
             'version': VERSION,
             'storage_identifier': 'mcap',
-            **extent(),
+            **extent,
             'topics_with_message_count': [
                 {
                     'topic_metadata': {
@@ -321,13 +274,10 @@ class BagWriter:
             'compression_format': '',
             'compression_mode': '',
             'relative_file_paths': [self._file],
-            'files': [{'path': self._file, **extent()}],
+            'files': [{'path': self._file, **deepcopy(extent)}],  # YAML would make a reference
             'custom_data': None,
             'ros_distro': 'jazzy',
         }
-
-    def _unwritable(self, error: OSError) -> UserError:
-        return UserError(f'{self._name} cannot be written: {error.strerror or error}')
 
 
 def _new_folder(path: Path) -> Path:

@@ -12,6 +12,8 @@ import struct
 from collections.abc import Sequence
 from typing import Any
 
+EARLIEST, LATEST = -(2**31) * 10**9, 2**31 * 10**9 - 1  # stamps that a header can carry [ns]
+
 
 class MalformedMessageError(ValueError):
     """The bytes are not a message of the expected type."""
@@ -87,6 +89,13 @@ class Writer:
 
     def __init__(self) -> None:
         self.raw = bytearray(b'\x00\x01\x00\x00')
+
+    def header(self, stamp_ns: int, frame_id: str) -> None:
+        """Write a std_msgs/Header; a stamp outside its range is clamped to it."""
+        sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
+        self.numbers('i', (sec,))
+        self.numbers('I', (nanosec,))
+        self.text(frame_id)
 
     def numbers(self, code: str, values: Sequence[float]) -> None:
         """Write numbers of struct code `code`, aligned."""

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from estimator_pkg.messages.cdr import Writer
-from estimator_pkg.messages.joint_state import EARLIEST, LATEST
 
 TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 OK, WARN, ERROR = 0, 1, 2  # levels of a DiagnosticStatus
@@ -38,11 +37,8 @@ def packed(values: Mapping[str, Any]) -> bytes:
 
 def encode(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
     """Return CDR bytes; a stamp outside the range of a header is clamped to it."""
-    sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
     writer = Writer()
-    writer.numbers('i', (sec,))
-    writer.numbers('I', (nanosec,))
-    writer.text('')
+    writer.header(stamp_ns, '')
     writer.numbers('I', (len(statuses),))
     for status in statuses:
         writer.numbers('B', (status.level,))

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import MalformedMessageError, Reader
-from estimator_pkg.messages.layouts import Messages, groups, numbers, stamps
+from estimator_pkg.messages.layouts import groups, numbers, stamps
 
 HEADER = 'std_msgs/msg/Header'
 QUATERNION = 'geometry_msgs/msg/Quaternion'
@@ -48,7 +49,8 @@ _CODES = {
     'float64': 'd',
 }
 INTEGERS = frozenset(name for name in _CODES if 'int' in name)
-_STEP = re.compile(r'([A-Za-z_]\w*)((?:\[\d+\])?)$')
+BASES = {*_CODES, 'string', 'wstring'}
+_STEP = re.compile(r'([A-Za-z_]\w*)(?:\[(\d+)\])?$')
 
 
 class Kind(NamedTuple):
@@ -67,8 +69,19 @@ class Kind(NamedTuple):
         return '/' in self.base
 
 
+_HEADER = Kind(HEADER)
 EMPTY = {'structure_needs_at_least_one_member': Kind('uint8')}  # of a message without fields
 Definition = Callable[[str], Mapping[str, Kind]]  # message type -> its fields, in their order
+
+
+class _Level(NamedTuple):
+    """A step of the path: its field and element, and the fields before and after it."""
+
+    name: str
+    before: list[tuple[str, Kind]]
+    kind: Kind
+    element: int | None
+    after: list[Kind]
 
 
 class FieldValues(NamedTuple):
@@ -121,14 +134,8 @@ class Field:
         self.path = path
         self._extents: dict[str, tuple[int, int]] = {}
         self._extent(type_name)
-        steps: list[tuple[str, int | None]] = []
-        for step in path.split('.'):
-            match = _STEP.match(step)
-            if match is None:
-                raise UsageError(f"'{path}' is not a field: write it as pose.position.x or data[0]")
-            steps.append((match[1], int(match[2][1:-1]) if match[2] else None))
-        self._steps = steps
-        self.is_integer = self._check() in INTEGERS
+        self._levels: list[_Level] = []
+        self.is_integer = self._follow(path.split('.')) in INTEGERS
         self._stamped_by = self._find_header()
         self._known: _Layout | None = None
         self.frames: set[str] = set()
@@ -157,13 +164,20 @@ class Field:
             self._extents[owner] = fields, levels
         return self._extents[owner]
 
-    def _check(self) -> str:
-        """Return the base type at the end of the path."""
+    def _follow(self, steps: list[str]) -> str:
+        """Find the levels of the path; return the base type at its end."""
         owner = self.type
-        for depth, (name, index) in enumerate(self._steps):
+        for depth, step in enumerate(steps):
+            last = depth + 1 == len(steps)
+            match = _STEP.match(step)
+            if match is None:
+                raise UsageError(
+                    f"'{self.path}' is not a field: write it as pose.position.x or data[0]"
+                )
+            name, index = match[1], int(match[2]) if match[2] else None
             known = self._definition(owner)
-            if owner == QUATERNION and name == YAW and index is None:
-                if depth + 1 < len(self._steps):
+            if owner == QUATERNION and step == YAW:
+                if not last:
                     raise UsageError(f"'{self.path}': yaw has no fields of its own")
                 return YAW
             if name not in known:
@@ -172,26 +186,26 @@ class Field:
                     f"{owner} has no field '{name}': " + suggestion(name, [*known, *also])
                 )
             kind = known[name]
-            if kind.length is not None:
-                if index is None:
-                    raise UsageError(
-                        f"'{name}' of {owner} is a list: name an element, as in '{name}[0]'"
-                    )
-                if kind.length != SEQUENCE and index >= kind.length:
-                    raise UsageError(
-                        f"'{name}' of {owner} has {kind.length} elements, so "
-                        f"'{name}[{index}]' does not exist"
-                    )
-            elif index is not None:
-                raise UsageError(f"'{name}' of {owner} is not a list: omit the index")
-            if kind.is_message:
-                owner = kind.base
-                continue
-            if depth + 1 < len(self._steps):
-                raise UsageError(f"'{name}' of {owner} has no fields of its own")
-            if kind.base not in _CODES:
-                raise UsageError(f"'{name}' of {owner} is a {kind.base}: name a numeric field")
-            return kind.base
+            wrong = ''
+            if kind.length is None and index is not None:
+                wrong = 'is not a list: omit the index'
+            elif kind.length is not None and index is None:
+                wrong = f"is a list: name an element, as in '{name}[0]'"
+            elif index is not None and index >= (kind.length or 0) != SEQUENCE:
+                wrong = f"has {kind.length} elements, so '{step}' does not exist"
+            elif not kind.is_message and not last:
+                wrong = 'has no fields of its own'
+            elif not kind.is_message and kind.base not in _CODES:
+                wrong = f'is a {kind.base}: name a numeric field'
+            if wrong:
+                raise UsageError(f"'{name}' of {owner} {wrong}")
+            fields = list(known.items())
+            place = fields.index((name, kind))
+            after = [each for _, each in fields[place + 1 :]]
+            self._levels.append(_Level(name, fields[:place], kind, index, after))
+            owner = kind.base
+        if owner in _CODES:
+            return owner
         if owner == QUATERNION:
             raise UsageError(
                 f"'{self.path}' is an orientation: take its yaw with '{self.path}.{YAW}'"
@@ -209,26 +223,16 @@ class Field:
         ------
         UsageError : a field of a type that is not supported has to be skipped.
         """
-        owner, stamped, following, after = self.type, False, -1, []
-        for depth, (name, _) in enumerate(self._steps):
-            if owner == QUATERNION and name == YAW:
-                break
-            fields = list(self._definition(owner).items())
-            place = [field for field, _ in fields].index(name)
-            kinds = [kind for _, kind in fields]
-            self._check_skipped(kinds[:place])
-            stamped = stamped or Kind(HEADER) in kinds[:place]
-            after.append(kinds[place + 1 :])
-            if Kind(HEADER) in kinds[place + 1 :]:
-                following = depth
-            owner = kinds[place].base
-        if stamped or following < 0:
+        before = [kind for level in self._levels for _, kind in level.before]
+        self._check_skipped(before)
+        depths = [depth for depth, level in enumerate(self._levels) if _HEADER in level.after]
+        if _HEADER in before or not depths:
             return -1
-        last = after[following]
-        self._check_skipped(last[: last.index(Kind(HEADER))])
-        for kinds in after[following + 1 :]:
-            self._check_skipped(kinds)
-        return following
+        after = self._levels[depths[-1]].after
+        self._check_skipped(after[: after.index(_HEADER)])
+        for level in self._levels[depths[-1] + 1 :]:
+            self._check_skipped(level.after)
+        return depths[-1]
 
     def _check_skipped(self, kinds: Iterable[Kind]) -> None:
         for kind in kinds:
@@ -249,7 +253,7 @@ class Field:
             f'has at most {count} element{"s" * (count > 1)}' if count else 'is empty'
         )
 
-    def decode_block(self, block: Messages) -> tuple[list[FieldValues], list[int]]:
+    def decode_block(self, block: Block) -> tuple[list[FieldValues], list[int]]:
         """Return the field of many messages by layout, and the malformed rows."""
         malformed: list[int] = []
         found = []
@@ -273,48 +277,44 @@ class Field:
 
     def _layout(self, raw: bytes) -> _Layout:
         layout = _Layout(raw)
-        self._go(layout, self.type, 0)
+        self._go(layout, 0)
         layout.end()
-        if layout.has_number and any(index is not None for _, index in self._steps[:-1]):
+        if layout.has_number and any(level.element is not None for level in self._levels[:-1]):
             names = filter(None, (layout.frame_id, layout.child_frame_id))
             if len(self.frames) < MOST_FRAMES:
                 self.frames.add(' -> '.join(names))
         return layout
 
-    def _go(self, layout: _Layout, owner: str, depth: int) -> None:
+    def _go(self, layout: _Layout, depth: int) -> None:
         """Read the message up to the field, and on to the header that follows it."""
-        name, index = self._steps[depth]
-        if owner == QUATERNION and name == YAW:
-            layout.found(4, 'd', turned=True)
+        if depth == len(self._levels):
+            layout.found(4, 'd', turned=True)  # the yaw of a quaternion
             return
-        fields = iter(self._definition(owner).items())
-        for field, kind in fields:
-            if field == name:
-                break
-            if kind == Kind(HEADER):
+        name, before, kind, index, after = self._levels[depth]
+        for field, each in before:
+            if each == _HEADER:
                 layout.header()
-            elif field == CHILD and kind == Kind('string'):
+            elif field == CHILD and each == Kind('string'):
                 layout.child_frame_id = layout.text()
             else:
-                self._skip(layout, kind)
+                self._skip(layout, each)
         count, place = 1, 0
         if index is not None:
             count, place = layout.size() if kind.length == SEQUENCE else kind.length or 0, index
         self._skip_some(layout, kind.base, min(place, count))
-        if place < count:
-            if kind.is_message:
-                self._go(layout, kind.base, depth + 1)
-            else:
-                layout.found(1, _CODES[kind.base])
-        else:
+        if place >= count:
             self._longest = max(self._longest, (count, name))
+        elif kind.is_message:
+            self._go(layout, depth + 1)
+        else:
+            layout.found(1, _CODES[kind.base])
         if 0 <= self._stamped_by <= depth:
             self._skip_some(layout, kind.base, max(count - place - 1, 0))
-            for _, kind in fields:
-                if kind == Kind(HEADER) and depth == self._stamped_by:
+            for each in after:
+                if each == _HEADER and depth == self._stamped_by:
                     layout.header()
                     return
-                self._skip(layout, kind)
+                self._skip(layout, each)
 
     def _skip(self, layout: _Layout, kind: Kind) -> None:
         count = layout.size() if kind.length == SEQUENCE else kind.length

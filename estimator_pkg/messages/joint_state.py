@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.messages.cdr import Reader, Writer
+from estimator_pkg.messages.cdr import EARLIEST, LATEST, Reader, Writer
 
 TYPE = 'sensor_msgs/msg/JointState'
-EARLIEST, LATEST = -(2**31) * 10**9, 2**31 * 10**9 - 1  # stamps that a header can carry [ns]
 
 
 class Layout:
@@ -166,8 +165,7 @@ class Encoder:
     def _learn(self, key: tuple[Any, ...]) -> None:
         frame_id, names, *counts = key
         writer = Writer()
-        writer.numbers('I', (0, 0))
-        writer.text(frame_id)
+        writer.header(0, frame_id)
         writer.texts(names)
         writer.raw += b'\0' * (-len(writer.raw) % 4)
         self._prefix = bytes(writer.raw[12:])

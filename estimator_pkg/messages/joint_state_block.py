@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.joint_state import Encoder, Layout
-from estimator_pkg.messages.layouts import Messages, groups, numbers, put, put_stamps, stamps
+from estimator_pkg.messages.layouts import groups, numbers, put, put_stamps, stamps
 
 
 class Decoded(NamedTuple):
@@ -35,7 +36,7 @@ class Decoded(NamedTuple):
 
 
 def decode_block(
-    block: Messages, make: Callable[[bytes], Layout] = Layout
+    block: Block, make: Callable[[bytes], Layout] = Layout
 ) -> tuple[list[Decoded], list[int]]:
     """Decode a block of JointStates; return its groups and the malformed rows.
 

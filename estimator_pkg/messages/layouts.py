@@ -16,25 +16,10 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.cdr import MalformedMessageError
 
 MANY_LAYOUTS = 16  # with more layouts in one block, messages are decoded one by one
-
-
-class Messages(Protocol):
-    """Messages in a buffer; `estimator_pkg.messages.block.Block` is one."""
-
-    @property
-    def data(self) -> NDArray[np.uint8]:
-        """Bytes of all messages, shape (n,), as `Block.data`."""
-
-    @property
-    def start(self) -> NDArray[np.int64]:
-        """First byte of each message, shape (n,), as `Block.start`."""
-
-    @property
-    def end(self) -> NDArray[np.int64]:
-        """Byte behind each message, shape (n,), as `Block.end`."""
 
 
 class LayoutLike(Protocol):
@@ -60,7 +45,7 @@ class Group(Generic[L]):
     layout: L
 
 
-def groups(block: Messages, make: Callable[[bytes], L], malformed: list[int]) -> Iterator[Group[L]]:
+def groups(block: Block, make: Callable[[bytes], L], malformed: list[int]) -> Iterator[Group[L]]:
     """Yield the messages of a block by layout; a row without a layout is added to `malformed`.
 
     Parameters
@@ -88,7 +73,7 @@ def groups(block: Messages, make: Callable[[bytes], L], malformed: list[int]) ->
         left = np.setdiff1d(left, group.rows, assume_unique=True)
 
 
-def _fitting(block: Messages, candidates: NDArray[np.int64], layout: L, first: bytes) -> Group[L]:
+def _fitting(block: Block, candidates: NDArray[np.int64], layout: L, first: bytes) -> Group[L]:
     length = layout.length
     long = block.end[candidates] - block.start[candidates] >= length
     rows = candidates if long.all() else candidates[long]

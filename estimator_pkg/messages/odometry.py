@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 
 from estimator_pkg.messages.cdr import Writer
-from estimator_pkg.messages.joint_state import EARLIEST, LATEST
 
 TYPE = 'nav_msgs/msg/Odometry'
 UNMEASURED = 1e6  # variance of z, roll and pitch, which wheels do not measure [m^2, rad^2]
@@ -33,13 +32,10 @@ def encode(
     frames : of the pose, and of the twist. pose : x [m], y [m], yaw [rad]. twist : of x, y [m/s]
     and yaw [rad/s]. Covariances : shape (3, 3), in this order.
     """
-    sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
     (x, y, yaw), (forward, left, rate) = pose, twist
     writer = Writer()
-    writer.numbers('i', (sec,))
-    writer.numbers('I', (nanosec,))
-    for frame in frames:
-        writer.text(frame)
+    writer.header(stamp_ns, frames[0])
+    writer.text(frames[1])
     writer.numbers('d', (x, y, 0.0, 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
     writer.numbers('d', _whole(pose_covariance))
     writer.numbers('d', (forward, left, 0.0, 0.0, 0.0, rate))

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.messages.cdr import Writer
-from estimator_pkg.messages.joint_state import EARLIEST, LATEST
+from estimator_pkg.messages.cdr import EARLIEST, LATEST, Writer
 from estimator_pkg.messages.layouts import put, put_stamps
 
 TYPE = 'trajectory_msgs/msg/JointTrajectory'
@@ -33,11 +32,8 @@ def _encode(
     stamp_ns: int, frame_id: str, names: Sequence[str], *arrays: Sequence[float]
 ) -> tuple[bytes, list[int]]:
     """Return the bytes, and the position of each array's first number."""
-    sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
     writer = Writer()
-    writer.numbers('i', (sec,))
-    writer.numbers('I', (nanosec,))
-    writer.text(frame_id)
+    writer.header(stamp_ns, frame_id)
     writer.texts(names)
     writer.numbers('I', (1,))
     starts = []

@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from estimator_pkg.messages.cdr import Reader, Writer
-from estimator_pkg.messages.joint_state import EARLIEST, LATEST
 
 TYPE = 'geometry_msgs/msg/Vector3Stamped'
 
@@ -33,10 +32,7 @@ def decode(raw: bytes) -> Vector3:
 
 def encode(stamp_ns: int, frame_id: str, x: float, y: float, z: float = 0.0) -> bytes:
     """Encode as CDR; a stamp outside the range of a header is clamped to it."""
-    sec, nanosec = divmod(min(max(stamp_ns, EARLIEST), LATEST), 1_000_000_000)
     writer = Writer()
-    writer.numbers('i', (sec,))
-    writer.numbers('I', (nanosec,))
-    writer.text(frame_id)
+    writer.header(stamp_ns, frame_id)
     writer.numbers('d', (x, y, z))
     return bytes(writer.raw)

@@ -11,7 +11,6 @@ import shutil
 from pathlib import Path
 
 import bag_making as make
-import numpy as np
 import pytest
 from answers import estimated
 from bag_making import OTHER, START, STATES, STORE
@@ -20,7 +19,7 @@ from hypothesis import strategies as st
 
 from estimator_pkg import cli, observers
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.series import joint_series, with_velocity
+from estimator_pkg.bags.series import joint_series
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
@@ -319,74 +318,65 @@ def test_a_stray_stamp_is_no_gap(size):
     assert seconds.get('gap', 0.0) == pytest.approx(0.0, abs=1e-9)
 
 
+NO_STAMP = 'a: every sample dropped: no time stamp: stamp each sample in the driver'
+
+
 @pytest.mark.parametrize(
-    ('stamp', 'names', 'positions', 'why'),
+    ('step', 'names', 'positions', 'words', 'why'),
     [
-        (
-            0,
-            ['a'],
-            [0.1],
-            'a: every sample dropped: no time stamp: stamp each sample in the driver, '
-            "or set 'stamp_source: publisher'",
-        ),
-        (1, ['a'], [math.nan], 'a: every sample dropped: NaN or infinite'),
+        (0, ['a'], [0.1], [], f"{NO_STAMP}, or set 'stamp_source: publisher'\n"),
+        (0, ['a'], [0.1], ['--set', 'stamp_source=publisher'], f'{NO_STAMP}\n'),
+        (1, ['a'], [math.nan], [], 'a: every sample dropped: NaN or infinite'),
         (
             1,
             ['a', 'b'],
             [math.nan] * 2,
+            [],
             'every sample dropped: NaN or infinite positions, or too large for any joint (a, b)',
         ),
-        (-1, ['a'], [0.1], 'a: 8 of 9 samples dropped: repeated stamps'),
-        (1, ['a', 'b'], [0.1], 'no message of /joint_states has as many positions as names'),
-        (1, ['a'], [], 'no message of /joint_states has a position'),
+        (-1, ['a'], [0.1], [], 'a: 8 of 9 samples dropped: repeated stamps'),
+        (1, ['a', 'b'], [0.1], [], 'no message of /joint_states has as many positions as names'),
+        (1, ['a'], [], [], 'no message of /joint_states has a position'),
     ],
 )
-def test_why_there_is_no_estimate(stamp, names, positions, why, tmp_path, capsys):
-    """`stamp`: 0: none; 1: increasing; less: all equal."""
-    raws = [
-        Encoder().encode(stamp and START + max(i * stamp, 0), '', names, positions)
-        for i in range(9)
-    ]
-    bag = make.ours(tmp_path / 'bag', [(STATES, START + i, raw) for i, raw in enumerate(raws)])
-    replay(bag, code=1)
+def test_why_there_is_no_estimate(step, names, positions, words, why, tmp_path, capsys):
+    """`step` between stamps; 0: there are none; less: all are equal."""
+    stamps = [step and START + max(i * step, 0) for i in range(9)]
+    content = [(STATES, stamp, Encoder().encode(stamp, '', names, positions)) for stamp in stamps]
+    bag = make.ours(tmp_path / 'bag', content)
+    replay(bag, *words, code=1)
     said = capsys.readouterr().err
     assert f'{bag}: no estimate was made: {why}' in said and said.count('\n') == 1
 
 
-def test_advice_that_was_taken_is_not_repeated(tmp_path, capsys):
-    raws = [Encoder().encode(0, '', ['a'], [0.1]) for _ in range(9)]
-    bag = make.ours(tmp_path / 'bag', [(STATES, 0, raw) for raw in raws])
-    replay(bag, '--set', 'stamp_source=publisher', code=1)
-    said = capsys.readouterr().err
-    assert 'no time stamp: stamp each sample in the driver\n' in said
-
-
-def test_only_the_named_joints(recording, tmp_path):
-    replay(recording, '--observer', 'finite_difference', '--joint', 'b', '--out', tmp_path / 'out')
+@pytest.mark.parametrize(
+    ('words', 'topics'),
+    [
+        (
+            ['--observer', 'pll', '--copy', '--name', 'mine'],
+            {'/mine/estimate', '/mine/estimate_stddev'},
+        ),
+        (['--observer', 'pll', '--copy', OTHER, '--joint', 'b'], {OTHER, ESTIMATE, STDDEV}),
+    ],
+)
+def test_copies_and_names(words, topics, recording, tmp_path):
+    replay(recording, *words, '--out', tmp_path / 'out')
     with open_bag(tmp_path / 'out') as bag:
-        assert list(joint_series(bag, ESTIMATE)) == ['b']
+        assert set(bag.topics) == topics
+        (estimate,) = (name for name in topics if name.endswith('/estimate'))
+        assert list(joint_series(bag, estimate)) == (['b'] if '--joint' in words else ['a', 'b'])
 
 
-def test_copies_and_names(recording, tmp_path, capsys):
-    words = [recording, '--observer', 'finite_difference']
-    replay(*words, '--out', tmp_path / 'none', '--copy', '--name', 'mine')
-    replay(*words, '--out', tmp_path / 'one', '--copy', OTHER)
-    for name, topics in (
-        ('none', {'/mine/estimate', '/mine/estimate_stddev'}),
-        ('one', {OTHER, ESTIMATE, STDDEV}),
-    ):
-        with open_bag(tmp_path / name) as bag:
-            assert set(bag.topics) == topics
-    # what was estimated before gives way, and the measurement is still found
-    replay(*words, '--out', tmp_path / 'first')
+def test_what_was_estimated_before_gives_way(recording, tmp_path, capsys):
+    replay(recording, '--observer', 'finite_difference', '--out', tmp_path / 'first')
     capsys.readouterr()
     replay(tmp_path / 'first', '--observer', 'pll', '--out', tmp_path / 'second')
     assert f'{ESTIMATE} of' in capsys.readouterr().err
-    with open_bag(tmp_path / 'second') as bag:
-        assert bag.topics[ESTIMATE].count == 400
-    assert [m.raw for m in messages_of(tmp_path / 'second', ESTIMATE)] != [
-        m.raw for m in messages_of(tmp_path / 'first', ESTIMATE)
-    ]
+    first, second = (
+        [message.raw for message in messages_of(tmp_path / name, ESTIMATE)]
+        for name in ('first', 'second')
+    )
+    assert len(second) == 400 and first != second
 
 
 def angle_bag(path, kind, values, *, publish_step=1_000_000):
@@ -429,9 +419,8 @@ def test_the_parameter_file_of_a_node_with_an_angle_topic(tmp_path):
     path = angle_bag(tmp_path / 'bag', 'Float64', [0.01 * i for i in range(200)])
     params = tmp_path / 'params.yaml'
     params.write_text(
-        'joint_observer:\n  ros__parameters:\n    input: angle\n'
-        '    angle_joint: arm\n    observer: finite_difference\n'
-        '    use_sim_time: true\n    qos_overrides: {/x: {depth: 3}}\n'
+        'joint_observer: {ros__parameters: {input: angle, angle_joint: arm, '
+        'observer: finite_difference, use_sim_time: true, qos_overrides: {/x: {depth: 3}}}}'
     )
     replay(path, '--params', params, '--out', tmp_path / 'out')
     with open_bag(tmp_path / 'out') as bag:
@@ -458,33 +447,6 @@ def test_stamps_of_the_publisher(tmp_path):
     assert [
         (message.log_ns, message.publish_ns) for message in messages_of(tmp_path / 'out', ESTIMATE)
     ] == [(START + 5 * i, START + 5 * i) for i in range(100)]
-
-
-@pytest.mark.parametrize('name', ['yawbag', 'flybag', 'yx2bag'])
-def test_yaw_of_motion_capture(name, tmp_path):
-    path = RECORDINGS / 'vicon' / name
-    with open_bag(path) as bag:
-        (topic,) = (topic for topic in bag.topics.values() if 'PoseStamped' in topic.type)
-    replay(
-        path,
-        '--observer',
-        'finite_difference',
-        '--angle',
-        f'{topic.name}:pose.orientation.yaw',
-        '--out',
-        tmp_path / 'out',
-        '--json',
-        tmp_path / 'json',
-    )
-    result = json.loads((tmp_path / 'json').read_text())
-    assert result['messages']['used'] == topic.count
-    with open_bag(tmp_path / 'out') as bag:
-        yaw = with_velocity(joint_series(bag, ESTIMATE)['joint'])
-        frame = Decoder().decode(next(bag.messages([ESTIMATE])).raw).frame_id
-    assert frame == 'vicon/world'
-    assert len(yaw.position) > 0.9 * topic.count
-    assert np.all(np.abs(yaw.position) <= math.pi)
-    assert np.median(np.abs(yaw.velocity)) < 5.0
 
 
 PLL = ('--observer', 'pll')
@@ -591,20 +553,16 @@ def test_overrides_of_joints_that_never_come_are_reported(recording, capsys):
 
 @pytest.mark.long
 def test_values_of_one_joint_are_read_and_the_command_line_wins(recording, tmp_path):
-    found = []
-    for number, (words, text) in enumerate(
-        (
-            ((), '{}'),
-            ((), '{a: {bandwidth_hz: 5.0}, b: {bandwidth_hz: 9.0}}'),
-            (
-                ('--set', 'per_joint.b.bandwidth_hz=9'),
-                '{a: {bandwidth_hz: 5}, b: {bandwidth_hz: 7}}',
-            ),
-        )
+    found, params = [], tmp_path / 'params.yaml'
+    wins = ['--set', 'per_joint.b.bandwidth_hz=9']
+    for words, text in (
+        ([], '{}'),
+        ([], '{a: {bandwidth_hz: 5.0}, b: {bandwidth_hz: 9.0}}'),
+        (wins, '{a: {bandwidth_hz: 5}, b: {bandwidth_hz: 7}}'),
     ):
-        params, out = tmp_path / 'params.yaml', tmp_path / str(number)
         values = f'{{observer: finite_difference, per_joint: {text}}}'
         params.write_text(f'/**: {{ros__parameters: {values}}}')
+        out = tmp_path / str(len(found))
         replay(recording, '--params', params, *words, '--out', out)
         found.append([bytes(message.raw) for message in messages_of(out, ESTIMATE)])
     assert found[0] != found[1] == found[2]

@@ -11,11 +11,7 @@ import pytest
 
 from estimator_pkg import cli, observers, registry, streams
 from estimator_pkg.bags.writer import BagWriter
-from estimator_pkg.driver.configuration import JointSettings
-from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages.joint_state import TYPE, Encoder
-from estimator_pkg.observers.angle import pll
-from estimator_pkg.streams.history import History
 
 STATES = '/joint_states'
 DRIVES = Path(__file__).resolve().parents[2] / 'bags' / 'simulated'
@@ -71,13 +67,20 @@ def test_a_system_that_does_not_switch_in_the_bag(tmp_path, capsys):
     assert 'no message on /switch_event: the system never switches' in capsys.readouterr().err
 
 
-def test_evaluate_adaptive(motor, tmp_path):
-    same_rows(tmp_path, motor, 'adaptive')
-
-
-def test_evaluate_switched(tmp_path):
-    run('simulate', 'gripper', '--duration', 3, '--set', 'rate=400', '--out', tmp_path / 'bag')
-    same_rows(tmp_path, tmp_path / 'bag', 'switched', *settings('quantum=9.6e-5'))
+@pytest.mark.parametrize(
+    ('bag', 'observer', 'words'),
+    [
+        ('dc_motor --duration 6 --set rate=500', 'adaptive', ()),
+        ('gripper --duration 3 --set rate=400', 'switched', ('quantum=9.6e-5',)),
+        (DRIVES / 'drive_profile', 'pmsm', MOTOR),
+    ],
+)
+def test_evaluate_gives_the_rows_of_replay(bag, observer, words, tmp_path):
+    if isinstance(bag, str):
+        run('simulate', *bag.split(), '--out', tmp_path / 'bag')
+        bag = tmp_path / 'bag'
+    rows = same_rows(tmp_path, bag, observer, *settings(*words))
+    assert observer != 'pmsm' or set(rows['joints']) == {'motor', 'motor_electrical'}
 
 
 def test_evaluate_wheels(tmp_path, capsys):
@@ -108,11 +111,6 @@ def test_a_base_that_is_not_in_the_bag_is_one_line(bag, words, said, tmp_path, c
     assert cli.main([*map(str, line), '--out', str(tmp_path / 'out')]) != 0
     text = capsys.readouterr().err.strip()
     assert said in text and '\n' not in text
-
-
-def test_evaluate_a_drive(tmp_path):
-    rows = same_rows(tmp_path, DRIVES / 'drive_profile', 'pmsm', *settings(*MOTOR))
-    assert set(rows['joints']) == {'motor', 'motor_electrical'}
 
 
 @pytest.mark.long
@@ -216,16 +214,6 @@ def test_the_default_numbers_of_a_model_are_reported_once(own, expected, tmp_pat
     kind = streams.mechanical.MechanicalStream
     live = kind(settings_of, kind.configure(settings_of.find_observer(), settings_of, values, {}))
     assert len(live.notices()) == expected and live.notices() == []
-
-
-def test_a_long_gap_is_reported_and_a_stray_stamp_is_none():
-    joint, history = Joint(pll.OBSERVER, pll.Gains(), JointSettings()), History()
-    for milliseconds in (1000, 1010, 61010, 61020, 9_000_000, 61030, 2000, 2010):
-        assert joint.update(milliseconds * 10**6, 0.0)
-        history.note(joint)
-    seconds = history.seconds()
-    assert seconds.pop('gap') == pytest.approx(60.0)
-    assert sum(seconds.values()) == pytest.approx(0.04)
 
 
 def test_every_observer_has_a_kind():

@@ -22,26 +22,6 @@ from estimator_pkg import cli
 FAULTS = Path(__file__).resolve().parents[2] / 'bags' / 'simulated' / 'random_with_faults'
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_simulate_ends_with_what_it_has(number, tmp_path):
-    with dds.NodeProcess(
-        *shlex.split('estimator_pkg.cli simulate encoder --duration 100000'),
-        '--out',
-        str(tmp_path / 'bag'),
-        '--json',
-        str(tmp_path / 'j'),
-    ) as process:
-        assert dds.until(
-            lambda: any(file.stat().st_size > 100_000 for file in tmp_path.glob('.bag.*/*'))
-        )
-        process.signal(number)
-        process.signal(signal.SIGTERM)  # a launcher may send several
-        assert process.ends() == 128 + number, process.output
-    assert 'interrupted: 100000 s were requested' in process.output
-    assert sorted(each.name for each in tmp_path.iterdir()) == ['bag', 'j']
-    assert len(opened_by_others(tmp_path / 'bag')) > 1000
-
-
 @pytest.fixture(scope='module')
 def long_bag(tmp_path_factory):
     """Long enough to be interrupted, and too short to be compiled for."""
@@ -51,30 +31,37 @@ def long_bag(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    'number', [signal.SIGINT, signal.SIGHUP, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+    ('words', 'number', 'said'),
+    [
+        *(
+            ('simulate encoder --duration 100000', number, 'interrupted: 100000 s were requested')
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        ),
+        *(
+            ('replay BAG --observer kalman', number, 'interrupted: the rest of the bag')
+            for number in (signal.SIGINT, signal.SIGHUP)
+        ),
+    ],
 )
-def test_replay_ends_with_what_it_has(number, long_bag, tmp_path):
-    with dds.NodeProcess(
-        'estimator_pkg.cli',
-        'replay',
-        str(long_bag),
-        '--observer',
-        'kalman',
-        '--out',
-        str(tmp_path / 'out'),
-    ) as process:
+def test_a_bag_is_finished_with_what_it_has(words, number, said, long_bag, tmp_path):
+    words = [str(long_bag) if word == 'BAG' else word for word in words.split()]
+    out = ['--out', str(tmp_path / 'bag'), '--json', str(tmp_path / 'j')]
+    with dds.NodeProcess('estimator_pkg.cli', *words, *out) as process:
         assert dds.until(
             lambda: (
                 not process.alive
-                or any(file.stat().st_size > 100_000 for file in tmp_path.glob('.out.*/*'))
+                or any(file.stat().st_size > 100_000 for file in tmp_path.glob('.bag.*/*'))
             )
         )
         process.signal(number)
+        process.signal(signal.SIGTERM)  # a launcher may send several
         assert process.ends() == 128 + number, process.output
-    assert 'interrupted' in process.output and 'Traceback' not in process.output
-    assert [each.name for each in tmp_path.iterdir()] == ['out']
-    topics = {topic for topic, _, _ in opened_by_others(tmp_path / 'out')}
-    assert '/joint_observer/estimate' in topics and STATES in topics
+    assert said in process.output and 'Traceback' not in process.output
+    assert sorted(each.name for each in tmp_path.iterdir()) == ['bag', 'j']
+    found = opened_by_others(tmp_path / 'bag')
+    topics = {topic for topic, _, _ in found}
+    assert len(found) > 1000 and STATES in topics
+    assert words[0] == 'simulate' or '/joint_observer/estimate' in topics
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])

@@ -102,8 +102,6 @@ def test_a_folder_of_mcap_keeps_what_its_file_declares(tmp_path):
 
 
 def test_replay_copies_other_serialisations_as_they_are(tmp_path):
-    from mcap.reader import make_reader
-
     path = make.ours(tmp_path / 'bag', make.content())
     with BagWriter(tmp_path / 'both') as writer, open_bag(path) as bag:
         writer.add_topic(STATES, TYPE)
@@ -115,11 +113,6 @@ def test_replay_copies_other_serialisations_as_they_are(tmp_path):
     with open_bag(tmp_path / 'out') as bag:
         assert bag.topics['/json'].serialization == 'json'
         assert [message.raw for message in bag.messages(['/json'])] == [b'{"a": 1}']
-    with open(tmp_path / 'out' / 'out_0.mcap', 'rb') as stream:
-        assert {
-            channel.message_encoding
-            for channel in make_reader(stream).get_summary().channels.values()
-        } == {'cdr', 'json'}
 
 
 # ---------------------------------------------------------------- malformed messages
@@ -160,60 +153,41 @@ def test_every_message_malformed_is_exit_1(tmp_path, capsys):
     assert [each.name for each in tmp_path.iterdir()] == ['bag']
 
 
-@pytest.mark.long
+def vector(i):
+    return vector3.encode(START + i * 10**7, '', 1.0, 0.0)
+
+
+CURRENT_VOLTAGE = {'/current': (vector3.TYPE, vector), '/voltage': (vector3.TYPE, vector)}
+PMSM = (
+    'replay --observer pmsm --set resistance=0.5 --set inductance=1e-3 --set flux=0.01 '
+    '--set pole_pairs=4'
+)
+
+
 @pytest.mark.parametrize(
-    ('bad', 'words'),
+    ('topics', 'bad', 'words'),
     [
-        (TRUTH, ['evaluate', '--observer', 'pll']),
-        (TRUTH, ['tune', '--observer', 'pll', '--out', 'OUT']),
+        (JOINTS, TRUTH, 'evaluate --observer pll'),
+        (JOINTS, TRUTH, 'tune --observer pll --out OUT'),
         (
+            JOINTS,
             '/effort_command',
-            [*shlex.split('replay --observer geso --set joints=[a] --set input=effort_command')],
+            'replay --observer geso --set joints=[a] --set input=effort_command',
         ),
-        (
-            '/effort_command',
-            ['evaluate', '--observer', 'adaptive', '--set', 'input=effort_command'],
-        ),
-        ('/effort_command', ['replay', '--angle', '/effort_command:position[0]']),
+        (JOINTS, '/effort_command', 'evaluate --observer adaptive --set input=effort_command'),
+        (JOINTS, '/effort_command', 'replay --angle /effort_command:position[0]'),
+        # estimates could be judged without it, but its absence would not be noticed
+        ({**JOINTS, '/joint_observer/estimate': JOINTS[TRUTH]}, STATES, 'evaluate'),
+        (CURRENT_VOLTAGE, '/current', PMSM),
+        (CURRENT_VOLTAGE, '/voltage', PMSM),
+        ({'/drive_samples': (drive_samples.TYPE, vector)}, '/drive_samples', PMSM),
     ],
 )
-def test_one_topic_of_several_wholly_malformed(bad, words, tmp_path, capsys):
-    path = bag_of(tmp_path / 'bag', JOINTS, [bad])
-    words = [str(tmp_path / 'out.yaml') if word == 'OUT' else word for word in words]
-    said = refused([words[0], path, *words[1:]], capsys)
-    assert f"no message of '{bad}' of {path} can be read: all {COUNT} are malformed" in said
-
-
-def test_a_measurement_that_is_malformed_is_not_passed_over(tmp_path, capsys):
-    """Estimates could be judged without it, but its absence would not be noticed."""
-    topics = {**JOINTS, '/joint_observer/estimate': (TYPE, lambda i: state(i, 1.0))}
-    path = bag_of(tmp_path / 'bag', topics, [STATES])
-    assert 'all 60 are malformed' in refused(['evaluate', path], capsys)
-
-
-@pytest.mark.parametrize('bad', ['/current', '/voltage', '/drive_samples'])
-def test_drives(bad, tmp_path, capsys):
-    def vector(i):
-        return vector3.encode(START + i * 10**7, '', 1.0, 0.0)
-
-    topics = (
-        {bad: (drive_samples.TYPE, vector)}
-        if bad == '/drive_samples'
-        else {'/current': (vector3.TYPE, vector), '/voltage': (vector3.TYPE, vector)}
-    )
+def test_one_topic_of_several_wholly_malformed(topics, bad, words, tmp_path, capsys):
     path = bag_of(tmp_path / 'bag', topics, [bad])
-    motor = ('resistance=0.5', 'inductance=1e-3', 'flux=0.01', 'pole_pairs=4')
-    said = refused(
-        [
-            'replay',
-            path,
-            '--observer',
-            'pmsm',
-            *(word for each in motor for word in ('--set', each)),
-        ],
-        capsys,
-    )
-    assert f"no message of '{bad}' of {path} can be read: all {COUNT} are malformed: " in said
+    command, *rest = shlex.split(words.replace('OUT', str(tmp_path / 'out.yaml')))
+    said = refused([command, path, *rest], capsys)
+    assert f"no message of '{bad}' of {path} can be read: all {COUNT} are malformed" in said
 
 
 def test_some_malformed_messages_are_counted_aloud(tmp_path, capsys):

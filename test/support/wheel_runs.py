@@ -16,7 +16,7 @@ from sim_pkg.mechanisms import base
 
 QUANTUM = 2.0 * np.pi / 4096
 STORE = get_typestore(Stores.ROS2_JAZZY)
-IMU = fields_of(STORE)
+IMU = fields_of('sensor_msgs/msg/Imu', '')
 START = 10**18
 PLANE = [0, 1, 5]
 SKID = {

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg import observers
-from estimator_pkg.bags.definitions import fields_of, store_for
+from estimator_pkg.bags.definitions import fields_of
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.bags.series import joint_series
@@ -80,10 +80,10 @@ def candidates(bag: Bag) -> list[Candidate]:
     found = []
     for topic in bag.topics.values():
         if topic.type == IMU and topic.count >= FEWEST_VALUES:
-            store = store_for(topic.type, topic.definition)
+            definition = fields_of(topic.type, topic.definition)
             for axis in 'xyz':
                 path, parts = f'angular_velocity.{axis}', []
-                field = Field(fields_of(store), IMU, path)
+                field = Field(definition, IMU, path)
                 for _, block in bag.blocks([topic.name]):
                     for group in field.decode_block(block)[0]:
                         arrived = block.publish_ns[group.rows]

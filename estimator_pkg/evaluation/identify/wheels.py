@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.definitions import fields_of, store_for
+from estimator_pkg.bags.definitions import fields_of
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.errors import UsageError, UserError, suggestion
@@ -144,9 +144,7 @@ def _gyro(bag: Bag, settings: WheelSettings) -> tuple[Array, Array]:
     """Return times [s] since 1970 and values [rad/s] of the gyro."""
     name = f'/{(settings.gyro_topic or "imu").lstrip("/")}'
     topic = bag.require(name, [settings.gyro_type])
-    field = Field(
-        fields_of(store_for(topic.type, topic.definition)), topic.type, settings.gyro_field
-    )
+    field = Field(fields_of(topic.type, topic.definition), topic.type, settings.gyro_field)
     samples = {}
     for message in bag.messages([name]):
         with suppress(MalformedMessageError):

@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from estimator_pkg.bags.definitions import store_for
+from estimator_pkg.bags.definitions import jazzy
 from estimator_pkg.messages.joint_state import Decoder
 from estimator_pkg.parameters import build
 from sim_pkg.joints.encoder import SIMULATOR
@@ -16,7 +16,7 @@ COUNT = 2.0 * np.pi / 4096
 def simulated(seconds=4.0, **values):
     """Messages by topic, decoded."""
     parameters = build(SIMULATOR.parameters, values)
-    imu, found = store_for('sensor_msgs/msg/Imu', ''), {}
+    imu, found = jazzy(), {}
     for chunk in SIMULATOR.generate(parameters, seconds, 1):
         for message in chunk:
             raw = message.encode(0)
