@@ -44,7 +44,12 @@ from estimator_pkg.sensor.guard import (
     ZERO_STAMP,
     Limits,
 )
-from estimator_pkg.sensor.repeats import Repeats, is_repeated
+from estimator_pkg.sensor.holds import (
+    Repeats,
+    is_repeated,
+    most_speed,
+    note_reading,
+)
 from estimator_pkg.sensor.sample_time import (
     SampleTime,
     begin_sample_time,
@@ -209,6 +214,14 @@ def advance(
                         known_input,
                         before_ns,
                     )
+                note_reading(
+                    track.repeats,
+                    stamp_ns,
+                    wrap(measurement - track.reading, limits.period),
+                    clock.mean_dt,
+                    abs(measurement),
+                    limits.quantum,
+                )
                 track.earlier = track.reading
                 track.reading = measurement
             return USED_SAMPLE
@@ -247,6 +260,7 @@ def check_repeat(
         observer.restart(observer, track.state, track.coefficients, design, measurement)
         reset_sample_time(track.sample_time)
         track.calibration.due_ns = BROKEN
+        clock.mean_dt = max(clock.mean_dt, 1e-9 * repeats.spacing_ns)
     return REPEATED_READING
 
 
@@ -312,6 +326,8 @@ def start_at(
     clock.late_in_a_row = 0
     if observer.SINGLE_ANGLE:
         track.reading = track.earlier = measurement
+        track.repeats.changed_ns, track.repeats.leap = stamp_ns, 0.0
+        track.repeats.unchanged = 0
         begin_sample_time(track.sample_time)
         track.calibration.due_ns = BROKEN
 
@@ -348,6 +364,10 @@ def write_estimate(observer: Any, channel: Channel) -> None:
             channel.measurement,
             channel.known_input,
         )
+        if observer.SINGLE_ANGLE:
+            if track.repeats.leap > 0.0:
+                most = most_speed(track.repeats, track.clock.last_ns)
+                out.velocity = min(max(out.velocity, -most), most)
 
 
 def write_deviation(observer: Any, channel: Channel) -> None:
@@ -358,6 +378,10 @@ def write_deviation(observer: Any, channel: Channel) -> None:
         observer, channel.deviation, track.state, track.coefficients, channel.design, scale
     )
     if observer.SINGLE_ANGLE:
+        if track.repeats.leap > 0.0:
+            most = most_speed(track.repeats, track.clock.last_ns)
+            if most < math.inf:
+                channel.deviation.velocity = max(channel.deviation.velocity, most)
         if channel.faults.doubted:
             write_estimate(observer, channel)
             inflate(channel.faults, channel.deviation, channel.estimate.velocity)

@@ -33,10 +33,20 @@ MOTION_RATIO = 3.0  # a change above this multiple of the second smallest is mot
 DIFFERENT = 0.002  # two changes differ if their relative difference is larger than this
 LEAST_CHANGE = 1e-10  # smaller changes are rounding [rad or m],
 LEAST_RELATIVE_CHANGE = 3e-7  # or smaller than this fraction of the reading (float32)
+LARGEST_READING = 1e3  # [rad or m] but of no more than this
 SLIP = 1.25  # allowed difference of the spacing within a chain [samples],
 SPACING_SLACK = 0.2  # or this fraction of it
 LONGEST_SPACING = 16.0  # holds of one sample further apart form no chain [samples]
 BREAKS = 3  # this many changes in a row without a hold end the recognition
+HELD = 2  # unchanged readings: it was held, or the joint stands
+LEAP = 2.0  # counts in one sample, between two holds: no counter moves like this,
+LEAPS = 4  # and as many are enough,
+ALONE = 4  # or three if the holds are equally long
+FAST = 5.0  # counts: more than noise that repeats at every second sample,
+QUICK = 3  # and a fourth is enough
+FORGETS = 1.02  # from one leap to the next: the smallest change may be a stray reading's
+SAME = 0.99  # two changes of a count are alike but for this
+LONGER = 2.0  # times the longest hold of a chain: irregular ones may be as long
 
 
 @record
@@ -59,6 +69,16 @@ class Repeats:
     changes: int  # changes in a row without a hold
     patience: int  # this many end the recognition
     message_period: float  # sample time of the messages [ns]
+    leaps: int  # changes between two holds that no counter makes
+    longest_leap: int  # unchanged readings before one of them, at most
+    changed_ns: int  # stamp of the newest change; 0: none is known
+    unchanged: int  # readings since then
+    grain: float  # smallest change so far [rad]; 0: none
+    counts: bool  # two changes were alike
+    leap: float  # what the reading may have moved at once after a hold [rad]; else 0
+    held: float  # in this time, at least [s]
+    joined: bool  # it came at once after another: the joint moves, and this is no leap
+    apart: bool  # so was the change before: the joint does not start here
 
 
 def is_repeated(
@@ -101,6 +121,55 @@ def is_repeated(
     return False
 
 
+def begin_holds(repeats: Repeats) -> None:
+    """Forget the pattern; what is known of the counts stays."""
+    changed_ns, grain = repeats.changed_ns, repeats.grain
+    blank = Repeats()
+    repeats.take(blank)
+    repeats.changed_ns, repeats.grain = changed_ns, grain
+
+
+def note_reading(
+    repeats: Repeats, stamp_ns: int, change: float, pace: float, size: float, quantum: float
+) -> None:
+    """Take a reading that is used: does the joint move on, or was the reading held?
+
+    Parameters
+    ----------
+    change : of the reading [rad or m]. pace : mean sample time [s].
+    size : of the reading [rad or m]. quantum : as given [rad or m]; 0: not known.
+    """
+    moved, grain = abs(change), repeats.grain
+    if moved <= LEAST_CHANGE + LEAST_RELATIVE_CHANGE * min(size, LARGEST_READING):
+        repeats.unchanged += 1
+        return
+    stands = repeats.unchanged >= HELD
+    if grain == 0.0:
+        repeats.grain = quantum if quantum > 0.0 else moved
+        repeats.counts = quantum > 0.0
+    elif moved < SAME * grain:
+        repeats.grain, repeats.counts = moved, False
+    elif SAME * moved <= grain:
+        repeats.counts = True
+    elif stands:
+        repeats.grain = min(FORGETS * grain, moved)  # a stray reading may have shown it
+    repeats.held = (stamp_ns - repeats.changed_ns) * 1e-9 - pace  # at any time within a sample
+    repeats.apart = stands and repeats.leap > 0.0
+    repeats.leap = 0.0
+    if stands and not repeats.joined and (not repeats.counts or moved >= LEAP * grain):
+        repeats.leap = moved
+    repeats.joined = not stands
+    repeats.changed_ns, repeats.unchanged = stamp_ns, 0
+
+
+def most_speed(repeats: Repeats, stamp_ns: int) -> float:
+    """Return the largest speed that the readings show since a leap [rad/s or m/s]; inf: any."""
+    if repeats.leap == 0.0 or not (repeats.apart or repeats.unchanged > 0):
+        return math.inf
+    since = (stamp_ns - repeats.changed_ns) * 1e-9
+    return repeats.leap / (since if since > repeats.held else repeats.held)
+
+
 def follow_hold(
     repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
 ) -> None:
@@ -117,15 +186,29 @@ def follow_hold(
     spacing_ns = stamp_ns - repeats.hold_ns
     slip = abs(spacing_ns - repeats.spacing_ns)
     follows = earlier == value  # one change since the last hold
-    regular = float(slip) <= max(SLIP * pace, SPACING_SLACK * spacing_ns) and (
-        follows or (length == 1 and float(spacing_ns) < LONGEST_SPACING * pace)
-    )
+    even = float(slip) <= max(SLIP * pace, SPACING_SLACK * spacing_ns)
+    # a single change between two holds that are no chance
+    alone = follows and float(min(spacing_ns, repeats.spacing_ns)) > (HELD + 0.5) * pace
+    regular = even and (follows or (length == 1 and float(spacing_ns) < LONGEST_SPACING * pace))
     rounding = LEAST_CHANGE + LEAST_RELATIVE_CHANGE * (abs(reading) + abs(earlier))
     repeats.length = 1
     repeats.hold_ns = stamp_ns
     repeats.spacing_ns = spacing_ns
     repeats.change = change
     repeats.value = reading
+    forward = change * last > 0.0 and reading != value
+    differs = abs(change - last) > DIFFERENT * size + rounding
+    leaps = alone and differs and size >= LEAP * repeats.grain
+    if leaps and forward:
+        repeats.leaps += 1
+        repeats.longest_leap = max(repeats.longest_leap, int(spacing_ns / pace + 0.5) - 1)
+    else:
+        repeats.leaps = repeats.longest_leap = 0
+        if alone and repeats.counts:
+            repeats.score = 0
+    if repeats.leaps >= LEAPS and not even:
+        recognise(repeats, int(LONGER * repeats.longest_leap), BREAKS, pace)
+        return
     if not regular or size <= rounding:
         repeats.least, repeats.second = size, math.inf
         repeats.score = repeats.alike = repeats.differences = repeats.longest = 0
@@ -140,18 +223,28 @@ def follow_hold(
     repeats.alike += 1
     if float(slip) > 0.5 * pace:
         repeats.alike = repeats.differences = 0
-    if change * last > 0.0 and reading != value:
-        if size >= MOTION_RATIO * repeats.second:
+    if forward:
+        if leaps:
+            repeats.score += ALONE
+        elif held == 1 and repeats.alike > 1 and size >= FAST * repeats.grain:
+            repeats.score += QUICK
+        elif size >= MOTION_RATIO * repeats.second:
             repeats.score += 1 if held == 1 else 2
-        if abs(change - last) > DIFFERENT * size + rounding:
+        if differs:
             repeats.differences += 1
-    if repeats.score < SCORE and (repeats.alike < EVEN_HOLDS or repeats.differences < DIFFERENCES):
-        return
-    repeats.most = repeats.longest
-    repeats.patience = BREAKS if follows else BREAKS + 2 * int(spacing_ns / pace + 0.5)
-    repeats.message_period = pace
+    if repeats.score >= SCORE or (
+        repeats.alike >= EVEN_HOLDS and repeats.differences >= DIFFERENCES
+    ):
+        patience = BREAKS if follows else BREAKS + 2 * int(spacing_ns / pace + 0.5)
+        recognise(repeats, repeats.longest, patience, pace)
+
+
+def recognise(repeats: Repeats, most: int, patience: int, pace: float) -> None:
+    """Drop up to `most` equal readings in a row from now on; pace of the messages [ns]."""
+    repeats.most, repeats.patience, repeats.message_period = most, patience, pace
     repeats.alone = False
     repeats.score = repeats.alike = repeats.differences = repeats.longest = repeats.changes = 0
+    repeats.leaps = repeats.longest_leap = 0
 
 
 def change_in_pattern(repeats: Repeats, passed_ns: int, change: float) -> None:
@@ -168,8 +261,7 @@ def change_in_pattern(repeats: Repeats, passed_ns: int, change: float) -> None:
         else 0
     )
     if repeats.changes >= repeats.patience:
-        blank = Repeats()
-        repeats.take(blank)
+        begin_holds(repeats)
         return
     if (
         repeats.alone
