@@ -44,6 +44,7 @@ LEAPS = 4  # and as many are enough,
 ALONE = 4  # or three if the holds are equally long
 FAST = 5.0  # counts: more than noise that repeats at every second sample,
 QUICK = 3  # and a fourth is enough
+RESIDUE = 1e3  # times the smallest change: that was none
 FORGETS = 1.02  # from one leap to the next: the smallest change may be a stray reading's
 SAME = 0.99  # two changes of a count are alike but for this
 LONGER = 2.0  # times the longest hold of a chain: irregular ones may be as long
@@ -152,7 +153,8 @@ def note_reading(
     elif SAME * moved <= grain:
         repeats.counts = True
     elif stands:
-        repeats.grain = min(FORGETS * grain, moved)  # a stray reading may have shown it
+        # a stray reading may have shown it, or residue of rounding
+        repeats.grain = moved if moved > RESIDUE * grain else min(FORGETS * grain, moved)
     repeats.held = (stamp_ns - repeats.changed_ns) * 1e-9 - pace  # at any time within a sample
     repeats.apart = stands and repeats.leap > 0.0
     repeats.leap = 0.0
@@ -226,7 +228,7 @@ def follow_hold(
     if forward:
         if leaps:
             repeats.score += ALONE
-        elif held == 1 and repeats.alike > 1 and size >= FAST * repeats.grain:
+        elif follows and differs and size >= FAST * repeats.grain:
             repeats.score += QUICK
         elif size >= MOTION_RATIO * repeats.second:
             repeats.score += 1 if held == 1 else 2
