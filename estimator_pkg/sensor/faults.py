@@ -27,6 +27,7 @@ from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import Deviation
 from estimator_pkg.record import record
 from estimator_pkg.sensor.clock import Clock
+from estimator_pkg.sensor.holds import Holds
 
 NO_FAULT = -1
 STOPPED, STUCK_AT, HELD_AT, LOST_WAY, OFFSET_JUMP, GLITCH, REVERSED, TOGGLE, STUCK_BIT = range(9)
@@ -288,10 +289,7 @@ def follow_suspicion(faults: EncoderFaults, step: float, change: float, limit: f
     """Take a reading of a suspicion; return the kind of a fault that it decides, or NO_FAULT."""
     slope, grain = faults.slope, faults.grain
     if faults.age == 0:
-        faults.offset = faults.worst = 0.0
-        faults.resting = faults.resumed_steps = faults.reversed_steps = 0
-        faults.steady_steps = faults.zero_steps = faults.moving_steps = faults.soft = 0
-        faults.decided = False
+        clear_suspicion(faults)
     faults.age += 1
     faults.offset += step - slope
     faults.worst = max(faults.worst, abs(change))
@@ -321,6 +319,25 @@ def follow_suspicion(faults: EncoderFaults, step: float, change: float, limit: f
         if (since == 1 and caught_up) or (since == 2 and far):
             return end_hold(faults, limit)
     return judge_suspicion(faults, limit)
+
+
+def begin_rest(faults: EncoderFaults, holds: Holds) -> None:
+    """Begin a suspicion where counts are missing that one step alone does not show."""
+    if faults.age > 0 or faults.warm > 0 or math.isnan(faults.slope):
+        return
+    clear_suspicion(faults)
+    faults.age = faults.resting = holds.unchanged - 1
+    faults.slope = math.copysign(holds.grain / holds.count_time, holds.sense)
+    faults.offset = -faults.age * faults.slope
+    faults.usual, faults.doubted = -1.0, True
+
+
+def clear_suspicion(faults: EncoderFaults) -> None:
+    """Forget what the suspicion before has shown."""
+    faults.offset = faults.worst = 0.0
+    faults.resting = faults.resumed_steps = faults.reversed_steps = 0
+    faults.steady_steps = faults.zero_steps = faults.moving_steps = faults.soft = 0
+    faults.decided = False
 
 
 def judge_suspicion(faults: EncoderFaults, limit: float) -> int:

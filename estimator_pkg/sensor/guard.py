@@ -117,9 +117,7 @@ def longest_dt(limits: Callable[[float], str | None]) -> float:
     return low
 
 
-def limits(
-    settings: Any, longest_dt: float, period: float = 0.0, quantum: float = 0.0
-) -> Limits:
+def limits(settings: Any, longest_dt: float, period: float = 0.0, quantum: float = 0.0) -> Limits:
     """Return settings as `GuardSettings` has in ns, and the others as `Limits` has."""
     made = Limits()
     made.gap_ns = round(settings.gap_max * 1e9)

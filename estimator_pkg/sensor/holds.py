@@ -44,6 +44,10 @@ LEAPS = 4  # and as many are enough,
 ALONE = 4  # or three if the holds are equally long
 FAST = 5.0  # counts: more than noise that repeats at every second sample,
 QUICK = 3  # and a fourth is enough
+MISSING = 10.0  # counts: so many that do not come are no chance,
+STEADY = 16  # if as many changes came before,
+SLOWER = 1.2  # the last ones not later than before,
+SLOWEST = 4.0  # and not slower than this [samples a count]
 RESIDUE = 1e3  # times the smallest change: that was none
 FORGETS = 1.02  # from one leap to the next: the smallest change may be a stray reading's
 SAME = 0.99  # two changes of a count are alike but for this
@@ -51,7 +55,7 @@ LONGER = 2.0  # times the longest hold of a chain: irregular ones may be as long
 
 
 @record
-class Repeats:
+class Holds:
     """A pattern of repeated readings, or the chain of holds that may become one."""
 
     most: int  # equal readings in a row that are dropped; 0: no pattern is recognised
@@ -78,12 +82,17 @@ class Repeats:
     counts: bool  # two changes were alike
     leap: float  # what the reading may have moved at once after a hold [rad]; else 0
     held: float  # in this time, at least [s]
+    sense: float  # the newest change [rad]
+    steady: int  # changes of this sense in a row
+    count_time: float  # mean time of the newest counts [samples],
+    mean_count_time: float  # and of more of them
+    missing: bool  # the newest reading is the one at which so many are missing
     joined: bool  # it came at once after another: the joint moves, and this is no leap
     apart: bool  # so was the change before: the joint does not start here
 
 
 def is_repeated(
-    repeats: Repeats,
+    holds: Holds,
     stamp_ns: int,
     passed_ns: int,
     measurement: float,
@@ -103,77 +112,107 @@ def is_repeated(
     mean_dt : mean sample time [s].
     period : wrap period [rad]; 0: none.
     """
-    if repeats.most > 0:
+    if holds.most > 0:
         if measurement == reading:
-            repeats.length += 1
-            drop = repeats.length <= repeats.most
+            holds.length += 1
+            drop = holds.length <= holds.most
             # one more than the pattern has means that the joint is at rest: a new reading
-            repeats.length = repeats.length if drop else 0
-            repeats.alone = not drop
-            repeats.changes = 0
+            holds.length = holds.length if drop else 0
+            holds.alone = not drop
+            holds.changes = 0
             return drop
-        change_in_pattern(repeats, passed_ns, wrap(measurement - reading, period))
+        change_in_pattern(holds, passed_ns, wrap(measurement - reading, period))
         return False
     if reading != earlier:
-        follow_hold(repeats, stamp_ns, reading, earlier, mean_dt, period)
-        return repeats.most > 0
-    if repeats.length == 1:
-        repeats.length = 2
+        follow_hold(holds, stamp_ns, reading, earlier, mean_dt, period)
+        return holds.most > 0
+    if holds.length == 1:
+        holds.length = 2
     return False
 
 
-def begin_holds(repeats: Repeats) -> None:
+def begin_holds(holds: Holds) -> None:
     """Forget the pattern; what is known of the counts stays."""
-    changed_ns, grain = repeats.changed_ns, repeats.grain
-    blank = Repeats()
-    repeats.take(blank)
-    repeats.changed_ns, repeats.grain = changed_ns, grain
+    changed_ns, grain = holds.changed_ns, holds.grain
+    blank = Holds()
+    holds.take(blank)
+    holds.changed_ns, holds.grain = changed_ns, grain
 
 
 def note_reading(
-    repeats: Repeats, stamp_ns: int, change: float, pace: float, size: float, quantum: float
+    holds: Holds, stamp_ns: int, change: float, pace: float, size: float, quantum: float
 ) -> None:
-    """Take a reading that is used: does the joint move on, or was the reading held?
+    """Take a reading that is used, and find whether the joint moves on or was held.
 
     Parameters
     ----------
     change : of the reading [rad or m]. pace : mean sample time [s].
     size : of the reading [rad or m]. quantum : as given [rad or m]; 0: not known.
     """
-    moved, grain = abs(change), repeats.grain
+    moved, grain = abs(change), holds.grain
     if moved <= LEAST_CHANGE + LEAST_RELATIVE_CHANGE * min(size, LARGEST_READING):
-        repeats.unchanged += 1
+        holds.unchanged += 1
+        holds.missing = (
+            holds.unchanged == int(MISSING * holds.count_time) + 1
+            and holds.steady >= STEADY
+            and holds.count_time < min(SLOWER * holds.mean_count_time, SLOWEST)
+        )
         return
-    stands = repeats.unchanged >= HELD
+    stands = holds.unchanged >= HELD
     if grain == 0.0:
-        repeats.grain = quantum if quantum > 0.0 else moved
-        repeats.counts = quantum > 0.0
+        holds.grain = quantum if quantum > 0.0 else moved
+        holds.counts = quantum > 0.0
     elif moved < SAME * grain:
-        repeats.grain, repeats.counts = moved, False
+        holds.grain, holds.counts = moved, False
     elif SAME * moved <= grain:
-        repeats.counts = True
+        holds.counts = True
     elif stands:
         # a stray reading may have shown it, or residue of rounding
-        repeats.grain = moved if moved > RESIDUE * grain else min(FORGETS * grain, moved)
-    repeats.held = (stamp_ns - repeats.changed_ns) * 1e-9 - pace  # at any time within a sample
-    repeats.apart = stands and repeats.leap > 0.0
-    repeats.leap = 0.0
-    if stands and not repeats.joined and (not repeats.counts or moved >= LEAP * grain):
-        repeats.leap = moved
-    repeats.joined = not stands
-    repeats.changed_ns, repeats.unchanged = stamp_ns, 0
+        holds.grain = moved if moved > RESIDUE * grain else min(FORGETS * grain, moved)
+    follow_count_time(holds, moved if change > 0.0 else -moved)
+    holds.held = (stamp_ns - holds.changed_ns) * 1e-9 - pace  # at any time within a sample
+    holds.apart = stands and holds.leap > 0.0
+    holds.leap = 0.0
+    if stands and not holds.joined and (not holds.counts or moved >= LEAP * grain):
+        holds.leap = moved
+    holds.joined = not stands
+    holds.changed_ns, holds.unchanged, holds.missing = stamp_ns, 0, False
 
 
-def most_speed(repeats: Repeats, stamp_ns: int) -> float:
+def follow_count_time(holds: Holds, change: float) -> None:
+    """Follow how many samples a count takes, where the reading changed [rad or m]."""
+    samples = float(holds.unchanged + 1) * holds.grain / abs(change)
+    if change * holds.sense <= 0.0:
+        holds.steady = 0
+    holds.sense = change
+    holds.steady = min(holds.steady + 1, STEADY)
+    holds.count_time += (samples - holds.count_time) / min(holds.steady, 4)
+    holds.mean_count_time += (samples - holds.mean_count_time) / min(holds.steady, 8)
+
+
+def most_speed(holds: Holds, stamp_ns: int) -> float:
     """Return the largest speed that the readings show since a leap [rad/s or m/s]; inf: any."""
-    if repeats.leap == 0.0 or not (repeats.apart or repeats.unchanged > 0):
+    if holds.leap == 0.0 or not (holds.apart or holds.unchanged > 0):
         return math.inf
-    since = (stamp_ns - repeats.changed_ns) * 1e-9
-    return repeats.leap / (since if since > repeats.held else repeats.held)
+    since = (stamp_ns - holds.changed_ns) * 1e-9
+    return holds.leap / (since if since > holds.held else holds.held)
+
+
+def unshown_speed(holds: Holds, stamp_ns: int, velocity: float) -> float:
+    """Return the part of a published velocity that no reading shows [rad/s]: a deviation covers it.
+
+    A joint at this speed would have changed the reading by now, or came to it at once after a hold.
+    """
+    most = most_speed(holds, stamp_ns)
+    if most < math.inf:
+        return most
+    if holds.unchanged == 0:
+        return 0.0
+    return abs(velocity) - LEAP * holds.grain / ((stamp_ns - holds.changed_ns) * 1e-9)
 
 
 def follow_hold(
-    repeats: Repeats, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
+    holds: Holds, stamp_ns: int, reading: float, earlier: float, mean_dt: float, period: float
 ) -> None:
     """Take a reading that is repeated and had changed, without a pattern so far.
 
@@ -183,73 +222,71 @@ def follow_hold(
     reading, earlier : the repeated reading, and the one before it [rad or m].
     """
     change = wrap(reading - earlier, period)
-    last, value, length = repeats.change, repeats.value, repeats.length
+    last, value, length = holds.change, holds.value, holds.length
     size, pace = abs(change), 1e9 * mean_dt
-    spacing_ns = stamp_ns - repeats.hold_ns
-    slip = abs(spacing_ns - repeats.spacing_ns)
+    spacing_ns = stamp_ns - holds.hold_ns
+    slip = abs(spacing_ns - holds.spacing_ns)
     follows = earlier == value  # one change since the last hold
     even = float(slip) <= max(SLIP * pace, SPACING_SLACK * spacing_ns)
     # a single change between two holds that are no chance
-    alone = follows and float(min(spacing_ns, repeats.spacing_ns)) > (HELD + 0.5) * pace
+    alone = follows and float(min(spacing_ns, holds.spacing_ns)) > (HELD + 0.5) * pace
     regular = even and (follows or (length == 1 and float(spacing_ns) < LONGEST_SPACING * pace))
     rounding = LEAST_CHANGE + LEAST_RELATIVE_CHANGE * (abs(reading) + abs(earlier))
-    repeats.length = 1
-    repeats.hold_ns = stamp_ns
-    repeats.spacing_ns = spacing_ns
-    repeats.change = change
-    repeats.value = reading
+    holds.length = 1
+    holds.hold_ns = stamp_ns
+    holds.spacing_ns = spacing_ns
+    holds.change = change
+    holds.value = reading
     forward = change * last > 0.0 and reading != value
     differs = abs(change - last) > DIFFERENT * size + rounding
-    leaps = alone and differs and size >= LEAP * repeats.grain
+    leaps = alone and differs and size >= LEAP * holds.grain
     if leaps and forward:
-        repeats.leaps += 1
-        repeats.longest_leap = max(repeats.longest_leap, int(spacing_ns / pace + 0.5) - 1)
+        holds.leaps += 1
+        holds.longest_leap = max(holds.longest_leap, int(spacing_ns / pace + 0.5) - 1)
     else:
-        repeats.leaps = repeats.longest_leap = 0
-        if alone and repeats.counts:
-            repeats.score = 0
-    if repeats.leaps >= LEAPS and not even:
-        recognise(repeats, int(LONGER * repeats.longest_leap), BREAKS, pace)
+        holds.leaps = holds.longest_leap = 0
+        if alone and holds.counts:
+            holds.score = 0
+    if holds.leaps >= LEAPS and not even:
+        recognise(holds, int(LONGER * holds.longest_leap), BREAKS, pace)
         return
     if not regular or size <= rounding:
-        repeats.least, repeats.second = size, math.inf
-        repeats.score = repeats.alike = repeats.differences = repeats.longest = 0
+        holds.least, holds.second = size, math.inf
+        holds.score = holds.alike = holds.differences = holds.longest = 0
         return
     held = int(spacing_ns / pace + 0.5) - 1 if follows else 1
-    repeats.longest = max(repeats.longest, max(held, 1))
-    if size < repeats.least:
-        repeats.second = repeats.least
-        repeats.least = size
-    elif size < repeats.second:
-        repeats.second = size
-    repeats.alike += 1
+    holds.longest = max(holds.longest, max(held, 1))
+    if size < holds.least:
+        holds.second = holds.least
+        holds.least = size
+    elif size < holds.second:
+        holds.second = size
+    holds.alike += 1
     if float(slip) > 0.5 * pace:
-        repeats.alike = repeats.differences = 0
+        holds.alike = holds.differences = 0
     if forward:
         if leaps:
-            repeats.score += ALONE
-        elif follows and differs and size >= FAST * repeats.grain:
-            repeats.score += QUICK
-        elif size >= MOTION_RATIO * repeats.second:
-            repeats.score += 1 if held == 1 else 2
+            holds.score += ALONE
+        elif follows and differs and size >= FAST * holds.grain:
+            holds.score += QUICK
+        elif size >= MOTION_RATIO * holds.second:
+            holds.score += 1 if held == 1 else 2
         if differs:
-            repeats.differences += 1
-    if repeats.score >= SCORE or (
-        repeats.alike >= EVEN_HOLDS and repeats.differences >= DIFFERENCES
-    ):
+            holds.differences += 1
+    if holds.score >= SCORE or (holds.alike >= EVEN_HOLDS and holds.differences >= DIFFERENCES):
         patience = BREAKS if follows else BREAKS + 2 * int(spacing_ns / pace + 0.5)
-        recognise(repeats, repeats.longest, patience, pace)
+        recognise(holds, holds.longest, patience, pace)
 
 
-def recognise(repeats: Repeats, most: int, patience: int, pace: float) -> None:
+def recognise(holds: Holds, most: int, patience: int, pace: float) -> None:
     """Drop up to `most` equal readings in a row from now on; pace of the messages [ns]."""
-    repeats.most, repeats.patience, repeats.message_period = most, patience, pace
-    repeats.alone = False
-    repeats.score = repeats.alike = repeats.differences = repeats.longest = repeats.changes = 0
-    repeats.leaps = repeats.longest_leap = 0
+    holds.most, holds.patience, holds.message_period = most, patience, pace
+    holds.alone = False
+    holds.score = holds.alike = holds.differences = holds.longest = holds.changes = 0
+    holds.leaps = holds.longest_leap = 0
 
 
-def change_in_pattern(repeats: Repeats, passed_ns: int, change: float) -> None:
+def change_in_pattern(holds: Holds, passed_ns: int, change: float) -> None:
     """Take a reading that changed in a pattern; too many without a hold end the recognition.
 
     Parameters
@@ -257,25 +294,25 @@ def change_in_pattern(repeats: Repeats, passed_ns: int, change: float) -> None:
     passed_ns : time since the last used sample.
     change : change of the reading [rad or m].
     """
-    repeats.changes = (
-        repeats.changes + 1
-        if repeats.length == 0 and float(passed_ns) < 1.5 * repeats.message_period
+    holds.changes = (
+        holds.changes + 1
+        if holds.length == 0 and float(passed_ns) < 1.5 * holds.message_period
         else 0
     )
-    if repeats.changes >= repeats.patience:
-        begin_holds(repeats)
+    if holds.changes >= holds.patience:
+        begin_holds(holds)
         return
     if (
-        repeats.alone
-        and repeats.length == 0
-        and change * repeats.change > 0.0
-        and abs(change) >= MOTION_RATIO * repeats.second
-        and abs(repeats.change) >= 0.5 * abs(change)
+        holds.alone
+        and holds.length == 0
+        and change * holds.change > 0.0
+        and abs(change) >= MOTION_RATIO * holds.second
+        and abs(holds.change) >= 0.5 * abs(change)
     ):
-        repeats.most += 1  # what was taken for a reading at rest was in the midst of the motion
-    repeats.alone = False
-    repeats.length = 0
-    repeats.change = change
+        holds.most += 1  # what was taken for a reading at rest was in the midst of the motion
+    holds.alone = False
+    holds.length = 0
+    holds.change = change
 
 
 def note_on_repeats(times: int) -> str:
