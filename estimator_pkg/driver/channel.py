@@ -24,11 +24,11 @@ from estimator_pkg.sensor.clock import RATE_WEIGHT, Clock, follow_outage, judge_
 from estimator_pkg.sensor.faults import (
     EncoderFaults,
     begin_faults,
-    begin_rest,
     examine_step,
     forget_motion,
     inflate,
     is_usual,
+    name_rest,
 )
 from estimator_pkg.sensor.guard import (
     AFTER_GAP,
@@ -144,7 +144,7 @@ def take(
     if observer.SINGLE_ANGLE:
         if verdict == USED_SAMPLE:
             if channel.track.holds.missing:
-                begin_rest(channel.faults, channel.track.holds)
+                name_rest(channel.faults, channel.track.holds, stamp_ns)
             if not is_usual(channel.faults, measurement, stamp_ns):
                 examine_step(
                     channel.faults, measurement, channel.track.clock, channel.limits.period
@@ -325,7 +325,7 @@ def start_at(
     if observer.SINGLE_ANGLE:
         track.reading = track.earlier = measurement
         track.holds.changed_ns, track.holds.leap = stamp_ns, 0.0
-        track.holds.unchanged = 0
+        track.holds.unchanged = track.holds.steady = 0
         begin_sample_time(track.sample_time)
         track.calibration.due_ns = BROKEN
 

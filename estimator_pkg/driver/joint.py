@@ -356,7 +356,7 @@ class Joint(Counted):
         clock = channel.track.clock
         if STATUS_NAMES[status] == 'misconfigured':
             return self.limit(clock.mean_dt) or ''
-        note = note_on_repeats(channel.track.holds.most)
+        note = note_on_repeats(channel.track.holds.most, clock.mean_dt)
         if not note and self._shows_faults:
             newest = note_on_faults(channel.faults, clock.last_ns)
             notes = dict.fromkeys([*self.lasting_faults().values(), newest])

@@ -289,7 +289,10 @@ def follow_suspicion(faults: EncoderFaults, step: float, change: float, limit: f
     """Take a reading of a suspicion; return the kind of a fault that it decides, or NO_FAULT."""
     slope, grain = faults.slope, faults.grain
     if faults.age == 0:
-        clear_suspicion(faults)
+        faults.offset = faults.worst = 0.0
+        faults.resting = faults.resumed_steps = faults.reversed_steps = 0
+        faults.steady_steps = faults.zero_steps = faults.moving_steps = faults.soft = 0
+        faults.decided = False
     faults.age += 1
     faults.offset += step - slope
     faults.worst = max(faults.worst, abs(change))
@@ -321,23 +324,14 @@ def follow_suspicion(faults: EncoderFaults, step: float, change: float, limit: f
     return judge_suspicion(faults, limit)
 
 
-def begin_rest(faults: EncoderFaults, holds: Holds) -> None:
-    """Begin a suspicion where counts are missing that one step alone does not show."""
-    if faults.age > 0 or faults.warm > 0 or math.isnan(faults.slope):
-        return
-    clear_suspicion(faults)
-    faults.age = faults.resting = holds.unchanged - 1
-    faults.slope = math.copysign(holds.grain / holds.count_time, holds.sense)
-    faults.offset = -faults.age * faults.slope
-    faults.usual, faults.doubted = -1.0, True
-
-
-def clear_suspicion(faults: EncoderFaults) -> None:
-    """Forget what the suspicion before has shown."""
-    faults.offset = faults.worst = 0.0
-    faults.resting = faults.resumed_steps = faults.reversed_steps = 0
-    faults.steady_steps = faults.zero_steps = faults.moving_steps = faults.soft = 0
-    faults.decided = False
+def name_rest(faults: EncoderFaults, holds: Holds, stamp_ns: int) -> None:
+    """Name a rest where counts are missing that one step alone does not show."""
+    if faults.age == 0 and faults.warm == 0 and faults.slope == faults.slope:
+        faults.newest, faults.newest_ns = STOPPED, stamp_ns
+        faults.counts[STOPPED] += 1
+        faults.size[STOPPED] = float(holds.unchanged) * faults.dt
+        faults.rate[STOPPED] = holds.grain / (holds.count_time * faults.dt)
+        faults.reading[STOPPED] = faults.last
 
 
 def judge_suspicion(faults: EncoderFaults, limit: float) -> int:

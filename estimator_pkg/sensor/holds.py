@@ -1,22 +1,26 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Detect repeated readings: a sensor slower than the driver that publishes it.
+"""Readings that did not change: the joint stands, the sensor was not read, or it is stuck.
 
-A driver that publishes at 1 kHz the readings of a 100 Hz sensor repeats each reading nine times. An
-observer that treats the repeated ones as measurements sees a joint that stops and jumps. So
-`advance` of `estimator_pkg.driver.channel` drops them, once the pattern is recognised.
+A driver that publishes at 1 kHz the readings of a 100 Hz sensor repeats each reading nine times,
+and one that reads its sensor over a bus repeats it for as long as that takes. An observer that
+takes the repeated ones for measurements sees a joint that stops and jumps. So `advance` of
+`estimator_pkg.driver.channel` drops them, once holds are recognised.
 
-The evidence is a hold: an unchanged reading while the joint moves. An encoder at creep repeats its
-reading as regularly, but then each change is one count, whatever the speed, and the length of the
-holds depends on the speed. With repeated readings the changes depend on the speed and the holds do
-not. So holds are collected in chains of equal length and spacing. A hold counts if the change into
-it is several times the second smallest change in its chain (a single one may be part of a count,
-where a sensor clips), has the same sign as the previous change, and leads to another reading. Noise
-gives equal readings at random, which form no chains. At constant speed there is another criterion:
-a chain whose holds all have exactly the same spacing while their changes differ. For creep to look
-like this, it would need exactly a rational fraction of a count per sample and coarsely rounded
+A hold is an unchanged reading while the joint moves. An encoder at creep repeats its reading, too,
+but then each change is one count, whatever the speed. What ends a hold is a *leap*: a single change
+of several counts between two holds, in the direction of the one before, and not of its size. A few
+of them show that the sensor is held, at regular times or not. Noise gives equal readings at random,
+which form no chain. Single repeated readings need a longer chain, of equal spacing; at constant
+speed one whose holds all have exactly the same spacing while their changes differ. For creep to
+look like this, it would need exactly a rational fraction of a count per sample and coarsely rounded
 readings.
+
+Until it is known, no speed is published that is above the leap over the time since the reading
+before it, and the deviation covers it; nor is a speed certain that the unchanged reading does not
+show. Where a steady motion stops and `MISSING` counts do not come, the rest is named: a stop, or a
+stuck sensor.
 """
 
 from __future__ import annotations
@@ -154,6 +158,7 @@ def note_reading(
         holds.unchanged += 1
         holds.missing = (
             holds.unchanged == int(MISSING * holds.count_time) + 1
+            and holds.counts
             and holds.steady >= STEADY
             and holds.count_time < min(SLOWER * holds.mean_count_time, SLOWEST)
         )
@@ -161,9 +166,8 @@ def note_reading(
     stands = holds.unchanged >= HELD
     if grain == 0.0:
         holds.grain = quantum if quantum > 0.0 else moved
-        holds.counts = quantum > 0.0
     elif moved < SAME * grain:
-        holds.grain, holds.counts = moved, False
+        holds.grain, holds.counts, holds.steady = moved, False, 0
     elif SAME * moved <= grain:
         holds.counts = True
     elif stands:
@@ -315,10 +319,16 @@ def change_in_pattern(holds: Holds, passed_ns: int, change: float) -> None:
     holds.change = change
 
 
-def note_on_repeats(times: int) -> str:
-    """Return a note for the status on readings repeated so often in a row; '' for 0."""
+def note_on_repeats(times: int, period: float) -> str:
+    """Return a note for the status on readings repeated so often in a row; '' for 0.
+
+    Parameters
+    ----------
+    period : between new readings [s].
+    """
     if times == 0:
         return ''
     return (
-        f'the stream repeats its readings (up to {times} times each): the repeated ones are dropped'
+        f'the stream repeats its readings (up to {times} times each): the repeated ones are '
+        f'dropped, {1.0 / period:.3g} a second are new'
     )

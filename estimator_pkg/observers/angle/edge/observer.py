@@ -50,6 +50,7 @@ from estimator_pkg.sensor.outliers import LARGEST_SPEED_CHANGE
 
 LOST_AFTER = 0.5  # [s] in doubt, and outside for so long in all: the observer starts again
 OUTSIDE = 0.125  # an innovation beyond this part of a turn is no reading of this shaft
+HASTY = 4.0  # first sample times: where the second is longer, the stamps of the first were wrong
 
 SINGLE_ANGLE = True
 EDGES = True
@@ -342,10 +343,10 @@ def predict_through_repeat(state: State, coefficients: Coefficients, design: Des
 def process_reading(state: State, coefficients: Coefficients, design: Design) -> None:
     """Process a reading whose time is known: learn the sensor, predict, correct."""
     reading, dt = state.reading, coefficients.dt
-    pace = state.sensor.mean_sample_time
+    pace, previous = state.sensor.mean_sample_time, state.sensor.dt
     learn_sensor(state, design)
     unknown = reading.starting or reading.first or state.p.p02 == 0.0
-    if unknown and shows_line(state, design, dt):
+    if unknown and shows_line(state, design, dt, pace, previous):
         starts.begin_line(state)
         return
     predict(state, coefficients, design, pace)
@@ -403,19 +404,25 @@ def rescale(state: State, quantum: float, first: bool) -> None:
     if first:
         sensor.noise *= scale
         sensor.vibration_power *= scale
+    if scale > 1.0 or first:
         p.p00, p.p01, p.p02 = p.p00 * scale, p.p01 * scale, p.p02 * scale
         p.p11, p.p12, p.p22 = p.p11 * scale, p.p12 * scale, p.p22 * scale
 
 
-def shows_line(state: State, design: Design, dt: float) -> bool:
+def shows_line(state: State, design: Design, dt: float, pace: float, previous: float) -> bool:
     """Return True if this reading shows the line of a start.
 
-    The second reading; the second that moves on after a rest; or the first that moves so early that
-    it shows the quantum alone.
+    The second reading; the third where that came too soon; the second that moves on after a rest;
+    or the first that moves so early that it shows the quantum alone.
+
+    Parameters
+    ----------
+    pace, previous : mean sample time, and the sample time before this one [s].
     """
     reading, p = state.reading, state.p
     return (
         p.p11 == 0.0
+        or (p.p02 == 0.0 and pace == 0.0 and dt > HASTY * previous and previous > 0.0)
         or (
             reading.starting
             and reading.previous_change * reading.change > 0.0
