@@ -28,6 +28,7 @@ from estimator_pkg.sensor.faults import (
     forget_motion,
     inflate,
     is_usual,
+    name_rest,
 )
 from estimator_pkg.sensor.guard import (
     AFTER_GAP,
@@ -44,7 +45,7 @@ from estimator_pkg.sensor.guard import (
     ZERO_STAMP,
     Limits,
 )
-from estimator_pkg.sensor.repeats import Repeats, is_repeated
+from estimator_pkg.sensor.holds import Holds, is_repeated, most_speed, note_reading, unshown_speed
 from estimator_pkg.sensor.sample_time import (
     SampleTime,
     begin_sample_time,
@@ -62,7 +63,7 @@ class Track:
     sample_time: SampleTime
     reading: float  # the newest reading, of a single angle [rad or m]
     earlier: float  # the reading before it
-    repeats: Repeats
+    holds: Holds
     calibration: Calibration
     coefficients: observer.Coefficients  # type: ignore[name-defined]  # noqa: F821  (bound by `Track.of`)
     state: observer.State  # type: ignore[name-defined]  # noqa: F821
@@ -120,8 +121,8 @@ def reset_track(observer: Any, track: Any, design: Any) -> None:
     track.clock.take(blank)
     reset_sample_time(track.sample_time)
     track.reading = track.earlier = 0.0
-    no_pattern = Repeats()
-    track.repeats.take(no_pattern)
+    no_pattern = Holds()
+    track.holds.take(no_pattern)
     begin_calibration(track.calibration)
     observer.prepare(track.coefficients, design, 1e-3)
 
@@ -142,6 +143,8 @@ def take(
     )
     if observer.SINGLE_ANGLE:
         if verdict == USED_SAMPLE:
+            if channel.track.holds.missing:
+                name_rest(channel.faults, channel.track.holds, stamp_ns)
             if not is_usual(channel.faults, measurement, stamp_ns):
                 examine_step(
                     channel.faults, measurement, channel.track.clock, channel.limits.period
@@ -174,7 +177,7 @@ def advance(
         return ZERO_STAMP
     verdict = judge_stamp(clock, limits, stamp_ns)
     if observer.SINGLE_ANGLE:
-        if verdict == USED_SAMPLE and (measurement == track.reading or track.repeats.most > 0):
+        if verdict == USED_SAMPLE and (measurement == track.reading or track.holds.most > 0):
             verdict = check_repeat(observer, track, design, limits, stamp_ns, measurement)
     if verdict >= DUPLICATE:
         if verdict == LATE_STAMP:
@@ -209,6 +212,14 @@ def advance(
                         known_input,
                         before_ns,
                     )
+                note_reading(
+                    track.holds,
+                    stamp_ns,
+                    wrap(measurement - track.reading, limits.period),
+                    clock.mean_dt,
+                    abs(measurement),
+                    limits.quantum,
+                )
                 track.earlier = track.reading
                 track.reading = measurement
             return USED_SAMPLE
@@ -229,10 +240,10 @@ def check_repeat(
     observer: Any, track: Any, design: Any, limits: Limits, stamp_ns: int, measurement: float
 ) -> int:
     """Return REPEATED_READING for an earlier reading, published again; else USED_SAMPLE."""
-    clock, repeats = track.clock, track.repeats
-    recognised = repeats.most > 0
+    clock, holds = track.clock, track.holds
+    recognised = holds.most > 0
     if not is_repeated(
-        repeats,
+        holds,
         stamp_ns,
         stamp_ns - clock.last_ns,
         measurement,
@@ -247,6 +258,7 @@ def check_repeat(
         observer.restart(observer, track.state, track.coefficients, design, measurement)
         reset_sample_time(track.sample_time)
         track.calibration.due_ns = BROKEN
+        clock.mean_dt = max(clock.mean_dt, 1e-9 * holds.spacing_ns)
     return REPEATED_READING
 
 
@@ -312,6 +324,8 @@ def start_at(
     clock.late_in_a_row = 0
     if observer.SINGLE_ANGLE:
         track.reading = track.earlier = measurement
+        track.holds.changed_ns, track.holds.leap = stamp_ns, 0.0
+        track.holds.unchanged = track.holds.steady = 0
         begin_sample_time(track.sample_time)
         track.calibration.due_ns = BROKEN
 
@@ -348,6 +362,10 @@ def write_estimate(observer: Any, channel: Channel) -> None:
             channel.measurement,
             channel.known_input,
         )
+        if observer.SINGLE_ANGLE:
+            if track.holds.leap > 0.0:
+                most = most_speed(track.holds, track.clock.last_ns)
+                out.velocity = min(max(out.velocity, -most), most)
 
 
 def write_deviation(observer: Any, channel: Channel) -> None:
@@ -358,9 +376,14 @@ def write_deviation(observer: Any, channel: Channel) -> None:
         observer, channel.deviation, track.state, track.coefficients, channel.design, scale
     )
     if observer.SINGLE_ANGLE:
-        if channel.faults.doubted:
+        holds = track.holds
+        if holds.unchanged > 0 or holds.leap > 0.0 or channel.faults.doubted:
             write_estimate(observer, channel)
-            inflate(channel.faults, channel.deviation, channel.estimate.velocity)
+            velocity = channel.estimate.velocity
+            least = unshown_speed(holds, track.clock.last_ns, velocity)
+            channel.deviation.velocity = max(channel.deviation.velocity, least)
+            if channel.faults.doubted:
+                inflate(channel.faults, channel.deviation, velocity)
 
 
 def inform(observer: Any, channel: Channel, kind: int, value: float, variance: float) -> None:

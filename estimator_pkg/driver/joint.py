@@ -28,8 +28,8 @@ from estimator_pkg.estimate import STATUS_NAMES
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.record import values
 from estimator_pkg.sensor.faults import KINDS, LASTING, LASTING_NS, note_on_faults, text_of
-from estimator_pkg.sensor.guard import DUPLICATE, limits, longest_dt
-from estimator_pkg.sensor.repeats import note_on_repeats
+from estimator_pkg.sensor.guard import DUPLICATE, Limits, limits, longest_dt
+from estimator_pkg.sensor.holds import note_on_repeats
 from estimator_pkg.sensor.sample_time import note_on_stamps
 from estimator_pkg.sensor.turns import begin_turns
 
@@ -123,8 +123,11 @@ class Joint(Counted):
                     self._set_frame(frame, circle)
             now = channel.counted if channel.turns.counts else channel.wrapped
             self.longest_dt = now.longest_dt
-            channel.limits.take(limits(self.settings, now.longest_dt, now.period))
+            channel.limits.take(self._limits(self.settings, now.longest_dt, now.period))
             use_frame(channel, now)
+
+    def _limits(self, settings: JointSettings, longest_dt: float, period: float) -> Limits:
+        return limits(settings, longest_dt, period, getattr(self.gains, 'quantum', 0.0))
 
     @property
     def _counts_turns(self) -> bool:
@@ -187,7 +190,7 @@ class Joint(Counted):
         self.settings = settings
         with self._changing() as channel:
             now = channel.limits
-            now.take(limits(settings, now.longest_dt, now.period))
+            now.take(self._limits(settings, now.longest_dt, now.period))
 
     def numbers(self) -> tuple[Any, ...]:
         """Return all that samples have changed, as plain data."""
@@ -353,7 +356,7 @@ class Joint(Counted):
         clock = channel.track.clock
         if STATUS_NAMES[status] == 'misconfigured':
             return self.limit(clock.mean_dt) or ''
-        note = note_on_repeats(channel.track.repeats.most)
+        note = note_on_repeats(channel.track.holds.most, clock.mean_dt)
         if not note and self._shows_faults:
             newest = note_on_faults(channel.faults, clock.last_ns)
             notes = dict.fromkeys([*self.lasting_faults().values(), newest])

@@ -27,6 +27,7 @@ from estimator_pkg.circle import wrap
 from estimator_pkg.estimate import Deviation
 from estimator_pkg.record import record
 from estimator_pkg.sensor.clock import Clock
+from estimator_pkg.sensor.holds import Holds
 
 NO_FAULT = -1
 STOPPED, STUCK_AT, HELD_AT, LOST_WAY, OFFSET_JUMP, GLITCH, REVERSED, TOGGLE, STUCK_BIT = range(9)
@@ -321,6 +322,16 @@ def follow_suspicion(faults: EncoderFaults, step: float, change: float, limit: f
         if (since == 1 and caught_up) or (since == 2 and far):
             return end_hold(faults, limit)
     return judge_suspicion(faults, limit)
+
+
+def name_rest(faults: EncoderFaults, holds: Holds, stamp_ns: int) -> None:
+    """Name a rest where counts are missing that one step alone does not show."""
+    if faults.age == 0 and faults.warm == 0 and faults.slope == faults.slope:
+        faults.newest, faults.newest_ns = STOPPED, stamp_ns
+        faults.counts[STOPPED] += 1
+        faults.size[STOPPED] = float(holds.unchanged) * faults.dt
+        faults.rate[STOPPED] = holds.grain / (holds.count_time * faults.dt)
+        faults.reading[STOPPED] = faults.last
 
 
 def judge_suspicion(faults: EncoderFaults, limit: float) -> int:

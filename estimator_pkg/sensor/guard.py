@@ -25,7 +25,7 @@ LATE_STAMP = 7
 NON_FINITE = 8
 ZERO_STAMP = 9
 UNSTABLE_GAINS = 10
-REPEATED_READING = 11  # an earlier reading, published again: see `sensor.repeats`
+REPEATED_READING = 11  # an earlier reading, published again: see `sensor.holds`
 VERDICTS = (
     'used',
     'first',
@@ -95,6 +95,7 @@ class Limits:
     timeout_ns: int
     longest_dt: float  # sample time beyond which the gains are unstable [s]
     period: float  # wrap period of a single angle [rad]; 0: none
+    quantum: float  # smallest step of its readings, as given [rad]; 0: not known
 
 
 def longest_dt(limits: Callable[[float], str | None]) -> float:
@@ -116,14 +117,14 @@ def longest_dt(limits: Callable[[float], str | None]) -> float:
     return low
 
 
-def limits(settings: Any, longest_dt: float, period: float = 0.0) -> Limits:
-    """Return settings as `GuardSettings` has in ns, the observer's own limit [s], the period."""
+def limits(settings: Any, longest_dt: float, period: float = 0.0, quantum: float = 0.0) -> Limits:
+    """Return settings as `GuardSettings` has in ns, and the others as `Limits` has."""
     made = Limits()
     made.gap_ns = round(settings.gap_max * 1e9)
     made.reorder_ns = round(settings.reorder_window * 1e9)
     made.timeout_ns = round(settings.timeout * 1e9)
     made.longest_dt = float(longest_dt)
-    made.period = float(period)
+    made.period, made.quantum = float(period), float(quantum)
     return made
 
 

@@ -178,14 +178,47 @@ def test_a_sensor_that_becomes_slower_in_motion_is_not_taken_for_one_at_rest(sen
     assert np.array_equal(out.verdict[1600:] == REPEATED_READING, ~fresh[1600:])
 
 
-def test_holds_of_every_length_at_random_are_no_pattern():
-    """A driver that reads its sensor irregularly: one reading stays for one to nine messages."""
-    random = np.random.default_rng(4)
-    angle, _ = sine(0.5, 2.0)
-    source = np.repeat(np.arange(0, 6000, 5), random.integers(1, 10, 1200))
-    angles = read(np.arange(6000) / 1000.0, angle, 2**16)[source]
-    joint, _ = run('finite_difference', np.arange(len(source)) / 1000.0, angles)
-    assert joint.dropped() == {}
+def held_at_random(rate, shortest, longest, seed, seconds=20.0):
+    """(times, readings, true velocity) of a sine, read over a bus at random times [s]."""
+    random = np.random.default_rng(seed)
+    times = np.arange(1, int(seconds * rate) + 1) / rate
+    read_at = np.cumsum(random.uniform(shortest, longest, int(1.5 * seconds / shortest)))
+    at = read_at[np.maximum(np.searchsorted(read_at, times) - 1, 0)]
+    angle, speed = sine(0.5, 0.6)
+    return times, np.round(angle(at) / 3.83e-4) * 3.83e-4, speed(times)
+
+
+def fastest_hold(times, readings):
+    """Largest way between two readings over the time between them [rad/s]."""
+    at = np.r_[0, np.flatnonzero(np.diff(readings)) + 1]
+    return np.max(np.abs(np.diff(readings[at])) / np.diff(times[at]))
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('rate, shortest, longest', [(350, 0.02, 0.1), (500, 0.028, 0.12)])
+@pytest.mark.parametrize('name', angle_observers())
+def test_readings_that_are_held_at_random_show_no_speed_that_nothing_moved(
+    name, rate, shortest, longest, seed
+):
+    """84 rad/s of 1.9 was published: a reading that stayed was predicted on, and then jumped."""
+    times, readings, speed = held_at_random(rate, shortest, longest, seed)
+    joint, out = run(name, times, readings)
+    later = (times > 2.0) & (out.verdict < DUPLICATE)
+    most = fastest_hold(times, readings)
+    assert np.max(np.abs(out.velocity[later])) < 1.3 * most
+    assert rms(out, speed, times > 2.0) < 0.73
+    assert 'repeats its readings' in joint.why()
+
+
+@pytest.mark.parametrize('times', [3, 5, 8])
+@pytest.mark.parametrize('name', ['edge_adaptive', 'kalman', 'pll'])
+def test_a_sensor_that_repeats_and_starts_to_move_is_not_predicted_on(name, times):
+    """230 rad/s were published of 22."""
+    at = np.arange(600) / 200.0
+    speed = np.clip(150.0 * (at - 0.5), 0.0, 56.0)
+    angles = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) / 200.0)])
+    _, out = run(name, at, wrapped(angles)[np.arange(600) // times * times])
+    assert np.nanmax(np.abs(out.velocity)) < 1.2 * 56.0
 
 
 STEPS = (0.0, 0.1, 1 / 3, 0.49, 0.5, 0.51, 2 / 3, 0.99, 1.0, 1.5, 2.0, 3.3)
