@@ -3,8 +3,9 @@
 
 """One MCAP file: opened and indexed by the mcap library, its chunks read as blocks.
 
-The heads of a chunk's records are read one by one, its messages as arrays. Without a summary (the
-recorder crashed, or the end of the file is missing), all that is complete is read.
+The messages of a chunk are found through its message index, all at once. If there is no index (the
+recorder crashed, or the end of the file is missing), the records are read one by one, as far as
+they are complete.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from array import array
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
@@ -50,6 +51,7 @@ class _Chunk(NamedTuple):
     at: int
     start_ns: int = 0
     size: int = 0  # bytes of its records; 0: as it declares
+    index_size: int = 0  # bytes of message index behind it
 
 
 class McapFile:
@@ -123,7 +125,12 @@ class McapFile:
         self._counts = counts
         self._places[list(self._channels)] = range(len(self._channels))
         self._chunks = [
-            _Chunk(index.chunk_start_offset, index.message_start_time, index.uncompressed_size)
+            _Chunk(
+                index.chunk_start_offset,
+                index.message_start_time,
+                index.uncompressed_size,
+                index.message_index_length,
+            )
             for index in summary.chunk_indexes
         ]
         return True
@@ -184,6 +191,9 @@ class McapFile:
             data = np.frombuffer(self._mapped(), np.uint8)[: chunk.size]
             return self._block(data, self._walk(data, len(MAGIC))[0])
         data, torn = self._unpacked(chunk)
+        indexed = self._indexed(chunk, data)
+        if indexed is not None:
+            return indexed
         offsets, end = self._walk(data, 0)
         what = f'{self.path}: the chunk at byte {chunk.at}'
         if end < len(data) and not torn:
@@ -192,7 +202,10 @@ class McapFile:
         return self._block(data, offsets)
 
     def _unpacked(self, chunk: _Chunk) -> tuple[NDArray[np.uint8], bool]:
-        """Return the chunk's records, and True if its end is missing; none if it is damaged."""
+        """Return the chunk's records, and True if its end is missing; none if it is damaged.
+
+        Then the file has been read up to the end of the chunk.
+        """
         what, torn = f'{self.path}: the chunk at byte {chunk.at}', False
         try:
             self._file.seek(chunk.at)
@@ -218,6 +231,29 @@ class McapFile:
                 self._warn(f'{what} is damaged ({first_line(error)}), its messages are skipped')
             return np.zeros(0, np.uint8), torn
 
+    def _indexed(self, chunk: _Chunk, data: NDArray[np.uint8]) -> Block | None:
+        """Return the messages that the chunk's index names; None if it does not name them all."""
+        raw = self._file.read(min(chunk.index_size, self._size))
+        found = [np.zeros(0, np.uint64)]
+        for opcode, start, end in _records(raw, 0):
+            if opcode == Opcode.MESSAGE_INDEX:
+                count = max(end - start - 15, 0) // 16  # pairs of time and offset
+                found.append(np.frombuffer(raw, '<u8', 2 * count, start + 15)[1::2])
+        offsets = np.sort(np.concatenate(found).astype(np.int64))
+        if not len(offsets) or offsets[0] < 0 or offsets[-1] > len(data) - MESSAGE.itemsize:
+            return None
+        heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
+        ends = offsets + RECORD.size + heads['length'].astype(np.int64)
+        before, end = self._walk(data[: offsets[0]], 0)
+        whole = (
+            np.all(heads['opcode'] == Opcode.MESSAGE)
+            and np.all(ends - offsets >= MESSAGE.itemsize)
+            and np.array_equal(ends, np.append(offsets[1:], len(data)))
+            and not len(before)
+            and end == offsets[0]
+        )
+        return self._block(data, offsets, heads) if whole else None
+
     def _walk(self, data: NDArray[np.uint8], at: int) -> tuple[NDArray[np.int64], int]:
         """Return the offsets of message records in `data` from `at` on, and where they end."""
         view, end, found = data.data, at, array('q')
@@ -228,9 +264,12 @@ class McapFile:
                 found.append(start)
         return np.frombuffer(found, np.int64), end
 
-    def _block(self, data: NDArray[np.uint8], offsets: NDArray[np.int64]) -> Block:
+    def _block(
+        self, data: NDArray[np.uint8], offsets: NDArray[np.int64], heads: Any = None
+    ) -> Block:
         """Return the messages of known topics whose records are at `offsets`."""
-        heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
+        if heads is None:
+            heads = rows(data, offsets, MESSAGE.itemsize).view(MESSAGE)[:, 0]
         log_ns = np.minimum(heads['log_ns'], LATEST_NS).astype(np.int64)
         publish_ns = np.minimum(heads['publish_ns'], LATEST_NS).astype(np.int64)
         block = Block(

@@ -14,6 +14,7 @@ import yaml
 from bag_making import OTHER, STATES, TEXT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
@@ -172,7 +173,7 @@ def strange_digit(path):
 
 
 def of_file(change):
-    """Change the bytes of an MCAP file; `change` also gets the index of its first chunk."""
+    """Change the bytes of an MCAP file; `change` also gets the place of its first chunk."""
 
     def damage(path):
         with open(path, 'rb') as stream:
@@ -184,11 +185,31 @@ def of_file(change):
     return damage
 
 
+def short_index(raw, chunk):
+    at = min(chunk.message_index_offsets.values())
+    length = int.from_bytes(raw[at + 11 : at + 15], 'little')
+    raw[at + 11 : at + 15] = (length - 16).to_bytes(4, 'little')
+
+
+def repeating_index(raw, chunk):
+    at = min(chunk.message_index_offsets.values())
+    raw[at + 15 + 8 : at + 15 + 16] = raw[at + 15 + 24 : at + 15 + 32]
+
+
+def index_out_of_the_chunk(raw, chunk):
+    at = chunk.chunk_start_offset + chunk.chunk_length
+    assert raw[at] == Opcode.MESSAGE_INDEX
+    raw[at + 23 : at + 31] = (2**63 - 1).to_bytes(8, 'little')
+
+
 def summary(field, value):
     """Change a number of the chunk's entry in the summary."""
 
     def change(raw, chunk):
-        at = raw.rindex(getattr(chunk, field).to_bytes(8, 'little'))
+        at = raw.rindex(chunk.chunk_start_offset.to_bytes(8, 'little'))  # 16 bytes into the entry
+        at += {'start': 0, 'index': 12 + 10 * len(chunk.message_index_offsets), 'size': -1}[field]
+        if field == 'size':
+            at = raw.rindex(chunk.uncompressed_size.to_bytes(8, 'little'))
         raw[at : at + 8] = value.to_bytes(8, 'little')
 
     return of_file(change)
@@ -224,9 +245,12 @@ DAMAGES = {  # kind, damage, messages that are left, warning
                      'bag_1.mcap, listed in metadata.yaml, is missing'),
     'empty file': ('mcap split', lambda path: (path / 'bag_2.mcap').write_bytes(b''), slice(46),
                    'bag_2.mcap is empty (0 bytes): name another file; it is skipped'),
-    'place of the chunk': ('mcap zstd', summary('chunk_start_offset', 2**63), slice(0),
-                           'is damaged'),
-    'size of the chunk': ('mcap zstd', summary('uncompressed_size', 100), slice(0), 'is damaged'),
+    'index lacks an entry': ('mcap zstd', of_file(short_index), slice(None), ''),
+    'index repeats an entry': ('mcap zstd', of_file(repeating_index), slice(None), ''),
+    'index leads out': ('mcap plain', of_file(index_out_of_the_chunk), slice(None), ''),
+    'length of the index': ('mcap zstd', summary('index', 2**50), slice(None), ''),
+    'place of the chunk': ('mcap zstd', summary('start', 2**63), slice(0), 'is damaged'),
+    'size of the chunk': ('mcap zstd', summary('size', 100), slice(0), 'is damaged'),
     'flipped bit': ('mcap plain', of_file(flipped_bit), slice(0), 'wrong checksum'),
     'text': ('sqlite3', sqlite(OF_TWO, 'text'), [0, *range(3, 67)], 'messages are not bytes'),
     'number': ('sqlite3', sqlite(OF_TWO, 5), [0, *range(3, 67)], 'messages are not bytes'),
