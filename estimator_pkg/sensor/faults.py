@@ -105,6 +105,8 @@ class EncoderFaults:
     changed: int  # bits of it that changed in this window,
     bits_seen: int  # and in the windows before
     travelled: float  # sum of the ordinary steps of the window
+    turned: bool  # one of its steps went back
+    entered: float  # mean step at its begin
     moves: int  # its readings in which the joint neither rests nor moves uniformly
     swing: float  # sum of the changes of the steps, every second one negative,
     changes: float  # and of their sizes
@@ -221,6 +223,7 @@ def examine_window(faults: EncoderFaults, step: float, change: float, odd: bool)
             return NO_FAULT
         faults.unusual = False
         faults.changed = faults.moves = 0
+        faults.turned, faults.entered = False, faults.slope
         faults.travelled = faults.swing = faults.changes = 0.0
     faults.window += 1
     faults.swing = change - faults.swing
@@ -233,6 +236,7 @@ def examine_window(faults: EncoderFaults, step: float, change: float, odd: bool)
     if faults.window > 1:
         faults.changed |= (code | faults.code) - (code & faults.code)  # exclusive or
     faults.code = code
+    faults.turned = faults.turned or step * faults.travelled < 0.0
     if not odd:
         faults.travelled += step
         faults.moves += 1 if step != 0.0 and abs(change) > 0.5 * faults.grain else 0
@@ -263,12 +267,14 @@ def schedule_window(faults: EncoderFaults, time_ns: int) -> None:
 def stuck_bit(faults: EncoderFaults) -> int:
     """Return a bit of the counter that does not change any more while the motion passes it, or -1.
 
-    A bit need not change if the mean step is nearly a multiple of its period.
+    A bit need not change if the motion turns, or the mean step at the begin, at the end or in between
+    is nearly a multiple of its period.
     """
     passed = faults.bits_seen - (faults.bits_seen & faults.changed)
     if (
         passed == 0
         or faults.travelled == 0.0
+        or faults.turned
         or faults.settled <= SETTLED_WINDOWS
         or 2 * faults.moves <= faults.window
     ):
@@ -276,9 +282,12 @@ def stuck_bit(faults: EncoderFaults) -> int:
     if not 0.5 < faults.slope * faults.window / faults.travelled < 2.0:  # it stops, or starts
         return -1
     mean = faults.travelled / (faults.window * faults.grain)
+    entered, left = faults.entered / faults.grain, faults.slope / faults.grain
     k, size = 0, 1
     while 4.0 * size * faults.grain <= abs(faults.travelled):
-        if passed & size != 0 and abs(wrap(mean, 2.0 * size)) > 0.1 * size:
+        period, least = 2.0 * size, 0.1 * size
+        passes = abs(wrap(mean, period)) > least and abs(wrap(entered, period)) > least
+        if passed & size != 0 and passes and abs(wrap(left, period)) > least:
             return k
         k += 1
         size *= 2

@@ -16,6 +16,7 @@ import pytest
 if __name__ == '__main__':
     sys.path += ['.', 'test/support', 'test/observers/angle']
 
+from clean_streams import clean_stream
 from edge_streams import streams
 from encoder_faults import FAULTS, STOPS, TURN, case, stop
 
@@ -114,6 +115,15 @@ TABLE = {
     'repetition of every second': (0.83, 0.98),
     'repetition of every nth': (0.87, 0.99),
 }
+
+
+@pytest.mark.parametrize('first', range(0, 60, 15))
+def test_random_motions_of_a_right_encoder_are_no_faults(first):
+    """A bit that a motion did not pass, as it turned or braked, was named stuck."""
+    for seed in range(first, first + 15):
+        stream = clean_stream(seed, seconds=30.0)
+        kinds = kinds_of(stream.stamps, stream.readings)
+        assert set(kinds) <= {NO_FAULT, STOPPED}, seed
 
 
 @pytest.mark.parametrize(

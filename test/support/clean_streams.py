@@ -42,9 +42,10 @@ def _sine(random, t, size):
 
 
 def _reversals(random, t, size):
-    return size * np.clip(
-        random.uniform(2.0, 30.0) * np.sin(TURN * random.uniform(0.2, 2.0) * t), -1.0, 1.0
-    )
+    rate = TURN * random.uniform(0.2, 2.0)
+    steepest = 0.3 / (rate * (t[8] - t[0]))  # a reversal takes a few samples
+    steep = min(random.uniform(2.0, 30.0), steepest)
+    return size * np.clip(steep * np.sin(rate * t), -1.0, 1.0)
 
 
 def _stick_slip(random, t, size):
