@@ -267,8 +267,8 @@ def schedule_window(faults: EncoderFaults, time_ns: int) -> None:
 def stuck_bit(faults: EncoderFaults) -> int:
     """Return a bit of the counter that does not change any more while the motion passes it, or -1.
 
-    A bit need not change if the motion turns, or the mean step at the begin, at the end or in between
-    is nearly a multiple of its period.
+    A bit need not change if the motion turns, or the mean step at the begin, at the end or in
+    between is nearly a multiple of its period.
     """
     passed = faults.bits_seen - (faults.bits_seen & faults.changed)
     if (
