@@ -84,7 +84,9 @@ def as_yaml(
     about += described(tuned, period=period, width=WIDTH - 2)
     lines = [yaml_text.comment(each) for line in about for each in wrapped(line, WIDTH - 2)]
     known = streams.parameters(observer, held)
-    values = {'observer': observer} if 'observer' in declared(stream.SETTINGS) else {}
+    values: dict[str, Any] = {}
+    if 'observer' in declared(stream.SETTINGS):
+        values['observer'] = observer
     for name, value in held.items():
         values[name] = known[params_file.parameter_of(name)].plain(value)
     quantum = 'quantum' in tuning.gains and 'quantum' not in held
