@@ -25,8 +25,8 @@ CHANNELS = {  # of a kind of observers: the module of the channel, and its funct
 }
 SMOOTHER = 'estimator_pkg.evaluation.reference.smoother'
 LOOPS = {  # functions of a module whose arguments are numbers, arrays and records
-    f'{SMOOTHER}.cells': ('along', 'filtered', 'used'),
-    f'{SMOOTHER}.steps': ('backward', 'forward', 'likelihood'),
+    f'{SMOOTHER}.cells': ('along', 'used'),
+    f'{SMOOTHER}.steps': ('backward', 'forward'),
     'estimator_pkg.sensor.faults': ('find_faults',),
     'sim_pkg.pmsm.drive': ('simulate',),
 }

@@ -54,7 +54,7 @@ def test_a_sentence_is_wrapped_between_words():
 def test_gains_that_do_not_fit_the_table_are_below_it():
     gains = ', '.join(f'gain_{i} {i}.25' for i in range(6))
     rows = [('all joints', 'tuned', gains, '0.1', '0.2', '0.3', '0.4')]
-    lines = output._table(rows).split('\n')
+    lines = output.table_lines(rows)
     assert max(map(len, lines)) <= WIDTH
     assert lines[1].split() == ['all', 'joints', 'tuned', '0.1', '0.2', '0.3', '0.4']
     assert gains in ' '.join(' '.join(lines[2:]).split())

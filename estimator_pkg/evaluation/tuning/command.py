@@ -8,12 +8,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from estimator_pkg import destination, interrupts, streams, whole_file
 from estimator_pkg.bags import log_file, unpacking
-from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
@@ -34,7 +34,7 @@ from estimator_pkg.evaluation.text import started
 from estimator_pkg.evaluation.tuning import any_observer, live, output
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES
 from estimator_pkg.evaluation.tuning.records import TuningRecord, records
-from estimator_pkg.evaluation.tuning.seek import kept, seek
+from estimator_pkg.evaluation.tuning.seek import Tuned, kept, seek
 from estimator_pkg.evaluation.tuning.settings import TuneSettings, tune_settings
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.printable import show
@@ -150,64 +150,69 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     out = Path(parsed.out)
     destination.check(out)
     if parsed.apply:  # before anything is recorded or searched
-        live.check(parsed.apply, parsed.observer)
+        with live.remote(parsed.apply, parsed.observer):
+            pass
     options = options_of(parsed, [tuning.entry], columns)
+    left_out: list[LeftOut] = []
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         if parsed.live is not None:
             parsed.bags = [stack.enter_context(_recorded(parsed, tuning))]
-        held_out = 0.0 if parsed.judge else parsed.held_out
-        left_out: list[LeftOut] = []
 
         def of(paths: Sequence[str], held_out: float) -> list[TuningRecord]:
             more = tuning.entry, options, held_out, tuple(parsed.joint)
             parts = on_each(run_many, records, expanded(paths), *more, left_out=left_out)
             return [record for part in parts for record in part]
 
-        seen, judged = of(parsed.bags, held_out), of(parsed.judge, 0.0)
-        _check_disjoint(seen, judged)
+        seen = of(parsed.bags, 0.0 if parsed.judge else parsed.held_out)
+        judged = of(parsed.judge, 0.0)
+        for path in {Path(each.bag).resolve() for each in seen}:
+            if path in {Path(each.bag).resolve() for each in judged}:
+                raise UsageError(
+                    f'--judge {path}: the gains are tuned on this recording: name another'
+                )
         groups = _groups(seen, tuning, parsed.per_joint)
         usable = [record for record in seen if not record.why]
-        any_linear = any_linear and bool(usable)
-        if any_linear:
+        if any_linear and usable:
             parsed.observer = any_observer.best_linear(usable, tuning)
             tuning = tune_settings(parsed)
             show(f'{parsed.observer} is the best linear observer here: it is tuned')
-        tuned = []
+        tuned: list[Tuned] = []
         for joint, chosen in groups.items():
+            fit = [record for record in chosen if not record.why]
+            if not fit:
+                why = '; '.join(dict.fromkeys(record.why for record in chosen))
+                tuned.append(kept(joint, chosen, why))
+                continue
             try:
-                fit = [record for record in chosen if not record.why]
-                if not fit:
-                    why = '; '.join(dict.fromkeys(record.why for record in chosen))
-                    tuned.append(kept(joint, chosen, why))
-                    continue
-                tuned.append(seek(joint, fit, _of(judged, joint), tuning, run_many))
+                tuned.append(seek(joint, fit, _of(judged, joint), tuning, run_many, any_linear))
             except KeyboardInterrupt:  # before this joint's first trial
                 if not tuned:
                     raise
                 interrupts.finish()
                 break
-            if tuned[-1]['interrupted']:
+            if tuned[-1].interrupted:
                 break
-        sought, chosen_results = parsed.observer, tuned
-        notes = _notes(seen)
-        if any_linear:
-            replaces, results = any_observer.against_default(tuned, groups, judged, tuning)
-            for each in tuned:
-                each['against'] = results.get(each['joint'], '')
-            if not replaces:
-                parsed.observer = any_observer.DEFAULT
-                tuning = tune_settings(parsed)
-                tuned = [kept(joint, groups[joint], text) for joint, text in results.items()]
-                notes.append(f'the file has {parsed.observer} as it is')
-    print(output.describe(chosen_results, notes, options.wrap_period))
+    sought, written, notes = parsed.observer, tuned, _notes(seen)
+    if any_linear and usable:
+        pairs = [any_observer.Compared(**each.versus) for each in tuned if each.versus]
+        if not any_observer.replaces_default(pairs):
+            parsed.observer = any_observer.DEFAULT
+            tuning = tune_settings(parsed)
+            written = [
+                kept(each.joint, groups[each.joint], each.against or each.why) for each in tuned
+            ]
+            notes.append(f'the file has {parsed.observer} as it is')
+    show(*output.described(tuned, notes, options.wrap_period))
     wiring = seen[0].seen.recording.setup
-    held = _held(options.wrap_period, tuning, wiring)
-    whole_file.write_text(out, output.as_yaml(tuning, held, tuned, held_out, wiring.remaps))
-    node = streams.of_observer(tuning.entry.observer).NODE
-    show(f'gains: {out}', *started(node, parsed.out, wiring.remaps))
+    held = wiring.input | tuning.held
+    stream = streams.of_observer(parsed.observer)
+    if stream.WRAPS and options.wrap_period != WRAP_PERIOD:
+        held.setdefault(PERIOD_KEY, options.wrap_period)
+    whole_file.write_text(out, output.as_yaml(tuning, held, written, wiring.remaps))
+    show(f'gains: {out}', *started(stream.NODE, parsed.out, wiring.remaps))
     if parsed.apply:
-        values = output.node_values(tuned)
+        values = output.node_values(written)
         changed = live.apply(parsed.apply, values, tuning.gains, parsed.observer) if values else []
         show(f'set on {parsed.apply}: {", ".join(changed) or "nothing, the defaults stay"}')
     return {
@@ -217,19 +222,16 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         'out': str(out),
         'notes': notes,
         'left_out': {each.path: each.why for each in left_out},
-        'tuned': chosen_results,
+        'tuned': [asdict(each) for each in tuned],
     }
 
 
 def _usual(parsed: argparse.Namespace, columns: log_file.Columns | None) -> str:
     """Set the observer that is not named, and return it; raise UsageError."""
-    bags = expanded(parsed.bags) if parsed.bags else []
-    named = bags and not (parsed.angle or parsed.measurement)
-    parsed.observer = (
-        any_observer.usual(bags[0].path, parsed.unpack_limit, columns)
-        if named
-        else any_observer.DEFAULT
-    )
+    parsed.observer = any_observer.DEFAULT
+    if parsed.bags and not (parsed.angle or parsed.measurement):
+        first = expanded(parsed.bags)[0].path
+        parsed.observer = any_observer.usual(first, parsed.unpack_limit, columns)
     if parsed.observer == any_observer.DEFAULT and (parsed.search or parsed.params or parsed.apply):
         raise UsageError(
             '--search, --params and --apply are for one observer: name it with --observer'
@@ -242,17 +244,6 @@ def _recorded(parsed: argparse.Namespace, tuning: TuneSettings) -> Any:
     named = parsed.measurement or (parsed.angle or '').partition(':')[0]
     usual = streams.of_observer(tuning.entry.observer).USUAL
     return live.recorded((named,) if named else usual, parsed.truth or TRUTH, parsed.live)
-
-
-def _check_disjoint(seen: Sequence[TuningRecord], judged: Sequence[TuningRecord]) -> None:
-    """Raise UsageError if a recording is used both for tuning and for validation."""
-    both = {Path(record.bag).resolve() for record in seen} & {
-        Path(record.bag).resolve() for record in judged
-    }
-    if both:
-        raise UsageError(
-            f'--judge {min(both)}: the gains are tuned on this recording: name another'
-        )
 
 
 def _groups(
@@ -301,20 +292,6 @@ def _notes(seen: Sequence[TuningRecord]) -> list[str]:
         + '): every joint has the same weight; --joint selects one, --per-joint tunes each '
         'separately'
     ]
-
-
-def _held(period: float, tuning: TuneSettings, wiring: Setup) -> dict[str, Any]:
-    """Return the fixed parameters, which the node needs too.
-
-    Parameters
-    ----------
-    wiring : of a recording of the search.
-    """
-    held = wiring.input | tuning.held
-    wraps = streams.of_observer(tuning.entry.observer).WRAPS
-    if wraps and period != WRAP_PERIOD:
-        held.setdefault(PERIOD_KEY, period)
-    return held
 
 
 COMMAND = Command(

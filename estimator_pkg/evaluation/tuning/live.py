@@ -18,6 +18,7 @@ from estimator_pkg.bags import record
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import Parameter
 from estimator_pkg.params_file import parameter_of
+from estimator_pkg.yaml_text import scalar
 
 if TYPE_CHECKING:
     from estimator_pkg.bags.remote_parameters import RemoteParameters
@@ -48,27 +49,21 @@ def recorded(topics: Sequence[str], truth: str, seconds: float) -> Iterator[str]
 
 
 @contextmanager
-def _remote(node: str, observer: str) -> Iterator[RemoteParameters]:
+def remote(node: str, observer: str) -> Iterator[RemoteParameters]:
     """Yield the parameters of a node; UserError: no such node, or it runs another observer."""
     from estimator_pkg.bags.live import live
 
     with live('gain_setter') as here:
         from estimator_pkg.bags.remote_parameters import RemoteParameters
 
-        remote = RemoteParameters(here, node)
-        runs = remote.get(['observer'])['observer']
+        there = RemoteParameters(here, node)
+        runs = there.get(['observer'])['observer']
         if runs not in (None, observer):  # others have gains of the same names
             raise UserError(
-                f"the node '{remote.name}' runs {runs}, and the gains are of {observer}: start it "
+                f"the node '{there.name}' runs {runs}, and the gains are of {observer}: start it "
                 f"with 'observer: {observer}', or tune {runs}"
             )
-        yield remote
-
-
-def check(node: str, observer: str) -> None:
-    """Raise UserError if there is no such node, or it runs another observer."""
-    with _remote(node, observer):
-        pass
+        yield there
 
 
 def apply(
@@ -90,28 +85,21 @@ def apply(
     UserError : no such node, another observer in it, no answer, or a refused value (with the
         node's reason).
     """
-    with _remote(node, observer) as remote:
-        before = remote.get(list(gains))
-        remote.set(gains)
-        after = remote.get(list(gains))
-    found = []
-    for name in gains:
-        parameter = declared.get(parameter_of(name))
-        found.append(f'{name}: {_text(before[name], parameter)} -> {_text(after[name], parameter)}')
-    return found
+    with remote(node, observer) as there:
+        before = there.get(list(gains))
+        there.set(gains)
+        after = there.get(list(gains))
+    known = {name: declared.get(parameter_of(name)) for name in gains}
+    return [
+        f'{name}: {_text(before[name], each)} -> {_text(after[name], each)}'
+        for name, each in known.items()
+    ]
 
 
-def _text(value: Any, parameter: Parameter | None = None) -> str:
+def _text(value: Any, parameter: Parameter | None) -> str:
     """Return a value as text; None: the parameter was not set."""
     if value is None:
         return 'not set'
     if parameter is not None and parameter.is_automatic(value):
         return parameter.automatic_text
-    if isinstance(value, float):
-        return f'{value:.6g}'
-    if isinstance(value, str):
-        return value
-    try:
-        return '[' + ', '.join(map(_text, value)) + ']'
-    except TypeError:
-        return str(value).lower() if isinstance(value, bool) else str(value)
+    return f'{value:.6g}' if isinstance(value, float) else scalar(value)

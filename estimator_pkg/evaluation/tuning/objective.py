@@ -1,7 +1,10 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The objective of the tuner: an observer's error, delay and noise on parts of recorded bags."""
+"""The objective of the tuner: an observer's error, delay and noise on parts of recorded bags.
+
+`measure` and `costs` are of one set of gains; `compared` tests two on held-out data.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.recording import EstimateSeries, Recording
+from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.errors import UserError
+from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.delay import measured
+from estimator_pkg.evaluation.ranking.choice import chosen
+from estimator_pkg.evaluation.signals import slopes
+from estimator_pkg.evaluation.text import number
 
 Array = NDArray[np.float64]
 
@@ -25,8 +33,7 @@ AVERAGE_SAMPLES = 11  # or at least this many samples
 FEWEST_ESTIMATES = 10  # smallest number of estimates for a result
 
 
-@dataclass(frozen=True)
-class Weights:
+class Weights(NamedTuple):
     """Weights of error, delay and noise; all three are in rad/s, so they can be added.
 
     error : rms velocity error at zero shift. delay : the error caused by the delay alone, which is
@@ -59,6 +66,32 @@ class JointTruth:
     velocity: Array
     acceleration: float
     plain: Array | None = None
+
+    @property
+    def time(self) -> Array:
+        """Time since the first stamp, shape (n,) [s]."""
+        return (self.stamps - self.stamps[0]) * 1e-9
+
+    @property
+    def settled(self) -> NDArray[np.bool_]:
+        """True for each sample, shape (n,), after the settling of the part."""
+        return self.time >= min(SETTLING_TIME, 0.25 * float(self.time[-1]))
+
+    def common(self, *estimates: EstimateSeries | None) -> tuple[NDArray[np.int64], list[Array]]:
+        """Return (rows, velocities) of the settled samples where all of these have an estimate.
+
+        There are no rows if they are too few, or if a velocity is not finite.
+        """
+        none: tuple[NDArray[np.int64], list[Array]] = np.zeros(0, np.int64), []
+        columns = []
+        for each in estimates:
+            if each is None:
+                return none
+            velocity = np.where(np.isfinite(each.velocity), each.velocity, math.inf)
+            columns.append(at_stamps(self.stamps, each.stamps, velocity))  # nan: no estimate
+        rows = np.flatnonzero(self.settled & ~np.isnan(columns).any(axis=0))
+        found = [each[rows] for each in columns]
+        return (rows, found) if len(rows) >= FEWEST_ESTIMATES and np.isfinite(found).all() else none
 
 
 @dataclass(frozen=True)
@@ -94,42 +127,21 @@ def measure(part: Dataset, observer: str, values: Mapping[str, Any]) -> ErrorsBy
         return None
     results = {}
     for joint, known in part.known.items():
-        result = _result(found[joint], known) if joint in found else None
-        if result is None:
+        rows, velocities = known.common(found.get(joint))
+        if not velocities:
             return None
-        results[joint] = result
+        (velocity,) = velocities
+        time, true = known.time[rows], known.velocity[rows]
+        width = averaged(time)
+        late = measured(time, velocity, true)
+        results[joint] = JointErrors(
+            _rms(velocity - true),
+            late.late,
+            _rms((velocity - smooth(time, velocity))[width:-width]),
+            float(len(rows) / np.count_nonzero(known.settled)),
+            late.half,
+        )
     return results
-
-
-def _result(estimate: EstimateSeries, known: JointTruth) -> JointErrors | None:
-    elapsed = (known.stamps - known.stamps[0]) * 1e-9
-    counted = settled(elapsed)
-    at = np.minimum(np.searchsorted(known.stamps, estimate.stamps), len(known.stamps) - 1)
-    same = known.stamps[at] == estimate.stamps
-    rows, first = np.unique(at[same], return_index=True)
-    velocity = estimate.velocity[same][first]
-    velocity, rows = velocity[counted[rows]], rows[counted[rows]]
-    if len(rows) < FEWEST_ESTIMATES:
-        return None
-    time, true = elapsed[rows], known.velocity[rows]
-    error = velocity - true
-    if not np.isfinite(error).all():
-        return None
-    width = averaged(time)
-    noise = (velocity - smooth(time, velocity))[width:-width]
-    late = measured(time, velocity, true)
-    return JointErrors(
-        float(np.sqrt(np.mean(error**2))),
-        late.late,
-        float(np.sqrt(np.mean(noise**2))),
-        float(len(rows) / np.count_nonzero(counted)),
-        late.half,
-    )
-
-
-def settled(elapsed: Array) -> NDArray[np.bool_]:
-    """Return True for each sample, shape (n,), after the settling of a part; elapsed [s]."""
-    return elapsed >= min(SETTLING_TIME, 0.25 * float(elapsed[-1]))
 
 
 def cost(result: JointErrors, known: JointTruth, weights: Weights) -> float:
@@ -147,6 +159,107 @@ def costs(results: ErrorsByJoint | None, part: Dataset, weights: Weights) -> dic
     if results is None:
         return dict.fromkeys(part.known, math.inf)
     return {joint: cost(result, part.known[joint], weights) for joint, result in results.items()}
+
+
+class Compared(NamedTuple):
+    """The tuned gains against the defaults.
+
+    sign : 1: the tuned gains are better (95 %), -1: worse, 0: not known. difference : by how much
+    the weighted error of the defaults is larger [%]; resolution : the smallest difference that
+    would be declared [%].
+    events : parts of the records that make half of the difference, if they are few; else 0.
+    """
+
+    sign: int
+    difference: float
+    resolution: float
+    events: int = 0
+
+    @property
+    def used(self) -> bool:
+        """True if the tuned gains are used, by the rule of `chosen`."""
+        errors = {'defaults': 1.0 + self.difference / 100.0, 'tuned': 1.0}
+        return chosen(errors, ('defaults',), lambda *_: self.sign) == 'tuned'
+
+    def text(self, tuned: str = 'the tuned set', default: str = 'the default set') -> str:
+        """Return the result in words, with the names of both."""
+        smaller = number(100.0 - 100.0 / (1.0 + max(self.difference, 0.0) / 100.0), 2)
+        if self.sign > 0:
+            return f'{tuned} is better than {default} (95 %): its error is smaller by {smaller} %'
+        if self.sign < 0:
+            return f'{default} is better than {tuned} (95 %)'
+        if self.used:
+            return (
+                f'{tuned} has less error than {default}, by {smaller} %, which is not significant'
+            )
+        within = number(abs(self.difference) + self.resolution, 2)
+        return f'{tuned} and {default} cannot be distinguished: within {within} %'
+
+
+def compared(
+    parts: Sequence[Dataset],
+    observer: str,
+    gains: Mapping[str, Any],
+    weights: Weights,
+    other: str = '',
+) -> Compared | None:
+    """Return the comparison over these parts; None if the gains or the defaults do not work.
+
+    The squared errors are weighted as the costs, and every joint counts in units of its defaults.
+    Both references must agree where there are two.
+
+    Parameters
+    ----------
+    other : the observer whose defaults are compared; '': the same.
+    """
+    found: list[list[tuple[Array, Array]]] = [[], []]
+    for part in parts:
+        try:
+            ran = [part.recording.run(observer, gains), part.recording.run(other or observer, {})]
+        except UserError:
+            return None
+        for joint, known in part.known.items():
+            rows, velocities = known.common(*(each.get(joint) for each in ran))
+            if not velocities:
+                return None
+            time = known.time[rows]
+            references = known.velocity, known.velocity if known.plain is None else known.plain
+            block = pairs.blocks(time)
+            for sums, reference in zip(found, references):
+                tuned, default = (
+                    _score(time, each, reference[rows], weights, block) for each in velocities
+                )
+                unit = max(float(np.sum(default)), 1e-300) / len(time)
+                sums.append(((tuned - default) / unit, np.bincount(block).astype(float)))
+    tests = [pairs.of_sums(*map(list, zip(*each))) for each in found]
+    signs = {each.sign for each in tests}
+    mean_ = tests[0].mean  # of the squares, in units of the defaults: -1 if no error is left
+    return Compared(
+        signs.pop() if len(signs) == 1 else 0,
+        100.0 * ((1.0 + min(max(mean_, -0.999999), 1e6)) ** -0.5 - 1.0),
+        50.0 * max(each.half for each in tests),
+        len(pairs.events(np.concatenate([each for each, _ in found[0]]))),
+    )
+
+
+def _score(
+    time: Array, velocity: Array, truth: Array, weights: Weights, block: NDArray[np.int64]
+) -> Array:
+    """Return the weighted sum of squares by block: error, its part by delay, and noise.
+
+    The part by delay is the projection of the error on the acceleration.
+    """
+    error = velocity - truth
+    width = averaged(time)
+    inside = slice(width, -width)  # the average is wrong at the ends
+    noise, turns = np.zeros(len(time)), np.zeros(len(time))
+    noise[inside] = (velocity - smooth(time, velocity))[inside]
+    turns[inside] = slopes(time, smooth(time, truth))[inside]
+    delayed = np.bincount(block, error * turns) ** 2 / np.maximum(
+        np.bincount(block, turns**2), 1e-300
+    )
+    sums = (np.bincount(block, error**2), delayed, np.bincount(block, noise**2))
+    return np.asarray(sum(weight**2 * each for weight, each in zip(weights, sums)))
 
 
 def averaged(time: Array) -> int:
@@ -167,3 +280,7 @@ def smooth(time: Array, values: Array) -> Array:
 def mean(values: Sequence[float]) -> float:
     """Return the mean, inf without values."""
     return math.fsum(values) / len(values) if values else math.inf
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -27,6 +27,7 @@ from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.tuning.objective import Dataset, JointTruth, averaged
 
 FEWEST_TRUTH_SAMPLES = 20  # smallest number of samples of a part with a truth
+TOO_FEW = f'fewer than {FEWEST_TRUTH_SAMPLES} samples with a truth, too few for tuning'
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,6 @@ def records(
     for name in joints:
         if name not in names:
             raise UserError(f"{path}: no joint '{name}'; it has {listed(names)}")
-    quanta = {joint: quantum(series.position) for joint, series in measurement.items()}
     found = []
     for label, each in by_label.items():
         if joints and label not in joints:
@@ -90,34 +90,31 @@ def records(
         if names and label not in true.series and label not in true.motions:
             continue
         of = tuple(true.motions or true.series) if label is None else (label,)
-        why = {joint: _unfit(true, joint) for joint in of}
-        usable = {joint: true.series[joint] for joint, reason in why.items() if not reason}
+        reasons = {joint: _unfit(true, joint) for joint in of}
+        usable = {joint: true.series[joint] for joint, why in reasons.items() if not why}
         first, rest = each.of_stamps(*true.parts.get(label or '', (0, 2**62))).split(held_out)
         seen = _part(first, entry, usable, true, options)
         after = None
         if seen is not None and held_out > 0.0:
             after = _part(rest, entry, usable, true, options, after=seen)
-        reasons = [f'{joint}: {reason}' for joint, reason in why.items() if reason]
-        moved = [true.motions[joint] for joint in usable if joint in true.motions]
+        limits = [true.caveats[joint] for joint in usable if joint in true.caveats]
+        for joint in usable:
+            moved = true.motions.get(joint)
+            limits += cautions(moved) if moved else []
+        why = '; '.join(f'{joint}: {reason}' for joint, reason in reasons.items() if reason)
         found.append(
             TuningRecord(
                 path,
                 label,
                 seen or Dataset(first, {}),
                 after,
-                {joint: quanta[joint] for joint in of if joint in quanta},
-                tuple(
-                    dict.fromkeys(
-                        [
-                            *(true.caveats[joint] for joint in usable if joint in true.caveats),
-                            *(each for one in moved if one for each in cautions(one)),
-                        ]
-                    )
-                ),
-                ''
-                if seen is not None
-                else '; '.join(reasons)
-                or f'fewer than {FEWEST_TRUTH_SAMPLES} samples with a truth, too few for tuning',
+                {
+                    joint: quantum(measurement[joint].position)
+                    for joint in of
+                    if joint in measurement
+                },
+                tuple(dict.fromkeys(limits)),
+                '' if seen is not None else why or TOO_FEW,
                 true.notes,
             )
         )

@@ -7,33 +7,80 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
-
-import numpy as np
 
 from estimator_pkg import interrupts
 from estimator_pkg.evaluation.text import number
-from estimator_pkg.evaluation.tuning.held_out import Compared, compared
+from estimator_pkg.evaluation.tuning.any_observer import against_default
 from estimator_pkg.evaluation.tuning.objective import (
+    Compared,
     Dataset,
     ErrorsByJoint,
     JointErrors,
     Weights,
+    compared,
     costs,
     mean,
     measure,
 )
 from estimator_pkg.evaluation.tuning.output import written
 from estimator_pkg.evaluation.tuning.records import TuningRecord
-from estimator_pkg.evaluation.tuning.search import GainValue, Search, Trial, search
+from estimator_pkg.evaluation.tuning.search import GainValue, Search, Trial, alike, search
 from estimator_pkg.evaluation.tuning.settings import TuneSettings
 from estimator_pkg.evaluation.workers import Map
 from estimator_pkg.progress import progress
 
 QUANTUM_TOLERANCE = 0.01  # quanta of a joint in several bags agree within this fraction
-ERROR_TOLERANCE = 1e-6  # errors this close are equal [relative, or rad/s]
 
-Details = Sequence[ErrorsByJoint | None]  # of a trial, by part
+
+@dataclass
+class Tuned:
+    """The gains of a joint ('' : of all) and how they compare with the defaults; see ``--json``.
+
+    gains : those to use; empty where the defaults stay, because of `why`. tried : those that the
+    search found. pair : of `Compared`. default, best : errors and costs of both.
+    against, versus : the comparison with the default observer, in words and as `pair`.
+    """
+
+    joint: str
+    bags: list[str]
+    joints: list[str]
+    quanta: dict[str, float]
+    cautions: list[str]
+    why: str = ''
+    gains: dict[str, GainValue] = field(default_factory=dict)
+    tried: dict[str, GainValue] = field(default_factory=dict)
+    default_gains: dict[str, GainValue | None] = field(default_factory=dict)
+    idle: list[str] = field(default_factory=list)
+    pair: dict[str, Any] | None = None
+    delay_known: bool = False
+    relative_cost: float = 1.0
+    evaluations: int = 0
+    interrupted: bool = False
+    held_out: bool = False
+    judged_on: list[str] = field(default_factory=list)
+    default: dict[str, Any] | None = None
+    best: dict[str, Any] | None = None
+    against: str = ''
+    versus: dict[str, Any] | None = None
+
+
+def kept(
+    joint: str, chosen: Sequence[TuningRecord], why: str, found: Search | None = None
+) -> Tuned:
+    """Return the result where the defaults stay without a comparison."""
+    found = found or Search()
+    return Tuned(
+        joint,
+        sorted({record.bag for record in chosen}),
+        sorted({joint for record in chosen for joint in record.joints}),
+        _quanta(chosen),
+        list(dict.fromkeys(each for record in chosen for each in record.cautions)),
+        why,
+        evaluations=len(found.trials),
+        interrupted=found.interrupted,
+    )
 
 
 def seek(
@@ -42,34 +89,32 @@ def seek(
     judged: Sequence[TuningRecord],
     tuning: TuneSettings,
     run_many: Map,
-) -> dict[str, Any]:
-    """Return the best gains for these records, as a dictionary for output and JSON.
+    any_observer: bool = False,
+) -> Tuned:
+    """Return the best gains for these records.
 
     Parameters
     ----------
     joint : the joint of these gains; '' : all.
     judged : records for validation; empty: the held-out parts of those chosen.
-
-    The gains are those to use: empty where the search does not beat the defaults on held-out data
-    (`why` has the reason, `tried` the gains that it found).
+    any_observer : compare them with the default observer, too.
     """
     observer, weights = tuning.entry.observer, tuning.weights
     seen = [record.seen for record in chosen]
-    first = list(run_many(measure, [(part, observer, {}) for part in seen]))
-    units = [
-        {
-            name: value if math.isfinite(value) and value > 0.0 else 1.0
-            for name, value in costs(result, part, weights).items()
-        }
-        for result, part in zip(first, seen)
-    ]
 
-    def judge(batch: list[dict[str, GainValue]]) -> list[tuple[float, Any]]:
-        results = list(
-            run_many(measure, [(part, observer, values) for values in batch for part in seen])
-        )
-        every = [results[k : k + len(seen)] for k in range(0, len(results), len(seen))]
-        return [(_total(details, seen, weights, units), details) for details in every]
+    def measured(batch: Sequence[Mapping[str, Any]]) -> list[list[ErrorsByJoint | None]]:
+        jobs = [(part, observer, values) for values in batch for part in seen]
+        results = list(run_many(measure, jobs))
+        return [results[k : k + len(seen)] for k in range(0, len(results), len(seen))]
+
+    (first,) = measured([{}])
+    units = [costs(result, part, weights) for result, part in zip(first, seen)]
+
+    def judge(batch: list[dict[str, GainValue]]) -> list[Trial]:
+        return [
+            Trial(values, _relative(results, seen, weights, units), _errors(results))
+            for values, results in zip(batch, measured(batch))
+        ]
 
     label = f'{observer} {joint}'.strip()
     with progress(label, tuning.trials) as advance:
@@ -80,7 +125,6 @@ def seek(
             tuning.trials,
             tuning.seed,
             lambda count, so_far: advance(count, f'{label}{_so_far(so_far)}'),
-            same=lambda one, other: _alike([one, other]),
         )
     best = found.best
     if best is None:
@@ -94,12 +138,10 @@ def seek(
             found,
         )
     interrupts.finish()  # validation takes as long as one trial
-    working = [trial for trial in found.trials if _flat(trial.details)]
-    if len(working) >= 3 and _alike(working):
+    if len(found.working) >= 3 and alike(found.working):
         names = ' nor '.join(f"'{name}'" for name in tuning.ranges)
         return kept(joint, chosen, f'nothing in these bags depends on {names}', found)
-    idle = found.idle
-    gains = {name: rounded(value) for name, value in best.values.items() if name not in idle}
+    gains = {name: rounded(value) for name, value in best.values.items() if name not in found.idle}
     held = [record.held_out for record in chosen if record.held_out is not None]
     parts = [record.seen for record in judged] or held or seen
     default, better = (
@@ -107,51 +149,19 @@ def seek(
         for values in ({}, gains)
     )
     pair = compared(parts, observer, gains, weights)
-    why = _why(pair, default, better, bool(held or judged))
-    return {
-        **kept(joint, chosen, why, found),
-        'gains': {} if why else gains,
-        'tried': gains,
-        'pair': None if pair is None else pair._asdict(),
-        'default_gains': {
-            name: value for name, value in tuning.defaults().items() if name not in idle
-        },
-        'idle': idle,
-        'delay_known': _delay_known([first, *(trial.details for trial in found.trials)]),
-        'relative_cost': best.cost,
-        'held_out': bool(held or judged),
-        'judged_on': sorted({record.bag for record in judged}),
-        'default': default,
-        'best': better,
-    }
-
-
-def kept(
-    joint: str, chosen: Sequence[TuningRecord], why: str, found: Search | None = None
-) -> dict[str, Any]:
-    """Return the result where the defaults stay without a comparison; keys as those of `seek`."""
-    found = found or Search()
-    return {
-        'joint': joint,
-        'gains': {},
-        'tried': {},
-        'why': why,
-        'pair': None,
-        'cautions': list(dict.fromkeys(each for record in chosen for each in record.cautions)),
-        'quanta': _quanta(chosen),
-        'default_gains': {},
-        'idle': [],
-        'delay_known': False,
-        'relative_cost': 1.0,
-        'evaluations': len(found.trials),
-        'interrupted': found.interrupted,
-        'held_out': False,
-        'judged_on': [],
-        'default': None,
-        'best': None,
-        'bags': sorted({record.bag for record in chosen}),
-        'joints': sorted({joint for record in chosen for joint in record.joints}),
-    }
+    tuned = kept(joint, chosen, _why(pair, default, better), found)
+    tuned.gains, tuned.tried = {} if tuned.why else gains, gains
+    tuned.default_gains = {name: tuning.defaults()[name] for name in gains}
+    tuned.idle, tuned.relative_cost = found.idle, best.cost
+    tuned.pair = None if pair is None else pair._asdict()
+    tuned.delay_known = default is not None and math.isfinite(default['delay_s'])
+    tuned.held_out = bool(held or judged)
+    tuned.judged_on = sorted({record.bag for record in judged})
+    tuned.default, tuned.best = default, better
+    if any_observer:
+        pair, tuned.against = against_default(parts, tuned.gains, tuning, tuned.delay_known)
+        tuned.versus = None if pair is None else pair._asdict()
+    return tuned
 
 
 def rounded(value: Any) -> Any:
@@ -181,56 +191,52 @@ def _quanta(chosen: Sequence[TuningRecord]) -> dict[str, float]:
 
 
 def _why(
-    pair: Compared | None,
-    default: Mapping[str, Any] | None,
-    best: Mapping[str, Any] | None,
-    held_out: bool,
+    pair: Compared | None, default: Mapping[str, Any] | None, best: Mapping[str, Any] | None
 ) -> str:
     """Return why the defaults stay; '' if the tuned gains are used."""
-    where = 'on held-out data' if held_out else 'on the data of the search'
     if best is None:
-        return f'the tuned gains do not work {where}'
+        return 'the tuned gains do not work on held-out data'
     if default is None:
         return ''
     if pair is None:
-        return f'there are too few estimates {where}'
-    if pair.difference == 0.0 == pair.resolution:
-        return 'the search finds no better gains'
-    if pair.used and best['cost'] <= default['cost']:
-        if number(best['cost']) == number(default['cost']):
-            return f'the tuned gains cost as much as the defaults {where}'
-        return ''
-    if pair.sign == 0 and pair.difference > -pair.resolution:
-        within = number(max(abs(pair.difference), 0.0) + pair.resolution, 2)
-        return (
-            f'the tuned gains and the defaults cannot be distinguished {where}: within {within} %'
-        )
-    return f'the tuned gains do not beat the defaults {where}'
+        return 'there are too few estimates on held-out data'
+    if float(number(best['cost'])) >= float(number(default['cost'])):
+        return 'the tuned gains cost no less than the defaults'
+    return '' if pair.used else pair.text()
 
 
-def _total(
-    results: Details,
+def _relative(
+    results: Sequence[ErrorsByJoint | None],
     parts: Sequence[Dataset],
     weights: Weights,
     units: Sequence[Mapping[str, float]],
 ) -> float:
-    """Return the mean over records and joints of the cost over that of the defaults; inf if one
+    """Return the mean over parts and joints of the cost over that of the defaults; inf if one
     fails.
     """
     return mean(
         [
-            value / unit[joint]
+            value / unit[joint] if 0.0 < unit[joint] < math.inf else value
             for result, part, unit in zip(results, parts, units)
             for joint, value in costs(result, part, weights).items()
         ]
     )
 
 
-def _summary(results: Details, parts: Sequence[Dataset], weights: Weights) -> dict[str, Any] | None:
+def _errors(results: Sequence[ErrorsByJoint | None]) -> tuple[float, ...]:
+    """Return the errors of all parts and joints [rad/s]; none if a part fails."""
+    if None in results:
+        return ()
+    return tuple(one.error for result in results if result for one in result.values())
+
+
+def _summary(
+    results: Sequence[ErrorsByJoint | None], parts: Sequence[Dataset], weights: Weights
+) -> dict[str, Any] | None:
     """Return error, delay, noise and cost over all parts and joints, and by joint."""
-    if any(result is None for result in results):
+    if None in results:
         return None
-    by_joint: dict[str, list[tuple[Any, float]]] = {}
+    by_joint: dict[str, list[tuple[JointErrors, float]]] = {}
     for result, part in zip(results, parts):
         worth = costs(result, part, weights)
         for joint, one in (result or {}).items():
@@ -239,45 +245,14 @@ def _summary(results: Details, parts: Sequence[Dataset], weights: Weights) -> di
     return {**_of(every), 'by_joint': {joint: _of(pairs) for joint, pairs in by_joint.items()}}
 
 
-def _of(pairs: Sequence[tuple[Any, float]]) -> dict[str, float]:
+def _of(pairs: Sequence[tuple[JointErrors, float]]) -> dict[str, float]:
     known = [result for result, _ in pairs if math.isfinite(result.half)]
+    some = bool(known)
     return {
         'error': math.sqrt(mean([result.error**2 for result, _ in pairs])),
-        'delay_s': mean([each.delay for each in known]) if known else math.nan,
-        'delay_95_s': math.hypot(*(each.half for each in known)) / len(known)
-        if known
-        else math.nan,
+        'delay_s': mean([each.delay for each in known]) if some else math.nan,
+        'delay_95_s': math.hypot(*(each.half for each in known)) / len(known) if some else math.nan,
         'noise': math.sqrt(mean([result.noise**2 for result, _ in pairs])),
         'published': mean([result.published for result, _ in pairs]),
         'cost': mean([worth for _, worth in pairs]),
     }
-
-
-def _delay_known(trials: Sequence[Details | None]) -> bool:
-    """Return True if the motion determines the delay of the first trial.
-
-    A record on which no trial has a delay (constant speed) is ignored.
-    """
-    every = [_flat(details) for details in trials]
-    if not every[0]:
-        return False
-    known = np.isfinite([[one.delay for one in results] for results in every if results])
-    telling = known.any(axis=0)
-    return bool(telling.any() and known[0][telling].all())
-
-
-def _flat(details: Details | None) -> list[JointErrors]:
-    """Return the results of all records and joints; none if one is missing."""
-    if not details or None in details:
-        return []
-    return [one for result in details if result is not None for one in result.values()]
-
-
-def _alike(trials: Sequence[Trial]) -> bool:
-    """Return True if these trials work, and gave the same errors."""
-    every = [_flat(trial.details) for trial in trials]
-    if not all(every):
-        return False
-    errors = np.array([[one.error for one in results] for results in every])
-    low, high = np.min(errors, axis=0), np.max(errors, axis=0)
-    return bool(np.all(high - low <= ERROR_TOLERANCE * np.maximum(high, 1.0)))

@@ -18,7 +18,7 @@ from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import check_joints, check_window
 from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Weights
-from estimator_pkg.evaluation.tuning.search import GainValue, Ranges, moved
+from estimator_pkg.evaluation.tuning.search import GainValue, Ranges, at
 from estimator_pkg.parameters import Parameter, declared
 
 LARGEST_SEED = 2**32 - 1  # of NumPy
@@ -55,10 +55,10 @@ class TuneSettings:
         found: dict[str, GainValue] = {}
         for name, default in self.defaults().items():
             gain = self.ranges[name]
-            if default is None or isinstance(default, str):
-                found[name] = moved(gain) if default is None else default
-            else:
+            if isinstance(default, float):
                 found[name] = min(max(default, gain.low), gain.high)
+            else:
+                found[name] = at(gain, 0.5) if default is None else default
         return found
 
     def defaults(self) -> dict[str, GainValue | None]:

@@ -17,9 +17,8 @@ from estimator_pkg.engine import calls
 from estimator_pkg.engine.calls import available
 from estimator_pkg.evaluation.reference.motion import motion
 from estimator_pkg.evaluation.reference.quantum import quantum
-from estimator_pkg.evaluation.reference.smoother.noise import ReadingNoise
+from estimator_pkg.evaluation.reference.smoother.noise import Cells, ReadingNoise
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
-from estimator_pkg.evaluation.reference.smoother.sites import find_sites
 from estimator_pkg.evaluation.reference.smoother.smoother import smooth
 from sim_pkg.reproduce.mechanical import lab
 
@@ -174,16 +173,6 @@ def test_every_unit_gives_the_same(noise, quantum, unit, tick):
     assert other.uncertainty == pytest.approx(unit / tick * one.uncertainty, rel=1e-5)
 
 
-def test_chunks_leave_no_seam(monkeypatch):
-    time = np.arange(1000) * 0.01
-    readings = np.sin(2.0 * time) + 0.001 * np.random.default_rng(1).standard_normal(1000)
-    whole = smooth(ns(time), readings, 0.0)
-    monkeypatch.setattr('estimator_pkg.evaluation.reference.smoother.smoother.CHUNK', 64)
-    parts = smooth(ns(time), readings, 0.0)
-    assert np.array_equal(whole.velocity, parts.velocity)
-    assert np.array_equal(whole.velocity_stddev, parts.velocity_stddev)
-
-
 def test_wraps_and_short_holes():
     """200 rad/s, 10 % of the samples lost and a hole of 30 ms, in which it turns once."""
     random = np.random.default_rng(2)
@@ -310,6 +299,6 @@ def test_the_quick_search_finds_what_an_exhaustive_one_finds(bag):
 
     def logarithm(jerk, blur):
         parts = cut(series.stamps_ns, np.unwrap(series.position))
-        return sum(find_sites(each, quantum_, blur, jerk)[1] for each in parts)
+        return sum(Cells(each, quantum_).probability(blur, jerk) for each in parts)
 
     assert logarithm(found.noise.jerk, found.noise.blur) > logarithm(jerk, blur) - 10.0

@@ -117,4 +117,4 @@ def test_what_was_changed_is_said_with_automatic_values():
 
     noise = declared(observers.find('pll').gains)['noise']
     assert [_text(value, noise) for value in (None, 0.0, 0.25)] == ['not set', 'automatic', '0.25']
-    assert _text([1.0, 2.0]) == '[1, 2]'
+    assert _text([1.0, 2.0], None) == '[1.0, 2.0]'

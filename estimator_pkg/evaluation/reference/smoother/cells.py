@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.reference.smoother.steps import (
     SmootherState,
+    correct,
     get,
-    narrow,
     predict,
     put,
 )
@@ -76,16 +76,6 @@ def site(
     return precision, precision * (mean + variance * shift) + shift, log_z
 
 
-def _absorb(x: SmootherState, centre: float, precision: float, pull: float) -> None:
-    """Correct the state by a site."""
-    kept = 1.0 / (1.0 + precision * x.p00)
-    e = (pull + precision * (centre - x.q)) * kept
-    x.q = x.q + x.p00 * e
-    x.v = x.v + x.p01 * e
-    x.a = x.a + x.p02 * e
-    narrow(x, kept, precision * kept)
-
-
 def _together(x: SmootherState, y: SmootherState) -> tuple[float, float]:
     """Return (mean, variance) of the position from the messages `x` and `y` together.
 
@@ -117,56 +107,6 @@ def _scale(mean: float, variance: float, precision: float, pull: float) -> float
     )
 
 
-def sweep(
-    x: SmootherState,
-    way: int,
-    count: int,
-    gaps: Array,
-    centres: Array,
-    half: float,
-    noise: float,
-    jerk: float,
-    sites: Array,
-    messages: Array,
-    update: bool,
-    counted: bool,
-) -> float:
-    """Compute the messages of one direction along a stretch, and update the sites on the way.
-
-    Return the log of the probability of all readings if it is `counted`, else 0. Its error is of
-    the second order in that of the sites: they maximise it.
-
-    Parameters
-    ----------
-    x : the state at the end of the stretch from which the direction comes; it is moved along.
-    way : 1 (forward) or -1 (backward).
-    gaps : shape (count + 1,), time from the start of the stretch to the first cell, between cells,
-        and from the last cell to the end [s].
-    centres : shape (count,), middles of the cells.
-    sites : shape (count, 2), (precision, pull); used, and replaced if `update`.
-    messages : shape (count, SIZE), of the other direction, used if `update`; filled with those of
-        this direction.
-    """
-    log_z = 0.0
-    y = SmootherState()
-    for k in range(count):
-        i = k if way > 0 else count - 1 - k
-        predict(x, gaps[i] if way > 0 else gaps[i + 1], jerk)
-        centre = centres[i]
-        if update:
-            get(y, messages, i)
-            mean, variance = _together(x, y)
-            mean -= centre
-            precision, pull, found = site(mean, variance, half, noise, counted)
-            sites[2 * i], sites[2 * i + 1] = precision, pull
-            if counted:
-                log_z += found - _scale(mean, variance, precision, pull)
-                log_z += _scale(x.q - centre, x.p00, precision, pull)
-        put(messages, i, x)
-        _absorb(x, centre, sites[2 * i], sites[2 * i + 1])
-    return log_z
-
-
 def along(
     start: SmootherState,
     count: int,
@@ -181,54 +121,43 @@ def along(
 ) -> float:
     """Sweep to and fro along a stretch, and update the sites in all `passes` but the first.
 
-    Each direction replaces the messages of the other. Return the log of the probability of the last
-    pass; see `sweep` for the parameters.
+    Each direction replaces the messages of the other. Return the log of the probability of all
+    readings in the last pass. Its error is of the second order in that of the sites: they maximise
+    it.
 
     Parameters
     ----------
     start : state at either end of the stretch, relative to its cell.
-    gaps, centres, sites, messages : shape (count + 1,), (count,), (2 count,), (9 count,).
+    gaps : shape (count + 1,), time from the start of the stretch to the first cell, between cells,
+        and from the last cell to the end [s].
+    centres : shape (count,), middles of the cells.
+    sites : shape (count, 2), (precision, pull), to begin with, and the result.
+    messages : shape (count, SIZE), filled.
     """
     log_z, way = 0.0, -1
     x = SmootherState()
+    y = SmootherState()
     for turn in range(passes):
+        last = turn == passes - 1
         x.take(start)
         x.q = centres[0] if way > 0 else centres[count - 1]
-        last = turn == passes - 1
-        log_z = sweep(
-            x, way, count, gaps, centres, half, noise, jerk, sites, messages, turn > 0, last
-        )
+        for k in range(count):
+            i = k if way > 0 else count - 1 - k
+            predict(x, gaps[i] if way > 0 else gaps[i + 1], jerk)
+            centre = centres[i]
+            if turn > 0:
+                get(y, messages, i)
+                mean, variance = _together(x, y)
+                mean -= centre
+                precision, pull, found = site(mean, variance, half, noise, last)
+                sites[2 * i], sites[2 * i + 1] = precision, pull
+                if last:
+                    log_z += found - _scale(mean, variance, precision, pull)
+                    log_z += _scale(x.q - centre, x.p00, precision, pull)
+            put(messages, i, x)
+            weight = sites[2 * i]
+            correct(x, sites[2 * i + 1] + weight * (centre - x.q), weight)
         way = -way
-    return log_z
-
-
-def filtered(
-    start: SmootherState,
-    count: int,
-    gaps: Array,
-    centres: Array,
-    half: float,
-    noise: float,
-    jerk: float,
-    sites: Array,
-) -> float:
-    """Fill the sites from the readings before each, in one pass; return the same logarithm.
-
-    It is the product of the probabilities of each cell after those before it: a rough guess.
-
-    Parameters
-    ----------
-    gaps, centres, sites : shape (count + 1,), (count,), (2 count,).
-    """
-    log_z = 0.0
-    x = SmootherState()
-    x.take(start)
-    for i in range(count):
-        predict(x, gaps[i], jerk)
-        precision, pull, found = site(x.q - centres[i], x.p00, half, noise, True)
-        sites[2 * i], sites[2 * i + 1] = precision, pull
-        log_z += found
-        _absorb(x, centres[i], precision, pull)
     return log_z
 
 
@@ -252,7 +181,7 @@ def used(
     readings : shape (count,), middles of the cells [rad]; nan is not a cell.
     steps : shape (count,), time from the reading before [s]; the first is not used.
     rows : shape (count,), its first n filled with the indices of the cells.
-    gaps : shape (count + 1,), its first n + 1 filled with the times of `sweep` [s].
+    gaps : shape (count + 1,), its first n + 1 filled with the times of `along` [s].
     """
     found, first, since = 0, 0, 0.0
     while first < count:

@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from functools import lru_cache, partial
+from collections.abc import Callable, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 
 from estimator_pkg.engine.calls import available, run
 from estimator_pkg.evaluation.reference.quantum import quantum
+from estimator_pkg.evaluation.reference.smoother.cells import along, used
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, start, stretches
-from estimator_pkg.evaluation.reference.smoother.sites import Stretch
-from estimator_pkg.evaluation.reference.smoother.steps import LikelihoodSums, likelihood
+from estimator_pkg.evaluation.reference.smoother.steps import SIZE, forward
 
 Array = NDArray[np.float64]
 
 STRETCH_READINGS = 4000  # the likelihood is evaluated on stretches of this many readings,
 STRETCHES = 12  # at most this many of them, evenly over the record
-RATIOS = (-16.0, 6.0)  # search range of log10 of qc h^5 / r
+RATIOS = np.arange(-16.0, 7.0, 2.0)  # first of the search: log10 of qc h^5 / r
+UNSETTLED = 6  # innovations at the start of a piece depend more on its start than on the noise
 READING_ROUNDING = 1e-10  # rounding error of a large reading, as a fraction of it,
 USUAL_PART = 0.99  # where large is the reading above this fraction of all, to ignore outliers
 LEAST_VARIANCE = 1e-60  # variance of readings that are all 0
@@ -33,17 +34,15 @@ PLAIN_READINGS = 3_000  # (without the engine), in stretches of
 CELL_STRETCH = 1500  # this many readings or, if that is longer, with this many
 CHANGES = 20  # changes of the reading; in a short record, it is
 SHORT_STRETCH, PARTS = 400, 3  # at least this many readings or this fraction of the record
-LIKELY = 2  # this many blurs of the rough search are compared again
-SOME = 3  # the first coarse search uses every third stretch, not only the first
 HIDDEN_CELLS = 4.0  # noise of more quanta than this hides the cells
-SHARP = 0.01  # smallest blur of the cells' edges, in quanta
-BLURS = (SHARP, 0.1, 0.3, 0.7, 1.5, HIDDEN_CELLS)
-GOLDEN_WIDTH = 0.15  # width of the golden section that a parabola ends [decades]
-FIRST_STEP, LAST_STEP = 0.3, 0.1  # differences of the searches for both [decades]
-MOST_STEPS, LEAST_GAIN = 8, 0.5  # steps of it, and the smallest gain that is worth another one,
-NEAR_GAIN = 2.0  # or that a step promises
-FARTHEST = 0.6  # longest step [decades]
-STEEP = 9  # the search for the jerk covers this many decades below that of white noise
+BLURS = np.log10([0.01, 0.1, 0.3, 0.7, 1.5, HIDDEN_CELLS])  # of the cells' edges, in quanta, and
+JERKS = np.arange(-8.0, 3.0, 2.0)  # of the jerk over that of white noise, where the search begins
+SOME = 3  # which uses every third stretch
+FIRST_STEP, NEAR_STEP, FINE = 0.5, 0.15, 0.05  # sizes of the simplex of a search [decades]
+SWEEPS = 3  # forward and backward: the sites converge after two
+AGAIN = 1  # passes from the sites of nearby values
+OF_A_RUN = 15.0  # number of used cells in a run of equal readings, and its last,
+DRIFT_QUANTA = 0.25  # or more, if the motion can drift by this many quanta between them
 
 
 class ReadingNoise(NamedTuple):
@@ -88,37 +87,90 @@ def white(parts: list[Piece], readings: Array, period: float) -> ReadingNoise | 
     size = float(np.quantile(np.abs(readings), USUAL_PART)) if len(readings) else 0.0
     count = quantum(readings)
     floor = max(count * count / 12.0, (READING_ROUNDING * size) ** 2, LEAST_VARIANCE)
+    longest = max(len(part.rows) for part in chosen)
+    states, innovations = np.empty((longest, SIZE)), np.empty((longest, 2))
 
-    def sums(r: float, qc: float) -> tuple[float, float, int]:
-        found = LikelihoodSums()
-        unit = r + qc * step**5  # so the start is the same for every scale of the variances
+    def sums(ratio: float) -> tuple[float, float, int]:
+        """Return the sums of log S and of e^2 / S over the innovations, and their number."""
+        qc = floor * 10.0**ratio / step**5
+        unit = floor + qc * step**5  # so the start is the same for every scale of the variances
+        logs, squares, number = 0.0, 0.0, 0
         for part in chosen:
             first = start(part.readings[0], unit, START_SPEED * math.sqrt(unit) / step, step)
-            columns = part.steps, part.readings
-            run(likelihood, found, first, len(part.rows), *columns, r, qc, period)
-        return found.logs, found.squares, found.count
-
-    @lru_cache
-    def at_floor(ratio: float) -> tuple[float, float, int]:
-        return sums(floor, floor * 10.0**ratio / step**5)
+            weights = np.where(np.isfinite(part.readings), 1.0 / floor, 0.0)
+            weights[0] = 0.0  # the start is the first reading
+            columns = part.steps, part.readings, weights
+            run(forward, first, len(part.rows), *columns, qc, period, states, innovations)
+            e, g = innovations[UNSETTLED : len(part.rows)].T
+            e, g = e[g > 0.0], g[g > 0.0]
+            logs -= float(np.sum(np.log(g)))
+            squares += float(np.sum(e * e / g))
+            number += len(g)
+        return logs, squares, max(number, 1)
 
     def free(ratio: float) -> float:
-        logs, squares, number = at_floor(ratio)
+        logs, squares, number = sums(ratio)
         # scaling every variance by `squares / number` makes this the likelihood's maximum
-        return logs + number * math.log(max(squares, 1e-300) / max(number, 1))
+        return logs + number * math.log(max(squares, 1e-300) / number)
 
-    best = _lowest(free, *RATIOS, GOLDEN_WIDTH)
-    _, squares, number = at_floor(best)
-    r = floor * squares / max(number, 1)
+    (best,) = _lowest(free, RATIOS)
+    _, squares, number = sums(best)
+    r = floor * squares / number
     if r > floor:
         return ReadingNoise(math.sqrt(r), r * 10.0**best / step**5, count, False)
-
-    def held(ratio: float) -> float:
-        logs, squares, _ = at_floor(ratio)
-        return logs + squares
-
-    best = _lowest(held, *RATIOS, GOLDEN_WIDTH)
+    (best,) = _lowest(lambda ratio: sum(sums(ratio)[:2]), RATIOS)
     return ReadingNoise(math.sqrt(floor), floor * 10.0**best / step**5, count, True)
+
+
+class Cells:
+    """A stretch of readings as cells, and the sites that were found last, shape (n, 2).
+
+    In a run of equal readings only some cells are used (`cells.used`). More would count as
+    independent although they are not. The sites of the others are 0.
+
+    Parameters
+    ----------
+    part : its readings are the unwrapped middles of the cells; nan: none.
+    quantum : width of a cell [rad].
+    """
+
+    def __init__(self, part: Piece, quantum: float) -> None:
+        self._part, self._quantum = part, quantum
+        self._step, self._speed = part.step, part.speed
+        self._passes = 2 * SWEEPS
+        self.sites = np.zeros((len(part.readings), 2))
+
+    def probability(self, blur: float, jerk: float) -> float:
+        """Return the log of the probability of the readings; the sites are those that give it.
+
+        Parameters
+        ----------
+        blur, jerk : standard deviation of the cells' blur [rad], intensity of the white jerk
+            [rad^2/s^5].
+        """
+        # white jerk drifts by sqrt(jerk t^5 / 20) in a time t
+        drift = (20.0 * (DRIFT_QUANTA * self._quantum) ** 2 / jerk) ** 0.2 / self._step
+        count = len(self._part.rows)
+        rows, gaps = np.empty(count, np.int64), np.empty(count + 1)
+        columns = self._part.readings, self._part.steps
+        drift = min(drift, float(count))
+        count = run(used, count, *columns, self._quantum, drift, OF_A_RUN, rows, gaps)
+        if not count:
+            return 0.0
+        rows, gaps = rows[:count], gaps[: count + 1]
+        half = 0.5 * self._quantum
+        variance = half * half / 3.0 + blur * blur
+        sites = self.sites[rows]
+        new = sites[:, 0] == 0.0
+        sites[new] = 1.0 / variance, 0.0
+        first = start(0.0, variance, self._speed, self._step)
+        centres, messages = self._part.readings[rows], np.empty((count, SIZE))
+        values = gaps, centres, half, blur, jerk, sites, messages, self._passes + 1
+        log_z = run(along, first, count, *values)
+        self.sites[:] = 0.0
+        self.sites[rows] = sites
+        self._passes = AGAIN
+        return float(log_z)
 
 
 def in_cells(parts: list[Piece], rough: ReadingNoise) -> ReadingNoise:
@@ -129,49 +181,24 @@ def in_cells(parts: list[Piece], rough: ReadingNoise) -> ReadingNoise:
     parts : with the unwrapped middles of the cells as readings.
     rough : the result of `white`.
     """
-    count = rough.quantum
-    chosen = [Stretch(part, count) for part in _telling(parts, count)]
+    count, middle = rough.quantum, math.log10(rough.jerk)
+    chosen = _telling(parts, count)
+
+    def rarity(among: Sequence[Piece]) -> Callable[[float, float], float]:
+        cells = [Cells(part, count) for part in among]
+
+        def of(size: float, power: float) -> float:
+            blur, jerk = count * 10.0**size, 10.0 ** (middle + power)
+            return -sum(each.probability(blur, jerk) for each in cells)
+
+        return of
+
     some = chosen[(len(chosen) - 1) // 2 % SOME :: SOME]
-
-    def guessed(part: float, power: float) -> float:
-        return -sum(each.guess(part * count, 10.0**power) for each in some)
-
-    def seldom(part: float, power: float) -> float:
-        return -sum(each.probability(part * count, 10.0**power, 1) for each in some)
-
-    def rarity(among: list[Stretch], power: float, size: float) -> float:
-        return -sum(each.probability(count * 10.0**size, 10.0**power) for each in among)
-
-    middle = math.log10(rough.jerk)
-
-    @lru_cache
-    def rough_of(part: float, up: int) -> float:
-        return guessed(part, middle + up)
-
-    ups: dict[float, int] = {}
-    up, first = 0, range(0, STEEP + 1, 2)
-    for part in BLURS:
-        up = ups[part] = _downhill(partial(rough_of, part), first)
-        first = range(up, up + 1)  # the next blur's jerk is near
-
-    def start_of(part: float) -> tuple[float, float, float]:
-        """Return (rarity in the rough search, blur in quanta, log10 of the jerk)."""
-        near: dict[float, float] = {}
-        _downhill(lambda up: near.setdefault(middle + up, seldom(part, middle + up)), [ups[part]])
-        return min(near.values()), part, vertex(near)
-
-    likely = sorted(BLURS, key=lambda part: rough_of(part, ups[part]))[:LIKELY]
-    _, part, power = min(map(start_of, likely))
-    size, least = math.log10(part), math.log10(SHARP)
-    for among, step in (
-        (some, FIRST_STEP),
-        (chosen, LAST_STEP),
-    ):  # a third of the stretches is enough far from the optimum
-        power, size = _newton(partial(rarity, among), power, size, least, step)
+    rough_ = _lowest(rarity(some), BLURS, JERKS)
+    size, power = _lowest(rarity(chosen), BLURS, JERKS, near=rough_)
     blur = count * 10.0**size
-    return ReadingNoise(
-        math.sqrt(count * count / 12.0 + blur * blur), 10.0**power, count, blur < 0.1 * count, blur
-    )
+    reading = math.sqrt(count * count / 12.0 + blur * blur)
+    return ReadingNoise(reading, 10.0 ** (middle + power), count, blur < 0.1 * count, blur)
 
 
 def _telling(parts: list[Piece], count: float) -> list[Piece]:
@@ -186,96 +213,40 @@ def _telling(parts: list[Piece], count: float) -> list[Piece]:
     return stretches(parts, min(length, readings // 2), max(2, readings // length))
 
 
-def _downhill(function: Callable[[int], float], first: Iterable[int]) -> int:
-    """Return the integer from `-STEEP` on at which `function` has a minimum.
+def _lowest(
+    function: Callable[..., float], *axes: Array, near: tuple[float, ...] = ()
+) -> tuple[float, ...]:
+    """Return where `function` has a minimum, within the ends of the axes.
 
-    From the best of the `first` ones it steps to the lower neighbour.
+    The simplex search of Nelder and Mead, The Computer Journal 7 (1965), until its points are
+    within `FINE` of the best.
+
+    Parameters
+    ----------
+    axes : for each argument, increasing; the search begins at the best point of their grid.
+    near : it begins here instead, with smaller steps.
     """
-    value = lru_cache(function)
-    last, best = max(first), min(first, key=value)
-    while True:
-        near = [at for at in (best, best - 1, best + 1) if -STEEP <= at <= max(last, STEEP)]
-        lower = min(near, key=value)
-        if lower == best:
-            return best
-        best = lower
+    low, high = (np.array([axis[end] for axis in axes]) for end in (0, -1))
 
+    def at(point: Array | tuple[float, ...]) -> tuple[float, tuple[float, ...]]:
+        inside = tuple(np.clip(point, low, high).tolist())
+        return function(*inside), inside
 
-def _lowest(function: Callable[[float], float], low: float, high: float, fine: float) -> float:
-    """Return the argument of the minimum of `function`: a grid, golden section, and a parabola."""
-    seen = {float(at): function(float(at)) for at in np.arange(low, high + 0.5, 2.0)}
-    for near in (-1.0, 1.0):
-        at = min(seen, key=lambda at: seen[at]) + near
-        if low <= at <= high and at not in seen:
-            seen[at] = function(at)
-    best = min(seen, key=lambda at: seen[at])
-    low, high = max(low, best - 1.0), min(high, best + 1.0)
-    part = (math.sqrt(5.0) - 1.0) / 2.0
-    left, right = high - part * (high - low), low + part * (high - low)
-    seen[left], seen[right] = function(left), function(right)
-    while high - low > fine:
-        if seen[left] < seen[right]:
-            high, right = right, left
-            left = high - part * (high - low)
-            seen[left] = function(left)
-        else:
-            low, left = left, right
-            right = low + part * (high - low)
-            seen[right] = function(right)
-    return vertex(seen)
-
-
-def _newton(
-    function: Callable[[float, float], float], x: float, y: float, least: float, step: float
-) -> tuple[float, float]:
-    """Return the minimum (x, y), y >= `least`, near a start: Newton with differences of `step`.
-
-    The search ends where a step promises little: half the product of the gradient and the step.
-    """
-    before, most = (math.inf, x, y), FARTHEST / step
-    for _ in range(MOST_STEPS):
-        y = least if y < least + 0.5 * step else max(y, least + step)
-        here = function(x, y)
-        if here > before[0]:  # too far: half the way
-            x, y = 0.5 * (x + before[1]), 0.5 * (y + before[2])
-            continue
-        east, west, north = (function(x + step, y), function(x - step, y), function(x, y + step))
-        gx, hxx = 0.5 * (east - west), max(east + west - 2.0 * here, 0.0)
-        gy = north - here
-        if y == least:
-            dx, dy = _bounded(-gx, hxx, most), step if gy < 0.0 else 0.0
-        else:
-            south, both = function(x, y - step), function(x + step, y + step)
-            gy, hyy = 0.5 * (north - south), max(north + south - 2.0 * here, 0.0)
-            hxy = both - east - north + here
-            det = hxx * hyy - hxy * hxy
-            if det > 0.01 * hxx * hyy:
-                dx = _bounded(hxy * gy - hyy * gx, det, most)
-                dy = _bounded(hxy * gx - hxx * gy, det, most)
-            else:
-                dx, dy = _bounded(-gx, hxx, most), _bounded(-gy, hyy, most)
-        near = max(abs(dx), abs(dy)) < 1.0 or -0.5 * (gx * dx + gy * dy) < NEAR_GAIN
-        slow = here > before[0] - LEAST_GAIN
-        before = here, x, y
-        if near or not slow:
-            x, y = x + step * dx, y + step * dy
-        if near or slow:
-            break
-    return x, max(y, least)
-
-
-def _bounded(over: float, under: float, most: float) -> float:
-    """Return the ratio within -`most` and `most`; 2 with the right sign for no positive `under`."""
-    return min(max(over / under, -most), most) if under > 0.0 else math.copysign(2.0, over)
-
-
-def vertex(seen: Mapping[float, float]) -> float:
-    """Return the lowest point of the parabola through the lowest of these values and neighbours."""
-    at = sorted(seen)
-    i = min(range(len(at)), key=lambda i: seen[at[i]])
-    if i in (0, len(at) - 1):
-        return at[i]
-    left, right = at[i] - at[i - 1], at[i + 1] - at[i]
-    down, up = seen[at[i - 1]] - seen[at[i]], seen[at[i + 1]] - seen[at[i]]
-    bend = left * up + right * down
-    return at[i] + 0.5 * (left * left * up - right * right * down) / bend if bend else at[i]
+    first = at(near) if near else min(map(at, product(*axes)))
+    step = NEAR_STEP if near else FIRST_STEP
+    sides = step * np.diag(np.where(np.add(first[1], step) > high, -1.0, 1.0))
+    found = sorted([first, *(at(first[1] + side) for side in sides)])
+    while np.max(np.abs(np.subtract([each for _, each in found], found[0][1]))) > FINE:
+        centre = np.mean([each for _, each in found[:-1]], axis=0)
+        away = centre - found[-1][1]
+        tried = at(centre + away)
+        if tried < found[0]:
+            tried = min(tried, at(centre + 2.0 * away))
+        elif tried >= found[-2]:
+            tried = min(tried, at(centre + (0.5 if tried < found[-1] else -0.5) * away))
+        if tried < found[-1]:
+            found[-1] = tried
+        else:  # shrink to the best
+            found[1:] = [at(0.5 * np.add(each, found[0][1])) for _, each in found[1:]]
+        found.sort()
+    return found[0][1]

@@ -51,7 +51,9 @@ class Piece(NamedTuple):
     def part(self, first: int, count: int) -> Piece:
         """Return at most `count` readings from the `first` on."""
         which = slice(first, first + count)
-        return Piece(self.rows[which], self.steps[which], self.readings[which])
+        steps = self.steps[which].copy()
+        steps[:1] = 0.0
+        return Piece(self.rows[which], steps, self.readings[which])
 
 
 def cut(stamps: Stamps, position: Array) -> list[Piece]:

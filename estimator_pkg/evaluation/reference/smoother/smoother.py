@@ -17,7 +17,6 @@ residual is not white, and the speed that this residual would be as motion is re
 from __future__ import annotations
 
 import math
-from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -27,27 +26,19 @@ from estimator_pkg.circle import LARGEST
 from estimator_pkg.engine.calls import run
 from estimator_pkg.evaluation.reference.smoother.noise import (
     HIDDEN_CELLS,
+    Cells,
     ReadingNoise,
     in_cells,
     white,
 )
 from estimator_pkg.evaluation.reference.smoother.pieces import Piece, cut, start
 from estimator_pkg.evaluation.reference.smoother.residual import unexplained
-from estimator_pkg.evaluation.reference.smoother.sites import find_sites
-from estimator_pkg.evaluation.reference.smoother.steps import (
-    SIZE,
-    Adjoint,
-    SmootherState,
-    backward,
-    forward,
-)
+from estimator_pkg.evaluation.reference.smoother.steps import SIZE, backward, forward
 from estimator_pkg.evaluation.signals import wrapped
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-CHUNK = 65536  # number of readings whose filter states are in memory at a time
-CELL_BLOCK, MARGIN = 50_000, 5_000  # cells are processed in blocks of readings with a margin
 OUTLIER_SPREAD = 8.0  # readings beyond this many robust deviations from the smoothed are ignored
 OUTLIER_QUANTA = 2.0  # if their error is at least this many quanta, and this many times that of
 OUTLIER_ALONE = 3.0  # both neighbours: a jump of the acceleration affects neighbours too
@@ -178,49 +169,26 @@ def _as_numbers(part: Piece, noise: ReadingNoise, period: float) -> Array:
 
 def _as_cells(part: Piece, noise: ReadingNoise) -> tuple[Array, Array, Array]:
     """Return (as `_as_numbers`, residuals of the sites, their weights) for cells."""
-    count = len(part.rows)
-    sites = np.empty((count, 2))
-    for at in range(0, count, CELL_BLOCK):
-        first = max(0, at - MARGIN)
-        stretch = part.part(first, at + CELL_BLOCK + MARGIN - first)
-        found, _ = find_sites(stretch, noise.quantum, noise.blur, noise.jerk)
-        sites[at : at + CELL_BLOCK] = found[at - first : at - first + CELL_BLOCK]
-    weights = sites[:, 0]
+    cells = Cells(part, noise.quantum)
+    cells.probability(noise.blur, noise.jerk)
+    weights = cells.sites[:, 0]
     weights[weights < NO_NEWS / noise.reading**2] = 0.0
     known = weights > 0.0
     equivalent = np.where(known, part.readings, np.nan)
-    equivalent[known] += sites[known, 1] / weights[known]
+    equivalent[known] += cells.sites[known, 1] / weights[known]
     smoothed = _smooth(part._replace(readings=equivalent), weights, noise, 0.0)
     return smoothed, equivalent - smoothed[:, 0], weights
 
 
 def _smooth(part: Piece, weights: Array, noise: ReadingNoise, period: float) -> Array:
-    """Filter forward once, storing the state before each chunk; then smooth backward chunk by
-    chunk, each filtered again, so that memory does not grow with the record.
-    """
     count = len(part.rows)
-    starts = range(0, count, CHUNK)
-    states, innovations = np.empty((min(CHUNK, count), SIZE)), np.empty((min(CHUNK, count), 2))
     known = np.flatnonzero(weights > 0.0)
     first = float(part.readings[known[0]]) if len(known) else 0.0
-    state, entered = start(first, noise.reading**2, part.speed, part.step), []
-
-    def filter_chunk(at: int, state: SmootherState) -> tuple[slice, int]:
-        here = slice(at, at + CHUNK)
-        columns = part.steps[here], part.readings[here], weights[here]
-        size, found = len(columns[0]), (states, innovations)
-        run(forward, state, size, *columns, noise.jerk, period, *found)
-        return here, size
-
-    for at in starts:
-        entered.append(copy(state))
-        if at != starts[-1]:
-            filter_chunk(at, state)
-    smoothed, adjoint = np.empty((count, 4)), Adjoint()
-    for at, state in zip(reversed(starts), reversed(entered)):
-        here, size = filter_chunk(at, state)
-        columns = part.steps[here], weights[here], states, innovations
-        run(backward, adjoint, size, *columns, smoothed[here])
+    begin = start(first, noise.reading**2, part.speed, part.step)
+    states, innovations, smoothed = (np.empty((count, size)) for size in (SIZE, 2, 4))
+    readings = part.readings, weights, noise.jerk, period
+    run(forward, begin, count, part.steps, *readings, states, innovations)
+    run(backward, count, part.steps, weights, states, innovations, smoothed)
     return smoothed
 
 

@@ -25,7 +25,6 @@ from estimator_pkg.record import record
 
 Array = NDArray[np.float64]
 
-UNSETTLED = 5  # innovations at the start of a piece depend more on its start than on the noise
 SIZE = 9  # numbers of a state
 
 
@@ -42,30 +41,6 @@ class SmootherState:
     p11: float
     p12: float
     p22: float
-
-
-@record
-class Adjoint:
-    """What later readings say about a state."""
-
-    l0: float
-    l1: float
-    l2: float
-    m00: float
-    m01: float
-    m02: float
-    m11: float
-    m12: float
-    m22: float
-
-
-@record
-class LikelihoodSums:
-    """Over innovations e with variance S."""
-
-    logs: float  # of log S
-    squares: float  # of e^2 / S
-    count: int
 
 
 def put(states: Array, row: int, x: SmootherState) -> None:
@@ -100,18 +75,18 @@ def predict(x: SmootherState, h: float, qc: float) -> None:
     x.p22 = x.p22 + qc * h
 
 
-def correct(x: SmootherState, e: float, weight: float) -> None:
-    """Correct the state by a reading with innovation `e`."""
+def correct(x: SmootherState, push: float, weight: float) -> None:
+    """Correct the state by a reading.
+
+    Parameters
+    ----------
+    weight : inverse variance of the reading. push : that times its innovation.
+    """
     kept = 1.0 / (1.0 + weight * x.p00)
-    g = weight * kept
-    x.q = x.q + x.p00 * g * e
-    x.v = x.v + x.p01 * g * e
-    x.a = x.a + x.p02 * g * e
-    narrow(x, kept, g)
-
-
-def narrow(x: SmootherState, kept: float, g: float) -> None:
-    """Correct the covariance by a reading that leaves a fraction `kept` of P00."""
+    e, g = push * kept, weight * kept
+    x.q = x.q + x.p00 * e
+    x.v = x.v + x.p01 * e
+    x.a = x.a + x.p02 * e
     x.p11 = x.p11 - g * x.p01 * x.p01
     x.p12 = x.p12 - g * x.p01 * x.p02
     x.p22 = x.p22 - g * x.p02 * x.p02
@@ -127,44 +102,8 @@ def _wrap(e: float, period: float) -> float:
     return e
 
 
-def likelihood(
-    sums: LikelihoodSums,
-    start: SmootherState,
-    count: int,
-    steps: Array,
-    readings: Array,
-    r: float,
-    qc: float,
-    period: float,
-) -> None:
-    """Add the innovations of one piece to the sums.
-
-    Parameters
-    ----------
-    start : the state at the first reading, which it already includes.
-    steps : shape (count,), time since the previous reading [s]; the first is not used.
-    readings : shape (count,); nan: no reading.
-    """
-    x = SmootherState()
-    x.take(start)
-    logs, squares = 0.0, 0.0
-    for i in range(1, count):
-        predict(x, steps[i], qc)
-        y = readings[i]
-        if y == y:
-            e = _wrap(y - x.q, period)
-            s = x.p00 + r
-            if i > UNSETTLED:
-                logs += math.log(s)
-                squares += e * e / s
-                sums.count += 1
-            correct(x, e, 1.0 / r)
-    sums.logs += logs
-    sums.squares += squares
-
-
 def forward(
-    state: SmootherState,
+    start: SmootherState,
     count: int,
     steps: Array,
     readings: Array,
@@ -174,49 +113,42 @@ def forward(
     states: Array,
     innovations: Array,
 ) -> None:
-    """Run the filter over a stretch: the state becomes that after its last reading.
+    """Run the filter over a piece.
 
     Parameters
     ----------
+    start : the state before the first reading.
+    steps : shape (count,), time since the previous reading [s].
     weights : shape (count,), inverse variances of the readings; 0: no reading.
     states : shape (count, SIZE), filled with the state after each reading.
     innovations : shape (count, 2), filled with (e / S, 1 / S), S being the innovation's variance.
     """
     x = SmootherState()
-    x.take(state)
+    x.take(start)
     for i in range(count):
         predict(x, steps[i], qc)
         w = weights[i]
+        innovations[2 * i], innovations[2 * i + 1] = 0.0, 0.0
         if w > 0.0:
-            e = _wrap(readings[i] - x.q, period)
-            g = w / (1.0 + w * x.p00)
-            innovations[2 * i], innovations[2 * i + 1] = e * g, g
-            correct(x, e, w)
-        else:
-            innovations[2 * i], innovations[2 * i + 1] = 0.0, 0.0
+            push = w * _wrap(readings[i] - x.q, period)
+            kept = 1.0 / (1.0 + w * x.p00)
+            innovations[2 * i], innovations[2 * i + 1] = push * kept, w * kept
+            correct(x, push, w)
         put(states, i, x)
-    state.take(x)
 
 
 def backward(
-    adjoint: Adjoint,
-    count: int,
-    steps: Array,
-    weights: Array,
-    states: Array,
-    innovations: Array,
-    smoothed: Array,
+    count: int, steps: Array, weights: Array, states: Array, innovations: Array, smoothed: Array
 ) -> None:
-    """Run backward over the same stretch: the adjoint becomes that before its first reading.
+    """Run backward over the same piece.
 
     Parameters
     ----------
     smoothed : shape (count, 4), filled with position, velocity and the standard deviation of each.
     """
     x = SmootherState()
-    l0, l1, l2 = adjoint.l0, adjoint.l1, adjoint.l2
-    m00, m01, m02 = adjoint.m00, adjoint.m01, adjoint.m02
-    m11, m12, m22 = adjoint.m11, adjoint.m12, adjoint.m22
+    l0 = l1 = l2 = 0.0  # adjoint: what later readings say about a state, and its variance
+    m00 = m01 = m02 = m11 = m12 = m22 = 0.0
     for i in range(count - 1, -1, -1):
         get(x, states, i)
         p00, p01, p02, p11, p12 = x.p00, x.p01, x.p02, x.p11, x.p12
@@ -253,6 +185,3 @@ def backward(
         m12 = b2 + h * a2
         m11 = b1 + h * a1
         m01, m02 = a1, a2
-    adjoint.l0, adjoint.l1, adjoint.l2 = l0, l1, l2
-    adjoint.m00, adjoint.m01, adjoint.m02 = m00, m01, m02
-    adjoint.m11, adjoint.m12, adjoint.m22 = m11, m12, m22
