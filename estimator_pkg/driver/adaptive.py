@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.bank import Bank, Line, TakenOfJoints, taken
+from estimator_pkg.driver.bank import Bank, Line, Taken, taken
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.driver.configuration import Configuration, JointSettings
 from estimator_pkg.driver.efforts import EFFORT_COMMAND, EFFORT_FIELD, Acting, DrivenSettings
@@ -199,7 +199,7 @@ class AdaptiveBank(Bank):
         names: Sequence[str],
         positions: Sequence[float],
         efforts: Sequence[float],
-    ) -> TakenOfJoints | None:
+    ) -> Taken | None:
         """Take one message; return None (and count it) if its arrays do not fit.
 
         Parameters

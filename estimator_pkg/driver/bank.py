@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from estimator_pkg.driver.configuration import Configuration
@@ -23,15 +23,53 @@ class Taken(NamedTuple):
     estimates : of each (position, velocity, acceleration or nan, status) [SI] after its sample;
         None: the sample was not used.
     efforts : of each, as in the message [N m or N]; empty: it has none.
-    measured_position : (k) -> the measured position of joint k in the convention of its estimates.
-    stddevs : (joints by number) -> one standard deviation of position and velocity of each.
+    line : `Line` or `Rows` of these joints. positions : of each, as measured [rad or m].
     """
 
     names: Sequence[str]
     estimates: Sequence[tuple[float, float, float, int] | None]
     efforts: Sequence[float]
-    measured_position: Callable[[int], float]
-    stddevs: Callable[[Sequence[int]], Sequence[tuple[float, float]]]
+    line: Any
+    positions: Sequence[float]
+
+    def measured_position(self, k: int) -> float:
+        """Return the measured position of joint k in the convention of its estimates."""
+        measured: float = self.line.in_estimate_convention(k, self.positions[k])
+        return measured
+
+    def stddevs(self, shown: Sequence[int]) -> Sequence[tuple[float, float]]:
+        """Return one standard deviation of position and velocity of these joints, by number."""
+        found: Sequence[tuple[float, float]] = self.line.stddevs(shown)
+        return found
+
+
+def taken(*fields: Any) -> Taken:
+    """Return a `Taken` in half the time that its constructor takes."""
+    return tuple.__new__(Taken, fields)
+
+
+class Rows:
+    """Numbers of joints whose reading is a vector.
+
+    Parameters
+    ----------
+    places : (joint, place of the number in its reading) of each.
+    """
+
+    def __init__(self, places: Sequence[tuple[Any, int]]) -> None:
+        self._places = places
+
+    def in_estimate_convention(self, k: int, position: float) -> float:
+        """See `Joint`."""
+        joint, index = self._places[k]
+        measured: float = joint.in_estimate_convention(position, index)
+        return measured
+
+    def stddevs(self, shown: Sequence[int]) -> list[tuple[float, float]]:
+        """See `Taken`."""
+        places = [self._places[k] for k in shown]
+        found = {joint: joint.deviations() for joint in dict(places)}
+        return [found[joint][index] for joint, index in places]
 
 
 class Line:
@@ -71,39 +109,18 @@ class Line:
             for position, velocity, acceleration, status in self._out
         ]
 
+    def in_estimate_convention(self, k: int, position: float) -> float:
+        """See `Joint`."""
+        joint = self.joints[k]
+        measured: float = position if joint is None else joint.in_estimate_convention(position)
+        return measured
+
     def stddevs(self, shown: Sequence[int]) -> list[tuple[float, float]]:
         """See `Taken`."""
         if self.compiled is None:
             return [self.joints[k].stddev() for k in shown]
         self.compiled.deviations(self._channels, len(self.joints), self._sigmas)
         return [(self._sigmas[k][0], self._sigmas[k][1]) for k in shown]
-
-
-class TakenOfJoints(NamedTuple):
-    """The same of a message of single joints.
-
-    line : its joints. positions : of each, as in the message [rad or m].
-    """
-
-    names: Sequence[str]
-    estimates: Sequence[tuple[float, float, float, int] | None]
-    efforts: Sequence[float]
-    line: Line
-    positions: Sequence[float]
-
-    def measured_position(self, k: int) -> float:
-        """See `Taken`."""
-        joint, position = self.line.joints[k], self.positions[k]
-        return position if joint is None else joint.in_estimate_convention(position)
-
-    def stddevs(self, shown: Sequence[int]) -> list[tuple[float, float]]:
-        """See `Taken`."""
-        return self.line.stddevs(shown)
-
-
-def taken(*fields: Any) -> TakenOfJoints:
-    """Return a `TakenOfJoints` in half the time that its constructor takes."""
-    return tuple.__new__(TakenOfJoints, fields)
 
 
 class Received:
@@ -253,7 +270,7 @@ class Bank(Received):
         names: Sequence[str],
         positions: Sequence[float],
         efforts: Sequence[float] = (),
-    ) -> TakenOfJoints | None:
+    ) -> Taken | None:
         """Take one message; return None (and count it) if its arrays do not fit.
 
         Parameters

@@ -5,7 +5,8 @@
 
 The observer's module is an argument. The functions run as plain Python, and the engine has them as
 C for each observer that is ours. `reset_channel` prepares a channel, `take` takes one sample,
-`write_estimate` and `write_deviation` set the estimate; `message` and `batch` do it for many.
+`write_estimate` and `write_deviation` set the estimate; `message` and `batch` do it for many. In
+plain Python a measurement, a known input and the numbers of an estimate can be vectors.
 """
 
 from __future__ import annotations
@@ -112,6 +113,7 @@ def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample, with a circle if the joint has one."""
     use_frame(channel, channel.wrapped)
     reset_track(observer, channel.track, channel.design)
+    channel.measurement = channel.known_input = 0.0
     begin_faults(channel.faults)
 
 

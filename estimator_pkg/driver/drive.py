@@ -16,21 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.circle import Circle
 from estimator_pkg.driver import drive_channel
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, NOT_OBSERVABLE, TRACKING
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.pmsm.watch import BLIND, LOW_EMF, describe
-from estimator_pkg.sensor.guard import (
-    DUPLICATE,
-    LATE_IN_A_ROW,
-    LATE_STAMP,
-    UNSTABLE_GAINS,
-    limits,
-    longest_dt,
-)
+from estimator_pkg.sensor.guard import DUPLICATE, LATE_IN_A_ROW, LATE_STAMP, UNSTABLE_GAINS
 
 ESTIMATE_COLUMNS = ('electrical_angle', 'electrical_speed', 'flux_linkage', 'valid')
 
@@ -116,20 +108,8 @@ class DriveJoint(Joint):
         super().__init__(observer, gains, settings)
 
     def _use_gains(self) -> None:
-        circle = Circle(self.settings.wrap_period, self.settings.unwrap)
-        design = self.module.design(self.gains, circle)
-        self.longest_dt = longest_dt(lambda dt: self.module.limits(design, dt))
-        with self._changing() as channel:
-            channel.design.take(design)
-            channel.limits.take(limits(self.settings, self.longest_dt))
-            channel.track.clock.dt = 0.0  # the next sample computes the coefficients anew
+        super()._use_gains()
         self._tighten()
-
-    def _reset_channel(self) -> None:
-        self._use_gains()  # the settings may be others
-        with self._changing() as channel:
-            channel.stamp_ns, channel.verdict = 0, DUPLICATE
-            self.plain.reset_channel(self.module, channel)
 
     def set_settings(self, settings: JointSettings) -> None:
         """Use other guard settings from the next sample on; the state is kept."""
@@ -149,12 +129,8 @@ class DriveJoint(Joint):
         self._late_batches = 0
         self._contradiction = 0, 0, 0
 
-    def warm_up(self) -> None:
-        """Take samples with another drive and discard them, so that everything is imported."""
-        other = type(self)(self.observer, self.gains, self.settings)
-        other.take(np.array([1, 2, 3]) * 1_000_000, np.zeros((3, 4)))
-        other.estimate()
-        other.stddev()
+    def _at_rest(self) -> tuple[Any, Any]:
+        return (0.0,) * 4, 0.0
 
     def update(self, stamp_ns: int, measurement: Any, known_input: float = 0.0) -> bool:
         """Take one sample; return True if it was used, False if it was dropped (and counted)."""
@@ -193,7 +169,8 @@ class DriveJoint(Joint):
         self._late_batches = 0
         self._recent.append((int(stamps[0]), int(stamps[-1])))
         before_ns = self.stamp_ns
-        out = self._run(stamps[fresh], samples[fresh])
+        out = empty(len(stamps[fresh]))
+        self._batch(stamps[fresh], [samples[fresh]], out)
         used = np.flatnonzero(out.verdict < DUPLICATE)
         if len(used):
             status, reasons = int(out.status[used[-1]]), int(out.reasons[used[-1]])
@@ -205,22 +182,6 @@ class DriveJoint(Joint):
             for name, rows in out._asdict().items():
                 getattr(whole, name)[fresh] = rows
             out = whole
-        return out
-
-    def _run(self, stamps: NDArray[np.int64], samples: NDArray[np.float64]) -> DriveEstimates:
-        """Take samples in their order."""
-        out = empty(len(stamps))
-        if self.memory is not None:
-            kept = np.ascontiguousarray(stamps, np.int64), np.ascontiguousarray(samples, float)
-            self.compiled.run(self.memory.pointer, len(stamps), *kept, *out)
-            return out
-        # lists contain Python numbers, which are several times faster than NumPy's
-        columns = [values.ravel().tolist() for values in out]
-        given = np.asarray(stamps).tolist(), np.asarray(samples, float).ravel().tolist()
-        self.plain.batch(self.module, self._channel, len(stamps), *given, *columns)
-        whole: Any = out
-        for values, column in zip(whole, columns):
-            values[:] = np.reshape(column, values.shape)
         return out
 
     def _note(self, status: int, reasons: int, passed_ns: int) -> None:
@@ -300,6 +261,15 @@ class DriveJoint(Joint):
     def electrical_stddev(self) -> tuple[float, float, float]:
         """Return standard deviations of electrical angle, electrical speed and flux linkage."""
         return self._shown('write_deviation', 'electrical_deviation')
+
+    def estimates(self) -> list[tuple[float, float, float, int]]:
+        """Return rows as `estimate`: mechanical, and electrical."""
+        estimate, (angle, speed, *_) = self.estimate(), self.electrical()
+        return [estimate, (angle, speed, math.nan, estimate[3])]
+
+    def deviations(self) -> list[tuple[float, float]]:
+        """Return rows as `stddev`: mechanical, and electrical."""
+        return [self.stddev(), self.electrical_stddev()[:2]]
 
     def speed_bound(self) -> float:
         """Return an upper bound of |mechanical speed| [rad/s] while not observable; inf: none."""

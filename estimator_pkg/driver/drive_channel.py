@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.driver import channel as single
-from estimator_pkg.driver.channel import Track, advance
+from estimator_pkg.driver.channel import Frame, Track, advance
 from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, Deviation, Estimate
 from estimator_pkg.observers.pmsm.drive import DriveSample, Electrical, ElectricalDeviation
 from estimator_pkg.record import record
 from estimator_pkg.sensor.guard import AFTER_GAP, DUPLICATE, Limits
+from estimator_pkg.sensor.turns import Turns
 
 LONGEST_COAST = 10**9  # longest gap over which the angle is extrapolated [ns]
 
@@ -28,11 +29,15 @@ class Channel:
     design: observer.Design  # type: ignore[name-defined]  # noqa: F821  (bound by `Channel.of`)
     limits: Limits
     track: Track
+    turns: Turns  # not used: an electrical angle has none
+    wrapped: Frame
+    counted: Frame
     verdict: int  # on the newest sample
     counts: Annotated[list[int], 12]  # of the samples, by verdict
     stamp_ns: int  # of the newest sample that was used
     measurement: DriveSample  # the newest sample that was used
     taken: DriveSample  # the newest sample
+    known_input: float  # 0: there is none beside the sample
     estimate: Estimate  # mechanical
     deviation: Deviation
     electrical: Electrical
@@ -43,6 +48,7 @@ class Channel:
 def reset_channel(observer: Any, channel: Channel) -> None:
     """Set everything before the first sample."""
     nothing = DriveSample()
+    single.use_frame(channel, channel.wrapped)
     single.reset_track(observer, channel.track, channel.design)
     observer.start(observer, channel.track.state, channel.design, nothing)
 

@@ -3,14 +3,22 @@
 
 """One joint: an observer with its gains, the guard, and counts of all samples.
 
-Its numbers are a record, see `driver.channel`. With the engine they are in an array that compiled
-code updates; without it they are an object that the same functions update as plain Python.
+A reading and a known input are numbers (an angle) or vectors (the positions of a mechanism, the
+outputs of a switched system, currents and voltages of a drive); so is what is estimated of them.
+Each sample goes the same way, in `driver.channel`: the guard judges its stamp and reading, the
+observer takes a step, the verdict is counted. Then `estimate` and `stddev` are those of that
+sample, `why` says what the status means, and a stream answers (`streams.answer`). A family adds
+what comes before a sample (pairing, events, the input) and after it (evidence, electrical numbers).
+
+The numbers are a record. With the engine they are in an array that compiled code updates; without
+it they are an object that the same functions update as plain Python, as always where a reading is a
+vector that the user's model makes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -67,17 +75,19 @@ class Joint(Counted):
     Attributes
     ----------
     longest_dt : sample time from which on the gains are unstable [s].
+    size : how many estimates it gives.
     compiled : the engine's functions for the observer; None: plain Python.
     memory : the record that they update.
     """
 
     longest_dt: float
+    size = 1
     plain: Any = channel  # the module of the record and of its functions
     _lasting: Mapping[int, int] = {}  # newest stamp of each lasting fault, by kind [ns]
 
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         self.observer, self.settings, self.gains = observer, settings, gains
-        self.module = observer.module_of(gains)
+        self.module = self._module_of(gains)
         plain = getattr(self.module, 'runs_plain', None)
         self.compiled: Any = None if plain and plain(gains) else functions_of(self.module)
         self._channel = self.plain.Channel.of(self.module)()
@@ -87,6 +97,13 @@ class Joint(Counted):
         self._new_starts = 0  # their number at the last reset
         self._use_gains()
         self._reset_channel()
+
+    def _module_of(self, gains: Any) -> Any:
+        return self.observer.module_of(gains)
+
+    def _another(self) -> Joint:
+        """Return a new joint like this one."""
+        return type(self)(self.observer, self.gains, self.settings)
 
     @property
     def channel(self) -> Any:
@@ -145,11 +162,9 @@ class Joint(Counted):
 
     def _reset_channel(self) -> None:
         """Start as if no sample had come."""
-        self._use_gains()  # the settings may be others
         with self._changing() as channel:
             begin_turns(channel.turns, self.settings.wrap_period if self._counts_turns else 0.0)
-            channel.stamp_ns, channel.measurement, channel.known_input = 0, 0.0, 0.0
-            channel.verdict = DUPLICATE
+            channel.stamp_ns, channel.verdict = 0, DUPLICATE
             self.plain.reset_channel(self.module, channel)
 
     def set_gains(self, gains: Any) -> None:
@@ -181,7 +196,7 @@ class Joint(Counted):
                 coefficients,
                 channel.design,
                 channel.measurement,
-                getattr(channel, 'known_input', 0.0),  # a drive has none
+                channel.known_input,
             )
             self.plain.write_estimate(self.module, channel)
 
@@ -217,11 +232,15 @@ class Joint(Counted):
         ------
         ArithmeticError, ValueError : the gains give no estimates.
         """
-        other = Joint(self.observer, self.gains, self.settings)
+        other, (measurement, known_input) = self._another(), self._at_rest()
         for k in range(1, 4):
-            other.update(k * 1_000_000, 0.0)
+            other.update(k * 1_000_000, measurement, known_input)
         other.estimate()
         other.stddev()
+
+    def _at_rest(self) -> tuple[Any, Any]:
+        """Return a valid reading and a known input."""
+        return 0.0, 0.0
 
     def update(self, stamp_ns: int, measurement: Any, known_input: Any = 0.0) -> bool:
         """Take one sample; return True if it was used, False if it was dropped (and counted)."""
@@ -233,8 +252,11 @@ class Joint(Counted):
             )
         return bool(verdict < DUPLICATE)
 
-    def estimate(self) -> tuple[float, float, float, int]:
-        """Return (position, velocity, acceleration or nan, status) at the last used sample."""
+    def estimate(self) -> tuple[Any, Any, Any, int]:
+        """Return (position, velocity, acceleration or nan, status) at the last used sample.
+
+        Lists where the reading is a vector; nan before the first sample and if misconfigured.
+        """
         if self.memory is not None:
             self.compiled.write_estimate(self.memory.pointer)
             return self.memory.array['estimate'][0].item()
@@ -242,8 +264,11 @@ class Joint(Counted):
         out = self._channel.estimate
         return out.position, out.velocity, out.acceleration, out.status
 
-    def stddev(self) -> tuple[float, float]:
-        """Return the standard deviations of position and velocity; nan before the first sample."""
+    def stddev(self) -> tuple[Any, Any]:
+        """Return the standard deviations of position and velocity; nan before the first sample.
+
+        Lists where the reading is a vector.
+        """
         if not self.running:
             return math.nan, math.nan
         if self.memory is not None:
@@ -269,24 +294,58 @@ class Joint(Counted):
         """
         count = len(stamps)
         given = np.zeros(count) if known_input is None else known_input
-        columns = [
-            np.ascontiguousarray(stamps, np.int64),
-            np.ascontiguousarray(measurements, np.float64),
-            np.ascontiguousarray(given, np.float64),
-        ]
         out = empty(count)
-        if self.memory is not None:
-            self.compiled.run(self.memory.pointer, count, *columns, *out)
-        else:  # lists contain Python numbers, which are several times faster than NumPy's
-            rows = [column.tolist() for column in columns]
-            self.plain.batch(self.module, self._channel, count, *rows, *out)
+        self._batch(stamps, (measurements, given), out)
         return out
 
-    def in_estimate_convention(self, position: float) -> float:
-        """Return a measured position in the convention of the estimate: with its turns, if any."""
+    def _batch(
+        self,
+        stamps: NDArray[np.int64],
+        samples: Sequence[NDArray[np.float64]],
+        out: Sequence[NDArray[Any]],
+    ) -> None:
+        """Take many samples; set the arrays that the channel's `batch` sets."""
+        count = len(stamps)
+        columns = [np.ascontiguousarray(each, np.float64) for each in samples]
+        columns.insert(0, np.ascontiguousarray(stamps, np.int64))
+        if self.memory is not None:
+            self.compiled.run(self.memory.pointer, count, *columns, *out)
+            return
+        # lists contain Python numbers, which are several times faster than NumPy's
+        rows, found = ([each.ravel().tolist() for each in of] for of in (columns, out))
+        self.plain.batch(self.module, self._channel, count, *rows, *found)
+        for target, column in zip(out, found):
+            target[...] = np.reshape(column, target.shape)
+
+    def estimates(self) -> list[tuple[float, float, float, int]]:
+        """Return `estimate` as one row for each number that is estimated."""
+        *columns, status = self.estimate()
+        return [(*row, status) for row in self._rows(columns)]
+
+    def deviations(self) -> list[tuple[float, float]]:
+        """Return `stddev` as one row for each number that is estimated."""
+        return self._rows(self.stddev())
+
+    def _rows(self, columns: Sequence[Any]) -> list[Any]:
+        return list(zip(*(c if isinstance(c, list) else [c] * self.size for c in columns)))
+
+    def in_estimate_convention(self, position: float, index: int = 0) -> float:
+        """Return a measured position in the convention of the estimate: with its turns, if any.
+
+        Parameters
+        ----------
+        index : the place of this position where the reading is a vector.
+        """
         if not self.settings.unwrap:
             return position
-        return nearest_turn(position, self.estimate()[0], self.settings.wrap_period)
+        near = self.estimate()[0]
+        return nearest_turn(
+            position, near[index] if isinstance(near, list) else near, self._turn(index)
+        )
+
+    def _turn(self, index: int) -> float:
+        """Return the wrap period of a position; 0: none."""
+        return self.settings.wrap_period
 
     def _value(self, *path: str) -> Any:
         """Return one of the joint's numbers, by the names of its fields."""

@@ -12,13 +12,12 @@ import math
 from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import combinations
-from types import SimpleNamespace
 from typing import Any
 
-from estimator_pkg.circle import Circle, is_angle, nearest_turn
-from estimator_pkg.driver.bank import Received, Taken
-from estimator_pkg.driver.channel import advance
+from estimator_pkg.circle import Circle, is_angle
+from estimator_pkg.driver.bank import Received, Rows, Taken, taken
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.efforts import (
     EFFORT_COMMAND,
@@ -29,12 +28,10 @@ from estimator_pkg.driver.efforts import (
 )
 from estimator_pkg.driver.joint import TYPICAL_DT, Joint
 from estimator_pkg.errors import UsageError, suggestion
-from estimator_pkg.estimate import INITIALISING, MISCONFIGURED, VALID
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanism.observer import MechanismObserver, State
 from estimator_pkg.parameters import parameter, structural
-from estimator_pkg.sensor.clock import Clock
-from estimator_pkg.sensor.guard import DUPLICATE, VERDICTS, Limits, limits, longest_dt
+from estimator_pkg.sensor.convention import Convention
 
 MOST_PARTIAL = 16  # largest number of incomplete stamps of a mechanism
 
@@ -58,36 +55,121 @@ class MechanismSettings(DrivenSettings):
     )
 
 
-# What `driver.channel.advance` calls: the observer with its gains is the design of a channel.
-STEPS = SimpleNamespace(
-    SINGLE_ANGLE=False,
-    EDGES=False,
-    is_reading=lambda y: all(map(is_angle, y)),
-    prepare=lambda coefficients, plan, dt: setattr(coefficients, 'dt', dt),
-    start=lambda _, state, plan, y: plan.start(state, y),
-    step=lambda _, state, coefficients, plan, y, u: plan.step(state, coefficients.dt, y, u),
-    resume=lambda _, state, coefficients, plan, y: plan.resume(state, y),
-    restart=lambda _, state, coefficients, plan, y: plan.restart(state, y),
-)
+class Plan:
+    """The design of a channel: the observer of a mechanism with its gains."""
+
+    plan: MechanismObserver
+
+    def take(self, other: Plan) -> None:
+        """Use another one."""
+        self.plan = other.plan
 
 
-class Channel:
-    """One mechanism's numbers, with the fields of `driver.channel.Channel` that it has."""
+class Interval:
+    """The coefficients of a channel: a sample time [s]."""
 
-    def __init__(self, degrees: int) -> None:
-        self.track = SimpleNamespace(
-            clock=Clock(),
-            coefficients=SimpleNamespace(dt=TYPICAL_DT),
-            state=State(degrees),
-            state_before_gap=State(degrees),
-        )
-        self.limits = Limits()
-        self.counts = [0] * len(VERDICTS)
-        self.verdict, self.stamp_ns = DUPLICATE, 0
+    dt = TYPICAL_DT
+
+    def take(self, other: Interval) -> None:
+        """Copy another one."""
+        self.dt = other.dt
+
+
+class Motion(State):
+    """A state of as many positions as its first sample has."""
+
+    def __init__(self) -> None:
+        super().__init__(0)
+
+    def take(self, other: State) -> None:
+        """Copy another state."""
+        self.conventions = [Convention() for _ in other.conventions]
+        super().take(other)
+
+
+class Steps:
+    """What `driver.channel` calls of an observer, for mechanisms; see `observers.contract`."""
+
+    SINGLE_ANGLE = EDGES = TURNS = False
+    Design, Coefficients, State = Plan, Interval, Motion
+
+    @staticmethod
+    def prepare(coefficients: Interval, design: Plan, dt: float) -> None:
+        """Set the sample time [s]."""
+        coefficients.dt = dt
+
+    @staticmethod
+    def is_reading(measurement: Sequence[float]) -> bool:
+        """Return False if a position is no reading."""
+        return all(map(is_angle, measurement))
+
+    @staticmethod
+    def start(_: Any, state: Motion, design: Plan, y: Sequence[float]) -> None:
+        """Set every field, after the first sample."""
+        state.conventions = [Convention() for _ in y]
+        design.plan.start(state, y)
+
+    @staticmethod
+    def step(_: Any, state: Motion, coefficients: Interval, design: Plan, y: Any, u: Any) -> None:
+        """Take one sample."""
+        design.plan.step(state, coefficients.dt, y, u)
+
+    @staticmethod
+    def resume(_: Any, state: Motion, coefficients: Interval, design: Plan, y: Any) -> None:
+        """Go on after a gap."""
+        design.plan.resume(state, y)
+
+    @staticmethod
+    def restart(_: Any, state: Motion, coefficients: Interval, design: Plan, y: Any) -> None:
+        """Start again after an outage."""
+        design.plan.restart(state, y)
+
+    @staticmethod
+    def estimate(_: Any, out: Any, state: Motion, c: Any, design: Plan, y: Any, u: Any) -> None:
+        """Set the estimate of all positions."""
+        out.position, out.velocity = design.plan.estimate(state)
+        out.acceleration = [math.nan] * len(out.position)
+        out.status = state.status
+
+    @staticmethod
+    def deviation(
+        _: Any, out: Any, state: Motion, coefficients: Interval, design: Plan, scale: float
+    ) -> None:
+        """Set the standard deviations of all positions and velocities."""
+        out.position, out.velocity = design.plan.deviations(state, coefficients.dt)
+
+    @staticmethod
+    def limits(design: Plan, dt: float) -> str | None:
+        """Return None, or why these gains cannot work at this dt [s]."""
+        return design.plan.limits(dt)
+
+    @staticmethod
+    def group_delay(design: Plan, dt: float) -> float:
+        """Return the delay of the velocity at low frequency [s]."""
+        return design.plan.group_delay(dt)
+
+    @staticmethod
+    def why(state: Motion, design: Plan) -> str:
+        """Return the meaning of the status as text."""
+        return design.plan.why(state)
+
+
+@cache
+def steps_of(observer: Observer) -> type[Steps]:
+    """Return what `driver.channel` calls of this observer."""
+
+    class Own(Steps):
+        @staticmethod
+        def design(gains: Any, circle: Circle) -> Plan:
+            made = Plan()
+            made.plan = observer.module.plan(gains, circle)
+            return made
+
+    return Own
 
 
 class Mechanism(Joint):
-    """A mechanism's observer, live: a `Joint` whose measurement is a vector.
+    """A mechanism's observer, live: a `Joint` whose reading are its positions.
 
     Attributes
     ----------
@@ -95,16 +177,14 @@ class Mechanism(Joint):
     """
 
     settings: MechanismSettings
-    memory = compiled = None
 
     def __init__(
         self, name: str, observer: Observer, gains: Any, settings: MechanismSettings, source: str
     ) -> None:
-        self.name, self.observer, self.settings = name, observer, settings
-        self.reset_count, self._new_starts = 0, 0
-        self.set_gains(gains)
+        super().__init__(observer, gains, settings)
+        self.name = name
         mechanics = self.plan.mechanics
-        self.names = settings.joints or mechanics.joints
+        self.size, self.names = mechanics.degrees, settings.joints or mechanics.joints
         if len(self.names) != mechanics.degrees:
             raise UsageError(
                 f"mechanism '{name}': model '{mechanics.name}' has "
@@ -120,80 +200,26 @@ class Mechanism(Joint):
         self._pending: deque[_Partial] = deque()
         self.incomplete = 0  # stamps that never got all their joints
         self.completed = _Partial(0)  # the newest sample, used or not
-        self._before_ns = 0
         settings.check_inputs(mechanics.inputs, f"mechanism '{name}'")
 
-    def set_gains(self, gains: Any) -> None:
-        """Use other gains from the next sample on; the state is kept."""
-        self.gains = gains
-        circle = Circle(self.settings.wrap_period, self.settings.unwrap)
-        self.plan: MechanismObserver = self.observer.module.plan(gains, circle)
-        if not hasattr(self, '_channel'):
-            self._channel = Channel(self.plan.mechanics.degrees)
-        self.longest_dt = longest_dt(self.plan.limits)
-        self._channel.limits.take(limits(self.settings, self.longest_dt))
-        self._channel.track.clock.dt = 0.0  # the next sample notes its sample time
+    def _module_of(self, gains: Any) -> Any:
+        return steps_of(self.observer)
 
-    def _reset_channel(self) -> None:
-        channel = self._channel
-        channel.track.clock.take(Clock())
-        channel.stamp_ns, channel.verdict = 0, DUPLICATE
+    def _another(self) -> Mechanism:
+        return Mechanism(self.name, self.observer, self.gains, self.settings, self._source)
 
-    def try_step(self, design: MechanismObserver) -> None:
-        """Take a step with other gains and a copy of the state."""
-        track = self._channel.track
-        if track.clock.running:
-            state = State(len(self.names))
-            state.take(track.state)
-            dt = track.clock.mean_dt or TYPICAL_DT
-            design.step(state, dt, state.measurement, (0.0,) * design.mechanics.inputs)
-
-    def warm_up(self) -> None:
-        """Take samples with another mechanism and discard them, so that everything is imported."""
-        other = Mechanism(self.name, self.observer, self.gains, self.settings, self._source)
+    def _at_rest(self) -> tuple[Any, Any]:
         mechanics = self.plan.mechanics
-        for k in range(1, 4):
-            other.update(k * 1_000_000, mechanics.centre, (math.nan,) * mechanics.inputs)
-        other.estimates()
-        other.stddev()
+        return mechanics.centre, (math.nan,) * mechanics.inputs
 
-    def update(self, stamp_ns: int, measurement: Any, known_input: Any = ()) -> bool:
-        """Take one sample; return True if it was used, False if it was dropped (and counted)."""
-        channel = self._channel
-        verdict = advance(
-            STEPS, channel.track, self.plan, channel.limits, stamp_ns, measurement, known_input
-        )
-        channel.verdict = verdict
-        channel.counts[verdict] += 1
-        if verdict >= DUPLICATE:
-            return False
-        channel.stamp_ns = stamp_ns
-        return True
+    @property
+    def plan(self) -> MechanismObserver:
+        """The observer with its gains."""
+        plan: MechanismObserver = self._channel.design.plan
+        return plan
 
-    def estimate(self) -> tuple[Any, Any, float, int]:
-        """Return (positions, velocities, nan, status) at the last used sample."""
-        track = self._channel.track
-        if not track.clock.running:
-            return math.nan, math.nan, math.nan, INITIALISING
-        if track.clock.mean_dt > self.longest_dt:
-            return math.nan, math.nan, math.nan, MISCONFIGURED
-        return *self.plan.estimate(track.state), math.nan, track.state.status
-
-    def stddev(self) -> Any:
-        """Return the standard deviations of all positions and of all velocities."""
-        track = self._channel.track
-        if not track.clock.running:
-            nothing = [math.nan] * len(self.names)
-            return nothing, nothing
-        return self.plan.deviations(track.state, track.coefficients.dt)
-
-    def limit(self, dt: float) -> str | None:
-        """Return why the gains cannot work at this sample time [s]; None: they can."""
-        return self.plan.limits(dt)
-
-    def group_delay(self, dt: float) -> float:
-        """Return the delay of the velocity at low frequency [s] at this dt [s]."""
-        return self.plan.group_delay(dt)
+    def _turn(self, index: int) -> float:
+        return self.plan.mechanics.periods[index]
 
     def take(
         self,
@@ -245,16 +271,13 @@ class Mechanism(Joint):
         stamp_ns, actuated = found.stamp_ns, self.plan.mechanics.actuated
         efforts = found.efforts if self._source == EFFORT_FIELD else {}
         known_input = self._acting.known_input(
-            self._before_ns,
+            self.stamp_ns,
             stamp_ns,
             [efforts.get(index, math.nan) for index in actuated],
             self.settings,
         )
         measurement = [float(found.positions[k]) for k in range(len(self.names))]
-        used = self.update(stamp_ns, measurement, known_input)
-        if used:
-            self._before_ns = stamp_ns
-        return used
+        return self.update(stamp_ns, measurement, known_input)
 
     def command(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float]) -> None:
         """Take one effort_command."""
@@ -278,33 +301,14 @@ class Mechanism(Joint):
         super().reset()
         self._acting.clear()
         self._pending.clear()
-        self._before_ns = 0
-
-    def estimates(self) -> list[tuple[float, float, float, int]]:
-        """(position, velocity, nan, status) of each joint at the last used sample."""
-        position: Any
-        velocity: Any
-        position, velocity, _, status = self.estimate()
-        if status not in VALID:
-            return [(math.nan, math.nan, math.nan, status)] * len(self.names)
-        return [(q, v, math.nan, status) for q, v in zip(position, velocity)]
-
-    def measured_position(self, index: int) -> float:
-        """Return a joint's newest measured position in the convention of its estimate."""
-        position: Any = self.estimate()[0]
-        measured = self.completed.positions[index]
-        if not (self.settings.unwrap and isinstance(position, list)):
-            return measured
-        return nearest_turn(measured, position[index], self.plan.mechanics.periods[index])
 
     def why(self) -> str:
         """Return the meaning of the status as text."""
-        status = self.estimate()[3]
-        if status == MISCONFIGURED:
-            return self.limit(self.mean_dt) or ''
         if not self.running:
             return self.why_silent()
-        said = self.plan.why(self.state)
+        said = super().why()
+        if self.mean_dt > self.longest_dt:
+            return said
         if self._source == EFFORT_COMMAND and self._acting.is_unknown:
             said += f'{said and "; "}{self._acting.why_unknown()}'
         elif said.startswith('no effort'):
@@ -429,33 +433,18 @@ class MechanismBank(Received):
         if not estimates:
             return None
         shown = self._shape(tuple(names), tuple(estimates))
-        of_each = [(mechanism.completed.efforts, index) for mechanism, index in shown]
-
-        def measured_position(k: int) -> float:
-            mechanism, index = shown[k]
-            return mechanism.measured_position(index)
-
-        def stddevs(these: Sequence[int]) -> list[tuple[float, float]]:
-            found: dict[str, Any] = {}  # by mechanism two tuples, where a joint has two numbers
-            for mechanism, _ in (shown[k] for k in these):
-                if mechanism.name not in found:
-                    found[mechanism.name] = mechanism.stddev()
-            return [
-                (found[mechanism.name][0][index], found[mechanism.name][1][index])
-                for mechanism, index in (shown[k] for k in these)
-            ]
-
-        return Taken(
+        samples = [(mechanism.completed, index) for mechanism, index in shown]
+        return taken(
             [mechanism.names[index] for mechanism, index in shown],
             [
                 each[index] if (each := estimates[mechanism.name]) is not None else None
                 for mechanism, index in shown
             ],
-            [known.get(index, math.nan) for known, index in of_each]
-            if any(known for known, _ in of_each)
+            [sample.efforts.get(index, math.nan) for sample, index in samples]
+            if any(sample.efforts for sample, _ in samples)
             else (),
-            measured_position,
-            stddevs,
+            Rows(shown),
+            [sample.positions[index] for sample, index in samples],
         )
 
     def _shape(

@@ -20,16 +20,13 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Any
 
-from estimator_pkg.circle import Circle, nearest_turn
-from estimator_pkg.driver import switched_channel
-from estimator_pkg.driver.bank import Received, Taken
+from estimator_pkg.driver.bank import Received, Rows, Taken, taken
 from estimator_pkg.driver.configuration import JointSettings
 from estimator_pkg.driver.efforts import EFFORT_FIELD, STORED_EFFORTS, Acting
-from estimator_pkg.driver.joint import LOST_TURNS, Joint
-from estimator_pkg.estimate import INITIALISING
+from estimator_pkg.driver.joint import Joint
 from estimator_pkg.models.switched import SwitchedModel
 from estimator_pkg.observers.contract import Observer
-from estimator_pkg.sensor.guard import AFTER_CLOCK_JUMP, DUPLICATE, NEW_STARTS, limits
+from estimator_pkg.sensor.guard import AFTER_CLOCK_JUMP, NEW_STARTS
 
 # Results of an event
 WAITING, APPLIED, LATE, PAST, OUT_OF_ORDER, EARLY, JUMPED, TOO_MANY = (
@@ -58,12 +55,10 @@ class SwitchedJoint(Joint):
     refused : the newest event that is not used, and why, as text; '': none.
     """
 
-    plain = switched_channel
-    longest_dt = math.inf
-
     def __init__(self, observer: Observer, gains: Any, settings: JointSettings) -> None:
         super().__init__(observer, gains, settings)
         self.model: SwitchedModel = self.module.model
+        self.size = len(self.model.indices)
         self.event_counts: Counter[str] = Counter()
         self.refused = ''
         self._waiting: list[tuple[int, tuple]] = []  # by stamp
@@ -72,30 +67,17 @@ class SwitchedJoint(Joint):
         self._last_event_ns = -math.inf  # stamp of the newest that took effect
         self._jump_ns = (0, 0)  # last stamp of the clock before, first one of this one
 
-    def _use_gains(self) -> None:
-        channel, settings = self._channel, self.settings
-        design = self.module.design(self.gains, Circle(settings.wrap_period, settings.unwrap))
-        channel.design.take(design)
-        channel.limits.take(limits(settings, self.longest_dt))
-        channel.track.clock.dt = 0.0  # the next sample computes the coefficients anew
-
     def _reset_channel(self) -> None:
-        self._use_gains()  # the settings may be others
-        self._channel.verdict = DUPLICATE  # the stamp stays: events are compared with it
-        self.plain.reset_channel(self.module, self._channel)
+        stamp_ns = self.stamp_ns
+        super()._reset_channel()
+        channel, observer = self._channel, self.module
+        channel.stamp_ns = stamp_ns  # events are compared with it
+        channel.measurement, channel.known_input = self._at_rest()
+        observer.start(observer, channel.track.state, channel.design, channel.measurement)
 
-    def set_gains(self, gains: Any) -> None:
-        """Use other gains from the next sample on; the state is kept."""
-        self.gains = gains
-        self._use_gains()
-
-    def warm_up(self) -> None:
-        """Take samples with another system and discard them, so that everything is imported."""
-        other, channel = SwitchedJoint(self.observer, self.gains, self.settings), self._channel
-        for k in range(1, 4):
-            other.update(k * 1_000_000, channel.measurement, channel.known_input)
-        other.estimate()
-        other.stddev()
+    def _at_rest(self) -> tuple[Any, Any]:
+        model = self.module.model
+        return [0.0] * len(model.indices), [0.0] * len(model.probe(0.0))
 
     def event(self, stamp_ns: int, mode: str, v: tuple[float, ...] = ()) -> str:
         """Take one event; return its result.
@@ -143,8 +125,7 @@ class SwitchedJoint(Joint):
         before = self._taken((last_ns + stamp_ns) // 2)
         if ran:
             self._jump(before)
-        verdict = self.plain.take(self.module, self._channel, stamp_ns, measurement, known_input)
-        used = verdict < DUPLICATE
+        used, verdict = super().update(stamp_ns, measurement, known_input), self.verdict
         if not self.running:
             self._waiting[:0] = before
         elif not ran or (used and verdict in NEW_STARTS):
@@ -190,11 +171,7 @@ class SwitchedJoint(Joint):
         """Return the meaning of the status as text, or a note if Z has not converged."""
         if self.used and not self.discrete()[2]:
             return 'Z has not converged: it is predicted'
-        note: str = self.module.why(self._channel.track.state, self._channel.design)
-        if note:
-            return note
-        lost = self.settings.unwrap and self.new_starts() > self._new_starts
-        return LOST_TURNS if lost else ''
+        return super().why()
 
     def _taken(self, until_ns: int) -> list[tuple[int, tuple]]:
         """Return the waiting events up to a stamp, which wait no more."""
@@ -208,32 +185,6 @@ class SwitchedJoint(Joint):
         channel = self._channel
         for _, (mode, v) in events:
             self.module.jump(self.module, channel.track.state, channel.design, mode, v)
-
-    def estimate(self) -> tuple[float, float, float, int]:
-        """See `Joint`: of the first output."""
-        outputs, status = self.estimates()
-        return *(outputs[0] if outputs else (math.nan,) * 3), status
-
-    def estimates(self) -> tuple[list[tuple[float, float, float]], int]:
-        """Return ((position, velocity, acceleration or nan) of each output, status).
-
-        No output before any sample.
-        """
-        if not self.running:
-            return [], INITIALISING
-        self.plain.write_estimate(self.module, self._channel)
-        out = self._channel.estimate
-        return list(zip(out.position, out.velocity, out.acceleration)), out.status
-
-    def stddev(self) -> tuple[float, float]:
-        """See `Joint`: of the first output."""
-        return self.deviations()[0]
-
-    def deviations(self) -> list[tuple[float, float]]:
-        """Return one standard deviation of (position, velocity) of each output."""
-        self.plain.write_deviation(self.module, self._channel)
-        out = self._channel.deviation
-        return list(zip(out.position, out.velocity))
 
     def discrete(self) -> tuple[tuple[float, ...], tuple[float, ...], bool]:
         """Return (Z, its standard deviations, converged)."""
@@ -334,22 +285,11 @@ class SwitchedBank(Received):
         used = system.update(stamp_ns, measurement, known_input)
         shown = [place for place, name in enumerate(names) if name in self.names]
         output = [self.names.index(names[place]) for place in shown]
-        outputs, status = system.estimates()
-
-        def measured_position(k: int) -> float:
-            position, settings = positions[shown[k]], system.settings
-            if not (settings.unwrap and outputs):
-                return position
-            return nearest_turn(position, outputs[output[k]][0], settings.wrap_period)
-
-        def stddevs(these: Sequence[int]) -> list[tuple[float, float]]:
-            deviations = system.deviations()
-            return [deviations[output[k]] for k in these]
-
-        return Taken(
+        estimates = system.estimates() if used else [None] * system.size
+        return taken(
             [names[place] for place in shown],
-            [(*outputs[i], status) if used else None for i in output],
+            [estimates[i] for i in output],
             [efforts[place] for place in shown] if len(efforts) == len(names) else (),
-            measured_position,
-            stddevs,
+            Rows([(system, i) for i in output]),
+            [positions[place] for place in shown],
         )

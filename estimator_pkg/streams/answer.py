@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.bank import Taken, TakenOfJoints
+from estimator_pkg.driver.bank import Taken
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import trajectory
 from estimator_pkg.messages.joint_state import Encoder
@@ -44,7 +44,7 @@ class Answering:
         )
         self._estimate, self._stddev = Encoder(), Encoder()
 
-    def __call__(self, stamp_ns: int, frame_id: str, taken: Taken | TakenOfJoints | None) -> Answer:
+    def __call__(self, stamp_ns: int, frame_id: str, taken: Taken | None) -> Answer:
         """Return the messages that answer one message, by number of the output.
 
         Parameters

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimator_pkg import observers
-from estimator_pkg.driver.bank import Taken
+from estimator_pkg.driver.bank import Rows, taken
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveEstimates, DriveJoint
 from estimator_pkg.driver.joint import Joint
@@ -169,7 +169,7 @@ class DriveStream(Stream):
             PORTS[settings.input],
             [ESTIMATE, STDDEV, FLUX, *([SAMPLES] if batches else [])],
         )
-        self._answering = Answering(self)
+        self._answering, self._rows = Answering(self), Rows([(self.joint, 0), (self.joint, 1)])
 
     # Messages
 
@@ -221,19 +221,12 @@ class DriveStream(Stream):
         if not used:
             return {}
         joint = self.joint
-        estimate = joint.estimate()
-        electrical, status = joint.electrical(), estimate[3]
-        taken = Taken(
-            self.names,
-            [estimate, (*electrical[:2], math.nan, status)],
-            (),
-            lambda k: math.nan,  # no position is measured
-            lambda shown: [joint.stddev(), joint.electrical_stddev()[:2]],
-        )
-        answer = self._answering(stamp_ns, frame_id, taken)
+        nothing = (math.nan,) * 2  # no position is measured
+        made = taken(self.names, joint.estimates(), (), self._rows, nothing)
+        answer = self._answering(stamp_ns, frame_id, made)
         if self.wanted[2]:
-            deviation = joint.electrical_stddev()[2]
-            answer[2] = vector3.encode(stamp_ns, frame_id, electrical[2], deviation)
+            flux, deviation = joint.electrical()[2], joint.electrical_stddev()[2]
+            answer[2] = vector3.encode(stamp_ns, frame_id, flux, deviation)
         return answer
 
     def _note(self, history: dict[str, History]) -> None:

@@ -12,12 +12,12 @@ from typing import Any
 from estimator_pkg import observers
 from estimator_pkg.circle import Circle
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings, check_names
+from estimator_pkg.driver.joint import Tried
+from estimator_pkg.driver.mechanism import MechanismBank, MechanismSettings, check_names, steps_of
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.messages import diagnostics
 from estimator_pkg.observers.contract import Observer
 from estimator_pkg.observers.mechanism.gains import in_words
-from estimator_pkg.observers.mechanism.observer import MechanismObserver
 from estimator_pkg.observers.mechanism.parameters import default_numbers
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.contract import Answer, Output
@@ -73,14 +73,15 @@ class MechanicalStream(DrivenStream):
         """See `Stream`: checks each mechanism; common values need not suit any of them."""
         check_names(configuration, self.settings.mechanisms)
 
-    def _build(self, configuration: Configuration, joint: str) -> MechanismObserver:
+    def _build(self, configuration: Configuration, joint: str) -> Tried:
         """Return what the gains of this mechanism imply ('': of one without override)."""
         settings: Any
         gains, settings = configuration.for_joint(joint)
         circle = Circle(settings.wrap_period, settings.unwrap)
-        plan: MechanismObserver = self.observer.module.plan(gains, circle)
-        settings.check_inputs(max(1, plan.mechanics.inputs), self._called(joint))
-        return plan
+        tried = Tried(steps_of(self.observer), gains, circle)
+        inputs = tried.design.plan.mechanics.inputs
+        settings.check_inputs(max(1, inputs), self._called(joint))
+        return tried
 
     def answer(self, sample: Sample) -> Answer:
         """See `DrivenStream`."""

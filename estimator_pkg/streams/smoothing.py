@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from estimator_pkg.driver.bank import TakenOfJoints
+from estimator_pkg.driver.bank import Taken
 from estimator_pkg.driver.joint import Joint
 from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.joint_state import Encoder
@@ -63,7 +63,7 @@ class Smoothing:
             self._of.pop(name, None)
 
     def __call__(
-        self, at_ns: int, stamp_ns: int, frame_id: str, taken: TakenOfJoints | None
+        self, at_ns: int, stamp_ns: int, frame_id: str, taken: Taken | None
     ) -> list[Answer]:
         """Take one message; return the answers to those that are old enough now.
 

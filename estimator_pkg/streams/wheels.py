@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_pkg.driver.bank import Bank, TakenOfJoints
+from estimator_pkg.driver.bank import Bank, Taken
 from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.wheels import OBSERVER, Geometry, WheelOdometry
 from estimator_pkg.errors import UsageError, UserError
@@ -120,7 +120,7 @@ class WheelStream(Stream):
         answer = self._answering(stamp_ns, frame_id, taken)
         return chain((answer,), self._of_base(stamp_ns, taken))
 
-    def _of_base(self, stamp_ns: int, taken: TakenOfJoints | None) -> Iterator[Answer]:
+    def _of_base(self, stamp_ns: int, taken: Taken | None) -> Iterator[Answer]:
         """Move the base and give its odometry, after the estimates of its wheels have left."""
         joints = None if taken is None else self._joints(taken)
         if joints is not None:
@@ -141,7 +141,7 @@ class WheelStream(Stream):
             ((speed, 0.0, across), (0.0, speed, 0.0), (across, 0.0, rate)),
         )
 
-    def _joints(self, taken: TakenOfJoints) -> NDArray[np.float64] | None:
+    def _joints(self, taken: Taken) -> NDArray[np.float64] | None:
         """Return the joints as `Base.update` takes them; None: one is not tracked yet."""
         names, found = self.settings.names, np.zeros((len(self.settings.names), 5))
         places = [taken.names.index(name) for name in names if name in taken.names]

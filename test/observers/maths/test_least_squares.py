@@ -84,6 +84,6 @@ def test_switched_starts_again_when_its_numbers_ran_away(gains):
         if i == 50:
             for observed, zt in zip(joint.state.observed, joint.state.zt):
                 observed[:], zt[:] = [math.nan] * len(observed), [1e300] * len(zt)
-    position, velocity, _, status = joint.estimate()
+    position, velocity, _, status = joint.estimates()[0]
     assert position == pytest.approx(0.1, abs=0.01) and abs(velocity) < 5.0
     assert status == TRACKING

@@ -81,7 +81,7 @@ def run(joint, angles, torques, events=(), offset=0.0):
         reading = math.remainder(round((angle + offset) / QUANTUM) * QUANTUM, 2.0 * math.pi)
         joint.update(10**18 + i * 10**6, (reading,), torques[i - 1] if i else (0.0,))
         z, _, converged = joint.discrete()
-        rows.append((z, converged, *joint.estimate()[1:]))
+        rows.append((z, converged, *joint.estimates()[0][1:]))
         if i in events:
             assert joint.event(joint.stamp_ns, events[i]) == 'applied'
     return rows
@@ -173,7 +173,7 @@ def test_a_gap_keeps_what_was_learnt():
     for i in range(2400, 3000):
         joint.update(10**18 + i * 10**6, (float(angles[i]),), torques[i - 1])
     assert joint.discrete()[0] == pytest.approx(gripper.UNLOADED, rel=0.02)
-    assert joint.estimate()[1] == pytest.approx(velocities[2999], abs=0.2)
+    assert joint.estimates()[0][1] == pytest.approx(velocities[2999], abs=0.2)
 
 
 @pytest.mark.long
@@ -332,7 +332,8 @@ def test_the_velocity_belongs_to_the_stamp_and_is_quiet(counts, bandwidth, rms):
         stamp = 10**18 + i * 10**6
         switched.update(stamp, (reading,), torques[i - 1] if i else (0.0,))
         angle_only.update(stamp, reading)
-        found.append((switched.estimate()[1], switched.stddev()[1], angle_only.estimate()[1]))
+        speed, stddev = switched.estimates()[0][1], switched.deviations()[0][1]
+        found.append((speed, stddev, angle_only.estimate()[1]))
         if i in (2000, 4000):
             assert switched.event(stamp, 'close') == 'applied'
     speed, stddev, peer = np.array(found)[500:].T
@@ -352,7 +353,7 @@ def test_the_cascade_belongs_to_the_stamp_too():
     for i, angle in enumerate(angles.tolist()):
         joint.update(10**18 + i * 10**6, (angle,), torques[i - 1] if i else (0.0,))
         if i > 500:
-            assert joint.estimate()[1] == pytest.approx(velocities[i], abs=2e-3)
+            assert joint.estimates()[0][1] == pytest.approx(velocities[i], abs=2e-3)
 
 
 def test_a_start_at_speed_locks_on_a_coarse_encoder():
@@ -365,7 +366,7 @@ def test_a_start_at_speed_locks_on_a_coarse_encoder():
     for i in range(600):
         reading = math.remainder(round(0.2 * i / quantum) * quantum, 2.0 * math.pi)
         joint.update(10**18 + i * 10**6, (reading,), (0.0,))
-        _, velocity, _, status = joint.estimate()
+        ((_, velocity, _, status),) = joint.estimates()
         if status == TRACKING:
             published.append(i)
             assert velocity == pytest.approx(200.0, abs=0.3)
