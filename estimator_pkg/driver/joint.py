@@ -144,7 +144,8 @@ class Joint(Counted):
             use_frame(channel, now)
 
     def _limits(self, settings: JointSettings, longest_dt: float, period: float) -> Limits:
-        return limits(settings, longest_dt, period, getattr(self.gains, 'quantum', 0.0))
+        quantum = getattr(self.gains, 'quantum', 0.0) if self.module.SINGLE_ANGLE else 0.0
+        return limits(settings, longest_dt, period, quantum)
 
     @property
     def _counts_turns(self) -> bool:
