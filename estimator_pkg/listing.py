@@ -268,7 +268,7 @@ def brief(item: Item, width: int) -> str:
     count = len(item.parameters)
     more = f' ({count} parameter{"s" * (count > 1)})' if count else ''
     lead = f'  {item.name:<17} '
-    first, *rest = _wrapped(item.summary + more, width, len(lead), 20)
+    first, *rest = _wrapped(item.summary + more, width, len(lead), 20) or ['']
     return '\n'.join([lead + first[len(lead) :], *rest])
 
 

@@ -304,7 +304,7 @@ class Bag:
             if any(name in ('', '..') or '\0' in name for name in names):
                 raise ValueError('a name of a file is damaged')
             return names, [_described(**each) for each in found['topics_with_message_count']]
-        except OSError:
+        except (OSError, ImportError):  # a missing library is no damage
             raise
         except Exception:  # the library may raise anything for a damaged file
             self.warn(f'{file} is not valid metadata: reading the files in its folder')

@@ -220,7 +220,7 @@ def advance(
                     wrap(measurement - track.reading, limits.period),
                     clock.mean_dt,
                     abs(measurement),
-                    limits.quantum,
+                    limits.count,
                 )
                 track.earlier = track.reading
                 track.reading = measurement

@@ -58,7 +58,7 @@ class MechanismSettings(DrivenSettings):
 class Plan:
     """The design of a channel: the observer of a mechanism with its gains."""
 
-    plan: MechanismObserver
+    plan: MechanismObserver = None  # type: ignore[assignment]  # before there are gains
 
     def take(self, other: Plan) -> None:
         """Use another one."""

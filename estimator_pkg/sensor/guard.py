@@ -95,7 +95,7 @@ class Limits:
     timeout_ns: int
     longest_dt: float  # sample time beyond which the gains are unstable [s]
     period: float  # wrap period of a single angle [rad]; 0: none
-    quantum: float  # smallest step of its readings, as given [rad]; 0: not known
+    count: float  # the quantum of its readings as given [rad]; 0: not known
 
 
 def longest_dt(limits: Callable[[float], str | None]) -> float:
@@ -124,7 +124,7 @@ def limits(settings: Any, longest_dt: float, period: float = 0.0, quantum: float
     made.reorder_ns = round(settings.reorder_window * 1e9)
     made.timeout_ns = round(settings.timeout * 1e9)
     made.longest_dt = float(longest_dt)
-    made.period, made.quantum = float(period), float(quantum)
+    made.period, made.count = float(period), float(quantum)
     return made
 
 

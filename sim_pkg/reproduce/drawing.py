@@ -38,7 +38,10 @@ def panels(
 def lines(
     axes: Any, time: NDArray[Any], curves: Mapping[str, Any], styles: Mapping[str, Any], **more: Any
 ) -> None:
-    """Plot curves by name over time in their style, a colour or keywords, with a legend."""
+    """Plot curves by name over time, shape (n,) each, in their style, with a legend.
+
+    A style is a colour, or keywords.
+    """
     for name, values in curves.items():
         style = styles.get(name, {})
         style = {'color': style} if isinstance(style, str) else style

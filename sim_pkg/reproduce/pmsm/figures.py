@@ -37,7 +37,7 @@ def reduced(angle: float, xi: float, duration: float) -> tuple[Array, Array]:
 
 
 def unstable_manifold() -> list[tuple[Array, Array]]:
-    """Return both branches of the curve from which (6) runs into the saddle (pi, 0), backwards."""
+    """Return both branches, shape (n,), of the curve on which (6) runs into the saddle (pi, 0)."""
     # linearised at the saddle: d(angle) = chi xi + k chi angle, d(xi) = gamma chi angle
     slow = 0.5 * (K_ETA - math.sqrt(K_ETA**2 + 4.0 * GAMMA))
     away = 1e-4 / math.hypot(slow, GAMMA)

@@ -118,7 +118,8 @@ def test_another_plant_is_reported_and_the_interval_covers(drag):
         if i == 3000:
             joint.event(joint.stamp_ns, 'close')
         if i > 800:
-            within.append(abs(joint.estimate()[1] - velocities[i]) < 1.96 * joint.stddev()[1])
+            error = abs(joint.estimates()[0][1] - velocities[i])
+            within.append(error < 1.96 * joint.deviations()[0][1])
         if i in (2900, 4900):
             assert joint.why().startswith('the model does not fit') == (drag > 0.0)
             assert drag > 0.0 or joint.why() == ''
