@@ -281,6 +281,9 @@ def test_a_mistake_is_named(mistake, simulations):
         changed = plant(motor, read)
         finding = checks(changed[1], changed[0])[check]
         assert finding.level != 'PASS' and remedy in finding.remedy, finding
+        for name in ('flux', 'resistance'):
+            if mistake in (name, f'half of the {name}', f'twice the {name}'):
+                assert finding.numbers[name] == pytest.approx(motor[name], rel=0.05)
         if mistake == 'line to line':
             assert f'resistance to {motor["resistance"]:g}' in finding.remedy
 
