@@ -46,7 +46,7 @@ from estimator_pkg.sensor.guard import (
     ZERO_STAMP,
     Limits,
 )
-from estimator_pkg.sensor.holds import Holds, is_repeated, most_speed, note_reading, unshown_speed
+from estimator_pkg.sensor.holds import Holds, is_repeated, note_reading, shown_speed, unshown_speed
 from estimator_pkg.sensor.sample_time import (
     SampleTime,
     begin_sample_time,
@@ -366,8 +366,7 @@ def write_estimate(observer: Any, channel: Channel) -> None:
         )
         if observer.SINGLE_ANGLE:
             if track.holds.leap > 0.0:
-                most = most_speed(track.holds, track.clock.last_ns)
-                out.velocity = min(max(out.velocity, -most), most)
+                out.velocity = shown_speed(track.holds, track.clock.last_ns, out.velocity)
 
 
 def write_deviation(observer: Any, channel: Channel) -> None:

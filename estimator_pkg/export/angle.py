@@ -24,7 +24,7 @@ from estimator_pkg.sensor.faults import (
     is_usual,
 )
 from estimator_pkg.sensor.guard import DUPLICATE, USED_SAMPLE, Limits
-from estimator_pkg.sensor.holds import most_speed, unshown_speed
+from estimator_pkg.sensor.holds import shown_speed, unshown_speed
 from estimator_pkg.sensor.turns import Turns, begin_turns, follow_turns, is_news
 
 
@@ -122,8 +122,7 @@ def get(observer: Any, self: State, out: Estimate) -> None:
     )
     holds, last_ns = track.holds, track.clock.last_ns
     if holds.leap > 0.0:
-        most = most_speed(holds, last_ns)
-        motion.velocity = min(max(motion.velocity, -most), most)
+        motion.velocity = shown_speed(holds, last_ns, motion.velocity)
     if holds.unchanged > 0 or holds.leap > 0.0:
         least = unshown_speed(holds, last_ns, motion.velocity)
         deviation.velocity = max(deviation.velocity, least)

@@ -48,10 +48,10 @@ LEAPS = 4  # and as many are enough,
 ALONE = 4  # or three if the holds are equally long
 FAST = 5.0  # counts: more than noise that repeats at every second sample,
 QUICK = 3  # and a fourth is enough
-MISSING = 10.0  # counts: so many that do not come are no chance,
-STEADY = 16  # if as many changes came before,
-SLOWER = 1.2  # the last ones not later than before,
-SLOWEST = 4.0  # and not slower than this [samples a count]
+MISSING = 10.0  # counts: a steady motion that lacks so many has stopped, or the sensor is stuck;
+STEADY = 16  # it is steady after as many changes in one direction,
+SLOWER = 1.2  # if the last counts took at most this many times as long as before,
+SLOWEST = 4.0  # and no longer than this [samples a count]
 RESIDUE = 1e3  # times the smallest change: that was none
 FORGETS = 1.02  # from one leap to the next: the smallest change may be a stray reading's
 SAME = 0.99  # two changes of a count are alike but for this
@@ -90,7 +90,7 @@ class Holds:
     steady: int  # changes of this sense in a row
     count_time: float  # mean time of the newest counts [samples],
     mean_count_time: float  # and of more of them
-    missing: bool  # the newest reading is the one at which so many are missing
+    missing: bool  # at the newest reading `MISSING` counts have not come
     joined: bool  # it came at once after another: the joint moves, and this is no leap
     apart: bool  # so was the change before: the joint does not start here
 
@@ -200,6 +200,12 @@ def most_speed(holds: Holds, stamp_ns: int) -> float:
         return math.inf
     since = (stamp_ns - holds.changed_ns) * 1e-9
     return holds.leap / (since if since > holds.held else holds.held)
+
+
+def shown_speed(holds: Holds, stamp_ns: int, velocity: float) -> float:
+    """Return a velocity [rad/s or m/s] within what the readings show since a leap."""
+    most = most_speed(holds, stamp_ns)
+    return most if velocity > most else -most if velocity < -most else velocity
 
 
 def unshown_speed(holds: Holds, stamp_ns: int, velocity: float) -> float:

@@ -258,3 +258,4 @@ def test_wheels_take_the_gyro_of_the_argument_else_that_of_the_file(prefix, prob
         process.prints('from /base/joint_states and /base/of_file on /base/other/estimate')
         for topic in ('/base/odom', '/base/other/odometry'):
             probe.until(lambda topic=topic: probe.node.count_publishers(topic))
+            assert probe.node.count_publishers(topic) == 1

@@ -221,6 +221,25 @@ def test_a_sensor_that_repeats_and_starts_to_move_is_not_predicted_on(name, time
     assert np.nanmax(np.abs(out.velocity)) < 1.2 * 56.0
 
 
+@pytest.mark.parametrize('speed', [2.0, 10.0])  # 0.3 and 1.6 counts a sample
+def test_counts_that_do_not_come_name_a_stop_or_a_stuck_sensor(speed):
+    times = np.arange(3200) / 1000.0
+    joint = make('kalman')
+    joint.run(ns(times[:3000]), read(times[:3000], lambda t: speed * t, 1000))
+    assert joint.why() == ''
+    joint.run(ns(times[3000:]), read(0.0 * times[3000:] + 3.0, lambda t: speed * t, 1000))
+    assert 'a stop, or a stuck sensor' in joint.why()
+
+
+def test_a_joint_that_indexes_is_covered_at_rest():
+    """0.51 +- 0.08 rad/s was published of a joint that rests between its steps."""
+    times = np.arange(2000) / 100.0
+    steps = 0.05 * np.floor(times / 0.1 + 1e-6)
+    _, out = run('edge_adaptive', times, steps, {'quantum': TURN / 65536}, **LINE)
+    later = times > 2.0
+    assert np.mean(np.abs(out.velocity[later]) > 5.0 * out.velocity_stddev[later]) < 0.02
+
+
 STEPS = (0.0, 0.1, 1 / 3, 0.49, 0.5, 0.51, 2 / 3, 0.99, 1.0, 1.5, 2.0, 3.3)
 
 

@@ -39,10 +39,10 @@ class Recorded:
     """A library, and the names of its functions that were called."""
 
     def __init__(self, library):
-        self.library, self.called = library, set()
+        self.functions, self.called = library, set()
 
     def __getattr__(self, name):
-        function = getattr(self.library, name)
+        function = getattr(self.functions, name)
 
         def call(*arguments):
             self.called.add(name)

@@ -73,7 +73,7 @@ class Check(NamedTuple):
         numbers: Mapping[str, Any] = {},
         words: Mapping[str, Any] = {},
     ) -> Finding:
-        """Return the finding of what was measured, see `Measured`."""
+        """Return the finding that a measured statistic gives; see `Measured`."""
         values = {**numbers, **words}
         said = [self.texts[each].format_map(values).partition(' -> ') for each in texts]
         value = '; '.join(text for text, *_ in said)
