@@ -1,31 +1,30 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Fault detection: what is wrong with a node's inputs, seen ten times and named once a second."""
+"""How the faults of a node are found: a method for each row of the table."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
-from time import monotonic
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rclpy.node import Node
 
+from estimator_pkg.errors import suggestion
 from estimator_pkg.estimate import MISCONFIGURED, STATUS_NAMES
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.nodes import faults
 from estimator_pkg.nodes.endpoints import Endpoints, Input
-from estimator_pkg.nodes.faults import Faults, listed, of_joints, say, which
-from estimator_pkg.nodes.joint_watch import JointWatch
-from estimator_pkg.nodes.misfits import UNNAMED_PUBLISHER
-from estimator_pkg.params_file import OVERRIDES
+from estimator_pkg.nodes.faults import FAULTS, HARMLESS, Fault, Values, called, listed
+from estimator_pkg.nodes.graph import Graph
+from estimator_pkg.nodes.joints import JointWatch
 from estimator_pkg.sensor.faults import STOPPED
 from estimator_pkg.streams.contract import PUBLISHER, Stream, stamp_remedy
 
 INPUT_PATIENCE = 2.5  # time after the start in which publishers appear [s]
 JOINT_PATIENCE = 1.0  # time after the first joint in which the others appear too [s]
+PAUSE = 1.0  # longest pause of the messages that is no outage, whatever their rate [s]
 CLOCKS_DIFFER = 1.0  # smaller distances of stamps from the clock are latency [s]
 OFTEN = 0.05  # fraction of dropped samples that is reported
 LOSSES = 5  # seconds that are searched for lost messages,
@@ -37,371 +36,311 @@ NEW_CLOCK = 1.0  # simulated time before which samples may have the stamp 0 [s]
 
 
 class Detector:
-    """Finds the faults of a node's inputs by the steady clock.
+    """Finds the faults of a node.
+
+    The method of a row yields the values of its text for each fault; `key` distinguishes several.
 
     Parameters
     ----------
-    node, stream, endpoints : of the node.
-    watch : statuses of its joints.
-    faults : takes what begins between two reports.
-    patience : longest pause of the messages that is no outage, whatever their rate [s].
+    node, stream, endpoints : of the node. watch : statuses of its joints.
+    started : when the node started, by `monotonic` [s].
 
     Attributes
     ----------
     first_input : when the first message was seen, by `monotonic` [s]; 0: none has come.
+    events : what the node has noted for a row since the last report: values by the row's name.
     """
 
     def __init__(
-        self,
-        node: Node,
-        stream: Stream,
-        endpoints: Endpoints,
-        watch: JointWatch,
-        faults: Faults,
-        patience: float,
+        self, node: Node, stream: Stream, endpoints: Endpoints, watch: JointWatch, started: float
     ) -> None:
-        self._node, self._stream, self._endpoints = node, stream, endpoints
-        self._inputs = endpoints.inputs
-        self._watch, self._faults = watch, faults
-        self._started = monotonic()
+        self._node, self._stream, self._watch = node, stream, watch
+        self._endpoints, self._inputs = endpoints, endpoints.inputs
+        self._graph, self._started, self._now = Graph(node, endpoints, started), started, started
         self.first_input = 0.0
-        self._suspected: dict[str, str] = {}  # by others; seen twice in a row they are faults
-        self._missing: list[str] = []  # needed names that no message has had yet
-        self._missed: dict[str, str] = {}  # kind of the fault by joint of `per_joint`
+        self.events: dict[str, list[Values]] = {}
+        self._new: Mapping[str, int] = {}  # increase of the node's counters since the last report
+        self._wrong: dict[str, list[Values]] = {}  # of the graph
+        self._rows: set[str] = set()  # that have been found in this report
+        self._suspected: set[str] = set()  # kinds of faults that the last report has found
         self._seen: set[str] = set()  # needed names that messages of the measurement have had
-        self._malformed = [(0, 0)] * len(stream.inputs)  # malformed and received messages by port
-        self._doubled = 0  # messages with equal names
         # received messages by port, and when their number last grew
-        self._arrivals = [(0, self._started)] * len(stream.inputs)
-        self._shortest = self._patience = patience
+        self._arrivals = [(0, started)] * len(stream.inputs)
+        self._patience = PAUSE  # longest pause of the messages that is no outage [s]
+        self._doubled = 0  # messages with equal names
         self._offset = math.inf  # least distance of stamps from the clock since the report [s]
-        self._often: set[str] = set()  # kinds of drops that were often at the last report
         self._losses: deque[tuple[int, int]] = deque(maxlen=LOSSES)
-        self._without_estimate = self._started, 0  # since when, and received messages then
+        self._without_estimate = started, 0  # since when, and received messages then
         self._estimated = False  # True after the first estimate
-        self._clock_ran = False  # simulated time was beyond NEW_CLOCK
+
+    def note(self, row: str, **values: Any) -> None:
+        """Note an event for the next report."""
+        self.events.setdefault(row, []).append(values)
 
     def look(self, now: float) -> None:
-        """Note what has arrived, and report what is back; to be called often."""
-        self._note_arrivals(now)
-        self._measure_offset(now)
-        if not self.first_input and any(self._stream.received):
+        """Note what has arrived; to be called often."""
+        stream, used = self._stream, self._watch.used
+        for port, (count, since) in enumerate(self._arrivals):
+            if stream.received[port] > count:
+                self._arrivals[port] = stream.received[port], now
+                each = self._inputs[port]
+                if count and not each.optional and now - since > self._patience:
+                    self.note('back', key=port, topic=each.topic_name, passed=now - since)
+        if not self.first_input and any(stream.received):
             self.first_input = now
         if self._watch.estimated:
-            self._without_estimate, self._estimated = (now, self._stream.received[0]), True
-            self._faults.logged.clear()
-        returned = self._watch.returned
-        if returned:
-            names = list(returned)
-            subject = of_joints(names, self._stream.KEPT, ('is', 'are'))
-            self._report_return(0, subject, max(returned.values()), now, which(names))
-            returned.clear()
-        for name, joint in self._stream.bank.joints.items():
-            found = joint.new_faults()
-            stopped = found.pop(STOPPED, '')
-            if stopped:  # it may be a stop that machines make
-                self._node.get_logger().info(f"'{name}': {stopped}")
-            for fault, text in self._of_sensor(name, found).items():
-                self._faults.begin(fault, text, now)
+            self._without_estimate, self._estimated = (now, stream.received[0]), True
+        fresh = [name for name, (count, since, _) in used.items() if count and since == now]
+        if fresh and getattr(stream.settings, 'stamp_source', '') != PUBLISHER:
+            clock_ns = self._node.get_clock().now().nanoseconds
+            offsets = [1e-9 * (stream.bank.joints[name].stamp_ns - clock_ns) for name in fresh]
+            self._offset = min(self._offset, *offsets, key=abs)
 
-    def _of_sensor(self, name: str, found: Mapping[int, str]) -> dict[str, str]:
-        """Return the faults of a joint's sensor, as texts by kind."""
-        topic = self._inputs[0].topic_name
-        return {
-            f'sensor {name} {kind}': say('sensor', name=name, topic=topic, what=what)
-            for kind, what in found.items()
-        }
-
-    def present(self, new: Mapping[str, int], now: float) -> dict[str, str]:
-        """Return the faults that are present, as texts by kind; to be called once a second.
+    def report(self, new: Mapping[str, int], now: float) -> dict[str, tuple[Fault, str]]:
+        """Return the faults that are present, by kind; to be called once a second.
 
         Parameters
         ----------
         new : increase of the node's counters since the last call.
         """
-        found = self._of_graph(now)
-        found.update(self._of_names(now))
-        found.update(self._of_silence(now))
-        for name, joint in self._stream.bank.joints.items():
-            found.update(self._of_sensor(name, joint.lasting_faults()))
-        found.update(self._of_messages(new))
-        found.update(self._of_equal_names(new['messages_received']))
-        if self._missing:  # this is why
-            found.pop('mismatched', None)
-        mixed = any(kind.startswith('twice') for kind in found)
-        found.update(self._of_stamps(new, mixed, now))
-        if 'equal_names' in found:  # the second position of a name repeats its stamp
-            found.pop('duplicate', None)
-        found.update(self._of_nothing(found, new, now))
-        return found
-
-    def _of_nothing(
-        self, found: Mapping[str, str], new: Mapping[str, int], now: float
-    ) -> dict[str, str]:
-        """Return why nothing is estimated for `SILENCE`, if no other fault explains it."""
-        stream, statuses, logged = self._stream, self._watch.statuses, self._faults.logged
-        kinds = {kind.partition(' ')[0] for kind in (*found, *logged)}
-        received = stream.received[0]
-        if not received or 'silent' in kinds:
-            self._without_estimate = now, received
-            logged.clear()
-            return {}
-        since, before = self._without_estimate
-        if now - since < SILENCE or received - before < MESSAGES:
-            return {}
-        explained = 'failed' in kinds or any(
-            status == MISCONFIGURED for status, _ in statuses.values()
-        )
-        if not new['used']:
-            explained = explained or bool(kinds.difference(faults.HARMLESS, ['nothing']))
-        joints = stream.bank.joints.values()
-        if explained or (self._estimated and all(joint.needs_motion for joint in joints)):
-            return {}
-        topics = ' and '.join(
-            each.topic_name for each, count in zip(self._inputs, stream.received) if count
-        )
-        why = stream.why() or ', '.join(
-            f"'{name}' is {STATUS_NAMES[status]}" for name, (status, _) in statuses.items()
-        )
-        return {'nothing': say('nothing', passed=now - since, topic=topics, why=why)}
-
-    def _of_graph(self, now: float) -> dict[str, str]:
-        """Return faults among publishers and subscribers, once two reports have seen them."""
-        suspected = self._endpoints.faults()
-        for port, each in enumerate(self._inputs):
-            if each.found and not self._stream.received[port] and not each.optional:
-                who = listed(dict.fromkeys(each.found))
-                suspected[f'mute {each.topic_name}'] = say('mute', who=who, topic=each.topic_name)
-        before, self._suspected = self._suspected, suspected
-        if now - self._started < INPUT_PATIENCE:
-            return {}
-        heard = [each for port, each in enumerate(self._inputs) if self._stream.received[port]]
-        ended = {f'nobody {each.topic_name}' for each in heard}  # reported as silence
-        return {
-            kind: text for kind, text in suspected.items() if kind in before and kind not in ended
-        }
-
-    def _of_names(self, now: float) -> dict[str, str]:
-        """Return joints that are not in the messages, and those that several publishers send."""
-        stream, found = self._stream, {}
-        shown = True  # the messages have shown their names
-        for port, each in enumerate(self._inputs):
-            several = len(each.found) > 1 and not each.optional
-            if port == 0:
-                joints = stream.bank.joints
-                needed = stream.needed() - self._seen
-                came = {name for name in needed if name in joints and joints[name].received}
-                self._seen |= came | needed.intersection(each.senders.names)
-                self._missing = sorted(needed - self._seen)
-            watched = several or (port == 0 and bool(self._missing or self._watch.silent))
-            if not watched and each.watched:
-                each.senders.forget()
-            fresh, each.watched = watched and not each.watched, watched
-            shown = shown and not (port == 0 and fresh)
-            twice = each.senders.twice(now)
-            unnamed = UNNAMED_PUBLISHER in each.found and not each.unnamed
-            each.unnamed = UNNAMED_PUBLISHER in each.found
-            if several and twice and not unnamed:
-                verb = ('comes', 'come')
-                found[f'twice {each.topic_name}'] = say(
-                    'twice',
-                    names=of_joints(twice, 'joint', verb) if any(twice) else 'messages come',
-                    topic=each.topic_name,
-                    who=faults.publishers(sorted(each.found)),
-                    which=which(twice),
-                )
-        patience = self.first_input + JOINT_PATIENCE
-        if self._missing and shown and self.first_input and now >= patience:
-            found.update(self._of_missing(self._missing, now))
-        return found
-
-    def _of_missing(self, missing: list[str], now: float) -> dict[str, str]:
-        """Return the texts about joints that have never come, by the parameters that name them."""
-        each, overrides = self._inputs[0], self._stream.overrides
-        names = each.senders.recent(now - RECENT) or each.senders.recent(-math.inf)
-        carried = names if each.type == JOINT_STATE else set(self._stream.bank.joints)
-        selected = [name for name in missing if name not in overrides]
-        overridden = [name for name in missing if name in overrides]
-        first = next((name for name in overridden if name not in self._missed), '')
-        self._missed = {  # those of a file are one fault, one that is set later is another
-            name: self._missed.get(name, f'missing override {first}') for name in overridden
-        }
-        found = {}
-        if selected:
-            found['missing'] = faults.absent(
-                selected, each.topic_name, carried, "set 'joints' to names of the topic"
-            )
-        for kind in set(self._missed.values()):
-            joints = [name for name, its in self._missed.items() if its == kind]
-            correct = listed(
-                (f'{OVERRIDES}.{name}.{key}' for name in joints for key in overrides[name]), "'"
-            )
-            found[kind] = faults.absent(joints, each.topic_name, carried, '', f'correct {correct}')
-        return found
-
-    def _note_arrivals(self, now: float) -> None:
-        """Note which inputs have new messages, and report those that are back."""
-        received = self._stream.received
-        for port, (count, since) in enumerate(self._arrivals):
-            if received[port] > count:
-                self._arrivals[port] = received[port], now
-                each = self._inputs[port]
-                if count and not each.optional and now - since > self._patience:
-                    self._report_return(port, 'the messages are', now - since, now)
-
-    def _report_return(
-        self, port: int, subject: str, outage: float, now: float, which: str = ''
-    ) -> None:
-        """Report what is back, with the length of the outage [s]."""
-        topic = self._inputs[port].topic_name
-        text = say('back', subject=subject, topic=topic, passed=outage, which=which)
-        self._faults.begin(f'back {topic}', text, now)
-
-    def _of_silence(self, now: float) -> dict[str, str]:
-        """Return the inputs whose messages ended, and the joints that are in none any more."""
-        joints, found = self._stream.bank.joints, {}
-        patience = max([self._shortest, *(joint.silence for joint in joints.values())])
-        self._patience = patience
-        for (count, since), each in zip(self._arrivals, self._inputs):
-            if not count or each.optional or now - since <= patience:
+        self._new, self._now, self._rows = new, now, set()
+        self._wrong = self._graph.look(now)
+        for each in self._inputs:
+            each.senders.several = len(each.found) > 1 and not each.optional
+        found, suspected = {}, set()
+        for fault in FAULTS:
+            if not self._rows.isdisjoint(fault.unless):
                 continue
-            what = f'no message on {each.topic_name}'
-            found[f'silent {each.topic_name}'] = self._ended(each, what, since, now)
-        if found:
-            return found
-        _, arrived = self._arrivals[0]
-        for name, (_, since, before) in self._watch.used.items():
-            lost = before and self._watch.lost(name)
-            if lost and before == joints[name].received and arrived - since > joints[name].silence:
-                self._watch.silent.setdefault(name, since)
-        measured = self._inputs[0]
-        carried = measured.senders.recent(now - patience)
-        gone = sorted(set(self._watch.names_of(self._watch.silent)) - carried)
-        if gone and carried:
-            some = f"'{gone[0]}'" if len(gone) == 1 else f'{len(gone)} joints'
-            what = f'no sample of {some} on {measured.topic_name}'
-            ended = self._ended(measured, what, max(self._watch.silent.values()), now, which(gone))
-            found['silent'] = (
-                ended
-                if 'ended;' in ended
-                else faults.absent(
-                    gone,
-                    measured.topic_name,
-                    carried,
-                    'check its publisher',
-                    alike=carried.intersection(self._watch.new()),
-                )
-            )
+            for values in self._of(fault):
+                kind = f'{fault.name} {values.get("key", "")}'.rstrip()
+                suspected.add(kind)
+                if not fault.confirmed or kind in self._suspected:
+                    found[kind] = fault, fault.report(values)
+                    self._rows.add(fault.name)
+        self._suspected, self._offset, self.events = suspected, math.inf, {}
         return found
 
-    def _ended(self, each: Input, what: str, since: float, now: float, which: str = '') -> str:
-        """Return the text about an input, or some joints of it, that came until `since`."""
-        left = sorted(name for name, when in each.left.items() if when > since - self._shortest)
-        kind = 'ended' if left or not each.found else 'silent'
-        who = listed(left or dict.fromkeys(each.found)) or 'its publisher'
-        return say(kind, what=what, passed=now - since, who=who, which=which)
+    def _of(self, fault: Fault) -> Iterator[Values]:
+        yield from self.events.get(fault.name, ())
+        if fault.find:
+            yield from getattr(self, fault.find)(fault.name)
+        elif hasattr(self, fault.name):
+            yield from getattr(self, fault.name)()
 
-    def _counted(
-        self, kind: str, count: int, received: int, fault: str = '', **values: Any
-    ) -> dict[str, str]:
-        """Return the fault `kind` (with the text of `fault`) of `count` of the received, if any."""
-        values = {'topic': self._inputs[0].topic_name, **values}
-        text = say(fault or kind, count=count, received=received, **values) if count else ''
-        return {kind: text} if text else {}
+    def _counted(self, count: int, of: str, **values: Any) -> Iterator[Values]:
+        """Yield the values of a fault of `count` of the messages or samples, if there are any."""
+        if count:
+            topic = self._inputs[0].topic_name
+            yield {'topic': topic, 'count': count, 'received': self._new[of], **values}
 
-    def _of_messages(self, new: Mapping[str, int]) -> dict[str, str]:
-        """Return faults of whole messages: those that are dropped or lost."""
-        stream, found = self._stream, {}
-        received, counted = new['messages_received'], self._counted
-        before, self._malformed = self._malformed, [*zip(stream.malformed, stream.received)]
-        if new['messages_dropped.malformed']:
-            where, why = stream.complaint
-            port = stream.topics.index(where)
-            bad, every = (now - old for now, old in zip(self._malformed[port], before[port]))
-            found.update(counted('malformed', bad, every, topic=where, why=why))
-        for kind, why in stream.UNUSED.items():
-            count = new.get(f'messages_dropped.{kind}', 0)
-            if count > OFTEN * received:
-                found.update(counted(kind, count, received, 'unused', why=why))
-        count = new.get('messages_dropped.mismatched', 0)
-        found.update(counted('mismatched', count, received, why=stream.MISMATCH))
-        if new['dropped.refused']:
-            bank: Any = stream.bank
-            values = {'name': bank.refused_name, 'joints': len(bank.joints)}
-            found.update(counted('refused', new['dropped.refused'], new['received'], **values))
-        self._losses.append((new['lost_by_dds'], received))
-        if sum(count > 0 for count, _ in self._losses) >= LASTING:
-            count, came = (sum(each[k] for each in self._losses) for k in (0, 1))
-            where = ' and '.join(each for each, total in self._endpoints.lost.items() if total)
-            found['lost'] = say(
-                'lost', count=count, sent=count + came, topic=where, passed=len(self._losses)
-            )
-        return found
+    def _received(self) -> Iterator[tuple[Input, int]]:
+        return zip(self._inputs, self._stream.received)
 
-    def _of_equal_names(self, received: int) -> dict[str, str]:
-        """Return the joints that one message has more than once."""
+    # Publishers and names
+
+    def graph(self, row: str) -> Iterator[Values]:
+        """What does not fit among publishers and subscribers, after the start."""
+        heard = [each.topic_name for each, count in self._received() if count]
+        if self._now - self._started >= INPUT_PATIENCE:
+            for values in self._wrong[row]:
+                if row != 'nobody' or values['topic'] not in heard:  # else it is silent
+                    yield values
+
+    def mute(self) -> Iterator[Values]:
+        """The inputs whose publishers send nothing."""
+        for each, count in self._received():
+            patient = self._now - self._started >= INPUT_PATIENCE
+            if each.found and not count and not each.optional and patient:
+                who = listed(dict.fromkeys(each.found))
+                yield {'key': each.topic_name, 'who': who, 'topic': each.topic_name}
+
+    def missing(self) -> Iterator[Values]:
+        """The joints that the parameters name and no message has had."""
+        stream, measured = self._stream, self._inputs[0]
+        joints, senders = stream.bank.joints, measured.senders
+        self._seen |= senders.recent(-math.inf)
+        self._seen.update(name for name, joint in joints.items() if joint.received)
+        missing = sorted(stream.needed() - self._seen)
+        if missing and self.first_input and self._now >= self.first_input + JOINT_PATIENCE:
+            names = senders.recent(self._now - RECENT) or senders.recent(-math.inf)
+            carried = names if measured.type == JOINT_STATE else joints.keys()
+            near = [suggestion(name, carried) for name in missing]
+            meant = listed(dict.fromkeys(each for each in near if 'mean' in each))
+            yield {
+                'names': called(missing),
+                'topic': measured.topic_name,
+                'meant': meant and f'{meant} ',
+                'carried': listed(sorted(carried)) or 'no names',
+            }
+
+    def twice(self) -> Iterator[Values]:
+        """The inputs on which several publishers send the same joint."""
+        for each in self._inputs:
+            names = each.senders.twice(self._now)
+            if names and each.senders.several:
+                said = called(names) if any(names) else 'messages'
+                who = ' and '.join(sorted(each.found)[:2])
+                who = who if len(each.found) == 2 else f'several of {listed(sorted(each.found))}'
+                yield {'key': each.port, 'names': said, 'topic': each.topic_name, 'who': who}
+
+    def equal_names(self) -> Iterator[Values]:
+        """The joints that one message has more than once."""
         bank = self._stream.bank
         count, self._doubled = bank.doubled - self._doubled, bank.doubled
         names = sorted(bank.doubled_names.intersection(self._watch.names_of(bank.joints)))
-        if not names:
-            return {}
-        values = {'names': of_joints(names, 'joint', ('has', 'have')), 'which': which(names)}
-        return self._counted('equal_names', count, received, **values)
+        if names:
+            yield from self._counted(count, 'messages_received', names=called(names))
 
-    def _of_stamps(self, new: Mapping[str, int], mixed: bool, now: float) -> dict[str, str]:
-        """Return faults of stamps and readings.
+    # Silence
 
-        Parameters
-        ----------
-        mixed : several publishers send the same joint, which explains the rest.
-        """
-        node, stream, topic = self._node, self._stream, self._inputs[0].topic_name
-        source = getattr(stream.settings, 'stamp_source', PUBLISHER)
-        header = source != PUBLISHER and self._inputs[0].type == JOINT_STATE
-        found, received = {}, new['received']
-        simulated = node.get_parameter('use_sim_time').value
-        clock = node.get_clock().now().nanoseconds * 1e-9
-        before, self._clock_ran = self._clock_ran, simulated and clock > NEW_CLOCK
-        ran = before and self._clock_ran  # it may have started again
-        if ran or not simulated:
-            remedy = stamp_remedy(stream.source_of_stamps)
-            count = new['dropped.zero_stamp']
-            found.update(self._counted('zero_stamp', count, received, remedy=remedy))
-        offset, self._offset = self._offset, math.inf
-        if simulated and not node.count_publishers(node.resolve_topic_name('/clock')):
-            if now - self._started >= INPUT_PATIENCE:
-                found['no_clock'] = say('no_clock')
-        elif CLOCKS_DIFFER < abs(offset) < math.inf and not (mixed or (simulated and not ran)):
-            found['clock'] = say(
-                'clock',
-                topic=topic,
-                offset=faults.distance(offset),
-                clock='simulated time' if simulated else 'system time',
-                remedy='check the clock of its publisher'
-                + (", set 'stamp_source: publisher'" if header else '')
-                + ('' if simulated else ', or set use_sim_time for a bag or a simulation'),
-            )
-        counts = {kind: new[f'dropped.{kind}'] for kind in ('duplicate', 'late', 'repeated')}
-        often = {kind for kind, count in counts.items() if count > OFTEN * received}
-        remedy = ", or, if each has a reading of its own, set 'stamp_source: publisher'"
-        for kind in often & self._often if not mixed else ():
-            found.update(
-                self._counted(kind, counts[kind], received, remedy=remedy if header else '')
-            )
-        self._often = often
-        if new['events.clock_jump'] and not mixed:
-            publishers = self._inputs[0].publishers()
-            several = f', {publishers} publishers whose clocks differ' if publishers > 1 else ''
-            self._faults.begin('jump', say('jump', several=several, kept=stream.KEPT), now)
-        return found
-
-    def _measure_offset(self, now: float) -> None:
-        """Compare the stamps of new samples with the clock."""
+    def silent(self) -> Iterator[Values]:
+        """The inputs whose messages ended, or the joints that are in none any more."""
         joints = self._stream.bank.joints
-        fresh = [
-            name for name, (used, since, _) in self._watch.used.items() if used and since == now
-        ]
-        if fresh and getattr(self._stream.settings, 'stamp_source', '') != PUBLISHER:
-            clock_ns = self._node.get_clock().now().nanoseconds
-            offsets = [1e-9 * (joints[name].stamp_ns - clock_ns) for name in fresh]
-            self._offset = min(self._offset, *offsets, key=abs)
+        self._patience = max([PAUSE, *(joint.silence for joint in joints.values())])
+        ended = False
+        for each, (count, since) in zip(self._inputs, self._arrivals):
+            if count and not each.optional and self._now - since > self._patience:
+                ended = True
+                yield self._ended(each, 'message', since)
+        measured = self._inputs[0]
+        silent = self._watch.silent(self._arrivals[0][1])
+        carried = measured.senders.recent(self._now - self._patience)
+        gone = sorted(set(self._watch.names_of(silent)) - carried)
+        if gone and carried and not ended:
+            what = f'sample of {called(gone)}'
+            values = self._ended(measured, what, max(silent.values()), sorted(carried))
+            yield {**values, 'key': ''}
+
+    def _ended(self, each: Input, what: str, since: float, carried: Any = ()) -> dict[str, Any]:
+        """Return the values about an input, or joints of it, that came until `since`."""
+        left = sorted(name for name, when in each.left.items() if when > since - PAUSE)
+        who = listed(left or dict.fromkeys(each.found)) or 'its publisher'
+        if left or not each.found:
+            why = f'{who} ended; start it again'
+        elif carried:
+            why = f'check {who} (the topic carries {listed(carried)})'
+        else:
+            why = f'check that {who} runs and is not paused (a crash is visible after 20 s)'
+        topic, passed = each.topic_name, self._now - since
+        return {'key': topic, 'what': what, 'topic': topic, 'passed': passed, 'why': why}
+
+    # Messages
+
+    def malformed(self) -> Iterator[Values]:
+        """The malformed messages."""
+        topic, why = self._stream.complaint
+        count = self._new['messages_dropped.malformed']
+        yield from self._counted(count, 'messages_received', topic=topic, why=why)
+
+    def unused(self) -> Iterator[Values]:
+        """The kinds of messages that the family often does not use."""
+        for kind, text in self._stream.UNUSED.items():
+            count = self._new.get(f'messages_dropped.{kind}', 0)
+            if count > OFTEN * self._new['messages_received']:
+                what, _, remedy = text.partition(': ')
+                values = {'key': kind, 'what': what, 'remedy': remedy}
+                yield from self._counted(count, 'messages_received', **values)
+
+    def mismatched(self) -> Iterator[Values]:
+        """The messages whose arrays do not match."""
+        count = self._new.get('messages_dropped.mismatched', 0)
+        yield from self._counted(count, 'messages_received', why=self._stream.MISMATCH)
+
+    def refused(self) -> Iterator[Values]:
+        """The samples of more joints than `joints_max`."""
+        bank: Any = self._stream.bank
+        if self._new['dropped.refused']:
+            values = {'name': bank.refused_name, 'joints': len(bank.joints)}
+            yield from self._counted(self._new['dropped.refused'], 'received', **values)
+
+    def lost(self) -> Iterator[Values]:
+        """The messages that are lost for several seconds."""
+        self._losses.append((self._new['lost_by_dds'], self._new['messages_received']))
+        if sum(count > 0 for count, _ in self._losses) >= LASTING:
+            count, came = (sum(each[k] for each in self._losses) for k in (0, 1))
+            where = ' and '.join(name for name, total in self._endpoints.lost.items() if total)
+            values = {'count': count, 'received': count + came, 'passed': len(self._losses)}
+            yield {'topic': where, **values}
+
+    # Stamps
+
+    def _simulated(self) -> bool:
+        return bool(self._node.get_parameter('use_sim_time').value)
+
+    def _clock_runs(self) -> bool:
+        """Return False while simulated time has just started."""
+        return not self._simulated() or self._node.get_clock().now().nanoseconds > 1e9 * NEW_CLOCK
+
+    def _other_stamps(self, text: str) -> str:
+        """Return the end of a remedy where `stamp_source` can replace the stamps of headers."""
+        source = getattr(self._stream.settings, 'stamp_source', PUBLISHER)
+        headers = source != PUBLISHER and self._inputs[0].type == JOINT_STATE
+        return f"{text}set 'stamp_source: publisher'" if headers else ''
+
+    def no_clock(self) -> Iterator[Values]:
+        """Simulated time without a publisher."""
+        node, patient = self._node, self._now - self._started >= INPUT_PATIENCE
+        topic = node.resolve_topic_name('/clock')
+        if self._simulated() and patient and not node.count_publishers(topic):
+            yield {}
+
+    def zero_stamp(self) -> Iterator[Values]:
+        """The samples without a stamp."""
+        if self._clock_runs():
+            why = stamp_remedy(self._stream.source_of_stamps)
+            yield from self._counted(self._new['dropped.zero_stamp'], 'received', why=why)
+
+    def clock(self) -> Iterator[Values]:
+        """The distance of the stamps from the node's clock, where it is no latency."""
+        if CLOCKS_DIFFER < abs(self._offset) < math.inf and self._clock_runs():
+            other, clock = self._other_stamps(', '), 'simulated time'
+            if not self._simulated():
+                clock = 'system time'
+                other += ', or set use_sim_time for a bag or a simulation'
+            topic = self._inputs[0].topic_name
+            yield {'topic': topic, 'offset': self._offset, 'clock': clock, 'other': other}
+
+    def dropped(self, kind: str) -> Iterator[Values]:
+        """The samples that are often dropped for this reason."""
+        count = self._new[f'dropped.{kind}']
+        if count > OFTEN * self._new['received']:
+            other = self._other_stamps(', or, if each has a reading of its own, ')
+            yield from self._counted(count, 'received', other=other)
+
+    def jump(self) -> Iterator[Values]:
+        """A jump of the clock of the measurements."""
+        if self._new['events.clock_jump']:
+            yield {'kept': self._stream.KEPT}
+
+    # Joints
+
+    def sensor(self) -> Iterator[Values]:
+        """The faults that sensors have, or have just had."""
+        for name, joint in self._stream.bank.joints.items():
+            new = joint.new_faults()
+            stopped = new.pop(STOPPED, '')
+            if stopped:  # it may be a stop that machines make
+                self._node.get_logger().info(f"'{name}': {stopped}")
+            for kind, what in {**new, **joint.lasting_faults()}.items():
+                topic = self._inputs[0].topic_name
+                yield {'key': f'{name} {kind}', 'name': name, 'topic': topic, 'what': what}
+
+    def nothing(self) -> Iterator[Values]:
+        """Why nothing is estimated for `SILENCE`, if no other fault explains it."""
+        stream, statuses = self._stream, self._watch.statuses
+        received, (since, before) = stream.received[0], self._without_estimate
+        if not received or 'silent' in self._rows:
+            self._without_estimate = self._now, received
+            return
+        joints = stream.bank.joints.values()
+        explained = (
+            self._rows - HARMLESS
+            or any(status == MISCONFIGURED for status, _ in statuses.values())
+            or (self._estimated and all(joint.needs_motion for joint in joints))  # a motor at rest
+        )
+        if not explained and self._now - since >= SILENCE and received - before >= MESSAGES:
+            topics = ' and '.join(each.topic_name for each, count in self._received() if count)
+            why = stream.why() or ', '.join(
+                f"'{name}' is {STATUS_NAMES[status]}" for name, (status, _) in statuses.items()
+            )
+            yield {'passed': self._now - since, 'topic': topics, 'why': why}

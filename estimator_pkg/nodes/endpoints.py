@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Inputs and outputs of a node: when they are connected, and the problems that DDS reports.
+"""Inputs and outputs of a node: their QoS, and when they are connected.
 
 An input is subscribed to while its topic has a publisher; the first messages of an output wait for
 a subscriber.
@@ -15,10 +15,11 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from time import monotonic, time_ns
 from typing import Any
 
-from rclpy.clock import Clock
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import (
     PublisherEventCallbacks,
     SubscriptionEventCallbacks,
@@ -28,20 +29,41 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
-from rclpy.qos_overriding_options import InvalidQosOverridesError, _declare_qos_parameters
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import (
+    InvalidQosOverridesError,
+    QoSOverridingOptions,
+    _declare_qos_parameters,
+)
 from rclpy.subscription import Subscription
-from rclpy.timer import Timer
 
-from estimator_pkg.errors import UsageError, suggestion
+from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.nodes.faults import Senders, listed, say
-from estimator_pkg.nodes.misfits import full_name, misfits, type_name
-from estimator_pkg.nodes.qos import estimates, overriding, sensor_data
 from estimator_pkg.nodes.ros_parameters import QOS, in_words
-from estimator_pkg.ros import observers
+from estimator_pkg.nodes.senders import Senders
 from estimator_pkg.ros.executor import take_turn
 from estimator_pkg.ros.loss import Loss
+
+UNCHANGED = 0.1  # [s] without a change among publishers and subscribers: they know us, too
+UNCHANGED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
+WAIT_FOR_PUBLISHER = 10.0  # [s] without a publisher, after which we subscribe all the same:
+# some bridges publish only topics that have a subscriber
+TOGETHER = 0.1  # [s] between the first and the last subscription of one process, at most
+DEEPEST = 100_000  # largest depth of a queue
+
+
+def _qos(depth: int, reliability: ReliabilityPolicy, **others: Any) -> QoSProfile:
+    return QoSProfile(depth=depth, reliability=reliability, **others)  # new: rclpy changes it
+
+
+# Best effort matches every publisher; depth 200 bridges 0.2 s at 1 kHz.
+sensor_data = partial(_qos, 200, ReliabilityPolicy.BEST_EFFORT)
+# The queue keeps what a subscriber missed while it connected.
+estimates = partial(_qos, 500, ReliabilityPolicy.RELIABLE)
+# Late joiners get the last message.
+latched = partial(_qos, 1, ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
 
 
 def get_message(name: str) -> Any:
@@ -50,21 +72,43 @@ def get_message(name: str) -> Any:
     return getattr(importlib.import_module(f'{package}.msg'), kind)
 
 
-CONNECT = 0.02  # [s] between looks for publishers, while a topic is not subscribed to
-OFTEN_NS = round(1e9 * CONNECT)
-SELDOM_NS = 10**15  # the same afterwards; another thread may have taken a timer that is canceled
-UNCHANGED = 0.1  # [s] without a change among publishers and subscribers: they know us, too
-UNCHANGED_AT_START = 0.5  # [s] the same after our start: they are not all known at once
-UNMATCHED = 1.0  # [s] that are waited for subscribers of our outputs that are not connected yet;
-# one whose QoS does not fit never is
-GHOST = 25.0  # [s] for which one that was there at our start may have crashed: DDS shows it for 20
-AT_START = 2.5  # [s] in which it is found
-WAIT_FOR_PUBLISHER = 10.0  # [s] without a publisher, after which we subscribe all the same:
-# some bridges publish only topics that have a subscriber
-TOGETHER = 0.1  # [s] between the first and the last subscription of one process, at most
-LEFT = 20  # nodes that are remembered after they ended
+def type_name(kind: Any) -> str:
+    """Return the name of a message class, as in 'sensor_msgs/msg/JointState'."""
+    package, what, _ = kind.__module__.split('.', 2)
+    return f'{package}/{what}/{kind.__name__}'
 
-Receive = Callable[[bytes, Mapping[str, Any]], None]  # (CDR bytes, message info)
+
+def _possible(qos: QoSProfile) -> SetParametersResult:
+    """Check that the depth is valid; the middleware would report it in ten lines."""
+    if 1 <= qos.depth <= DEEPEST or qos.history == HistoryPolicy.KEEP_ALL:
+        return SetParametersResult(successful=True)
+    reason = f'depth {qos.depth} is outside [1, {DEEPEST}]'
+    return SetParametersResult(successful=False, reason=reason)
+
+
+OVERRIDING = QoSOverridingOptions(
+    (
+        QoSPolicyKind.HISTORY,
+        QoSPolicyKind.DEPTH,
+        QoSPolicyKind.RELIABILITY,
+        QoSPolicyKind.DURABILITY,
+    ),
+    callback=_possible,
+)
+
+
+@contextmanager
+def _in_words(topic: str) -> Iterator[None]:
+    """Turn rclpy's errors about ``qos_overrides`` of a topic into UsageError."""
+    try:
+        with warnings.catch_warnings():  # about a depth of 0, which is refused
+            warnings.simplefilter('ignore', UserWarning)
+            yield
+    except ParameterException as error:
+        raise UsageError(in_words(error)) from error
+    except (InvalidQosOverridesError, AssertionError, RuntimeError, TypeError, ValueError) as error:
+        why = str(error).rpartition('are not valid: ')[2]
+        raise UsageError(f"qos_overrides of '{topic}': {why}") from error
 
 
 class Input:
@@ -80,18 +124,16 @@ class Input:
     port : name of the topic before remapping.
     receive : gets the bytes of every message, and its info.
     optional : the node works without a publisher of it.
-    mismatch, left : called for a publisher with an incompatible QoS, and after one has left.
+    mismatch : called for a publisher with an incompatible QoS.
 
     Attributes
     ----------
     topic_name : fully qualified. type : name of the message class. qos : requested.
     found : nodes that publish the topic so that they are connected, at the last examination.
     left : nodes that were found before, and when they were missed, by `monotonic` [s]; the last.
-    unnamed : True if a publisher had no name at the last report; set by the reporter.
-    senders : what the messages carry; they are only looked at while `watched`.
+    senders : what the messages carry.
     subscription : None while there is none.
     loss : counts the messages that are lost.
-    unpublished_since : when a publisher was last known, by `monotonic` [s].
 
     Raises
     ------
@@ -106,23 +148,20 @@ class Input:
         receive: Receive,
         optional: bool,
         mismatch: Callable[[Any], None],
-        left: Callable[[], None],
     ) -> None:
         self._node, self._kind, self.port, self.optional = node, kind, port, optional
-        self._receive, self._mismatch, self._publisher_left = receive, mismatch, left
-        self.topic_name, self.qos = node.resolve_topic_name(port), sensor_data()
-        self.type = type_name(kind)
+        self._receive, self._mismatch = receive, mismatch
+        self.topic_name, self.type = node.resolve_topic_name(port), type_name(kind)
+        self.qos = sensor_data()
         self.found: list[str] = []
         self.left: dict[str, float] = {}
-        self.unnamed = False
         self.senders = Senders(self.type == JOINT_STATE)
-        self.watched = True
         self.subscription: Subscription | None = None
         self.loss = Loss(self.publishers)
-        self.unpublished_since = monotonic()
+        self._unpublished_since = monotonic()  # when a publisher was last known [s]
         self._served = False  # True after a publisher was known
         with _in_words(port):  # now, so that a wrong one ends the start
-            _declare_qos_parameters(Subscription, node, self.topic_name, self.qos, overriding())
+            _declare_qos_parameters(Subscription, node, self.topic_name, self.qos, OVERRIDING)
 
     def publishers(self) -> int:
         """The number of publishers that are connected."""
@@ -138,9 +177,9 @@ class Input:
         """
         now = monotonic()
         if known:
-            self.unpublished_since = now
+            self._unpublished_since = now
         if self.subscription is None:
-            if discovered if known else now - self.unpublished_since >= WAIT_FOR_PUBLISHER:
+            if discovered if known else now - self._unpublished_since >= WAIT_FOR_PUBLISHER:
                 self.loss.begins(time_ns())
                 self._served = False
                 self.subscription = self._subscribe()
@@ -182,35 +221,18 @@ class Input:
     def _came(self, raw: bytes, info: Mapping[str, Any]) -> None:
         number = info['publication_sequence_number']
         self.loss.saw(number, info['source_timestamp'])
-        if self.watched:
-            self.senders.saw(raw, number)
+        self.senders.saw(raw, number)
         self._receive(raw, info)
 
     def _matched(self, event: Any) -> None:
-        if event.current_count_change < 0:
-            if event.current_count:  # else its last messages may wait, and show what is lost
-                self.loss.forget(time_ns())
-            self._publisher_left()
+        if event.current_count_change < 0 and event.current_count:
+            self.loss.forget(time_ns())  # else its last messages may wait, and show what is lost
 
     def _reported(self, event: Any) -> None:
         self.loss.reported += event.total_count_change
 
 
 _TWO_ARGUMENTS = inspect.signature(lambda message, info: None)
-
-
-@contextmanager
-def _in_words(topic: str) -> Iterator[None]:
-    """Turn rclpy's errors about ``qos_overrides`` of a topic into UsageError."""
-    try:
-        with warnings.catch_warnings():  # about a depth of 0, which is refused
-            warnings.simplefilter('ignore', UserWarning)
-            yield
-    except ParameterException as error:
-        raise UsageError(in_words(error)) from error
-    except (InvalidQosOverridesError, AssertionError, RuntimeError, TypeError, ValueError) as error:
-        why = str(error).rpartition('are not valid: ')[2]
-        raise UsageError(f"qos_overrides of '{topic}': {why}") from error
 
 
 class Output:
@@ -229,7 +251,6 @@ class Output:
     ----------
     wanted : True if messages are to be made.
     publish : publishes a message, or keeps it.
-    waits : True while messages are kept.
     topic_name : fully qualified.
     """
 
@@ -237,7 +258,7 @@ class Output:
         self._publisher, self._on_demand = publisher, on_demand
         self.topic_name = publisher.topic_name
         self._kept: deque[bytes] = deque(maxlen=publisher.qos_profile.depth)
-        self.wanted = self.waits = True
+        self.wanted = self._waits = True
         self.publish: Any = self._kept.append
 
     def look(self, wait: bool) -> bool:
@@ -248,42 +269,13 @@ class Output:
         wait : keep waiting if there are none.
         """
         known = self._publisher.get_subscription_count() > 0
-        if self.waits and (known or not wait):
-            self.waits, self.publish = False, self._publisher.publish
+        if self._waits and (known or not wait):
+            self._waits, self.publish = False, self._publisher.publish
             for message in self._kept:
                 self.publish(message)
             self._kept.clear()
-        self.wanted = known or self.waits or not self._on_demand
+        self.wanted = known or self._waits or not self._on_demand
         return known
-
-
-class Outputs(list[Output]):
-    """The outputs of a node. They wait for a subscriber together.
-
-    Parameters
-    ----------
-    wait : for how long after the inputs are connected [s]; 0: not at all.
-    """
-
-    def __init__(self, wait: float) -> None:
-        super().__init__()
-        self._wait = wait
-        self._until = float('inf') if wait else 0.0
-
-    def look(self, connected: bool) -> bool:
-        """Check for subscribers; return True while an output waits for one.
-
-        Parameters
-        ----------
-        connected : the inputs are subscribed to.
-        """
-        now = monotonic()
-        if connected:
-            self._until = min(self._until, now + self._wait)
-        known = [each.look(now < self._until) for each in self]
-        if any(known):
-            self._until = min(self._until, now + TOGETHER)
-        return any(each.waits for each in self)
 
 
 class Endpoints:
@@ -291,170 +283,69 @@ class Endpoints:
 
     Parameters
     ----------
-    node : the node. wait_for_subscriber : see `Outputs` [s].
+    node : the node.
+    wait_for_subscriber : for how long after the inputs are connected the outputs wait for a
+        subscriber, together [s]; 0: not at all.
 
     Attributes
     ----------
     qos_mismatches : number of publishers and subscriptions with incompatible QoS.
     inputs : by port, the measurement first.
-    outputs : the topics of answers.
+    outputs : the topics of answers. publishers : of all topics.
     """
 
     def __init__(self, node: Node, wait_for_subscriber: float) -> None:
-        self._node = node
+        self._node, self._wait = node, wait_for_subscriber
         self.qos_mismatches = 0
-        self.outputs = Outputs(wait_for_subscriber)
         self.inputs: list[Input] = []
-        self._publishers: list[Publisher] = []
-        self._written: dict[str, str] = {}  # topic -> the same before remapping
+        self.outputs: list[Output] = []
+        self.publishers: list[Publisher] = []
         self._around: list[int] = []  # publishers of our inputs, subscriptions to our outputs
         self._discovered = monotonic() + UNCHANGED_AT_START  # when all of them know us
-        self._often: Timer | None = None  # calls `connect`
-        self._started = monotonic()
-        self._first_seen: dict[bytes, float] = {}  # publishers of our first output, by identity
+        self._until = float('inf') if wait_for_subscriber else 0.0  # the outputs wait
 
     @property
     def lost(self) -> dict[str, int]:
         """Messages lost on the way to our subscriptions since they were made, by topic."""
         return {each.topic_name: each.loss.lost for each in self.inputs}
 
-    def open(self, clock: Clock) -> None:
-        """Subscribe to topics that have a publisher, once the executor runs.
-
-        Parameters
-        ----------
-        clock : of the looks for publishers.
+    def look(self) -> None:
+        """Subscribe to topics that have a publisher, check for subscribers, and receive waiting
+        messages; to be called ten times a second.
         """
-        self._often = self._node.create_timer(CONNECT, self.connect, clock=clock)
-
-    def connect(self) -> None:
-        """Subscribe to topics that have a publisher.
-
-        A subscriber of our outputs must know them before, or it would miss the first answers.
-        """
-        now, node = monotonic(), self._node
-        around = [node.count_publishers(each.topic_name) for each in self.inputs]
-        known, matched = tuple(around), True
-        if not all(each.subscription for each in self.inputs):
-            listeners = [node.count_subscribers(each.topic_name) for each in self._publishers]
-            around += listeners
-            matched = all(
-                each.get_subscription_count() >= count
-                for each, count in zip(self._publishers, listeners)
-            )
-        if around != self._around:
-            self._around, self._discovered = around, max(self._discovered, now + UNCHANGED)
-        discovered = now >= self._discovered + (0.0 if matched else UNMATCHED)
+        now, count = monotonic(), self._node.count_publishers
+        known = [count(each.topic_name) for each in self.inputs]
+        listeners = [self._node.count_subscribers(each.topic_name) for each in self.outputs]
+        if known + listeners != self._around:
+            self._around = known + listeners
+            self._discovered = max(self._discovered, now + UNCHANGED)
         for each, publishers in zip(self.inputs, known):
-            each.connect(publishers, discovered)
-        connected = all(each.subscription for each in self.inputs)
-        waits = self.outputs.look(connected)
-        if self._often is None:
-            return
-        if discovered and connected and not waits:
-            self._often.timer_period_ns = SELDOM_NS  # `look` calls it, five times less often
-        elif self._often.timer_period_ns > OFTEN_NS:
-            self._call_often(self._often)
-
-    def _look_often(self) -> None:
-        """Call `connect` often for a while: a publisher left, and another one may come."""
-        self._discovered = max(self._discovered, monotonic() + UNCHANGED)
-        if self._often is not None:
-            self._call_often(self._often)
-
-    @staticmethod
-    def _call_often(timer: Timer) -> None:
-        timer.timer_period_ns = OFTEN_NS
-        timer.reset()
+            each.connect(publishers, discovered=now >= self._discovered)
+        if all(each.subscription for each in self.inputs):
+            self._until = min(self._until, now + self._wait)
+        heard = [output.look(wait=now < self._until) for output in self.outputs]
+        if any(heard):
+            self._until = min(self._until, now + TOGETHER)
+        for each in self.inputs:
+            each.drain()
 
     def refuse_circles(self) -> None:
         """Raise UsageError if an output is published on a topic that the node reads."""
-        for publisher in self._publishers:
-            for each in self.inputs:
-                if publisher.topic_name == each.topic_name:
-                    name = each.topic_name.rpartition('/')[2]
-                    raise UsageError(
-                        f'{self._written[publisher.topic_name]} and the input {each.port} are the '
-                        f'same topic {each.topic_name}, so the node would read its own output: '
-                        f"remap the input to the driver's topic, as in '-r {each.port}:={name}_raw'"
-                    )
-
-    def faults(self) -> dict[str, str]:
-        """Return what is wrong among the publishers of our inputs and the subscribers of our
-        outputs, as texts by kind; DDS reports most of it to nobody.
-        """
-        node, texts = self._node, {}
+        topics = {output.topic_name for output in self.outputs}
         for each in self.inputs:
-            topic = each.topic_name
-            others = node.get_publishers_info_by_topic(topic)
-            before = each.found
-            wrong, each.found = misfits(others, topic, each.type, each.qos, 'publisher')
-            each.left.update(dict.fromkeys(set(before) - set(each.found), monotonic()))
-            for name in (*each.found, *list(each.left)[:-LEFT]):
-                each.left.pop(name, None)
-            texts.update(wrong)
-            if not others and not each.optional:
-                values = {'topic': topic, 'type': each.type, 'port': each.port}
-                texts[f'nobody {topic}'] = say('nobody', **values, hint=self._instead(each))
-        for publisher in self._publishers:
-            topic = publisher.topic_name
-            others = node.get_subscriptions_info_by_topic(topic)
-            kind, qos = type_name(publisher.msg_type), publisher.qos_profile
-            texts.update(misfits(others, topic, kind, qos, 'subscription')[0])
-        texts.update(self._shared())
-        return texts
-
-    def _shared(self) -> dict[str, str]:
-        """Return the text about another publisher of our first output, once it is surely alive."""
-        node, topic, now = self._node, self.outputs[0].topic_name, monotonic()
-        there = {
-            bytes(each.endpoint_gid): each for each in node.get_publishers_info_by_topic(topic)
-        }
-        before = self._first_seen
-        self._first_seen = {gid: before.get(gid, now) for gid in there}
-        own = node.get_fully_qualified_name()
-        who = sorted(
-            (full_name(each) != own, self._first_seen[gid], full_name(each))
-            for gid, each in there.items()
-        )
-        alive = [
-            name
-            for _, since, name in who[1:]  # the first one is this node
-            if since > self._started + AT_START or now - since > GHOST
-        ]
-        return {f'shared {topic}': say('shared', who=listed(alive), topic=topic)} if alive else {}
-
-    def _instead(self, each: Input) -> str:
-        """Return the topics with a publisher of an input's type that may be meant, as text."""
-        node = self._node
-        own = {each.topic_name for each in self.inputs}
-        own.update(each.topic_name for each in self._publishers)
-        own.update(*(observers.outputs(node, name) for name in observers.observers(node)))
-        names = sorted(
-            name
-            for name, kinds in node.get_topic_names_and_types()
-            if each.type in kinds and name not in own and node.count_publishers(name)
-        )
-        if not names:
-            return ''
-        said = suggestion(each.topic_name, names)
-        return f'; {said}' if 'mean' in said else f'; others of this type: {listed(names)}'
+            if each.topic_name in topics:
+                name = each.topic_name.rpartition('/')[2]
+                raise UsageError(
+                    f'the input {each.port} and an output are the same topic {each.topic_name}, so '
+                    "the node would read its own output: remap the input to the driver's topic, as "
+                    f"in '-r {each.port}:={name}_raw'"
+                )
 
     def subscribe(
         self, kind: type, topic: str, receive: Receive, *, optional: bool = False
     ) -> None:
-        """Add an input, which `connect` subscribes; raises as `Input`."""
-        self.inputs.append(
-            Input(self._node, kind, topic, receive, optional, self._mismatch, self._look_often)
-        )
-
-    def look(self) -> None:
-        """Check for publishers and subscribers, and receive waiting messages; to be called
-        regularly.
-        """
-        self.connect()
-        for each in self.inputs:
-            each.drain()
+        """Add an input, which `look` subscribes; raises as `Input`."""
+        self.inputs.append(Input(self._node, kind, topic, receive, optional, self._mismatch))
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | None = None) -> Publisher:
         """Create a publisher; raise UsageError for a wrong ``qos_overrides`` parameter.
@@ -463,25 +354,23 @@ class Endpoints:
         """
         name = f'{QOS}{self._node.resolve_topic_name(topic)}.publisher.durability'
         durability = self._node._parameter_overrides.get(name)
-        latches = durability is not None and durability.value == 'transient_local'
-
+        qos = qos or estimates()
+        if durability is not None and durability.value == 'transient_local':
+            qos.depth = 1
         with _in_words(topic):
             made = self._node.create_publisher(
                 kind,
                 topic,
-                qos or (estimates(depth=1) if latches else estimates()),
-                qos_overriding_options=overriding(),
+                qos,
+                qos_overriding_options=OVERRIDING,
                 event_callbacks=PublisherEventCallbacks(incompatible_qos=self._mismatch),
             )
-        self._publishers.append(made)
-        self._written[made.topic_name] = topic
+        self.publishers.append(made)
         return made
 
-    def output(self, kind: type, topic: str, qos: QoSProfile | None, on_demand: bool) -> Output:
-        """Create an output of answers; raises as `publisher`."""
-        made = Output(self.publisher(kind, topic, qos), on_demand)
-        self.outputs.append(made)
-        return made
+    def output(self, kind: type, topic: str, qos: QoSProfile | None, on_demand: bool) -> None:
+        """Add an output of answers; raises as `publisher`."""
+        self.outputs.append(Output(self.publisher(kind, topic, qos), on_demand))
 
     def _mismatch(self, event: Any) -> None:
         # the change is 0 where the other side was there before: an event is one at least

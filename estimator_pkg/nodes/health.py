@@ -17,21 +17,15 @@ from estimator_pkg.estimate import LOST, MISCONFIGURED, STATUS_NAMES, VALID
 from estimator_pkg.messages.diagnostics import ERROR, OK, WARN, encode, packed
 from estimator_pkg.messages.diagnostics import Status as Entry
 from estimator_pkg.nodes.detection import INPUT_PATIENCE, JOINT_PATIENCE, Detector
-from estimator_pkg.nodes.diagnostics import counters, joint_status
-from estimator_pkg.nodes.endpoints import Endpoints
-from estimator_pkg.nodes.faults import HARMLESS, Faults, listed, of_joints, rounded, which
-from estimator_pkg.nodes.joint_watch import NEW, JointWatch, Status
-from estimator_pkg.nodes.qos import latched
+from estimator_pkg.nodes.endpoints import Endpoints, latched
+from estimator_pkg.nodes.faults import Fault, Faults, called, listed
+from estimator_pkg.nodes.joints import NEW, JointWatch, Status, counters, entry
 from estimator_pkg.nodes.ros_parameters import RosParameters
 from estimator_pkg.sensor.guard import VERDICTS
 from estimator_pkg.streams.contract import Stream
 
 DIAGNOSTICS = 1.0  # time between two messages on /diagnostics [s]
-ELSEWHERE = (
-    'zero_stamp',
-    'duplicate',
-    'repeated',
-)  # reasons of drops that are faults by themselves
+ELSEWHERE = ('zero_stamp', 'duplicate', 'repeated')  # reasons of drops that have their own rows
 
 
 class Health:
@@ -79,7 +73,7 @@ class Health:
         self._reported_unknown = self._reported_tracking = False
         self._faults = Faults(self._log)
         self.watch = JointWatch(stream)
-        self._detector = Detector(node, stream, endpoints, self.watch, self._faults, DIAGNOSTICS)
+        self._detector = Detector(node, stream, endpoints, self.watch, self._started)
         self._expired: dict[str, int] = {}  # counters of expired joints
         self._entries: dict[str, Entry] = {}  # by joint, each at most a second old
         self._before: dict[str, int] = {}
@@ -92,75 +86,81 @@ class Health:
             self._longest_step = seconds
 
     def failed(self, topic: str, why: str) -> None:
-        """Report an exception of the observer on a message; the joints are reset."""
+        """Count an exception of the observer on a message; the joints are reset."""
         self._failed += 1
-        self._faults.begin(
-            'failed',
-            f'the observer failed on a message of {topic}, and all '
-            f'{self._stream.KEPT}s are reset: {why}',
-            monotonic(),
-        )
+        self._detector.events.pop('failed', None)  # the newest one is reported
+        self._detector.note('failed', topic=topic, why=why, kept=self._stream.KEPT)
 
-    def _log(self, kind: str, text: str) -> None:
+    def _log(self, fault: Fault, text: str) -> None:
         """Log a fault; it is an error while messages come and nothing is estimated."""
         silent = any(self._stream.received) and not self.watch.estimated
         logger = self._node.get_logger()
-        if kind == 'failed' or (silent and kind.partition(' ')[0] not in HARMLESS):
+        if fault.name == 'failed' or (silent and not fault.harmless):
             logger.error(text)
         else:
             logger.warning(text)
 
     def look(self) -> None:
-        """Publish changes, and once a second the diagnostics."""
+        """Publish changes, and once a second the diagnostics; to be called ten times a second."""
         now = monotonic()
         due = now - self._last_report >= DIAGNOSTICS
         if due:
             self._expire(now)
         changed = self.watch.look(now, every=due)
-        if changed:
-            self._report_changes(changed)
+        self._note_changes(changed)
         self._refresh([*changed, *self.watch.due])
-        before = self._faults.present.keys()
         self._detector.look(now)
-        begun = self._faults.present.keys() - before
         if due:
             self._report(now)
             self._report_tracking(now)
-            if now - self._started >= INPUT_PATIENCE:
-                self._report_unknown_parameters()
-        if changed or begun or due:
+            if now - self._started >= INPUT_PATIENCE and not self._reported_unknown:
+                self._reported_unknown = True
+                for name, hint in self._ros.unknown().items():
+                    self._node.get_logger().warning(f"unknown parameter '{name}': {hint}")
+        if changed or due:
             self._publish_status()
 
     def _expire(self, now: float) -> None:
         """Remove joints that had no sample for the stream's `expiry`."""
         expiry = getattr(self._stream.settings, 'expiry', 0.0)
         old = self.watch.older(expiry, now) if expiry > 0.0 else []
-        if not old:
-            return
         counts = self._counts_of(old)
-        if not self._stream.expire(old):
+        if not old or not self._stream.expire(old):
             return
         for key, count in counts.items():
             self._expired[key] = self._expired.get(key, 0) + count
         self.watch.forget(old)
         for name in old:
             self._entries.pop(name, None)
-        self._faults.begin(
-            'expired',
-            of_joints(old, self._stream.KEPT, ('is', 'are'))
-            + f' removed: no sample for {expiry:g} s (expiry){which(old)}',
-            now,
-        )
+        self._detector.note('expired', names=called(old, self._stream.KEPT), expiry=expiry)
+
+    def _note_changes(self, changed: Mapping[str, tuple[Status, Status]]) -> None:
+        """Report joints that have become misconfigured, or whose samples are all dropped."""
+        unusable: dict[str, list[str]] = {}
+        for name, ((before, reason), (status, why)) in changed.items():
+            if status == before and (status != LOST or ';' in reason):
+                continue  # a lost joint may be silent first; then its samples are dropped
+            if status == MISCONFIGURED:
+                self._node.get_logger().error(
+                    f"{self._stream.KEPT} '{name}' is misconfigured: {why}"
+                )
+            verdict = self._stream.bank.joints[name].verdict
+            if status == LOST and ';' in why and VERDICTS[verdict] not in ELSEWHERE:
+                unusable.setdefault(why, []).append(name)
+        for why, names in unusable.items():
+            count = sum(self.watch.unused(name) for name in names)
+            said = why.replace('; received', f'; all {count} received')
+            kept = called(names, self._stream.KEPT)
+            self._detector.note('unusable', key=why, names=kept, why=said)
 
     def _counts_of(self, names: Iterable[str]) -> dict[str, int]:
-        joints = {name: self._stream.bank.joints[name] for name in names}
-        return {**counters(joints), 'resets': sum(each.reset_count for each in joints.values())}
+        return counters({name: self._stream.bank.joints[name] for name in names})
 
     def _refresh(self, names: Iterable[str]) -> None:
         """Make the entries of these joints again."""
         for name in names:
             joint, status = self._stream.bank.joints[name], self.watch.statuses.get(name, NEW)
-            self._entries[name] = joint_status(name, joint, *status, self._stream.about(name))
+            self._entries[name] = entry(name, joint, *status, self._stream.about(name))
 
     def _of_joints(self) -> list[Entry]:
         names = self._stream.bank.joints
@@ -179,7 +179,7 @@ class Health:
         totals = self._totals()
         new = {key: count - self._before.get(key, 0) for key, count in totals.items()}
         self._before = totals
-        self._faults.update(self._detector.present(new, now), now)
+        self._faults.update(self._detector.report(new, now), now)
         of_node = self._of_node(self._values(totals, new, passed), self._counted(new))
         of_joints = [
             each._replace(name=f'{of_node.name}: {each.name}') for each in self._of_joints()
@@ -225,13 +225,9 @@ class Health:
             why = self._stream.complaint[1]
             counted.insert(0, f'{new["messages_dropped.malformed"]} malformed messages ({why})')
         if not new['messages_received'] and not self._faults.present:
-            topic = self._endpoints.inputs[0].topic_name
-            counted.insert(
-                0,
-                'no input'
-                if self._endpoints.inputs[0].subscription
-                else f'no input: waits for a publisher of {topic}',
-            )
+            measured = self._endpoints.inputs[0]
+            waits = f': waits for a publisher of {measured.topic_name}'
+            counted.insert(0, 'no input' + ('' if measured.subscription else waits))
         return counted
 
     def _totals(self) -> dict[str, int]:
@@ -265,50 +261,18 @@ class Health:
 
     def _report_tracking(self, now: float) -> None:
         """Log once what is tracked, when all joints have had time to appear."""
-        if self._reported_tracking or not self._detector.first_input:
-            return
         statuses = {name: status for name, (status, _) in self.watch.statuses.items()}
         tracked = [name for name, status in statuses.items() if status in VALID]
-        passed = now - self._detector.first_input
-        if not tracked or passed < JOINT_PATIENCE:
+        passed = now - self._detector.first_input if self._detector.first_input else 0.0
+        patience = JOINT_PATIENCE if len(tracked) == len(statuses) else 3.0 * JOINT_PATIENCE
+        if self._reported_tracking or not tracked or passed < patience:
             return
-        if len(tracked) < len(statuses) and passed < 3.0 * JOINT_PATIENCE:
-            return
-        names = list(self.watch.names_of(tracked))
-        rate = 1.0 / (self._stream.bank.joints[tracked[0]].mean_dt or math.inf)
-        some = (
-            f' of {len(list(self.watch.names_of(statuses)))}'
-            if len(tracked) < len(statuses)
-            else ''
-        )
         self._reported_tracking = True
+        names, every = (list(self.watch.names_of(each)) for each in (tracked, statuses))
+        some = f' of {len(every)}' if len(tracked) < len(statuses) else ''
+        rate = 1.0 / (self._stream.bank.joints[tracked[0]].mean_dt or math.inf)
+        shown = f'{rate:.0f}' if rate >= 10.0 else f'{rate:.3g}'
         self._node.get_logger().info(
-            f'tracking {len(names)}{some} joint{"s" * (len(names) > 1 or bool(some))} of '
-            f'{self._endpoints.inputs[0].topic_name} at {rounded(rate)} Hz ({listed(names)})'
+            f'tracking {len(names)}{some} joint{"s" * (len(every) > 1)} of '
+            f'{self._endpoints.inputs[0].topic_name} at {shown} Hz ({listed(names)})'
         )
-
-    def _report_changes(self, changed: Mapping[str, tuple[Status, Status]]) -> None:
-        """Log joints that have become misconfigured, or whose samples are all dropped."""
-        lost: dict[str, list[str]] = {}
-        for name, ((before, reason), (status, why)) in changed.items():
-            if status == before and (status != LOST or ';' in reason):
-                continue  # a lost joint may be silent first; then its samples are dropped
-            if status == MISCONFIGURED:
-                self._node.get_logger().error(
-                    f"{self._stream.KEPT} '{name}' is misconfigured: {why}"
-                )
-            verdict = self._stream.bank.joints[name].verdict
-            if status == LOST and ';' in why and VERDICTS[verdict] not in ELSEWHERE:
-                lost.setdefault(why, []).append(name)
-        for why, names in lost.items():
-            unused = sum(self.watch.unused(name) for name in names)
-            said = why.replace('; received', f'; all {unused} received')
-            text = of_joints(names, self._stream.KEPT, ('has', 'have')) + f' {said}{which(names)}'
-            self._faults.begin(f'unusable {why}', text, monotonic())
-
-    def _report_unknown_parameters(self) -> None:
-        """Log unknown parameters, once."""
-        if not self._reported_unknown:
-            self._reported_unknown = True
-            for name, hint in self._ros.unknown().items():
-                self._node.get_logger().warning(f"unknown parameter '{name}': {hint}")

@@ -24,9 +24,8 @@ from estimator_pkg import streams
 from estimator_pkg.errors import UsageError, UserError, plainly, where
 from estimator_pkg.messages.field import Field
 from estimator_pkg.nodes import message_types
-from estimator_pkg.nodes.endpoints import Endpoints, get_message
+from estimator_pkg.nodes.endpoints import Endpoints, get_message, latched
 from estimator_pkg.nodes.health import Health
-from estimator_pkg.nodes.qos import latched
 from estimator_pkg.nodes.ros_parameters import RosParameters, Values, in_words
 from estimator_pkg.observers import instead
 from estimator_pkg.parameters import declared
@@ -144,8 +143,7 @@ class ObserverNode(Node):
         self._endpoints.refuse_circles()
         stream.topics = [each.topic_name for each in self._endpoints.inputs]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(LOOK_AROUND, self._look_around, clock=steady)
-        self._endpoints.open(steady)  # last: the queues of subscriptions are not long
+        self.create_timer(LOOK_AROUND, self._look_around, clock=steady)  # it subscribes, too
         self.get_logger().info(
             f'{stream.observer.name} estimates {stream.describe()} from '
             f'{" and ".join(dict.fromkeys(stream.topics))} '

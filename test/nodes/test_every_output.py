@@ -6,19 +6,21 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+import time
+from contextlib import contextmanager
 from importlib import import_module
 from typing import NamedTuple
 
 import dds
 import pytest
 
-from estimator_pkg import cli
+from estimator_pkg import cli, streams
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.messages.joint_state import TYPE, Decoder, Encoder
+from estimator_pkg.nodes.observer import ObserverNode
 
-AHEAD = 10  # messages published before their answers came
+STREAMS = {stream.NODE: stream for stream in streams.every()}
 
 
 class Case(NamedTuple):
@@ -113,6 +115,19 @@ CASES = {
 }
 
 
+@contextmanager
+def in_context(file):
+    """Arguments for a node on its own context, which reads a parameter file as ROS does."""
+    import rclpy
+
+    context = rclpy.Context()
+    rclpy.init(args=dds.ros_args(file=file), context=context, domain_id=dds.DOMAIN)
+    try:
+        yield {'context': context}
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
 def message_class(name):
     """The class of a type as in 'sensor_msgs/msg/JointState'."""
     package, _, kind = name.split('/')
@@ -205,19 +220,18 @@ def test_live_is_replay(name, probe, tmp_path):
     expected = {topic: [raw for name, _, raw in made if name == topic] for topic in types}
     assert {topic.split('/')[-1] for topic in expected} == set(case.outputs.split())
     assert all(expected.values())
-    times = [log_ns for topic, log_ns, _ in made if topic == f'/{node}/estimate']
-    found = live(probe, node, file, bag, expected, types, times)
+    found = live(probe, STREAMS[node], file, bag, types)
     for topic in expected:
         assert [padded(raw) for raw in found[topic]] == [padded(raw) for raw in expected[topic]], (
             topic
         )
 
 
-def live(probe, node, file, bag, expected, types, times):
-    """The bytes that the node publishes on these topics for the messages of the bag."""
+def live(probe, kind, file, bag, types):
+    """The bytes that a node in this process publishes on these topics for the messages of a bag."""
     from rclpy.qos import DurabilityPolicy, QoSProfile
 
-    found = {topic: [] for topic in expected}
+    found = {topic: [] for topic in types}
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     hear, make = probe.node.create_subscription, probe.node.create_publisher
     listeners = [
@@ -231,42 +245,43 @@ def live(probe, node, file, bag, expected, types, times):
         for topic, rows in found.items()
     ]
     messages, inputs = read(bag)
-    inputs = {topic: kind for topic, kind in inputs.items() if 'ground_truth' not in topic}
-    renamed = {topic: f'/{node}_in{topic}' for topic in inputs}
-    words = dds.ros_args(
-        remap=[f'{topic[1:]}:={name}' for topic, name in renamed.items()], file=file
-    )
     publishers = {
-        topic: make(message_class(kind), renamed[topic], 100) for topic, kind in inputs.items()
+        topic: make(message_class(kind), topic, 100)
+        for topic, kind in inputs.items()
+        if 'ground_truth' not in topic
     }
-    try:
-        with dds.NodeProcess(f'estimator_pkg.nodes.executables {node}', *words) as process:
+    with in_context(file) as where:
+        node = ObserverNode(kind, **where)  # in no executor: it takes each message at once
+        ports = {each.topic_name: number for number, each in enumerate(node._endpoints.inputs)}
+        received = node.stream.received
+        try:
             probe.until(
                 lambda: (
-                    all(each.get_publisher_count() for each in listeners)
-                    and any(each.get_subscription_count() for each in publishers.values())
+                    node._look_around()
+                    or (
+                        all(each.get_publisher_count() for each in listeners)
+                        and all(each.get_subscription_count() for each in publishers.values())
+                    )
                 )
             )
-            probe.spin(0.5)  # both sides of every connection
-            estimates, before = found[f'/{node}/estimate'], None
-            for topic, log_ns, raw in messages:
-                if topic not in publishers:
-                    continue
-                slack = AHEAD if topic == before else 0  # topics overtake each other
-                due = bisect_right(times, log_ns - 1) - slack
-                probe.until(lambda due=due: len(estimates) >= due)
-                publishers[topic].publish(raw)
-                probe.executor.spin_once(timeout_sec=0.0)
-                if topic != before:
-                    probe.spin(0.03)
-                before = topic
-            probe.until(
-                lambda: all(len(found[topic]) >= len(expected[topic]) for topic in expected)
-            )
-            assert process.alive and 'Traceback' not in process.output
-    finally:
-        for each in listeners:
-            probe.node.destroy_subscription(each)
-        for each in publishers.values():
-            probe.node.destroy_publisher(each)
+            for topic, _, raw in messages:
+                if topic in publishers:
+                    port, before = ports[topic], received[ports[topic]]
+                    publishers[topic].publish(raw)
+                    taken = node._endpoints.inputs[port].drain
+                    assert dds.until(
+                        lambda taken=taken, port=port, before=before: (
+                            taken() and received[port] > before
+                        ),
+                        lambda: time.sleep(1e-4),
+                    )
+                    probe.executor.spin_once(timeout_sec=0.0)
+            node._look_around()
+            probe.spin(0.5)
+        finally:
+            node.destroy_node()
+            for each in listeners:
+                probe.node.destroy_subscription(each)
+            for each in publishers.values():
+                probe.node.destroy_publisher(each)
     return found

@@ -1,22 +1,31 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The node joint_observer, in a process of its own, over real DDS."""
+"""The node joint_observer over real DDS: statuses, live parameters, other executors, its end."""
 
 import itertools
 import math
+import signal
+import subprocess
+import sys
+import threading
 import time
+from pathlib import Path
 
 import dds
 import numpy as np
 import pytest
 from answers import estimated
 from answers import valid as valid_of
+from own_node import OwnNode
 
 from estimator_pkg import observers
-from estimator_pkg.circle import wrap
+from estimator_pkg.circle import Circle, wrap
 from estimator_pkg.driver.bank import Bank
 from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.estimate import MISCONFIGURED, TRACKING
+from estimator_pkg.nodes.observer import ObserverNode
+from estimator_pkg.nodes.ros_parameters import ros_values
 
 MODULE = 'estimator_pkg.nodes.executables joint_observer'
 BEGIN = 1_700_000_000_000_000_000  # [ns]
@@ -49,96 +58,6 @@ def turning(live, names, speeds, count, *, begin=BEGIN, dt=MS, first=0):
     ]
 
 
-def test_estimates_are_right_and_carry_the_stamp_of_the_measurement(live):
-    answers = live.feed(turning(live, ['right_a', 'right_b'], [30.0, -20.0], 600))
-    assert [answer.stamp_ns for answer in answers] == [BEGIN + i * MS for i in range(600)]
-    assert {answer.frame_id for answer in answers} == {'base'}
-    assert answers[0].names == ('right_a', 'right_b') and estimated(answers[0]) == ()  # not settled
-    for i, answer in enumerate(answers[200:], 200):
-        assert answer.names == ('right_a', 'right_b')
-        assert answer.velocities == pytest.approx((30.0, -20.0), rel=1e-6)
-        for speed, position in zip((30.0, -20.0), answer.positions):
-            assert -math.pi <= position < math.pi
-            assert wrap(position - speed * i * 1e-3, TURN) == pytest.approx(0.0, abs=1e-6)
-        assert answer.efforts == ()
-
-
-def joint_entry(report, name):
-    return report[f'/joint_observer: {name}']
-
-
-def test_bad_input_is_counted_by_kind_and_the_node_lives_on(live):
-    bad = fresh('bad')
-    before = live.next_report()['/joint_observer']
-    live.feed(turning(live, [bad], [1.0], 300))
-    at = BEGIN + 299 * MS
-    far = at + 10**15
-
-    def one(stamp, *positions, names=(bad,)):
-        return live.encode(stamp, names, positions)
-
-    live.feed(
-        [
-            one(at + MS, math.nan),
-            one(at + MS, math.inf),
-            one(at + MS, -math.inf),
-            one(at, 0.3),
-            one(at, 0.3),  # equal stamps
-            one(at - 5 * MS, 0.29),  # late
-            one(0, 0.3),  # no stamp
-            one(at + 2 * MS, names=()),
-            one(at + 2 * MS),  # empty
-            one(at + 2 * MS, 0.3, 0.4),
-            one(at + 2 * MS, 0.3, names=(bad, 'worse')),
-            one(far, 0.301),
-            one(at + 3 * MS, 0.302),
-        ],
-        unanswered=range(11),
-    )  # one stamp from the far future
-    live.publisher.publish(b'\x00\x01\x00\x00nonsense')
-    live.publisher.publish(one(at + 4 * MS, 0.303)[:-5])
-    for loop in range(2):  # a bag that loops
-        live.feed(turning(live, [bad], [1.0], 300, begin=BEGIN - (loop + 1) * 10**12))
-    after = live.next_report()
-    joint = {
-        key: int(count)
-        for key, count in joint_entry(after, bad).items()
-        if key.partition('.')[0] in ('received', 'used', 'dropped', 'events')
-    }
-    dropped = {
-        key.partition('.')[2]: count for key, count in joint.items() if key.startswith('dropped.')
-    }
-    assert dropped == {
-        'duplicate': 2,
-        'late': 1,
-        'non_finite': 3,
-        'zero_stamp': 1,
-        'misconfigured': 0,
-        'repeated': 0,
-    }
-    assert joint['events.outage'] == 1 and joint['events.stray_stamp'] == 1
-    assert joint['events.clock_jump'] == 2
-    assert joint['received'] == joint['used'] + sum(dropped.values()) == 300 + 7 + 2 + 600
-    new = {
-        key: int(after['/joint_observer'][key]) - int(before[key])
-        for key in before
-        if key.startswith('messages_')
-    }
-    assert new['messages_dropped.malformed'] == 2
-    assert new['messages_dropped.empty'] == 2
-    assert new['messages_dropped.mismatched'] == 2
-    assert new['messages_received'] == new['messages_used'] + 6 == 300 + 13 + 2 + 600
-    assert live.answers[-1].velocities == pytest.approx((1.0,), rel=1e-6)
-    assert live.process.alive and 'Traceback' not in live.process.output
-    for reported in (
-        'have no time stamp',
-        'stamp_source: publisher',
-        'clock of the measurements',
-        'are malformed',
-    ):
-        live.process.prints(reported)
-
-
 def test_status_of_a_joint_from_its_first_sample_to_silence(live):
     patient = fresh('patient')
     live.feed(turning(live, [patient], [1.0], 1))
@@ -153,16 +72,6 @@ def test_status_of_a_joint_from_its_first_sample_to_silence(live):
     live.probe.until(lambda: live.status(patient) == 'tracking')
 
 
-def test_a_driver_that_repeats_one_stamp_is_lost_too(live):
-    stuck = fresh('stuck')
-    live.feed(turning(live, [stuck], [1.0], 400))
-    end = time.monotonic() + dds.PATIENCE
-    while live.status(stuck) != 'lost' and time.monotonic() < end:
-        live.feed(turning(live, [stuck], [1.0], 1, first=399), unanswered=[0])
-        live.probe.spin(0.02)
-    assert live.status(stuck) == 'lost'
-
-
 def test_reset_starts_every_joint_again(live):
     from std_srvs.srv import Trigger
 
@@ -172,7 +81,7 @@ def test_reset_starts_every_joint_again(live):
     assert answer.success and 'are reset' in answer.message
     assert live.feed(turning(live, [again], [1.0], 1, first=400))[-1].names == (again,)
     assert not estimated(live.answers[-1])
-    assert joint_entry(live.next_report(), again)['resets'] == '1'
+    assert live.next_report()[f'/joint_observer: {again}']['resets'] == '1'
 
 
 # Parameters
@@ -272,4 +181,202 @@ def test_automatic_parameters_can_be_set_and_left_to_the_node_again(live):
     assert live.get('gap_max') == 0.2  # the default, not gone
 
 
-# Outputs made only while somebody listens
+def test_misspelt_names_and_gains_of_another_observer_are_reported_at_the_start(probe):
+    """One line each, with the right name; a live change is refused in the same words."""
+    starts = {
+        'misspelt': [
+            'qos_overrides./mispelt/joint_states.subscription.depth:=9',
+            'observer:=hybrid_angle',
+            'bandwith_hz:=20.0',
+            'per_joint.arm.nose:=1.0',
+        ],
+        'others': ['bandwidth_hz:=20.0', 'per_joint.arm.noise:=0.1'],
+    }
+    config = Path(__file__).parents[2] / 'config/joint_observer.yaml'  # what it sets is known
+    misspelt, others = (
+        dds.NodeProcess(
+            MODULE, *dds.ros_args(*words, remap=(f'__node:={name}', f'__ns:=/{name}'), file=config)
+        )
+        for name, words in starts.items()
+    )
+    with misspelt, others, dds.Observer(probe, '/others/others', '/others/joint_states') as live:
+        for line in (
+            "'qos_overrides./mispelt/joint_states.subscription.depth': did you mean "
+            "'qos_overrides./misspelt/joint_states.subscription.depth'?",
+            "'bandwith_hz': did you mean 'bandwidth_hz'?",
+            "'per_joint.arm.nose': did you mean 'noise'?",
+        ):
+            misspelt.prints(f'unknown parameter {line}')
+        assert misspelt.output.count('unknown parameter') == 3
+        for name, there in (
+            ('bandwidth_hz', 'hybrid_angle, finite_difference, kalman, pll'),
+            ('per_joint.arm.noise', 'hybrid_angle, finite_difference, kalman, pll, super_twisting'),
+        ):
+            others.prints(
+                f"unknown parameter '{name}': {there} have it, edge_adaptive (the default) does "
+                "not: start the node with 'observer: hybrid_angle'"
+            )
+        refused = live.connect().set(bandwidth_hz=30.0)
+        assert not refused.successful
+        assert "start the node with 'observer: hybrid_angle'" in refused.reason
+
+
+def test_gains_unstable_at_the_measured_rate(probe, monkeypatch, capfd):
+    """A live change is refused; where the rate falls the joint is misconfigured until they fit."""
+    own = OwnNode(monkeypatch, 'angle', observer='hybrid_angle', form='paper', bandwidth_hz=5.0)
+    hybrid, statuses = observers.find('hybrid_angle'), own.node.health.watch.statuses
+
+    def limits(bandwidth_hz, dt):
+        gains = hybrid.gains(form='paper', bandwidth_hz=bandwidth_hz)
+        return hybrid.module.limits(hybrid.module.design(gains, Circle()), dt)
+
+    def turning(count, dt, begin):
+        for k in range(count):
+            raw = own.encode(begin + k * dt, '', ('p',), (0.1 * k * dt * 1e-9,))
+            own.node.stream.feed(0, raw, 0)
+        own.pass_time(0.1)
+
+    try:
+        turning(400, MS, BEGIN)
+        assert statuses['p'][0] == TRACKING
+        (refused,) = own.node.set_parameters(ros_values({'bandwidth_hz': 2000.0}))
+        assert not refused.successful and refused.reason == f"joint 'p': {limits(2000.0, 1e-3)}"
+        turning(200, 150 * MS, BEGIN + 10**12)
+        assert statuses['p'][0] == MISCONFIGURED and statuses['p'][1][:20] == limits(5.0, 0.15)[:20]
+        assert "joint 'p' is misconfigured" in capfd.readouterr().err
+        (result,) = own.node.set_parameters(ros_values({'bandwidth_hz': 0.2}))
+        assert result.successful
+        turning(60, 150 * MS, BEGIN + 2 * 10**12)
+        assert statuses['p'][0] == TRACKING
+    finally:
+        own.close()
+
+
+def test_the_class_in_an_executor_of_ones_own(probe):
+    from rclpy.executors import SingleThreadedExecutor
+    from sensor_msgs.msg import JointState
+
+    node = ObserverNode(
+        'angle',
+        'mine',
+        namespace='/own',
+        parameter_overrides=ros_values(
+            {'observer': 'finite_difference', 'joints': ('a',), 'bandwidth_hz': 100}
+        ),
+    )
+    made = []
+    answering = node.stream._answering
+    encode = answering._stddev.encode
+    answering._stddev.encode = lambda *given: made.append(given) or encode(*given)
+    executor = SingleThreadedExecutor()  # hands callbacks other arguments than EventsExecutor
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    try:
+        with dds.Observer(probe, '/own/mine', '/own/joint_states') as live:
+            live.connect()
+            answer = live.feed(turning(live, ['a', 'b'], [1.0, 1.0], 200))[-1]
+            assert answer.names == ('a',)
+            assert answer.velocities == pytest.approx((1.0,), rel=1e-6)
+            assert not made  # nobody listens, so no standard deviation is made
+            listener = probe.node.create_subscription(
+                JointState, '/own/mine/estimate_stddev', lambda message: None, 10
+            )
+            probe.until(listener.get_publisher_count)
+            probe.spin(0.5)
+            live.feed(turning(live, ['a'], [1.0], 5, first=200))
+            assert len(made) == 5
+            probe.node.destroy_subscription(listener)
+            assert '/own/mine/acceleration' not in dict(node.get_topic_names_and_types())
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+
+
+def test_publishers_come_and_go_while_several_threads_spin(probe):
+    """What a callback destroys another thread may have taken, which ends its spin."""
+    from rclpy.executors import MultiThreadedExecutor
+    from sensor_msgs.msg import JointState
+
+    nodes = [ObserverNode('angle', name, namespace='/threads') for name in ('one', 'two')]
+    executor = MultiThreadedExecutor(2)
+    for node in nodes:
+        executor.add_node(node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    listeners = [
+        probe.node.create_subscription(JointState, f'/threads/{name}/estimate', repr, 10)
+        for name in ('one', 'two')
+    ]
+
+    def come_and_go():
+        """A publisher that both nodes hear; return their subscriptions meanwhile."""
+        publisher = probe.node.create_publisher(JointState, '/threads/joint_states', 10)
+        before = [node.stream.received[0] for node in nodes]
+
+        def heard():
+            seconds, nanosec = divmod(time.time_ns(), 10**9)
+            message = JointState(name=['a'], position=[0.1])
+            message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanosec
+            publisher.publish(message)
+            return all(node.stream.received[0] > old for node, old in zip(nodes, before))
+
+        probe.until(heard)
+        probe.spin(0.3)
+        subscriptions = [list(node.subscriptions) for node in nodes]
+        probe.node.destroy_publisher(publisher)
+        probe.spin(0.15)
+        return subscriptions
+
+    try:
+        subscriptions = [come_and_go() for _ in range(2)]
+        assert thread.is_alive()
+        assert all(each == subscriptions[0] for each in subscriptions)
+    finally:
+        for listener in listeners:
+            probe.node.destroy_subscription(listener)
+        executor.shutdown()
+        thread.join()
+        for node in nodes:
+            node.destroy_node()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_interrupts_end_the_node_quietly(number):
+    with dds.NodeProcess(MODULE) as process:
+        process.prints(f'{observers.DEFAULT} estimates every joint from /joint_states')
+        process.signal(number)
+        assert process.ends() == 0
+    assert 'Traceback' not in process.output and 'rror' not in process.output
+
+
+def test_a_process_whose_output_nobody_reads_ends_by_itself(probe):
+    """The node is destroyed all the same: else DDS waits for one of its threads for ever."""
+    process = subprocess.Popen(
+        [
+            *(sys.executable, '-m', 'sim_pkg.nodes.executables', 'encoder_sim'),
+            *dds.ros_args(remap=['__node:=unread']),
+        ],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        probe.until(lambda: 'unread' in probe.node.get_node_names())
+        assert process.stderr is not None
+        process.stderr.close()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(dds.PATIENCE) == 0
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_an_end_that_hangs_is_ended_by_an_alarm():
+    script = (
+        'import signal, time\nfrom estimator_pkg import interrupts\n'
+        'interrupts.LONGEST_END = 0.2\nsignal.signal(signal.SIGALRM, signal.SIG_IGN)\n'
+        'interrupts.limit_end()\ntime.sleep(60.0)'
+    )
+    done = subprocess.run([sys.executable, '-c', script], timeout=dds.PATIENCE, check=False)
+    assert done.returncode == -signal.SIGALRM

@@ -13,12 +13,10 @@ from pathlib import Path
 
 import dds
 import pytest
+from own_node import OwnNode
 from stream_starts import Role
 
-from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.nodes import health
-from estimator_pkg.nodes.observer import ObserverNode
-from estimator_pkg.nodes.ros_parameters import ros_values
 from estimator_pkg.streams.adaptive import AdaptiveStream
 from estimator_pkg.streams.angle import AngleStream
 
@@ -28,24 +26,11 @@ MS = 1_000_000
 
 # ---------------------------------------------------------------- messages faster than callbacks
 
-MECHANISMS = 8
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 LOUD = 8000.0  # [Hz]
 FLOODS = {  # node: what floods it, its rate [Hz] and joints, and the node's parameters
-    'joint_observer': ('joints', LOUD, 60),
     'adaptive_observer': ('joints', LOUD, 60),
-    'mechanical_observer': (
-        *('joints', LOUD, MECHANISMS),
-        f'mechanisms:=[{", ".join(f"m{k}" for k in range(MECHANISMS))}]',
-        *(f'per_joint.m{k}.joints:=[joint_{k}]' for k in range(MECHANISMS)),
-    ),
-    'switched_observer': ('joints', LOUD, 60, 'joints:=[joint_0]'),
-    'wheel_odometry': (
-        *('joints', LOUD, 60, 'radius:=[0.1]', 'track:=0.5'),
-        *('wheels_left:=[joint_0]', 'wheels_right:=[joint_1]'),
-    ),
-    'pmsm_observer': ('batches', 2000.0, 0),
-    'pmsm_observer of vectors': ('vectors', LOUD, 0, 'input:=current_voltage'),
+    'pmsm_observer': ('vectors', LOUD, 0, 'input:=current_voltage'),
     'cart_pendulum_sim': ('estimates', LOUD, 60),
 }
 ANSWERED = 0.5  # [s] of the node's CPU time, which does not depend on what else the machine does
@@ -110,7 +95,7 @@ def requests(name):
 )
 def test_a_flood_starves_neither_services_nor_reports_and_is_counted(probe, case):
     """The node gets more than it can handle: it still answers, and says what it lost."""
-    name, (kind, rate, joints, *parameters) = case.split()[0], FLOODS[case]
+    name, (kind, rate, joints, *parameters) = case, FLOODS[case]
     package = 'sim_pkg' if name.endswith('_sim') else 'estimator_pkg'
     file = CONFIG / 'pmsm_observer.yaml' if name == 'pmsm_observer' else None
     with (
@@ -222,106 +207,79 @@ def test_a_stream_that_is_too_fast_starves_no_service(probe):
 # ---------------------------------------------------------------- names without end
 
 
-class Still:
-    """A node in this process, fed without a topic; it looks around when it is reported to."""
-
-    def __init__(self, kind, **values):
-        self.node = ObserverNode(
-            kind, kind.__name__.lower(), parameter_overrides=ros_values(values)
-        )
-        self.encode = Encoder().encode
-        self.judged: list[str] = []
-        judge = self.node.health.watch.judge
-
-        def noting(name, *rest):
-            self.judged.append(name)
-            return judge(name, *rest)
-
-        self.node.health.watch.judge = noting
-
-    def look(self):
-        self.judged.clear()
-        self.node.health.look()
-        return set(self.judged)
-
-    def feed(self, names, k):
-        bank = self.node.stream.bank
-        args = (BEGIN + k * MS, tuple(names), (0.01 * k,) * len(names))
-        if isinstance(self.node.stream, AdaptiveStream):
-            bank.take(*args, (0.1,) * len(names))
-        else:
-            bank.update(*args)
-
-
 @pytest.fixture
-def still(probe):
+def still(probe, monkeypatch):
+    """(kind, parameters) -> a node in this process."""
     made = []
 
     def start(kind, **values):
-        made.append(Still(kind, **values))
+        made.append(OwnNode(monkeypatch, kind, **values))
         return made[-1]
 
     yield start
     for each in made:
-        each.node.destroy_node()
+        each.close()
 
 
-def test_ten_times_a_second_only_joints_that_are_alive_are_judged(still):
+def feed(live, names, k):
+    args = (BEGIN + k * MS, tuple(names), (0.01 * k,) * len(names))
+    bank = live.node.stream.bank
+    if isinstance(live.node.stream, AdaptiveStream):
+        bank.take(*args, (0.1,) * len(names))
+    else:
+        bank.update(*args)
+
+
+def test_a_look_judges_joints_that_are_alive_and_makes_the_entries_of_a_tenth(still, monkeypatch):
     live = still(AngleStream, timeout=0.02, gap_max=0.02)
-    names = [f'joint_{k}' for k in range(512)]
+    watch, names, judged, made = live.node.health.watch, [f'j{k}' for k in range(40)], [], []
+
+    def noting(kept, function):
+        return lambda name, *rest: kept.append(name) or function(name, *rest)
+
+    monkeypatch.setattr(watch, 'judge', noting(judged, watch.judge))
+    monkeypatch.setattr(health, 'entry', noting(made, health.entry))
+
+    def look(seconds=0.01):
+        live.now += seconds
+        judged.clear()
+        live.node.health.look()
+        return set(judged)
+
     for k in range(2):
-        live.feed(names, k)
-    live.look()
-    time.sleep(0.03)
-    live.look()  # all are lost
+        feed(live, names, k)
+    look()
     live.node.health._last_report += 1e6  # no report is due
-    live.feed(['joint_7'], 2)
-    assert live.look() == {'joint_7'}
-    live.feed(['joint_7', 'joint_9'], 3)
-    assert live.look() == {'joint_7', 'joint_9'}
-    time.sleep(0.03)
-    assert live.look() == {'joint_7', 'joint_9'}  # they get lost
-    assert live.look() == set()
-
-
-def test_a_look_reads_fields_and_makes_the_entries_of_a_tenth_of_the_joints(still, monkeypatch):
-    live = still(AngleStream)
-    names = [f'joint_{k}' for k in range(20)]
-    for k in range(200):
-        live.feed(names, k)
-    live.look()
-    live.node.health._last_report += 1e6  # no report is due
-    reads, made, joint = [], [], live.node.stream.bank.joints['joint_0']
-    monkeypatch.setattr(type(type(joint._channel)), 'read', lambda *each: reads.append(each))
-    monkeypatch.setattr(health, 'joint_status', lambda name, *rest: made.append(name))
-    for k in range(200, 210):
-        live.feed(names, k)
-        before = len(made)
-        assert live.look() == {*names} and len(made) == before + 2
-    assert not reads and sorted(made) == sorted(names)
+    look(0.03)  # all are lost
+    feed(live, ['j7', 'j9'], 2)
+    assert look() == {'j7', 'j9'}
+    assert look(0.03) == {'j7', 'j9'}  # they get lost
+    assert look() == set()
+    made.clear()
+    look()
+    assert len(made) == len(names) // 10
 
 
 @pytest.mark.parametrize('kind', [AngleStream, AdaptiveStream])
 def test_joints_expire_unless_they_are_named(still, kind, capfd):
     live = still(kind, joints_max=2, expiry=0.02, **{'per_joint.kept.wrap_period': 0.0})
     for k in range(3):
-        live.feed(['kept', 'old', f'new_{k}'], k)
-    live.look()
+        feed(live, ['kept', 'old', f'new_{k}'], k)
+    live.node.health.look()
     before = live.node.health._totals()
     assert before['received'] == 9 and before['dropped.refused'] == 2
     assert before['received'] == before['used'] + sum(
         count for key, count in before.items() if key.startswith('dropped.')
     )
-    time.sleep(0.05)
-    live.node.health._last_report = 0.0
-    live.look()
+    live.now += 1.1
+    live.node.health.look()
     assert set(live.node.stream.bank.joints) == {'kept'}
     after = live.node.health._totals()
     assert after['joints_expired'] == 2 and after['received'] == 9
     assert after['used'] == before['used']
     said = capfd.readouterr().err
     assert 'removed: no sample for 0.02 s (expiry)' in said and "'joints_max'" in said
-    live.feed(['old'], 9)
+    feed(live, ['old'], 9)
     assert live.node.stream.bank.joints['old'].used == 1
 
 
