@@ -120,19 +120,9 @@ def test_live_is_replay(foreign, probe, tmp_path):
     ):
         live.connect().feed(raws)
         assert live.raw_answers == replayed
+        assert live.set(factor=-2.0).successful  # a live parameter of the stream
+        assert len(live.feed([encode(10**16, 'base', ('a', 'b'), (1.0, 1.0))])) == 1
+    assert live.answers.pop().positions[0] == pytest.approx(-1.5)
     speeds = [answer.velocities[0] for answer in live.answers[100:]]
     truth = 3.0 * 4.0 * np.cos(0.004 * np.arange(500))
     assert np.nanmax(np.abs(speeds - truth[100:500])) < 0.5
-
-
-def test_a_live_parameter_of_a_stream_acts(foreign, probe):
-    raws = [Encoder().encode(10**15 + k * 10**6, 'base', ('a', 'b'), (1.0, 1.0)) for k in range(20)]
-    with (
-        dds.NodeProcess('twin_node', *dds.ros_args(remap=['joint_states:=/twin_live'])),
-        dds.Observer(probe, '/twin_observer', '/twin_live') as live,
-    ):
-        live.connect().feed(raws[:10])
-        assert live.set(factor=-2.0).successful
-        live.feed(raws[10:])
-        assert live.answers[9].positions[0] == pytest.approx(1.0)
-        assert live.answers[19].positions[0] < 0.5  # -2 after a jump

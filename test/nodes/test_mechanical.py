@@ -68,6 +68,7 @@ def test_several_mechanisms_separate_messages_and_commands(probe):
         probe.until(lambda: float(dds.value(node.statuses['lab'], 'K').split(', ')[0]) > 1.5 * K)
 
 
+@pytest.mark.slow
 def test_the_pendulum_stays_up_with_the_observer_in_the_loop(probe):
     """The controller's velocities come from the observer node's topic, over DDS."""
     from rclpy.qos import qos_profile_sensor_data

@@ -1,192 +1,432 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a user sets of joint_observer: YAML, settings, raw angles; lost messages."""
+"""The parameters of the nodes through ROS: types, automatic values, ranges, dumps."""
 
 import math
 import re
-from pathlib import Path
+from contextlib import contextmanager
 
+import dds
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 
-from estimator_pkg import observers, params_file
-from estimator_pkg.driver.configuration import Configuration, JointSettings
-from estimator_pkg.driver.raw_angle import RawAngle
+from estimator_pkg import observers, registry, streams
 from estimator_pkg.errors import UsageError
-from estimator_pkg.observers.angle.shared import AngleGains
-from estimator_pkg.parameters import build, declared
-from estimator_pkg.ros.loss import Loss
-from estimator_pkg.streams.angle import AngleSettings
+from estimator_pkg.messages import drive_samples
+from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.nodes.observer import ObserverNode
+from estimator_pkg.nodes.ros_parameters import RosParameters, ros_values
+from estimator_pkg.parameters import declared
+from sim_pkg.contract import RunSettings
 
-ROOT = Path(__file__).parents[2]
-YAML = ROOT / 'config/joint_observer.yaml'
-KEY = re.compile(r'    (#?)([\w.]+): (.+)$')
-
-
-def yaml_sections():
-    """{section: {key: (value, is set)}}; every key stands below its sentence."""
-    sections, section = {}, None
-    lines = YAML.read_text().splitlines()
-    for number, line in enumerate(lines):
-        title = re.match(r'    # ---- ([\w ]+?) -+$', line)
-        if title:
-            section = sections.setdefault(title[1], {})
-        key = KEY.match(line)
-        if key and section is not None:
-            assert key[2] not in section
-            section[key[2]] = (yaml.safe_load(key[3]), not key[1])
-            before = lines[number - 1]
-            assert (
-                before.startswith('    # ')
-                or before.startswith('    #per_joint.')
-                or before.startswith('    #qos_')
-            ), line
-    return sections
-
-
-def angle_observers():
-    found = [observers.find(name) for name in observers.names()]
-    return [observer for observer in found if observer.kind == 'angle']
-
-
-def assert_taught(section, parameters):
-    """Each parameter is there, with its default; automatic ones with the value that says so."""
-    for name, parameter in parameters.items():
-        assert name in section, f'{name} is missing in {YAML.name}'
-        value, _ = section[name]
-        assert parameter.check(value) == parameter.default, name
-    extra = {name for name in section if '.' not in name} - set(parameters)
-    assert not extra
-
-
-def test_yaml_teaches_every_key():
-    sections, shared = yaml_sections(), declared(AngleGains)
-    assert_taught(sections.pop('input'), declared(AngleSettings))
-    assert_taught(sections.pop('joints'), {**declared(JointSettings), **shared})
-    for observer in angle_observers():
-        own = {name: one for name, one in declared(observer.gains).items() if name not in shared}
-        assert_taught(sections.pop(observer.name), own)
-    assert set(sections) == {'quality of service'}
-
-
-@pytest.mark.parametrize('observer', angle_observers(), ids=lambda observer: observer.name)
-def test_what_the_yaml_sets_suits_every_observer(observer):
-    values, overrides = params_file.split(params_file.load(YAML))
-    assert overrides == {}
-    node = {name: value for name, value in values.items() if name in declared(AngleSettings)}
-    settings = build(AngleSettings, node)
-    settings.find_observer()
-    rest = {name: value for name, value in values.items() if name not in node}
-    assert Configuration(observer, rest).for_joint('any') == Configuration(observer).for_joint(
-        'any'
+MOTOR = {'resistance': 0.06, 'inductance': 33.75e-6, 'flux': 1.9e-3, 'pole_pairs': 7}
+MACHINE = {**MOTOR, 'radius': [0.1], 'track': 0.5}  # what must be set
+STREAMS = {stream.NODE: stream for stream in streams.every()}
+OBSERVERS = {  # one of each node; test_parameters.py has the values of all
+    stream.KIND: 'hybrid_angle' if stream.NODE == 'joint_observer' else name
+    for stream in STREAMS.values()
+    for name in observers.names()
+    if observers.find(name).kind == stream.KIND
+}
+NODES = {  # the classes that declare the parameters, and how many of them declare those of joints
+    name: (
+        (stream.SETTINGS, observers.find(OBSERVERS[stream.KIND]).gains, stream.PER_JOINT),
+        2 if stream.OVERRIDES else 0,
     )
-
-
-# Settings
-
-
-@pytest.mark.parametrize(
-    ('values', 'reported'),
-    [
-        ({'input': 'angle', 'angle_joint': ''}, "'angle_joint' must not be empty"),
-        ({'input': 'angle', 'joints': ['other']}, "'joint' is not in 'joints'"),
-    ],
-)
-def test_settings_that_cannot_work(values, reported):
-    with pytest.raises(UsageError, match=reported):
-        build(AngleSettings, values).find_observer()
-
-
-def test_counts_imply_the_quantum_unless_it_is_set():
-    counted = build(AngleSettings, {'input': 'angle', 'counts_per_revolution': 1000})
-    assert counted.implied({'quantum': 0.0, 'noise': 1.0}) == {
-        'quantum': pytest.approx(2.0 * math.pi / 1000),
-        'noise': 1.0,
-    }
-    assert counted.implied({'quantum': 0.5}) == {'quantum': 0.5}
-    stated = build(AngleSettings, {'counts_per_revolution': 1000})  # not used with joint_states
-    assert stated.implied({'quantum': 0.0}) == {'quantum': 0.0}
-
-
-def test_raw_angles():
-    raw = RawAngle(4096.0, offset=0.5, sign=-1)
-    assert raw.angle(1024) == pytest.approx(0.5 - 0.5 * math.pi)
-    assert raw.quantum == pytest.approx(2.0 * math.pi / 4096)
-    counts = np.array([0, 1, 4095, -7])
-    assert raw.angle(counts).tolist() == [raw.angle(int(count)) for count in counts]
-    assert RawAngle(offset=1.0).angle(0.25) == 1.25 and RawAngle().quantum == 0.0
-
-
-# Loss
-
-BEGIN, LEFT = 10**18, None
-
-
-def at(*numbers, later=0):
-    """Messages of these numbers, each sent at its number [s] and so much later."""
-    return [(number, number + later) for number in numbers]
-
-
-STAYS = [*at(*range(1, 11)), LEFT, *at(*range(11, 14))]
-GAP = at(*range(1, 11), *range(60, 70), 72)
-LOSSES = {  # publishers, time from which messages count [ns], messages and those that leave; lost
-    'nothing': (1, 0, at(1, 2, 3), 0),
-    'no numbers': (1, 0, [(None, 0), (0, 0)], 0),
-    'what is missing': (1, 0, at(7, 8, 11, 12, 20), 2 + 7),
-    'another publisher in the place of the first': (1, 0, at(50, 51, 1, 2, 4), 1),
-    'one that left is forgotten': (1, 0, [*at(1, 2, 3), LEFT, *at(700, 702)], 1),
-    'one that stays when another leaves is not new': (2, BEGIN, STAYS, 0),
-    'a new one, whose first messages nobody got': (2, BEGIN, [*STAYS, *at(6, 7, 8, later=14)], 5),
-    'a gap beside a silent publisher': (2, 0, GAP, 49 + 2),
-    'the same, of messages that count': (2, BEGIN, GAP, 49 + 2),
-    'the first message is there': (1, BEGIN, at(1, 2, 3, 4, 5, 8, later=4), 2),
-    'sent before the first one came': (1, BEGIN, at(31, 32, 33, 34, 35, 38, later=9), 30 + 2),
-    'sent before anybody was there': (1, BEGIN, at(31, 32, 33, 34, 35, 38, later=-11), 2),
+    for name, stream in STREAMS.items()
+}
+SIMULATORS = {
+    f'{name}_sim': ((RunSettings, registry.find(registry.SIMULATORS, name).parameters), 0)
+    for name in registry.names(registry.SIMULATORS)
+}
+EVERY = {**NODES, **SIMULATORS}
+JOINT_OBSERVER, _ = NODES['joint_observer']
+TYPES = {float: 'DOUBLE', int: 'INTEGER', bool: 'BOOL', str: 'STRING'}
+TYPES |= {tuple: 'STRING_ARRAY', list: 'DOUBLE_ARRAY'}
+CHOSEN = {  # values other than the defaults, for a start of each node
+    'joint_observer': {
+        'observer': 'hybrid_angle',
+        'joints': ['a', 'b.c'],
+        'noise': 0.002,
+        'order': 2,
+        'per_joint.a.bandwidth_hz': 20,
+        'per_joint.a.noise': 0.0,
+        'per_joint.a.order': 3,
+        'per_joint.b.c.gap_max': 0.3,
+        'qos_overrides./joint_observer/estimate.publisher.durability': 'transient_local',
+    },
+    'mechanical_observer': {
+        'mechanisms': ['arm', 'lab'],
+        'observer': 'hgo',
+        'noise': [0.002],
+        'per_joint.arm.joints': ['elbow'],
+        'per_joint.lab.model': 'cart_pendulum',
+        'per_joint.lab.noise': [math.nan],
+        'per_joint.lab.model_parameters': ['gravity=-1'],
+        'per_joint.lab.bandwidth_hz': 12,
+    },
+    'pmsm_observer': {**MOTOR, 'initial_flux': 0, 'k_eta': -1, 'emf_min': 0.2},
 }
 
 
-@pytest.mark.parametrize('case', LOSSES)
-def test_loss_is_what_is_missing(case):
-    publishers, since_ns, messages, lost = LOSSES[case]
-    loss, now_ns = Loss(lambda: publishers, since_ns), BEGIN
-    for message in messages:
-        if message is LEFT:
-            loss.forget(now_ns)
-            continue
-        number, sent = message
-        now_ns = BEGIN + sent * 10**9
-        loss.saw(number, now_ns)
-    assert loss.count == lost
+def must(known):
+    """The parameters without a default that a node needs."""
+    return {
+        name: value
+        for name, value in MACHINE.items()
+        if name in known and isinstance(value, known[name].kind)
+    }
 
 
-@pytest.mark.long
-@given(st.data())
-def test_the_sum_is_right_whichever_publisher_lost(data):
-    """Two publishers, interleaved anyhow, until both have come to the same number."""
-    streams, lost = [], 0
-    first, ahead = data.draw(st.integers(1, 20)), data.draw(st.sampled_from([0, *range(2, 20)]))
-    for start in (first, first + ahead):  # heard one after the other, seen to be two
-        between = range(start + 1, 50)
-        heard = data.draw(st.lists(st.sampled_from(between), unique=True).map(sorted))
-        lost += len(between) - len(heard)
-        streams.append([start, *heard, 50])
-    loss = Loss(lambda: 2)
-    loss.saw(streams[0].pop(0))
-    loss.saw(streams[1].pop(0))
-    while any(streams):
-        stream = data.draw(st.sampled_from([stream for stream in streams if stream]))
-        loss.saw(stream.pop(0))
-    assert loss.count == lost
+@contextmanager
+def in_context(file=None):
+    """Arguments for a node on its own context, which reads a parameter file as ROS does."""
+    import rclpy
+
+    context = rclpy.Context()
+    rclpy.init(args=dds.ros_args(file=file), context=context, domain_id=dds.DOMAIN)
+    try:
+        yield {'context': context}
+    finally:
+        rclpy.try_shutdown(context=context)
 
 
-def test_where_there_are_no_sequence_numbers_the_middleware_is_believed():
-    loss = Loss(lambda: 1)
-    loss.reported = 3
-    assert loss.lost == 3
-    loss.saw(5)
-    loss.saw(7)
-    assert loss.lost == 1
+@contextmanager
+def declaring(classes, values, tmp_path, overridable=()):
+    """A bare node with the parameters of a real one, read from a file: (node, RosParameters).
+
+    It checks nothing but parameters: extreme gains need not suit each other.
+    """
+    file = tmp_path / 'values.yaml'
+    file.write_text(yaml.dump({'/**': {'ros__parameters': values}}))
+    with in_context(file) as where:
+        node = Node(
+            'bare',
+            **where,
+            allow_undeclared_parameters=bool(overridable),
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        try:
+            ros = RosParameters(node)
+            for cls in classes:
+                ros.declare(cls)
+            if overridable:
+                ros.allow_overrides(overridable)
+            ros.watch(lambda values, overrides: None, lambda: None)
+            yield node, ros
+        finally:
+            node.destroy_node()
+
+
+def parameters_of(classes):
+    return {name: one for cls in classes for name, one in declared(cls).items()}
+
+
+def extremes(parameter):
+    """What is set, by 'automatic', 'zero', 'minimum' and 'maximum', where it makes sense."""
+    found = {}
+    if parameter.automatic is not None:
+        found['automatic'] = parameter.plain(None)
+    if parameter.choices:
+        words = [word for word in parameter.choices if ':' not in word]
+        found |= {'minimum': words[0], 'maximum': words[-1]}
+    elif parameter.kind is bool:
+        found |= {'minimum': False, 'maximum': True}
+    elif parameter.kind in (int, float):
+        found |= {'zero': parameter.kind(0), 'minimum': parameter.kind(parameter.minimum)}
+        found['maximum'] = parameter.kind(parameter.maximum)
+    elif parameter.kind is list:
+        low, high = parameter.minimum, parameter.maximum
+        found |= {'zero': [0.0], 'minimum': [float(low or 0.0)], 'maximum': [float(high or 1.0)]}
+    return found
+
+
+def is_admitted(parameter, value):
+    if parameter.kind not in (int, float, list) or parameter.is_automatic(value):
+        return True
+    low = -math.inf if parameter.minimum is None else parameter.minimum
+    high = math.inf if parameter.maximum is None else parameter.maximum
+    return all(low <= number <= high for number in (value if parameter.kind is list else [value]))
+
+
+def alike(one, other):
+    """Equal in type and value, NaN included; whole numbers are not floats."""
+    return repr(one) == repr(other)
+
+
+def plain(value):
+    return list(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
+
+
+def values_of(node):
+    return {
+        name: plain(node.get_parameter(name).value) for name in node.list_parameters([], 0).names
+    }
+
+
+def dumped(name, values):
+    """What ``ros2 param dump`` prints."""
+    tree = {}
+    for key, value in values.items():
+        *groups, leaf = key.split('.')
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+        assert leaf not in branch and isinstance(branch, dict), f'{key} is leaf and branch'
+        branch[leaf] = value
+    return yaml.dump({name: {'ros__parameters': tree}}, default_flow_style=False)
+
+
+def read_again(values, tmp_path):
+    """What a node gets that starts with the dump of another one with these values."""
+    file = tmp_path / 'dump.yaml'
+    file.write_text(dumped('/bare', values))
+    with in_context(file) as where:
+        node = Node('bare', **where, start_parameter_services=False, enable_rosout=False)
+        given = {name: plain(one.value) for name, one in node._parameter_overrides.items()}
+        node.destroy_node()
+    if 'no_estimate' in given and given['no_estimate'] != given['no_estimate']:
+        given['no_estimate'] = 'nan'  # rcl reads the word as a number, the node takes the word
+    return given
+
+
+@pytest.mark.parametrize('classes, per_joint', NODES.values(), ids=NODES)
+def test_each_value_is_set_and_reloaded(classes, per_joint, probe, tmp_path):
+    """At the automatic value, at zero and at both ends of the range, from a file and live."""
+    known = parameters_of(classes)
+    motor = must(known)
+    overridable = [name for cls in classes[len(classes) - per_joint :] for name in declared(cls)]
+    for which in ('automatic', 'zero', 'minimum', 'maximum'):
+        given = {name: extremes(one).get(which) for name, one in known.items()}
+        given = {name: value for name, value in given.items() if value is not None}
+        refused = {name for name in given if not is_admitted(known[name], given[name])}
+        assert which == 'zero' or not refused
+        wanted = {name: value for name, value in given.items() if name not in refused}
+        with declaring(classes, {**motor, **wanted}, tmp_path, overridable) as (node, _):
+            before = values_of(node)
+            for name, parameter in known.items():
+                found = node.get_parameter(name)
+                assert found.type_.name == TYPES[parameter.kind], name
+                assert name not in wanted or alike(plain(found.value), wanted[name]), name
+        read = read_again(before, tmp_path)
+        assert read.keys() == before.keys()
+        assert all(alike(read[name], before[name]) for name in read)
+        outside = {
+            name: f"'{name}' = 0 is outside {known[name].range_text().removeprefix('each ')}"
+            for name in refused
+        }
+        for name in sorted(refused)[:1]:  # from a file: one line with the name and the range
+            with (
+                pytest.raises(UsageError, match=re.escape(outside[name])),
+                declaring(classes, {**motor, name: given[name]}, tmp_path, overridable),
+            ):
+                pass
+        with declaring(classes, motor, tmp_path, overridable) as (node, ros):
+            for name, value in given.items():
+                (result,) = node.set_parameters([RosParameter(name, value=value)])
+                if known[name].structural:
+                    assert 'read-only' in result.reason
+                elif name in refused:
+                    assert outside[name] in result.reason
+                else:
+                    assert result.successful, result.reason
+                    assert alike(plain(node.get_parameter(name).value), value)
+                    assert ros.values[name] == known[name].check(value)
+
+
+def forms(parameter):
+    """Return the values that a file may have for a parameter, in each form that is read."""
+    if parameter.kind in (str, bool, tuple):
+        words = [word for word in parameter.choices if ':' not in word]
+        found = words or ([False, True] if parameter.kind is bool else [])
+    else:
+        default = parameter.default
+        (number, *_) = default if isinstance(default, tuple) else (default,)
+        if number is None:
+            number = min(max(parameter.minimum or 0.0, 1.0), parameter.maximum or 1.0)
+        found = [number, math.ceil(number)]
+        found += [[value] for value in found] if parameter.kind is list else []
+    return found if parameter.automatic is None else [parameter.plain(None), *found]
+
+
+def samples(node):
+    """Return two messages for the measurement of a node."""
+    stamps = [1_000_000_000, 1_001_000_000]
+    if node.stream.NODE == 'pmsm_observer':
+        return [drive_samples.encode(np.array([stamp]), np.ones((1, 4))) for stamp in stamps]
+    names = sorted(node.stream.needed()) or ['a']
+    numbers = [0.1] * len(names)
+    return [Encoder().encode(stamp, '', names, numbers, (), numbers) for stamp in stamps]
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_each_live_parameter_is_set_in_each_form_while_joints_run(name, probe):
+    stream, known = STREAMS[name], parameters_of(NODES[name][0])
+    observer = OBSERVERS[stream.KIND]
+    overrides = {
+        'observer': observer,
+        **({'model': 'gripper'} if observer == 'switched' else {}),
+        **must(known),
+    }
+    live = {name: parameter for name, parameter in known.items() if not parameter.structural}
+    of_joints = declared(stream.PER_JOINT) | declared(observers.find(observer).gains)
+    with in_context() as where:
+        node = ObserverNode(
+            stream,
+            **where,
+            parameter_overrides=ros_values(
+                {name: value for name, value in overrides.items() if name in known}
+            ),
+        )
+        try:
+            for raw in samples(node):
+                node.stream.feed(0, raw, 0)
+            assert all(joint.used == 2 for joint in node.stream.bank.joints.values())
+            (joint, *_) = node.stream.bank.joints
+            for key, parameter in live.items():
+                overridable = stream.OVERRIDES and key in of_joints
+                for full in (key, f'per_joint.{joint}.{key}')[: 1 + overridable]:
+                    before = node.get_parameter(key).value
+                    for value in [*forms(parameter), before]:
+                        (result,) = node.set_parameters([RosParameter(full, value=value)])
+                        assert result.successful or result.reason, (full, value)
+                        for each in node.stream.bank.joints.values():
+                            assert each.used == 2 and len(each.estimate()) == 4
+                    assert result.successful, (full, before, result.reason)
+        finally:
+            node.destroy_node()
+
+
+@pytest.mark.parametrize('name', ['joint_observer', 'pmsm_observer'])
+def test_the_start_names_what_is_not_the_default_and_unknown_names_are_refused(
+    name, probe, tmp_path, capfd
+):
+    """A file for another node changes nothing, which the line of the start shows."""
+    file, motor = tmp_path / 'params.yaml', must(parameters_of(NODES[name][0]))
+    own = {'no_estimate': 'skip', 'gap_max': 0.2, 'timeout': 0.7}
+    for others, reported in (({}, {*motor, 'no_estimate', 'timeout'}), ({'other': own}, {*motor})):
+        sections = {**others, name: motor if others else {**own, **motor}}
+        file.write_text(
+            yaml.dump({owner: {'ros__parameters': section} for owner, section in sections.items()})
+        )
+        with in_context(file) as where:
+            node = ObserverNode(STREAMS[name], **where)
+            (refused,) = node.set_parameters([RosParameter('gap_mx', value=0.3)])
+            node.destroy_node()
+        [named] = re.findall(r' estimates .*/estimate \((.*)\)', capfd.readouterr().err)
+        changed = set(named.removeprefix('not the defaults: ').split(', '))
+        assert changed == (reported or {'all parameters are defaults'})
+        assert not refused.successful
+        assert refused.reason == "unknown parameter 'gap_mx': did you mean 'gap_max'?"
+
+
+@pytest.mark.parametrize('call', ['check', 'apply'])
+def test_an_exception_at_a_change_is_one_line_and_the_call_is_answered(
+    call, probe, monkeypatch, capfd
+):
+    def fails(configuration):
+        raise IndexError('of a model')
+
+    with in_context() as where:
+        node = ObserverNode('mechanical', **where)
+        try:
+            monkeypatch.setattr(node.stream, call, fails)
+            (result,) = node.set_parameters([RosParameter('bandwidth_hz', value=20.0)])
+        finally:
+            node.destroy_node()
+    assert result.successful == (call == 'apply')
+    said = capfd.readouterr().err
+    assert "observer 'geso' failed: IndexError: of a model (line " in said
+    assert len(said.splitlines()) == 2  # that of the start, and this one
+
+
+@pytest.mark.parametrize('classes, per_joint', EVERY.values(), ids=EVERY)
+def test_descriptors_have_ranges_with_the_automatic_value(classes, per_joint, probe, tmp_path):
+    known = parameters_of(classes)
+    motor = must(known)
+    overridable = [name for cls in classes[len(classes) - per_joint :] for name in declared(cls)]
+    live = [name for name in overridable if not known[name].structural]
+    with declaring(classes, motor, tmp_path, overridable) as (node, ros):
+        if overridable:  # one set live has the descriptor of the common one
+            override = f'per_joint.any.{live[0]}'
+            (result,) = node.set_parameters(
+                [RosParameter(override, value=known[live[0]].plain(ros.values[live[0]]))]
+            )
+            assert result.successful and node.describe_parameter(override).description
+            (refused,) = node.set_parameters([RosParameter(f'per_joint.new.{live[0]}', value='x')])
+            assert not refused.successful
+            assert f'per_joint.new.{live[0]}' not in values_of(node)
+        for name, parameter in known.items():
+            described = node.describe_parameter(name)
+            assert described.type == node.get_parameter(name).type_.value != 0, name
+            assert described.dynamic_typing and described.read_only == parameter.structural
+            assert described.additional_constraints == parameter.range_text()
+            if parameter.kind not in (int, float):
+                continue
+            ranges = described.floating_point_range, described.integer_range
+            (found,) = ranges[parameter.kind is int]
+            low, automatic = parameter.minimum, parameter.automatic
+            assert found.from_value == (low if automatic is None else min(low, automatic))
+            assert found.to_value == parameter.maximum and found.step == 0
+            if parameter.kind is int:  # rqt_reconfigure's slider has 32 bits
+                assert -(2**31) <= found.from_value < found.to_value < 2**31, name
+            for wrong in (math.nan, float(found.to_value * 2 + 1)):
+                (result,) = node.set_parameters([RosParameter(name, value=wrong)])
+                assert not result.successful
+                if not parameter.structural:  # in our words
+                    assert f"'{name}'" in result.reason
+
+
+@pytest.mark.parametrize('name', CHOSEN)
+def test_a_dump_gives_the_same_node(name, probe, tmp_path, capfd):
+    stream, given = STREAMS[name], CHOSEN[name]
+    file, dump = tmp_path / 'given.yaml', tmp_path / 'dump.yaml'
+    file.write_text(yaml.dump({name: {'ros__parameters': given}}))
+    nodes = []
+    for source in (file, dump):
+        with in_context(source) as where:
+            node = ObserverNode(stream, **where)
+            values = values_of(node)
+            nodes.append((values, settings_of(node.stream)))
+            assert None not in values.values()
+            dump.write_text(dumped(f'/{name}', values))
+            node.destroy_node()
+    (first, settings), (second, settings_again) = nodes
+    assert first.keys() == second.keys()
+    assert all(alike(first[key], second[key]) for key in first)
+    assert settings == settings_again
+    assert bool(settings[1]) == stream.OVERRIDES
+    for key, value in given.items():
+        assert first[key] == value or alike(first[key], value), key
+    said = capfd.readouterr().err
+    starts = re.findall(r' estimates .*/estimate \(not the defaults: (.*)\)', said)
+    of_file, of_dump = (set(each.split(', ')) for each in starts)
+    assert {key for key in given if 'qos' in key} <= of_file == of_dump <= set(given)
+
+
+def settings_of(stream):
+    """What a stream really has: its settings, and gains and settings of joints and overrides."""
+    bank, overrides = stream.bank, {}
+    if stream.OVERRIDES:
+        overrides = {
+            joint: bank.configuration.for_joint(joint) for joint in bank.configuration.overrides
+        }
+    made = {name: (joint.gains, joint.settings) for name, joint in bank.joints.items()}
+    assert overrides or made
+    return stream.settings, overrides, made
+
+
+def test_a_misspelt_group_is_named_with_the_right_one(probe, tmp_path):
+    given = dict.fromkeys(['per_joints.a.noise', 'per_joint.a.nose', 'a.noise', 'a.b.noise'], 0.1)
+    with declaring(JOINT_OBSERVER, given, tmp_path, ['noise']) as (_, ros):
+        assert ros.unknown() == {
+            'per_joints.a.noise': "did you mean 'per_joint.a.noise'?",
+            'per_joint.a.nose': "did you mean 'noise'?",
+            'a.noise': "did you mean 'per_joint.a.noise'?",
+            'a.b.noise': "did you mean 'per_joint.a.b.noise'?",
+        }

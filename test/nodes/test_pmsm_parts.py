@@ -13,18 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from motors import steady
 
-from estimator_pkg import listing, observers, params_file
-from estimator_pkg.driver.configuration import Configuration, JointSettings
+from estimator_pkg import observers
+from estimator_pkg.driver.configuration import Configuration
 from estimator_pkg.driver.drive import DriveJoint
 from estimator_pkg.driver.pairs import CURRENT, VOLTAGE, Pairs, Phases
 from estimator_pkg.estimate import MISCONFIGURED, TRACKING
 from estimator_pkg.messages import vector3
 from estimator_pkg.observers.maths.clarke import phases
-from estimator_pkg.observers.pmsm.observer import Gains
-from estimator_pkg.parameters import build, declared
-from estimator_pkg.streams.drive import DriveSettings, DriveStream
-from sim_pkg.contract import RunSettings
-from sim_pkg.joints.encoder import EncoderParameters
+from estimator_pkg.streams.drive import DriveStream
 from sim_pkg.pmsm.simulator import PmsmSimulatorParameters, Source
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -271,42 +267,3 @@ def test_the_large_currents_of_a_start_are_soon_forgotten():
     assert three.current(*phases(100.0, 0.0)) is not None
     verdicts = [three.current(1.0, -0.2, -0.2) is None for _ in range(6000)]
     assert not any(verdicts[:1000]) and all(verdicts[4000:])
-
-
-# ---- what a user sets --------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ('name', 'classes'),
-    [
-        ('pmsm_observer', (DriveSettings, Gains, JointSettings)),
-        ('pmsm_sim', (RunSettings, PmsmSimulatorParameters)),
-        ('encoder_sim', (RunSettings, EncoderParameters)),
-    ],
-)
-def test_config_teaches_every_parameter_with_its_default(name, classes):
-    path = ROOT / 'config' / f'{name}.yaml'
-    values = params_file.load(path, name)
-    known = {key: parameter for cls in classes for key, parameter in declared(cls).items()}
-    lines = path.read_text().splitlines()
-    for key, parameter in known.items():
-        value = parameter.check(values.pop(key))
-        assert value == parameter.default or listing.default_text(parameter) == 'required', key
-    assert not values
-    for number, line in enumerate(lines):  # every key stands below its sentence
-        if line.startswith('    ') and not line.lstrip().startswith('# '):
-            assert lines[number - 1].startswith('    #'), line
-
-
-def test_the_default_files_of_node_and_simulator_belong_together():
-    node = params_file.load(ROOT / 'config' / 'pmsm_observer.yaml', 'pmsm_observer')
-    simulator = params_file.load(ROOT / 'config' / 'pmsm_sim.yaml', 'pmsm_sim')
-    assert all(node[name] == simulator[name] for name in MOTOR)
-
-
-def test_the_servo_suits_node_and_simulator():
-    path = ROOT / 'config' / 'pmsm_motor_servo_400w.yaml'
-    simulator, node = (params_file.load(path, name) for name in ('pmsm_sim', 'pmsm_observer'))
-    assert build(PmsmSimulatorParameters, simulator).resistance == simulator['resistance']
-    gains, _ = Configuration(observers.find('pmsm'), node).for_joint('')
-    assert all(getattr(gains, name) == node[name] == simulator[name] for name in MOTOR)

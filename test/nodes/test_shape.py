@@ -87,32 +87,10 @@ def test_every_message_has_the_shape_of_the_drivers_from_the_first_on(probe):
             assert list(each.velocity) == pytest.approx([1.0, -2.0, 0.0], abs=1e-2)
 
 
-def test_skip_sends_nothing_until_every_joint_has_an_estimate(probe):
-    words = dds.ros_args('no_estimate:=skip', remap=('joint_states:=/driver', '__node:=whole'))
-    with dds.NodeProcess(MODULE, *words) as process, Stranger(probe, '/whole/estimate') as stranger:
-        stranger.publish(driver(400, lacking=range(300, 310)))
-        probe.until(lambda: stranger.found and stamp_of(stranger.found[-1]) == BEGIN + 399 * MS)
-        found = stranger.found
-        assert 300 < len(found) < 391
-        for each in found:
-            assert list(each.name) == NAMES and len(each.effort) == 3
-            assert all(map(math.isfinite, [*each.velocity, *each.position]))
-        assert not {BEGIN + k * MS for k in (0, *range(300, 310))} & set(map(stamp_of, found))
-        with dds.Observer(probe, '/whole', '/driver') as node:  # it can be changed live
-            assert node.get('no_estimate') == 'skip'
-            assert not node.set(no_estimate='never').successful
-            assert node.set(no_estimate='nan').successful
-            stranger.publish(driver(1, 400, lacking=[400]), first=400)
-            probe.until(lambda: stamp_of(stranger.found[-1]) == BEGIN + 400 * MS)
-        assert math.isnan(stranger.found[-1].velocity[1])
-        assert process.alive
-
-
 @pytest.mark.parametrize(
     ('name', 'parameters', 'durability', 'old'),
     [
         ('kept', ('wait_for_subscriber:=60.0',), 'volatile', 100),
-        ('dropped', ('wait_for_subscriber:=0.0',), 'volatile', 0),
         ('latched', (LATCHED.format('latched'),), 'transient_local', 1),
     ],
 )
