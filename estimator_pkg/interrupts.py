@@ -7,19 +7,18 @@ A dropped ssh session sends HUP, a service manager TERM, a user INT (Ctrl-C). Wi
 three raise Interrupted. Within `gently` they only set a flag, so that no message is written
 incompletely; the loop that writes checks `came` and ends.
 
-An import may drop the exception or turn it into an ImportError, so it is raised after the import,
-and after a call of rclpy. It may also be lost in a callback of a weak reference or from C, in
-`__del__`, and in C itself: it is raised again, until somebody who has caught it calls `finish`.
+Python and libraries drop exceptions in some places, as in `__del__` and in imports. So a timer
+raises it again, unless one is being handled, until somebody who has caught it calls `finish`.
 """
 
 from __future__ import annotations
 
 import os
 import signal
+import stat
 import sys
 import threading
 import time
-import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -30,11 +29,11 @@ from estimator_pkg.printable import printable
 NUMBERS = tuple(
     getattr(signal, name) for name in ('SIGINT', 'SIGTERM', 'SIGHUP') if hasattr(signal, name)
 )
-HANGUP = getattr(signal, 'SIGHUP', None)
 LONGEST_END = 5.0  # time from `limit_end` to the end of the process [s]
-AGAIN = 0.05  # time until an interrupt is retried that was impossible or lost [s]
-RCLPY = f'{os.sep}rclpy{os.sep}'
+AGAIN = 0.05  # time until an interrupt is raised again [s]
 ONE_PRESS = 1.0  # signals within this time count as one, because launchers forward Ctrl-C [s]
+# Within an import or rclpy an exception would leave incomplete objects.
+FRAGILE = ('<frozen importlib._bootstrap>', f'{os.sep}rclpy{os.sep}')
 
 
 class Interrupted(KeyboardInterrupt):
@@ -52,10 +51,7 @@ class _State:
     gentle = 0  # nesting of `gently`
     number = 0  # the first received signal; 0: none
     at = 0.0  # its time [s]
-    terminals: tuple[int, ...] = ()
-    alarm: Any = None  # handler of SIGALRM before ours; None: ours is not in use
     report: Any = None  # reports exceptions that nobody can catch
-    raised: Any = None  # weak reference to the interrupt that was raised
 
 
 def came() -> int:
@@ -81,12 +77,11 @@ def handled(background: bool = False) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    outermost = _State.before is None
+    outermost, before = _State.before is None, _State.before or {}
     if outermost:
-        _State.before, _State.number, _State.gentle = {}, 0, 0
-        _State.terminals = tuple(number for number in (1, 2) if os.isatty(number))
+        _State.before, _State.number, _State.gentle = before, 0, 0
+        before[signal.SIGALRM] = signal.signal(signal.SIGALRM, _raise_again)
         _State.report, sys.unraisablehook = sys.unraisablehook, _lost
-    before: dict[int, Any] = _State.before  # type: ignore[assignment]  # set above
     for number in NUMBERS:
         handler = signal.getsignal(number)
         if handler != signal.SIG_IGN or (background and number == signal.SIGINT):
@@ -96,11 +91,8 @@ def handled(background: bool = False) -> Iterator[None]:
         yield
     finally:
         if outermost:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
             sys.unraisablehook = _State.report
-            if _State.alarm is not None:
-                signal.setitimer(signal.ITIMER_REAL, 0.0)
-                signal.signal(signal.SIGALRM, _State.alarm)
-                _State.alarm = None
             for number, handler in before.items():
                 signal.signal(number, handler)
             _State.before = None
@@ -133,61 +125,34 @@ def finish() -> None:
 
 
 def _take(number: int, frame: FrameType | None) -> None:
-    if number == HANGUP:
-        _leave_terminal()
+    if number == getattr(signal, 'SIGHUP', None):
+        for stream in (1, 2):  # writing to a terminal that has closed fails
+            if stat.S_ISCHR(os.fstat(stream).st_mode) and not os.isatty(stream):
+                discard(stream)
     if not _State.number:
         _State.number, _State.at = number, time.monotonic()
-        if _State.alarm is None:
-            _State.alarm = signal.signal(signal.SIGALRM, _interrupt)
-        _interrupt(number, frame)
+        if not _State.gentle:
+            signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
+            _raise_again(number, frame)
     elif number == signal.SIGINT and time.monotonic() > _State.at + ONE_PRESS:
         raise Interrupted  # a second Ctrl-C ends the command at once
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise Interrupted, now or after an import, unless the command ends by itself."""
-    if _State.gentle:
-        return
-    if _is_fragile(frame):
-        _retry()
-        return
-    raised = Interrupted()
-    _State.raised = weakref.ref(raised, _retry)  # called when nobody handles it any more
-    try:
-        raise raised
-    finally:
-        del raised  # this frame belongs to its traceback
-
-
-def _retry(_: Any = None) -> None:
-    if _State.alarm is not None:
-        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+def _raise_again(number: int, frame: FrameType | None) -> None:
+    """Raise Interrupted unless one is being handled, or nobody would see it."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, Interrupted):
+        error = error.__context__
+    while frame is not None and not any(each in frame.f_code.co_filename for each in FRAGILE):
+        frame = frame.f_back
+    if error is None and frame is None and not _State.gentle:
+        raise Interrupted
 
 
 def _lost(unraisable: Any) -> None:
     """Report an exception that nobody can catch, unless it will be raised again."""
     if not isinstance(unraisable.exc_value, Interrupted):
         _State.report(unraisable)
-
-
-def _is_fragile(frame: FrameType | None) -> bool:
-    """Return True within an import, or within rclpy, which would leave incomplete objects.
-
-    These print errors when they are destroyed.
-    """
-    while frame is not None:
-        file = frame.f_code.co_filename
-        if file == '<frozen importlib._bootstrap>' or RCLPY in file:
-            return True
-        frame = frame.f_back
-    return False
-
-
-def _leave_terminal() -> None:
-    """Discard output whose terminal has closed: each write would fail."""
-    for number in _State.terminals:
-        if not os.isatty(number):
-            discard(number)
 
 
 def discard(number: int) -> None:
@@ -209,7 +174,6 @@ def limit_end() -> None:
 
     To be called when nothing is left but to end: then DDS may wait for one of its threads for ever.
     """
-    _State.alarm = None  # no interrupt comes again
     for number in NUMBERS:
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
