@@ -180,7 +180,7 @@ def run(command: Command, words: Sequence[str], prog: str) -> int:
     if parsed.json is not None and not to_stdout:
         destination.check(parsed.json)
     shown = sys.stderr if to_stdout else sys.stdout
-    with contextlib.redirect_stdout(shown), destination.reporting_replaced(parsed):
+    with contextlib.redirect_stdout(shown):
         result = command.run(parsed)
         if parsed.json is not None and not to_stdout:
             _write_json(parsed.json, result)

@@ -1,18 +1,16 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Output files: checked before the work, never an input, and reported if they are replaced."""
+"""Output files: checked before the work, and never an input."""
 
 from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from estimator_pkg.errors import UsageError, UserError
-from estimator_pkg.printable import show
 
 STDOUT = '-'  # instead of a file name
 OUTPUTS = ('out', 'html', 'data', 'plot', 'json')  # options with output files
@@ -61,28 +59,6 @@ def check_distinct(parsed: argparse.Namespace) -> None:
                     raise UsageError(
                         f'{option} {path} would change the input {read}: name another file'
                     )
-
-
-@contextmanager
-def reporting_replaced(parsed: argparse.Namespace) -> Iterator[None]:
-    """Print the names of the output files that existed before and are written in this context."""
-    names = [value for name in OUTPUTS if isinstance(value := getattr(parsed, name, None), str)]
-    before = {name: state for name in names if (state := _state(name))}
-    try:
-        yield
-    finally:
-        replaced = [name for name, state in before.items() if _state(name) != state]
-        if replaced:
-            show(f'replaced: {", ".join(replaced)}')
-
-
-def _state(path: str) -> tuple[int, ...]:
-    """Return what changes if a file is written; () without a file."""
-    with suppress(OSError, ValueError):
-        if os.path.isfile(path):
-            found = os.stat(path)
-            return found.st_ino, found.st_size, found.st_mtime_ns
-    return ()
 
 
 def _same(one: Path, other: Path) -> bool:

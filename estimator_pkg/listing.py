@@ -138,22 +138,21 @@ class Item:
 
 def catalogue() -> dict[str, list[Item]]:
     """Return all items by kind; an item that cannot be imported has the error as its summary."""
-    families = _records(registry.STREAMS)
-    simulators = _records(registry.SIMULATORS)
+    streams, simulators = _records(registry.STREAMS), _records(registry.SIMULATORS)
     return {
-        'observers': _entries(registry.OBSERVERS, 'gains'),
-        'settings of each joint': _settings(families, 'PER_JOINT'),
-        'settings of each source': _settings(families, 'PER_SOURCE', live=False),
+        'observers': _items(_records(registry.OBSERVERS), 'gains'),
+        'settings of each joint': _settings(streams, 'PER_JOINT'),
+        'settings of each source': _settings(streams, 'PER_SOURCE', live=False),
         'nodes': [
             Item(name, f'({stream})')
             if isinstance(stream, UserError)
             else _declared(stream.NODE, stream.SETTINGS)
-            for name, stream in families.items()
+            for name, stream in streams.items()
         ],
-        'models': _entries(registry.MODELS, 'parameters'),
-        'simulators': _entries(registry.SIMULATORS, 'parameters', live=False),
+        'models': _items(_records(registry.MODELS), 'parameters'),
+        'simulators': _items(simulators, 'parameters', live=False),
         'settings of each simulator': _settings(simulators, 'SETTINGS', live=False),
-        'commands': _entries(registry.COMMANDS, ''),
+        'commands': _items(_records(registry.COMMANDS), ''),
     }
 
 
@@ -168,35 +167,23 @@ def _records(group: str) -> dict[str, Any]:
     return found
 
 
-def _entries(group: str, declaring: str, live: bool = True) -> list[Item]:
-    """Return the entry points of a group; `declaring` is the attribute with the dataclass."""
+def _items(records: Mapping[str, Any], declaring: str, live: bool = True) -> list[Item]:
+    """Return the items of a group; `declaring` is the attribute with the dataclass."""
     items = []
-    for name, record in _records(group).items():
-        if isinstance(record, UserError):
-            items.append(Item(name, f'({record})'))
-            continue
-        cls = getattr(record, declaring, None) if declaring else None
-        items.append(
-            Item(
-                name,
-                getattr(record, 'summary', ''),
-                getattr(record, 'reference', ''),
-                tuple(declared(cls).values()) if cls is not None else (),
-                live,
-                why_plain(record) if isinstance(record, observers.Observer) else '',
-            )
-        )
+    for name, record in records.items():
+        summary = getattr(record, 'summary', f'({record})')
+        cls = getattr(record, declaring, None)
+        parameters = tuple(declared(cls).values()) if cls is not None else ()
+        plain = why_plain(record) if isinstance(record, observers.Observer) else ''
+        reference = getattr(record, 'reference', '')
+        items.append(Item(name, summary, reference, parameters, live, plain))
     return items
 
 
 def _settings(records: Mapping[str, Any], attribute: str, live: bool = True) -> list[Item]:
     """Return the classes of settings that these objects name, each once."""
-    classes = dict.fromkeys(
-        getattr(record, attribute)
-        for record in records.values()
-        if hasattr(record, attribute)  # an error has none
-    )
-    return [_declared(settings_name(cls), cls, live) for cls in classes]
+    named = (getattr(record, attribute, None) for record in records.values())
+    return [_declared(settings_name(cls), cls, live) for cls in dict.fromkeys(named) if cls]
 
 
 def settings_name(cls: type) -> str:
@@ -207,9 +194,8 @@ def settings_name(cls: type) -> str:
 def _declared(name: str, cls: type, live: bool = True) -> Item:
     """Return the parameters of a class of settings, summarised by its docstring's first line."""
     summary = (cls.__doc__ or '').strip().partition('\n')[0].rstrip('.')
-    return Item(
-        name, summary[:1].lower() + summary[1:], parameters=tuple(declared(cls).values()), live=live
-    )
+    parameters = tuple(declared(cls).values())
+    return Item(name, summary[:1].lower() + summary[1:], parameters=parameters, live=live)
 
 
 def default_text(parameter: Parameter) -> str:
@@ -220,12 +206,10 @@ def default_text(parameter: Parameter) -> str:
     if value is None:
         return 'required'
     if isinstance(value, bool):
-        return 'true' if value else 'false'
+        return str(value).lower()
     if isinstance(value, float):
         return f'{value:g}'
-    if isinstance(value, (tuple, list)):
-        return '[' + ', '.join(map(str, value)) + ']'
-    return str(value)
+    return f'[{", ".join(map(str, value))}]' if isinstance(value, (tuple, list)) else str(value)
 
 
 def _with_unit(parameter: Parameter) -> str:
@@ -263,15 +247,6 @@ def line(item: Item, width: int) -> str:
     return lead + textwrap.shorten(text, width - len(lead), placeholder=' ...')
 
 
-def brief(item: Item, width: int) -> str:
-    """Return the item in lines of `width` columns: its name, what it is, how many parameters."""
-    count = len(item.parameters)
-    more = f' ({count} parameter{"s" * (count > 1)})' if count else ''
-    lead = f'  {item.name:<17} '
-    first, *rest = _wrapped(item.summary + more, width, len(lead), 20) or ['']
-    return '\n'.join([lead + first[len(lead) :], *rest])
-
-
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument(
@@ -302,7 +277,7 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     if values and not named:
         raise UsageError('--set needs an observer: name it')
     gains = meanings(parsed.name, values, parsed.rate) if named else {}
-    _print(kinds, line if parsed.name is None else describe if named else brief)
+    _print(kinds, describe if named else line)
     if not named:
         print("'list NAME' describes one with each parameter, 'list observers' a kind")
     if gains:
@@ -327,8 +302,6 @@ def _print(kinds: dict[str, list[Item]], show: Callable[[Item, int], str]) -> No
     for kind, items in kinds.items():
         print(kind.upper())
         print(separator.join(show(item, width) for item in items) or '  none')
-        if show is not line:
-            print()
 
 
 COMMAND = Command(

@@ -91,21 +91,15 @@ def install(*requirements: str) -> str:
     environment that includes the system's packages, such as ROS.
     """
     words = ' '.join(map(shlex.quote, requirements))
-    if not externally_managed():
+    stdlib = Path(sysconfig.get_path('stdlib', sysconfig.get_default_scheme()))
+    own = sys.prefix != sys.base_prefix  # a virtual environment
+    if own or not (stdlib / 'EXTERNALLY-MANAGED').is_file():
         return f'{shlex.quote(sys.executable)} -m pip install {words}'
     return (
         f'{shlex.quote(sys.executable)} -m venv --system-site-packages {PLACE} && '
         f'{PLACE}/bin/pip install {words} (the system manages this Python); then run '
         f'{PLACE}/bin/python -m estimator_pkg.cli instead of {PACKAGE}'
     )
-
-
-def externally_managed() -> bool:
-    """Return True if pip refuses to install into this Python (PEP 668)."""
-    if sys.prefix != sys.base_prefix:
-        return False  # a virtual environment
-    stdlib = sysconfig.get_path('stdlib', sysconfig.get_default_scheme())
-    return (Path(stdlib) / 'EXTERNALLY-MANAGED').is_file()
 
 
 def _ranges() -> dict[str, str]:

@@ -10,25 +10,14 @@ from __future__ import annotations
 
 from typing import Any, TextIO
 
-LONGEST = 10_000  # characters of a line in a log, on a terminal or on a page
-
 
 def printable(text: object) -> str:
     r"""Return `text` in one line that a person can read: unprintable characters become escapes.
 
     These are control characters, line ends, direction marks, invisible characters and lone
-    surrogates: U+202E becomes ``\u202e``. Of a text of more than `LONGEST` characters the middle
-    is left out.
+    surrogates: U+202E becomes ``\u202e``.
     """
-    line = _escaped(str(text))
-    left_out = len(line) - LONGEST
-    if left_out <= 0:
-        return line
-    half = LONGEST // 2
-    return f'{line[:half]} ... ({left_out} characters) ... {line[-half:]}'
-
-
-def _escaped(line: str) -> str:
+    line = str(text)
     if line.isprintable():
         return line
     return ''.join(
@@ -73,7 +62,7 @@ class PrintableStream:
         """Write `text`; all unprintable characters but line ends and tabs become escapes."""
         if not text.isprintable():
             text = '\n'.join(
-                '\t'.join(map(_escaped, line.split('\t'))) for line in text.split('\n')
+                '\t'.join(map(printable, line.split('\t'))) for line in text.split('\n')
             )
         try:
             self.terminal.write(text)

@@ -85,17 +85,6 @@ class Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _constructor(tag: str, made: Callable[[str], Any]) -> Callable[[Any, Any], Any]:
-    def construct(loader: Any, node: Any) -> Any:
-        if not isinstance(node, yaml.ScalarNode) or _tag(node.value) != tag:
-            raise yaml.constructor.ConstructorError(
-                None, None, f'{node.value!r} is not a {tag[len(_TAG) :]}', node.start_mark
-            )
-        return made(node.value)
-
-    return construct
-
-
 def _whole(text: str) -> int:
     digits = text.lstrip('+-')
     base = 16 if digits[:2] in ('0x', '0X') else 8 if digits[0] == '0' else 10
@@ -106,8 +95,13 @@ def _number(text: str) -> float:
     return float(text.lower().replace('.inf', 'inf').replace('.nan', 'nan'))
 
 
-for _name, _made in (('bool', TRUE.__contains__), ('int', _whole), ('float', _number)):
-    Loader.add_constructor(_TAG + _name, _constructor(_TAG + _name, _made))
+def _construct(loader: type[Loader], tag: str, made: Callable[[str], Any]) -> None:
+    loader.add_constructor(f'{_TAG}{tag}', lambda _, node: made(node.value))
+
+
+_construct(Loader, 'bool', TRUE.__contains__)
+_construct(Loader, 'int', _whole)
+_construct(Loader, 'float', _number)
 
 
 def read(text: str) -> Any:
@@ -142,7 +136,7 @@ def _word(text: str) -> bool | Word:
     return text in TRUE if text.lower() in ('true', 'false') else Word(text)
 
 
-_Unquoted.add_constructor(f'{_TAG}bool', _constructor(f'{_TAG}bool', _word))
+_construct(_Unquoted, 'bool', _word)
 
 
 class _Dumper(yaml.SafeDumper):

@@ -152,33 +152,6 @@ def test_an_empty_name_is_a_usage_error(words, tmp_path, monkeypatch, capsys):
     assert 'is empty: give a name\n' in said and said.count('\n') == 1
 
 
-def test_a_result_may_stand_in_the_folder_of_its_bag(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(['simulate', 'encoder', '--duration', '0.5', '--out', 'B']) == 0
-    for said in ('', 'replaced: B/result.json\n'):
-        capsys.readouterr()
-        assert main(['evaluate', 'B', *SHORT, '--json', 'B/result.json']) == 0
-        out = capsys.readouterr().out
-        assert out.endswith(said) and ('replaced' in out) == bool(said)
-
-
-@pytest.mark.long
-def test_an_output_that_existed_is_reported(tmp_path, capsys):
-    page, gains, result = (str(tmp_path / name) for name in ('page', 'gains', 'result'))
-    good = str(BAG.with_name('sine_12bit'))
-    words = ['doctor', good, '--html', page, '--out', gains, '--json']
-    for last, before in (('-', []), (result, [gains, page]), (result, [gains, page, result])):
-        assert main([*words, last]) == 0
-        said = capsys.readouterr()
-        shown = said.err if last == '-' else said.out
-        lines = [f'replaced: {", ".join(before)}'] if before else []
-        assert [line for line in shown.splitlines() if 'replaced:' in line] == lines
-    assert main(['doctor', str(BAG), *words[2:], result]) == 1  # a check FAILs: no parameter file
-    assert f'replaced: {page}, {result}\n' in capsys.readouterr().out
-    assert main([*words[:3], str(tmp_path), '--out', gains]) == 1  # nothing is written
-    assert 'replaced' not in capsys.readouterr().out
-
-
 @pytest.mark.long
 def test_a_closed_stderr_stops_no_command(tmp_path):
     bag = BAG.parent / 'sine_12bit'
