@@ -72,13 +72,8 @@ class Screen:
             self.console.file.flush()
 
 
-def table(joints: Mapping[str, Joint], lines: int | None = None) -> Group:
-    """Return the joints as a table of 80 columns, and why those that do not track do not.
-
-    Parameters
-    ----------
-    lines : largest number of joints that are shown; None: all.
-    """
+def table(joints: Mapping[str, Joint]) -> Group:
+    """Return the joints as a table of 80 columns, and why those that do not track do not."""
     from rich.console import Group
     from rich.table import Table
     from rich.text import Text
@@ -86,21 +81,19 @@ def table(joints: Mapping[str, Joint], lines: int | None = None) -> Group:
     grid = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
     for header, width, side in COLUMNS:
         grid.add_column(header, width=width, justify=side, no_wrap=True)  # type: ignore[arg-type]
-    shown = list(joints.items())[:lines]
-    for name, joint in shown:
+    for name, joint in joints.items():
         cells = (
             printable(name),
             _signed(joint.position),
             _signed(joint.velocity),
             f'{joint.interval:.3g}',
             joint.state,
-            f'{joint.rate:{".4g" if joint.rate < 1e3 else ".0f" if joint.rate < 1e6 else ".0e"}}',
+            f'{joint.rate:.4g}',
             str(joint.dropped) if joint.dropped < 1e7 else f'{joint.dropped:.1e}',
         )
         grid.add_row(*(Text('-' if cell in ('nan', 'inf') else cell) for cell in cells))
-    more = [f'and {len(joints) - len(shown)} more joints'] if len(joints) > len(shown) else []
-    why = [f'{name}: {joint.state}: {joint.why}' for name, joint in shown if joint.why]
-    return Group(grid, *(Text(printable(line)) for line in (*more, *why)))
+    why = [f'{name}: {joint.state}: {joint.why}' for name, joint in joints.items() if joint.why]
+    return Group(grid, *(Text(printable(line)) for line in why))
 
 
 def _signed(value: float) -> str:
@@ -110,17 +103,11 @@ def _signed(value: float) -> str:
     return f'{value:+.4f}' if abs(value) < 1e4 else f'{value:+.3e}'
 
 
-def picture(watching: Watching, seconds: float, height: int | None = None) -> Group:
-    """Return the whole display of an observer.
-
-    Parameters
-    ----------
-    seconds : time since the start. height : lines of the terminal; None: any number.
-    """
+def picture(watching: Watching, seconds: float) -> Group:
+    """Return the whole display of an observer, `seconds` after the start."""
     from rich.console import Group
     from rich.text import Text
 
-    room = None if height is None else max(1, (height - 6) // 2)
     name = printable(watching.name)[: WIDTH - 40]
     lines = []
     if watching.faults not in ('', 'ok'):
@@ -129,8 +116,8 @@ def picture(watching: Watching, seconds: float, height: int | None = None) -> Gr
         lines.append(f'no message for {watching.silence:.0f} s')
     return Group(
         Text(f'{name}  {seconds:.1f} s, {watching.messages_hz:.0f} estimates/s'),
-        table(watching.joints, room) if watching.joints else Text('no joint yet'),
-        *(Text(printable(line)) for line in (*lines, *([''] if height is None else []))),
+        table(watching.joints) if watching.joints else Text('no joint yet'),
+        *(Text(printable(line)) for line in lines),
     )
 
 
@@ -184,8 +171,7 @@ def _follow(here: Live, watching: Watching, duration: float) -> None:
                 continue
             frame = now
             present = watching.look()
-            height = screen.console.height if screen.moves else None
-            screen.show(picture(watching, now - begun, height))
+            screen.show(picture(watching, now - begun))
             if not present:
                 raise UserError(
                     f'{watching.name} has gone from the graph: it ended, or lost its network'
