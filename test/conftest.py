@@ -148,7 +148,7 @@ def scope(file: str) -> str:
     folder, _, name = file.rpartition('/')
     if folder != 'test/nodes':
         return 'dds'
-    return 'dds of nodes, first half' if name < 'test_p' else 'dds of nodes, second half'
+    return 'dds of nodes, first half' if name < 'test_l' else 'dds of nodes, second half'
 
 
 def pytest_collection_modifyitems(items):

@@ -11,13 +11,8 @@ import pytest
 
 from estimator_pkg import registry, streams
 from estimator_pkg.bags.series import of_positions
-from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.compare.truth import from_smoother
-from estimator_pkg.evaluation.entries import Entry
-from estimator_pkg.evaluation.options import Options
 from estimator_pkg.evaluation.report.findings import look, of_joint, sentences
 from estimator_pkg.sensor.guard import WHY_DROPPED
-from estimator_pkg.streams.contract import HEADER, stamp_remedy
 
 EVERY = registry.names(registry.OBSERVERS)
 DECLARED = {name: set(streams.parameters(name)) for name in EVERY}
@@ -71,15 +66,3 @@ def test_findings_fit_the_observer(observer):
     assert named(text) <= allowed
     assert ('bandwidth_hz' in named(text)) == ('bandwidth_hz' in allowed)
     assert ('prefer' in named(text)) == ('prefer' in allowed)
-
-
-@pytest.mark.parametrize('observer', EVERY)
-def test_only_who_has_a_source_of_stamps_is_told_to_set_it(observer):
-    settings = streams.of_observer(observer).SETTINGS
-    remedy = stamp_remedy(getattr(settings, 'stamp_source', ''))
-    assert ('stamp_source' in remedy) == ('stamp_source' in DECLARED[observer])
-    assert 'stamp_source' in stamp_remedy(HEADER)
-    unstamped = of_positions(np.zeros(9, np.int64), np.zeros(9))
-    with pytest.raises(UserError, match='without a stamp') as raised:
-        from_smoother('bag', {'j': unstamped}, Options(observers=(Entry(observer, observer),)))
-    assert ('stamp_source' in str(raised.value)) == ('stamp_source' in DECLARED[observer])

@@ -64,15 +64,6 @@ def test_no_choice_of_a_command_is_one_either():
     assert seen
 
 
-WORDS = 'y N off TRUE ~ null 1 017 0x1F 1_000 1:30 190:20:30.15 1e3 .5 .inf nan inf 2026-01-01 -1'
-
-
-@pytest.mark.parametrize('word', ['', *WORDS.split()])
-def test_words_that_need_quotes_are_known(word):
-    assert not yaml_text.is_text(word)
-    assert any(pattern.fullmatch(word) for pattern in YAML_1_1)
-
-
 def test_a_choice_that_comes_as_a_boolean_shows_the_quoting():
     with pytest.raises(UsageError) as caught:
         build(Gains, {'gate': False})

@@ -11,7 +11,7 @@ import pytest
 from declaring import declaring
 
 from docs.tools import parameters as pages
-from estimator_pkg import listing, observers, parameters, registry
+from estimator_pkg import listing, parameters, registry
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
 from estimator_pkg.parameters import declared
@@ -117,12 +117,6 @@ def test_a_stream_of_another_package_brings_its_node_and_its_settings(capsys, mo
     assert '  rails = 2, [1, 4]' in listed(capsys, 'gantry')
 
 
-def test_the_settings_of_every_simulator_node_are_listed_once(capsys):
-    out = listed(capsys, 'run')
-    assert out.count('run: random seed and duration of a run') == 1
-    assert '  seed = 1, [0, ' in out and 'at start only' not in out
-
-
 def test_gains_of_observers_of_mechanisms_are_explained(capsys, tmp_path):
     """K, poles, dt K against L, noise figure, slowest pole, guaranteed rate: what is worked out."""
     out = listed(capsys, 'geso')
@@ -198,11 +192,3 @@ def test_a_page_begins_with_what_users_set_first():
         names = {name.rpartition('.')[2] for name in set_first}
         assert names <= set(rows(made[f'{node}.md'])), node
         assert made[f'{node}.md'].index(next(iter(about))) < made[f'{node}.md'].index('\n## ')
-
-
-def test_parameters_that_few_need_come_last_in_a_table():
-    gains = declared(observers.find('hybrid_angle').gains)
-    _, _, section = pages.pages()['joint_observer.md'].partition('## Observer hybrid_angle\n')
-    names = rows(section.partition('\n## ')[0])
-    assert sorted(names) == sorted(gains)
-    assert names == sorted(names, key=lambda name: gains[name].advanced)

@@ -200,18 +200,6 @@ def colcon(source, folder, *words, **variables):
     )
 
 
-@pytest.mark.slow
-def test_colcon_links_the_sources_and_an_edit_is_seen(source, tmp_path):
-    copy = copied(source, tmp_path / 'source')
-    colcon(copy, tmp_path, 'build', '--symlink-install')
-    assert engine_of(copy).startswith('<PyDLL')
-    with (copy / 'estimator_pkg' / 'circle.py').open('a') as file:
-        file.write('# edited\n')
-    assert engine_of(copy).startswith('None _engine.so was made from other sources')
-    colcon(copy, tmp_path, 'build', '--symlink-install')
-    assert engine_of(copy).startswith('<PyDLL')
-
-
 @pytest.mark.long
 def test_colcon_knows_it_as_an_ament_python_package(source, tmp_path):
     listed = colcon(source, tmp_path, 'list')

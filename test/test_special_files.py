@@ -10,10 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from docs.examples import drive_csv
 from estimator_pkg import cli
-from estimator_pkg.driver import identified
-from estimator_pkg.errors import UserError
 
 BAG = Path(__file__).parents[1] / 'bags' / 'simulated' / 'random_with_faults'
 REFUSED = 'is a pipe, socket or device: name a file'
@@ -55,11 +52,3 @@ def test_within_the_folder_of_a_bag_nothing_waits_for_it(special, capsys):
     os.rename(Path(folder, special), Path(folder, 'metadata.yaml'))
     assert cli.main(['replay', str(folder)]) == 1
     assert REFUSED in capsys.readouterr().err
-
-
-@pytest.mark.timeout(60)
-def test_a_file_of_learnt_parameters_and_a_csv_are_refused(special):
-    with pytest.raises(UserError, match=REFUSED):
-        identified.load(str(special))
-    with pytest.raises(OSError, match=REFUSED):
-        drive_csv.columns(special, ['t'])

@@ -85,15 +85,12 @@ PATHS = [
 ]
 
 
-@pytest.mark.parametrize('text', CURVES)
-def test_a_curve_of_plotjuggler_is_a_number_in_a_topic(text):
-    topic, parts = plotjuggler_path(text)
-    assert ends_in_a_number(CONTRACT[topic], parts)
-
-
-@pytest.mark.parametrize('text', PATHS)
-def test_a_path_of_foxglove_is_a_number_in_a_topic(text):
-    topic, parts = foxglove_path(text)
+@pytest.mark.parametrize(
+    'read, text',
+    [(plotjuggler_path, text) for text in CURVES] + [(foxglove_path, text) for text in PATHS],
+)
+def test_a_curve_is_a_number_in_a_topic(read, text):
+    topic, parts = read(text)
     assert ends_in_a_number(CONTRACT[topic], parts)
 
 

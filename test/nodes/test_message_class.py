@@ -47,8 +47,7 @@ def imported(folder):
     return [str(path) for path in folder.rglob('imported')]
 
 
-@pytest.mark.parametrize('way', ['', os.pathsep])
-def test_a_type_name_imports_nothing_of_the_current_folder(hostile, way):
+def test_a_type_name_imports_nothing_of_the_current_folder(hostile):
     script = (
         'import sys\nfrom estimator_pkg.ros.message_class import message_class\n'
         'print([message_class(name) for name in sys.argv[1:]])'
@@ -58,7 +57,7 @@ def test_a_type_name_imports_nothing_of_the_current_folder(hostile, way):
         cwd=hostile,
         text=True,
         # as without our conftest: the current folder comes first
-        env={**os.environ, 'PYTHONPATH': way, 'PYTHONSAFEPATH': ''},
+        env={**os.environ, 'PYTHONPATH': os.pathsep, 'PYTHONSAFEPATH': ''},
         capture_output=True,
         timeout=60,
         check=True,

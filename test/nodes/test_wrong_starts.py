@@ -160,10 +160,6 @@ def test_a_refused_start_is_reported_and_ends_also_if_dds_hangs(module, given):
 FILES = {  # what a parameter file says of joint_observer -> what the executable prints
     'joints: [y]': 'not [True]: y, n, yes, no, on and off are booleans in YAML; write texts in '
     "quotes, joints: ['y']",
-    'joints: [1, 2]': "joints: ['1', '2']",
-    'joints: y': "joints: ['y']",
-    'stamp_source: no': "write texts in quotes, stamp_source: 'header'",
-    'angle_joint: on': "angle_joint: 'y'",
     'joints: [x, y, z]': "Sequence should be of same type. Value type 'bool' do not belong at "
     "line_num 3; write texts in quotes, as in ['x', 'y']",
     'joints:': 'No value at line 3',

@@ -20,15 +20,13 @@ import time
 from contextlib import suppress
 from typing import Any
 
-import numpy as np
 import rclpy
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.executors import ExternalShutdownException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
-from estimator_pkg.messages import drive_samples, vector3
+from estimator_pkg.messages import vector3
 from estimator_pkg.messages.joint_state import Encoder
 
 JOINTS = ('shoulder', 'elbow')  # the node does not know them before the first message
@@ -83,12 +81,10 @@ def relay(node: Any, topic: str) -> None:
     spinning.join()
 
 
-BATCH = 50  # samples of a drive in one message
 TURNS = 50.0  # of that drive, electrical [1/s]
 FLOODS = {
     'joints': {'joint_states': JointState},
     'estimates': {'estimate': JointState},
-    'batches': {'drive_samples': Float64MultiArray},
     'vectors': {'current': Vector3Stamped, 'voltage': Vector3Stamped},
 }
 
@@ -110,14 +106,7 @@ def made(kind: str, joints: int, rate: float) -> Any:
             vector3.encode(stamp_ns, '', 0.6 * cosine, -0.6 * sine),
         )
 
-    def of_batches(k: int, stamp_ns: int) -> tuple[bytes, ...]:
-        passed = np.arange(BATCH) / (BATCH * rate)
-        angle = 2.0 * np.pi * TURNS * (k / rate + passed)
-        sine, cosine = np.sin(angle), np.cos(angle)
-        values = np.column_stack([5.0 * sine, 5.0 * cosine, 0.6 * cosine, -0.6 * sine])
-        return (drive_samples.encode(stamp_ns + np.round(1e9 * passed).astype(np.int64), values),)
-
-    return {'batches': of_batches, 'vectors': of_drive}.get(kind, of_joints)
+    return of_drive if kind == 'vectors' else of_joints
 
 
 def flood(node: Any, kind: str, rate: float, joints: int) -> None:
