@@ -150,8 +150,6 @@ class ObserverNode(Node):
             f'on {self._endpoints.outputs[0].topic_name} '
             f'({self._ros.changed()})'
         )
-        for name, hint in self._ros.of_others().items():
-            self.get_logger().warning(f"unknown parameter '{name}': {hint}")
 
     # Messages
 

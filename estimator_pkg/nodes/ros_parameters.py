@@ -163,18 +163,8 @@ class RosParameters:
                 wrong[name] = self._hint(name)
         return wrong
 
-    def of_others(self) -> dict[str, str]:
-        """Return, once, the initial parameters that are gains of other observers, with a hint."""
-        found = {name: hint for name, hint in self.unknown().items() if self._instead(name)}
-        for name in found:
-            del self._initial[name]
-        return found
-
-    def _instead(self, name: str) -> str:
-        return self.instead(override(name)[1] if self._overridable else name)
-
     def _hint(self, name: str) -> str:
-        hint = self._instead(name)
+        hint = self.instead(override(name)[1] if self._overridable else name)
         if hint:
             return hint
         joint, parameter = override(name)

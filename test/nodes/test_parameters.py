@@ -47,30 +47,6 @@ EVERY = {**NODES, **SIMULATORS}
 JOINT_OBSERVER, _ = NODES['joint_observer']
 TYPES = {float: 'DOUBLE', int: 'INTEGER', bool: 'BOOL', str: 'STRING'}
 TYPES |= {tuple: 'STRING_ARRAY', list: 'DOUBLE_ARRAY'}
-CHOSEN = {  # values other than the defaults, for a start of each node
-    'joint_observer': {
-        'observer': 'hybrid_angle',
-        'joints': ['a', 'b.c'],
-        'noise': 0.002,
-        'order': 2,
-        'per_joint.a.bandwidth_hz': 20,
-        'per_joint.a.noise': 0.0,
-        'per_joint.a.order': 3,
-        'per_joint.b.c.gap_max': 0.3,
-        'qos_overrides./joint_observer/estimate.publisher.durability': 'transient_local',
-    },
-    'mechanical_observer': {
-        'mechanisms': ['arm', 'lab'],
-        'observer': 'hgo',
-        'noise': [0.002],
-        'per_joint.arm.joints': ['elbow'],
-        'per_joint.lab.model': 'cart_pendulum',
-        'per_joint.lab.noise': [math.nan],
-        'per_joint.lab.model_parameters': ['gravity=-1'],
-        'per_joint.lab.bandwidth_hz': 12,
-    },
-    'pmsm_observer': {**MOTOR, 'initial_flux': 0, 'k_eta': -1, 'emf_min': 0.2},
-}
 
 
 def must(known):
@@ -380,45 +356,6 @@ def test_descriptors_have_ranges_with_the_automatic_value(classes, per_joint, pr
                 assert not result.successful
                 if not parameter.structural:  # in our words
                     assert f"'{name}'" in result.reason
-
-
-@pytest.mark.parametrize('name', CHOSEN)
-def test_a_dump_gives_the_same_node(name, probe, tmp_path, capfd):
-    stream, given = STREAMS[name], CHOSEN[name]
-    file, dump = tmp_path / 'given.yaml', tmp_path / 'dump.yaml'
-    file.write_text(yaml.dump({name: {'ros__parameters': given}}))
-    nodes = []
-    for source in (file, dump):
-        with in_context(source) as where:
-            node = ObserverNode(stream, **where)
-            values = values_of(node)
-            nodes.append((values, settings_of(node.stream)))
-            assert None not in values.values()
-            dump.write_text(dumped(f'/{name}', values))
-            node.destroy_node()
-    (first, settings), (second, settings_again) = nodes
-    assert first.keys() == second.keys()
-    assert all(alike(first[key], second[key]) for key in first)
-    assert settings == settings_again
-    assert bool(settings[1]) == stream.OVERRIDES
-    for key, value in given.items():
-        assert first[key] == value or alike(first[key], value), key
-    said = capfd.readouterr().err
-    starts = re.findall(r' estimates .*/estimate \(not the defaults: (.*)\)', said)
-    of_file, of_dump = (set(each.split(', ')) for each in starts)
-    assert {key for key in given if 'qos' in key} <= of_file == of_dump <= set(given)
-
-
-def settings_of(stream):
-    """What a stream really has: its settings, and gains and settings of joints and overrides."""
-    bank, overrides = stream.bank, {}
-    if stream.OVERRIDES:
-        overrides = {
-            joint: bank.configuration.for_joint(joint) for joint in bank.configuration.overrides
-        }
-    made = {name: (joint.gains, joint.settings) for name, joint in bank.joints.items()}
-    assert overrides or made
-    return stream.settings, overrides, made
 
 
 def test_a_misspelt_group_is_named_with_the_right_one(probe, tmp_path):
