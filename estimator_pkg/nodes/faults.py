@@ -94,7 +94,7 @@ FAULTS = (
     ),
     Fault(
         'missing',
-        'a joint of the parameters that the messages do not carry',
+        'a joint that the messages do not carry',
         '{topic} does not carry {names}',
         "{meant}correct 'joints' or 'per_joint' (it carries {carried})",
     ),
@@ -224,7 +224,7 @@ FAULTS = (
     ),
     Fault(
         'failed',
-        'an observer, or the model of a user, that raises an error',
+        'an observer or model that raises an error',
         'the observer failed on a message of {topic}, and all {kept}s are reset',
         event=True,
     ),
@@ -239,7 +239,7 @@ FAULTS = (
     ),
     Fault(
         'nothing',
-        'no estimate for another reason, such as wrong motor data',
+        'no estimate for another reason',
         'no estimate for {passed:.0f} s, though messages come on {topic}',
     ),
 )

@@ -15,8 +15,7 @@ from pathlib import Path
 import pytest
 
 if __name__ == '__main__':
-    TEST = Path(__file__).parents[1]
-    sys.path[:0] = [str(TEST / 'support')]
+    sys.path[:0] = [str(Path(__file__).parents[1] / 'support')]
 
 import dds  # noqa: F401  the domain of these tests
 import numpy as np

@@ -141,6 +141,7 @@ def test_a_lost_batch_is_a_gap_whatever_the_rate():
         assert motor.estimate()[3] == TRACKING
 
 
+@pytest.mark.long
 @given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 50), st.integers(0, 50)), max_size=30))
 def test_whatever_order_batches_come_in_every_row_is_counted(twenty, pieces):
     motor = joint()
