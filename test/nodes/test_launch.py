@@ -245,17 +245,3 @@ def test_every_launch_file_is_executed(run, prefix, probe, tmp_path):
         probe.node.destroy_subscription(subscription)
     assert not awaited, process.output
     assert 'process has died' not in process.output
-
-
-def test_wheels_take_the_gyro_of_the_argument_else_that_of_the_file(prefix, probe, tmp_path):
-    file, wheels = tmp_path / 'base.yaml', 'wheel_odometry.launch.py'
-    values = {**BASE, 'gyro_topic': 'of_file'}
-    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
-    common = (wheels, f'params_file:={file}', 'namespace:=base')
-    launched = [(*common, 'name:=one', 'imu:=imu/data', 'odometry:=odom'), (*common, 'name:=other')]
-    with launching(prefix, tmp_path, launched) as process:
-        process.prints('from /base/joint_states and /base/imu/data on /base/one/estimate')
-        process.prints('from /base/joint_states and /base/of_file on /base/other/estimate')
-        for topic in ('/base/odom', '/base/other/odometry'):
-            probe.until(lambda topic=topic: probe.node.count_publishers(topic))
-            assert probe.node.count_publishers(topic) == 1

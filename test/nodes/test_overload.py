@@ -14,7 +14,7 @@ from pathlib import Path
 import dds
 import pytest
 from own_node import OwnNode
-from stream_starts import Role
+from stream_roles import Role
 
 from estimator_pkg.nodes import health
 from estimator_pkg.streams.adaptive import AdaptiveStream

@@ -1,19 +1,18 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The processes next to a node: a publisher and a relay at the start of a stream, and a flood.
+"""The process of a publisher that floods a node.
 
-python test/support/stream_roles.py publish TOPIC
-python test/support/stream_roles.py relay TOPIC
 python test/support/stream_roles.py flood KIND RATE JOINTS
 
-Publisher and relay go on when they read a line, and all end when they have read another one.
+It ends when it has read a line.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import subprocess
 import sys
 import threading
 import time
@@ -22,63 +21,55 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import Vector3Stamped
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from estimator_pkg.messages import vector3
 from estimator_pkg.messages.joint_state import Encoder
 
-JOINTS = ('shoulder', 'elbow')  # the node does not know them before the first message
-PERIOD_NS = 1_000_000
-MESSAGES = 400
-
 
 def best_effort(depth: int) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def stamp_of(raw: bytes) -> int:
-    """The stamp of a message [ns]."""
-    return int.from_bytes(raw[4:8], 'little') * 1_000_000_000 + int.from_bytes(raw[8:12], 'little')
+class Role:
+    """A process of this file."""
 
+    def __init__(self, name: str, *words: str) -> None:
+        self._child = subprocess.Popen(
+            [*(sys.executable, __file__, name), *words],
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        self.said: list[Any] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
 
-def publish(node: Any, topic: str) -> None:
-    """Make a publisher; publish when it has matched two subscriptions; print the first stamp."""
-    sys.stdin.readline()
-    publisher = node.create_publisher(JointState, topic, best_effort(50))
-    encode = Encoder().encode
-    while publisher.get_subscription_count() < 2:
-        time.sleep(1e-3)
-    due, begun_ns = time.perf_counter(), time.time_ns()
-    for k in range(MESSAGES):
-        publisher.publish(encode(begun_ns + k * PERIOD_NS, 'base', JOINTS, (1e-3 * k, -1e-3 * k)))
-        # Where the machine was busy the stream is late from then on: it makes up for nothing.
-        due = max(due + 1e-9 * PERIOD_NS, time.perf_counter() + 0.5e-9 * PERIOD_NS)
-        time.sleep(max(0.0, due - time.perf_counter()))
-    print(json.dumps({'published': begun_ns}), flush=True)
-    sys.stdin.readline()
+    def _read(self) -> None:
+        assert self._child.stdout is not None
+        for line in self._child.stdout:
+            with suppress(ValueError):  # DDS prints there, too
+                self.said.append(json.loads(line))
 
+    def go_on(self) -> None:
+        assert self._child.stdin is not None
+        self._child.stdin.write('\n')
+        self._child.stdin.flush()
 
-def relay(node: Any, topic: str) -> None:
-    """Note what comes; print the stamps."""
-    came: list[int] = []
-    node.create_subscription(
-        JointState, topic, lambda raw: came.append(stamp_of(raw)), best_effort(5000), raw=True
-    )
+    def __enter__(self) -> Role:
+        return self
 
-    def spin() -> None:
-        with suppress(ExternalShutdownException):
-            rclpy.spin(node)
-
-    spinning = threading.Thread(target=spin)
-    spinning.start()
-    print('"there"', flush=True)
-    sys.stdin.readline()
-    print(json.dumps({'relayed': came}), flush=True)
-    sys.stdin.readline()
-    rclpy.shutdown()
-    spinning.join()
+    def __exit__(self, *error: Any) -> None:
+        assert self._child.stdin is not None and self._child.stdout is not None
+        self._child.stdin.close()
+        try:
+            self._child.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+        self._reader.join()
+        self._child.stdout.close()
 
 
 TURNS = 50.0  # of that drive, electrical [1/s]
@@ -131,12 +122,9 @@ def flood(node: Any, kind: str, rate: float, joints: int) -> None:
 
 if __name__ == '__main__':
     rclpy.init()
-    role, *words = sys.argv[1:]
-    here = rclpy.create_node(f'starting_{role}')
-    if role == 'flood':
-        flood(here, words[0], float(words[1]), int(words[2]))
-    else:
-        {'publish': publish, 'relay': relay}[role](here, words[0])
+    _, what, often, count = sys.argv[1:]
+    here = rclpy.create_node('starting_flood')
+    flood(here, what, float(often), int(count))
     # Like every node it leaves ROS: after a process that was killed, its peers lose what they send
     # to the next one for a second or two (Fast DDS's shared memory).
     here.destroy_node()
