@@ -7,8 +7,8 @@ rclpy's EventsExecutor has the lowest cost per message, but it queues one event 
 bound, and services and timers wait behind them. With a stream that is faster than its callback this
 queue, and the response time of a service, grow without end: most events then find no message,
 because the subscription's own queue (KEEP_LAST) keeps only the newest. So the age of the queue is
-measured. While it is too old `TurnsExecutor`, which has no such queue, does the work. It costs
-about 25 us more per message if messages arrive one by one, and less if several wait.
+measured. When it is too old `TurnsExecutor`, which has no such queue, takes over. It costs about
+25 us more per message if messages arrive one by one, and less if several wait.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_default_context
-from rclpy.waitable import Waitable
 
 try:
     from rclpy.experimental import EventsExecutor
@@ -39,28 +38,20 @@ except ImportError:  # an rclpy without it: SteadyExecutor does without, too
 
 TURN = 0.01  # time for the messages of one subscription before everything else may run [s]
 ASK_EVERY = 0.05  # time between two measurements of the queue's age [s]
-OLDEST = 0.1  # allowed age of the queue [s]
+OLDEST = 0.2  # allowed age of the queue [s]: longer than what a start takes
 AT_LEAST = 20  # smallest number of callbacks in that time, or it was spent in callbacks: else the
 # process had no CPU time
-CALM = 1.0  # time without a full turn after which EventsExecutor is used again [s]
-LONGEST_CALM = 60.0  # the same after repeated failures [s]
 
 
 class TurnsExecutor(SingleThreadedExecutor):
     """Takes waiting messages for a limited time, then lets everything else run.
 
     Callbacks run in the thread that calls `spin` or `spin_once`.
-
-    Attributes
-    ----------
-    busy : time when more messages waited than one turn could take, by `monotonic` [s].
     """
 
     def __init__(self, *, context: Any = None) -> None:
         super().__init__(context=context)
-        self.busy = 0.0
         self._changed = True  # nodes or their entities have changed
-        self._looks = False
         self._entities: dict[str, list[Any]] = {}
         self._takes: dict[int, Subscription] = {}  # by pointer, as the wait set returns them
         self._wait_set: Any = None
@@ -82,11 +73,7 @@ class TurnsExecutor(SingleThreadedExecutor):
 
     def can_execute(self, entity: Any) -> bool:
         """Return True if rclpy's executor handles `entity`; messages are taken here instead."""
-        return (
-            not _taken_here(entity)
-            and not (self._looks and isinstance(entity, Waitable))
-            and super().can_execute(entity)
-        )
+        return not _taken_here(entity) and super().can_execute(entity)
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait until something is ready; then run a turn of messages, and everything else."""
@@ -99,17 +86,6 @@ class TurnsExecutor(SingleThreadedExecutor):
             self._take(subscription)
         if others:
             self._run_others()
-
-    def look_at(self, nodes: list[Node]) -> None:
-        """Run everything that is ready in nodes of EventsExecutor, once.
-
-        Waitables are excluded: each has its place in a wait set of that executor.
-        """
-        self._nodes, self._changed, self._looks = set(nodes), True, True
-        try:
-            self.spin_once(0.0)
-        finally:
-            self._nodes, self._changed, self._looks = set(), True, False
 
     def _wait(self, timeout_sec: float | None) -> tuple[list[Subscription], bool]:
         """Return (the subscriptions with messages, True if anything else may be ready)."""
@@ -161,8 +137,7 @@ class TurnsExecutor(SingleThreadedExecutor):
         callback = subscription.callback
         alone = subscription._callback_type is Subscription.CallbackType.MessageOnly
         receive = (lambda message, _: callback(message)) if alone else callback
-        if not take_turn(subscription, receive):
-            self.busy = monotonic()
+        take_turn(subscription, receive)
 
     def _run_others(self) -> None:
         """Run everything that is ready except messages, once."""
@@ -177,7 +152,7 @@ class TurnsExecutor(SingleThreadedExecutor):
 
 
 class SteadyExecutor:
-    """Uses EventsExecutor while it keeps up, otherwise `TurnsExecutor`.
+    """Uses EventsExecutor until it does not keep up, then `TurnsExecutor`.
 
     Callbacks run in the thread that calls `spin` or `spin_once`.
     """
@@ -187,15 +162,12 @@ class SteadyExecutor:
         self._nodes: list[Node] = []
         self._turns = TurnsExecutor(context=context)
         self._events: Any = None
-        self._calm = CALM
-        self._since = 0.0  # start time of the present EventsExecutor
+        if EventsExecutor is not None:
+            self._events = EventsExecutor(context=context)
         self._asked = 0.0  # when an event was queued to measure its waiting time; 0: it has run
         self._ask_at = 0.0
         self._ran = 0  # callbacks since then
         self._worked = 0.0  # CPU time of this thread at that time [s]
-        self._look = False  # check for messages that arrived while nodes were added
-        if EventsExecutor is not None:
-            self._queue_events()
 
     @property
     def context(self) -> Any:
@@ -204,7 +176,7 @@ class SteadyExecutor:
 
     @property
     def in_turns(self) -> bool:
-        """True while EventsExecutor cannot keep up."""
+        """True since EventsExecutor did not keep up."""
         return self._events is None
 
     def add_node(self, node: Node) -> bool:
@@ -212,7 +184,6 @@ class SteadyExecutor:
         if node in self._nodes:
             return False
         self._nodes.append(node)
-        self._look = True
         return (self._events or self._turns).add_node(node)
 
     def remove_node(self, node: Node) -> None:
@@ -242,8 +213,6 @@ class SteadyExecutor:
         """Wait until something is ready, and run it."""
         if self._events is None:
             self._turns.spin_once(timeout_sec)
-            if EventsExecutor is not None and monotonic() - self._turns.busy > self._calm:
-                self._queue_events()
             return
         now = monotonic()
         self._ran += 1
@@ -255,13 +224,8 @@ class SteadyExecutor:
             elif now - self._asked > OLDEST and (
                 self._ran >= AT_LEAST or thread_time() - self._worked > OLDEST
             ):
-                self._take_turns(now)
+                self._take_turns()
                 return
-        if self._look:
-            self._look = False
-            self._events.spin_once(timeout_sec=0.0)  # adds the nodes
-            self._turns.look_at(self._nodes)
-            return
         with suppress(InvalidHandle):  # an event of a subscription that was destroyed before it ran
             self._events.spin_once(timeout_sec=timeout_sec)
 
@@ -274,25 +238,12 @@ class SteadyExecutor:
     def _answer(self) -> None:
         self._asked = 0.0
 
-    def _take_turns(self, now: float) -> None:
+    def _take_turns(self) -> None:
         """Discard the queue of events: `TurnsExecutor` finds by itself what is ready."""
         for node in self._nodes:
             self._turns.add_node(node)  # this removes it from the other executor
         self._events.shutdown()
         self._events = None
-        self._turns.busy = now
-        again = now - self._since < 10.0 * self._calm
-        self._calm = min(2.0 * self._calm, LONGEST_CALM) if again else CALM
-
-    def _queue_events(self) -> None:
-        self._events, self._asked, self._since = (
-            EventsExecutor(context=self._context),
-            0.0,
-            monotonic(),
-        )
-        for node in self._nodes:
-            self._events.add_node(node)
-        self._look = True
 
 
 def _taken_here(entity: Any) -> bool:

@@ -275,7 +275,8 @@ def live(probe, kind, file, bag, types):
                         ),
                         lambda: time.sleep(1e-4),
                     )
-                    probe.executor.spin_once(timeout_sec=0.0)
+                    for _ in listeners:  # each may have an answer
+                        probe.executor.spin_once(timeout_sec=0.0)
             node._look_around()
             probe.spin(0.5)
         finally:
