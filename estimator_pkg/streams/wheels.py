@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Bank, Taken
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.wheels import OBSERVER, Geometry, WheelOdometry
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import odometry
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.wheels import OBSERVER, Geometry, WheelOdometry
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import Answering
 from estimator_pkg.streams.contract import (
@@ -44,6 +44,12 @@ ODOMETRY = Output('odometry', odometry.TYPE, on_demand=True)
 class WheelSettings(Geometry, StreamSettings):
     """Parameters of the node `wheel_odometry`, without those of its observer."""
 
+    wheels_left: tuple[str, ...] = structural(
+        ('wheel_left_joint',), description='names of the wheel joints on the left, one or two'
+    )
+    wheels_right: tuple[str, ...] = structural(
+        ('wheel_right_joint',), description='names of the wheel joints on the right, as many'
+    )
     gyro_topic: str = structural('', description='topic of a gyro on the base; automatic: no gyro')
     gyro_type: str = structural(
         'sensor_msgs/msg/Imu', description='type of its messages; any that is installed'
@@ -67,9 +73,23 @@ class WheelSettings(Geometry, StreamSettings):
         description='time of a message: its header stamp, or the time of publishing',
     )
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All wheels, left ones first."""
+        return (*self.wheels_left, *self.wheels_right)
+
     def find_observer(self) -> Observer:
         """Return the observer; raise UsageError for a base that is none."""
         self.check()
+        left, right = len(self.wheels_left), len(self.wheels_right)
+        if left != right or left > 2 or '' in self.names or len(set(self.names)) < len(self.names):
+            raise UsageError(
+                f"'wheels_left' has {left} names and 'wheels_right' {right} of the joints "
+                f'{", ".join(map(repr, self.names))}: set one or two for each side, as many on '
+                'both, each another joint'
+            )
+        if self.gyro_ratio == 0.0:
+            raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
         return OBSERVER
 
 
@@ -85,20 +105,16 @@ class WheelStream(Stream):
     def __init__(self, settings: WheelSettings, configuration: Configuration) -> None:
         inputs = [Port('joint_states', JOINT_STATE)]
         if settings.gyro_topic:
-            if settings.gyro_ratio == 0.0:
-                raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
-            inputs.append(
-                Port(
-                    settings.gyro_topic, settings.gyro_type, False, True, field=settings.gyro_field
-                )
-            )
+            topic, kind, field = settings.gyro_topic, settings.gyro_type, settings.gyro_field
+            inputs.append(Port(topic, kind, answered=False, optional=True, field=field))
         bank = Bank(configuration, settings.names)
         super().__init__(settings, OBSERVER, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
         of_wheel = configuration.for_joint(settings.wheels_left[0])[1]
-        ratio = settings.gyro_ratio if settings.gyro_topic else 0.0
-        self.base = WheelOdometry(settings, ratio, of_wheel.wrap_period, of_wheel.timeout)
+        gyro = bool(settings.gyro_topic)
+        self.base = WheelOdometry(settings, gyro, of_wheel.wrap_period, of_wheel.timeout)
         self._sample = JointStates(settings.stamp_source == PUBLISHER).sample
         self._answering = Answering(self)
+        self._wheels: dict[str, tuple[int, NDArray[np.float64]]] = {}  # that are new, by name
         self._field: Field
 
     def read_field(self, field: Field, port: int = 0) -> None:
@@ -109,24 +125,31 @@ class WheelStream(Stream):
 
     def take(self, port: int, raw: bytes, publish_ns: int) -> Iterable[Answer]:
         """See `Stream`."""
+        by_publisher = self.settings.stamp_source == PUBLISHER
         if port:
             stamp_ns, _, value = self._field.decode(raw)
             if value is not None and self.base.gyro is not None:
-                by_publisher = stamp_ns is None or self.settings.stamp_source == PUBLISHER
-                self.base.gyro.receive(publish_ns if by_publisher else stamp_ns or 0, value)
+                at_ns = publish_ns if stamp_ns is None or by_publisher else stamp_ns
+                self.base.gyro.receive(at_ns, self.settings.gyro_ratio * value)
             return ()
         stamp_ns, frame_id, names, positions, efforts = self._sample(raw, publish_ns)
         taken = self.bank.update(stamp_ns, names, positions, efforts)
-        answer = self._answering(stamp_ns, frame_id, taken)
-        return chain((answer,), self._of_base(stamp_ns, taken))
+        return chain((self._answering(stamp_ns, frame_id, taken),), self._of_base(stamp_ns, taken))
 
     def _of_base(self, stamp_ns: int, taken: Taken | None) -> Iterator[Answer]:
-        """Move the base and give its odometry, after the estimates of its wheels have left."""
-        joints = None if taken is None else self._joints(taken)
-        if joints is not None:
-            self.base.update(stamp_ns, joints)
-            if self.wanted[2]:
-                yield {2: self._odometry(stamp_ns)}
+        """Move the base once all wheels are new, after the estimates of this message have left."""
+        if taken is None:
+            return
+        valid = {k: each for k, each in enumerate(taken.estimates) if each and each[3] in VALID}
+        for (k, each), sigmas in zip(valid.items(), taken.stddevs([*valid])):
+            self._wheels[taken.names[k]] = stamp_ns, np.nan_to_num((*each[:3], *sigmas))
+        if len(self._wheels) < len(self.settings.names):
+            return
+        wheels = [self._wheels.pop(name) for name in self.settings.names]
+        newest_ns = max(at_ns for at_ns, _ in wheels)
+        self.base.update(newest_ns, np.array([_at(newest_ns, *each) for each in wheels]))
+        if self.wanted[2]:
+            yield {2: self._odometry(newest_ns)}
 
     def _odometry(self, stamp_ns: int) -> bytes:
         base, settings = self.base, self.settings
@@ -141,22 +164,12 @@ class WheelStream(Stream):
             ((speed, 0.0, across), (0.0, speed, 0.0), (across, 0.0, rate)),
         )
 
-    def _joints(self, taken: Taken) -> NDArray[np.float64] | None:
-        """Return the joints as `Base.update` takes them; None: one is not tracked yet."""
-        names, found = self.settings.names, np.zeros((len(self.settings.names), 5))
-        places = [taken.names.index(name) for name in names if name in taken.names]
-        shown = [taken.estimates[k] for k in places]
-        if len(places) < len(names) or any(each is None or each[3] not in VALID for each in shown):
-            return None
-        found[:, :3] = np.nan_to_num([each[:3] for each in shown if each is not None])
-        found[:, 3:] = taken.stddevs(places)
-        return found if np.isfinite(found).all() else None
-
     # Texts
 
     def reset(self) -> str:
-        """See `Stream`; the pose is zero again, and what was learnt of the gyro stays."""
+        """See `Stream`; the pose is zero again, and the gyro's bias is forgotten."""
         self.base.reset()
+        self._wheels.clear()
         return f'{super().reset()}; the pose is zero'
 
     def needed(self) -> set[str]:
@@ -165,7 +178,7 @@ class WheelStream(Stream):
 
     def about(self, name: str) -> Mapping[str, Any]:
         """See `Stream`."""
-        return {'slip': self.base.slips or 'none', 'base': self.base.text()}
+        return {'base': self.base.text()}
 
     def notices(self) -> list[str]:
         """See `Stream`."""
@@ -178,18 +191,13 @@ class WheelStream(Stream):
 
     def finish(self, path: str) -> list[str]:
         """See `Stream`."""
-        names = self.settings.names
-        missing = [name for name in names if name not in self.bank.joints]
-        if missing:
-            raise UserError(
-                f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}': name the wheels "
-                "in 'wheels_left' and 'wheels_right'"
-            )
-        if self.base.twist is not None:
-            return []
-        return [
-            f'{path}: no message has an estimate of all of {", ".join(names)}: publish them at once'
-        ]
+        for name in self.settings.names:
+            if name not in self.bank.joints:
+                raise UserError(
+                    f"topic '{self.topics[0]}' of {path} has no joint '{name}': name the wheels "
+                    "in 'wheels_left' and 'wheels_right'"
+                )
+        return []
 
     @classmethod
     def requested(
@@ -202,3 +210,18 @@ class WheelStream(Stream):
                 "--set 'wheels_left=[...]'"
             )
         return values
+
+
+def _at(stamp_ns: int, at_ns: int, wheel: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return position, velocity, acceleration and standard deviations at a later time."""
+    age = (stamp_ns - at_ns) * 1e-9
+    position, velocity, acceleration, of_position, of_velocity = wheel
+    return np.array(
+        (
+            position + velocity * age,
+            velocity + acceleration * age,
+            acceleration,
+            np.hypot(of_position, of_velocity * age),
+            np.hypot(of_velocity, acceleration * age),
+        )
+    )
