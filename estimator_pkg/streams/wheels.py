@@ -65,7 +65,7 @@ class WheelSettings(Geometry, StreamSettings):
     frame_id: str = structural('odom', description='frame of the pose in ~/odometry')
     child_frame_id: str = structural(
         'base_link',
-        description='frame of the twist: its origin is midway between the (rear) wheels',
+        description='frame of the twist: its origin is midway between the wheels',
     )
     stamp_source: str = structural(
         'header',
@@ -142,7 +142,8 @@ class WheelStream(Stream):
             return
         valid = {k: each for k, each in enumerate(taken.estimates) if each and each[3] in VALID}
         for (k, each), sigmas in zip(valid.items(), taken.stddevs([*valid])):
-            self._wheels[taken.names[k]] = stamp_ns, np.nan_to_num((*each[:3], *sigmas))
+            if np.isfinite(sigmas).all():
+                self._wheels[taken.names[k]] = stamp_ns, np.nan_to_num((*each[:3], *sigmas))
         if len(self._wheels) < len(self.settings.names):
             return
         wheels = [self._wheels.pop(name) for name in self.settings.names]
