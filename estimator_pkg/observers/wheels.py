@@ -22,9 +22,8 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from estimator_pkg.errors import UsageError
 from estimator_pkg.observers.angle.edge import observer as edge_adaptive
 from estimator_pkg.parameters import structural
 from estimator_pkg.sensor.scatter import Scatter, begin_scatter, follow_scatter
@@ -39,9 +38,7 @@ STAMP_ERROR = 0.01  # of the gyro's stamps, and of the wheels' delay [s]
 GYRO_SILENT, GYRO_ABSENT = 0.5, 3.0  # times without a value, and without the first one [s]
 STUCK_VALUES = 25  # equal values of a gyro that contradicts the wheels
 STANDSTILL = 2.0  # the gyro turns for so long while the wheels stand [s]
-DEGREES = 180.0 / math.pi  # factor of a gyro in another unit
 UNIT_TIME, UNIT_TURNS = 2.0, 0.05  # time [s] and sum of squared turns [rad^2] that show it
-GYRO_QUEUE = 4096  # values of the gyro that wait for the wheels at most
 CONTRADICTION = 'wheels and gyro contradict: slip, gyro, or wheels_left/right'
 UNIT = 'it is in another unit'
 
@@ -88,19 +85,9 @@ class Geometry:
         'the root of the distance',
     )
 
-    def check(self) -> None:
-        """Raise UsageError for a base that is none."""
-        for name, example in (('radius', '[0.05]'), ('track', '0.3')):
-            if getattr(self, name) is None:
-                raise UsageError(f"parameter '{name}' is not set: set it [m], as in {example}")
-        if len(self.radius or ()) > 2:
-            raise UsageError(
-                f"'radius' has {len(self.radius or ())} numbers: set one, or left and right"
-            )
-
 
 X, Y, YAW, BIAS, LEFT, RIGHT, TRACK, SLIP, STATES = range(9)
-POSE, RADII, CONSTANT = slice(X, BIAS), slice(LEFT, TRACK), slice(LEFT, STATES)
+POSE, RADII = slice(X, BIAS), slice(LEFT, TRACK)
 
 
 def arc(distance: float, turn: float, yaw: float) -> tuple[Array, Array]:
@@ -145,7 +132,7 @@ class Path:
     def learn(self, h: Array, innovation: float, noise: float) -> None:
         """Correct pose and bias by a measurement h x; consider the rest (Schmidt 1966)."""
         gain = self.p @ h / (h @ self.p @ h + noise)
-        gain[CONSTANT] = 0.0
+        gain[LEFT:] = 0.0
         keep = np.eye(STATES) - np.outer(gain, h)
         self.x += gain * innovation
         self.p = keep @ self.p @ keep.T + noise * np.outer(gain, gain)
@@ -167,7 +154,7 @@ class Gyro:
     """
 
     def __init__(self) -> None:
-        self._queue, self._scatter = deque[tuple[int, float]](maxlen=GYRO_QUEUE), Scatter()
+        self._queue, self._scatter = deque[tuple[int, float]](maxlen=4096), Scatter()
         self.stamp_ns = self.equal = 0
         self._value = self._angle = self._at = self._spacing = 0.0
 
@@ -213,9 +200,8 @@ class WheelOdometry:
     ----------
     gyro : None: there is none. rejected : why it is not used; '': it is used.
     pose, covariance : x [m], y [m], yaw [rad], shapes (3,), (3, 3).
-    twist, twist_covariance : x [m/s], yaw [rad/s], shapes (2,), (2, 2); twist is None at the start.
-    doubt : wheels and gyro contradict each other. doubts : number of times.
-    notices : new texts for the user.
+    twist, twist_covariance : x [m/s], yaw [rad/s], shapes (2,), (2, 2).
+    doubt : wheels and gyro contradict each other. doubts : number of times. notices : new texts.
     """
 
     def __init__(self, geometry: Geometry, gyro: bool, period: float, outage: float) -> None:
@@ -224,8 +210,8 @@ class WheelOdometry:
         self._track = geometry.track or math.nan
         self._radii = np.ones(2) * (geometry.radius or math.nan)
         self._to_base = np.array([[0.5, 0.5], np.array([-1.0, 1.0]) / self._track])  # (1)
-        radius, track = geometry.radius_stddev, geometry.track_stddev
-        self._stddevs = np.array([0.0, 0.0, 0.0, UNKNOWN_BIAS, radius, radius, track, 1.0])
+        radii, track = (geometry.radius_stddev,) * 2, geometry.track_stddev
+        self._stddevs = np.array([0.0, 0.0, 0.0, UNKNOWN_BIAS, *radii, track, 1.0])
         self.gyro = Gyro() if gyro else None
         self.notices, self.doubts = list[str](), 0
         self.reset()
@@ -234,22 +220,27 @@ class WheelOdometry:
         """Begin at pose zero; the bias of the gyro is forgotten."""
         self._by_wheels, self._by_gyro = Path(self._stddevs), Path(self._stddevs)
         self.pose, self.covariance = np.zeros(3), np.zeros((3, 3))
-        self.twist: Array | None = None
+        self.twist, self.twist_covariance = np.zeros(2), np.zeros((2, 2))
         self._joints: Array | None = None
         self._stamp_ns, self.doubt, self.rejected = 0, False, ''
         self._cusum, self._agreed_ns = np.zeros(2), 0  # of both signs; when it was zero
         self._known_ns, self._known = 0, UNKNOWN_BIAS**2  # last standstill; the bias's variance
-        self._standing, self._products = 0.0, np.zeros(4)
+        self._standing, self._products = 0.0, np.zeros(3)
         self._window = np.zeros(9)  # time, sides, turn by the gyro, its noise; rate and ends before
 
-    def update(self, stamp_ns: int, joints: Array) -> None:
-        """Take the joints of one message.
+    def update(self, stamp_ns: int, ages: ArrayLike, wheels: ArrayLike) -> None:
+        """Take the newest estimate of each wheel.
 
         Parameters
         ----------
-        joints : position [rad], velocity, acceleration, and standard deviations of position and
-            velocity of each wheel, left ones first, shape (n, 5).
+        stamp_ns : of the newest one. ages : before this stamp [s], shape (n,).
+        wheels : position [rad], velocity, acceleration (nan: unknown), and standard deviations of
+            position and velocity, left wheels first, shape (n, 5).
         """
+        joints, ages = np.nan_to_num(wheels), np.asarray(ages)
+        joints[:, 0] += joints[:, 1] * ages
+        joints[:, 1] += joints[:, 2] * ages
+        joints[:, 3:] = np.hypot(joints[:, 3:], joints[:, [4, 2]] * ages[:, None])
         if stamp_ns < self._stamp_ns:  # the clock was set back
             self._joints, self.gyro = None, self.gyro and Gyro()
             self._window[:] = 0.0
@@ -270,6 +261,10 @@ class WheelOdometry:
         self.pose, self.covariance = self._union()
         on = arc(0.0, 0.0, self.pose[YAW])[1]
         self.covariance += on @ ends @ on.T  # the newest positions: their errors do not add up
+
+    def _since(self, stamp_ns: int) -> float:
+        """Return the time since a stamp [s]."""
+        return (self._stamp_ns - stamp_ns) * 1e-9
 
     def _travelled(self, joints: Array, dt: float) -> tuple[Array, Array]:
         """Return what left and right wheels travel [m], and its variances by the ground."""
@@ -301,11 +296,11 @@ class WheelOdometry:
 
         Parameters
         ----------
-        sides : travelled by the wheels [m]. walk : covariance of distance and turn by the ground.
-        ends : by the newest positions. acceleration : of the yaw [rad/s^2].
+        sides : travelled by the wheels [m]. walk, ends : covariances of distance and turn by the
+        ground, and by the newest positions. acceleration : of the yaw [rad/s^2].
         """
         gyro.follow(self._stamp_ns, dt, acceleration)
-        silent = (self._stamp_ns - (gyro.stamp_ns or self._known_ns)) * 1e-9
+        silent = self._since(gyro.stamp_ns or self._known_ns)
         if silent > (GYRO_SILENT if gyro.stamp_ns else GYRO_ABSENT):
             self._reject(f"it is silent for {silent:.2g} s: check 'gyro_topic'")
         if silent > GYRO_SILENT or not gyro.stamp_ns:
@@ -313,7 +308,6 @@ class WheelOdometry:
             self._continue_by_wheels()
             return
         path, twist, covariance = self._by_gyro, self.twist, self.twist_covariance
-        assert twist is not None
         by_wheels, of_wheels = float(twist[1]), float(covariance[1, 1])
         apart = by_wheels - (gyro.rate - path.x[BIAS])
         if not self.rejected:
@@ -332,7 +326,7 @@ class WheelOdometry:
             else:
                 gain = of_wheels / (of_wheels + of_gyro)
                 twist[1] -= gain * apart
-                since = max((self._stamp_ns - self._agreed_ns) * 1e-9, WINDOW)
+                since = max(self._since(self._agreed_ns), WINDOW)
                 drift = (self._by_wheels.x[YAW] - path.x[YAW]) / since  # not yet detected
                 covariance[1, 1] = gain * of_gyro + drift**2
         self._window[:6] += dt, *sides, gyro.turn, walk[1, 1], gyro.noise
@@ -357,11 +351,11 @@ class WheelOdometry:
         h = -self._by_geometry(np.array(sides))[1]
         h[BIAS] = time
         path.p[BIAS, BIAS] += BIAS_WALK**2 * time
-        innovation = by_gyro - turn - time * path.x[BIAS]
+        innovation = by_gyro - turn - h @ path.x
         z = innovation / math.sqrt(h @ path.p @ h + noise)
         if still and z**2 > LEARNING_GATE and not self.rejected:
             # The bias has changed at an unknown time since the last standstill.
-            half = 0.5 * innovation / time * (self._stamp_ns - self._known_ns) * 1e-9
+            half = 0.5 * innovation / time * self._since(self._known_ns)
             path.x[YAW] -= half
             path.p[YAW, YAW] += half**2
             path.set_bias()
@@ -383,38 +377,32 @@ class WheelOdometry:
         self._decide(turn, by_gyro, time)
 
     def _decide(self, turn: float, by_gyro: float, time: float) -> None:
-        """Begin or end a contradiction, and the rejection of the gyro, after a window.
-
-        Parameters
-        ----------
-        turn, by_gyro : of the base by wheels and gyro [rad] in this time [s].
-        """
+        """Begin or end a contradiction or a rejection, after these turns [rad] in a time [s]."""
         path, highest = self._by_gyro, self._cusum.max()
         if self.rejected:
             if highest == 0.0 and not self.rejected.startswith(UNIT):
                 self.rejected = ''
                 self._continue_by_wheels()
         elif highest == 0.0:
-            path.x[POSE], path.p[POSE, POSE] = self._union()
+            if self.doubt:
+                path.x[POSE], path.p[POSE, POSE] = self._union()
             self._by_wheels = deepcopy(path)
             self.doubt, self._agreed_ns = False, self._stamp_ns
         elif highest >= CUSUM_ALARM and not self.doubt:
-            self.doubt, self.doubts, self._products = True, self.doubts + 1, np.zeros(4)
-            path.set_bias(path.x[BIAS], self._known)  # what the wheels taught is in doubt, too
+            self.doubt, self.doubts, self._products = True, self.doubts + 1, np.zeros(3)
+            known = self._known + BIAS_WALK**2 * self._since(self._known_ns)
+            path.set_bias(path.x[BIAS], known)  # what moving wheels taught is in doubt, too
             self.notices.append(
                 f'{CONTRADICTION} (the wheels turn the base at {turn / time:.3g} rad/s, the gyro '
                 f'at {by_gyro / time:.3g})'
             )
         if self.doubt:
-            self._products += turn**2, turn * by_gyro, by_gyro**2, time
-            of_wheels, product, of_gyro, seconds = self._products
-            if (
-                seconds > UNIT_TIME
-                and of_wheels > UNIT_TURNS
-                and product**2 > 0.9 * of_wheels * of_gyro
-            ):
+            self._products += turn**2, turn * by_gyro, by_gyro**2
+            of_wheels, product, of_gyro = self._products
+            alike = product**2 > 0.9 * of_wheels * of_gyro
+            if alike and of_wheels > UNIT_TURNS and self._since(self._agreed_ns) > UNIT_TIME:
                 ratio = product / of_wheels
-                if abs(abs(math.log(abs(ratio))) - math.log(DEGREES)) < 0.3:
+                if abs(abs(math.log(abs(ratio))) - math.log(math.degrees(1.0))) < 0.3:
                     self._reject(
                         f'{UNIT}: it shows {ratio:.3g} times the turns of the wheels: check '
                         "'gyro_ratio'"
@@ -446,16 +434,16 @@ class WheelOdometry:
 
     def text(self) -> str:
         """Return pose, contradictions and what is known of the gyro, for people."""
-        if self.twist is None:
+        if not self._stamp_ns:
             return 'no message has had all wheels yet'
         x, y, yaw = self.pose.tolist()
         found = f'x {x:.4g} m, y {y:.4g} m, yaw {yaw:.4g} rad'
         if self.gyro is None:
             return found
-        bias, sigma = self._by_gyro.x[BIAS], math.sqrt(self._by_gyro.p[BIAS, BIAS])
-        state = f'gyro used, bias {bias:.4g} +- {sigma:.1g} rad/s'
+        found += f'; contradictions {self.doubts}'
         if self.rejected:
-            state = f'the gyro is not used: {self.rejected}'
-        elif self.doubt:
-            state = f'now: {CONTRADICTION}'
-        return f'{found}; contradictions {self.doubts}; {state}'
+            return f'{found}; the gyro is not used: {self.rejected}'
+        if self.doubt:
+            return f'{found}; now: {CONTRADICTION}'
+        bias, sigma = self._by_gyro.x[BIAS], math.sqrt(self._by_gyro.p[BIAS, BIAS])
+        return f'{found}; gyro used, bias {bias:.4g} +- {sigma:.1g} rad/s'

@@ -5,13 +5,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from estimator_pkg.driver.bank import Bank, Taken
 from estimator_pkg.driver.configuration import Configuration
@@ -64,8 +62,7 @@ class WheelSettings(Geometry, StreamSettings):
     )
     frame_id: str = structural('odom', description='frame of the pose in ~/odometry')
     child_frame_id: str = structural(
-        'base_link',
-        description='frame of the twist: its origin is midway between the wheels',
+        'base_link', description='frame of the twist: its origin is midway between the wheels'
     )
     stamp_source: str = structural(
         'header',
@@ -80,7 +77,13 @@ class WheelSettings(Geometry, StreamSettings):
 
     def find_observer(self) -> Observer:
         """Return the observer; raise UsageError for a base that is none."""
-        self.check()
+        for name, example in (('radius', '[0.05]'), ('track', '0.3')):
+            if getattr(self, name) is None:
+                raise UsageError(f"parameter '{name}' is not set: set it [m], as in {example}")
+        if len(self.radius or ()) > 2:
+            raise UsageError(
+                f"'radius' has {len(self.radius or ())} numbers: set one, or left and right"
+            )
         left, right = len(self.wheels_left), len(self.wheels_right)
         if left != right or left > 2 or '' in self.names or len(set(self.names)) < len(self.names):
             raise UsageError(
@@ -114,7 +117,7 @@ class WheelStream(Stream):
         self.base = WheelOdometry(settings, gyro, of_wheel.wrap_period, of_wheel.timeout)
         self._sample = JointStates(settings.stamp_source == PUBLISHER).sample
         self._answering = Answering(self)
-        self._wheels: dict[str, tuple[int, NDArray[np.float64]]] = {}  # that are new, by name
+        self._wheels: dict[str, tuple[int, list[float]]] = {}  # that are new, by name
         self._field: Field
 
     def read_field(self, field: Field, port: int = 0) -> None:
@@ -142,19 +145,18 @@ class WheelStream(Stream):
             return
         valid = {k: each for k, each in enumerate(taken.estimates) if each and each[3] in VALID}
         for (k, each), sigmas in zip(valid.items(), taken.stddevs([*valid])):
-            if np.isfinite(sigmas).all():
-                self._wheels[taken.names[k]] = stamp_ns, np.nan_to_num((*each[:3], *sigmas))
+            if math.isfinite(sum(sigmas)):
+                self._wheels[taken.names[k]] = stamp_ns, [*each[:3], *sigmas]
         if len(self._wheels) < len(self.settings.names):
             return
-        wheels = [self._wheels.pop(name) for name in self.settings.names]
-        newest_ns = max(at_ns for at_ns, _ in wheels)
-        self.base.update(newest_ns, np.array([_at(newest_ns, *each) for each in wheels]))
+        stamps_ns, wheels = zip(*(self._wheels.pop(name) for name in self.settings.names))
+        stamp_ns = max(stamps_ns)
+        self.base.update(stamp_ns, [(stamp_ns - each) * 1e-9 for each in stamps_ns], wheels)
         if self.wanted[2]:
-            yield {2: self._odometry(newest_ns)}
+            yield {2: self._odometry(stamp_ns)}
 
     def _odometry(self, stamp_ns: int) -> bytes:
         base, settings = self.base, self.settings
-        assert base.twist is not None
         (speed, across), (_, rate) = base.twist_covariance.tolist()
         return odometry.encode(
             stamp_ns,
@@ -211,18 +213,3 @@ class WheelStream(Stream):
                 "--set 'wheels_left=[...]'"
             )
         return values
-
-
-def _at(stamp_ns: int, at_ns: int, wheel: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return position, velocity, acceleration and standard deviations at a later time."""
-    age = (stamp_ns - at_ns) * 1e-9
-    position, velocity, acceleration, of_position, of_velocity = wheel
-    return np.array(
-        (
-            position + velocity * age,
-            velocity + acceleration * age,
-            acceleration,
-            np.hypot(of_position, of_velocity * age),
-            np.hypot(of_velocity, acceleration * age),
-        )
-    )

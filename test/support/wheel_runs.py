@@ -91,12 +91,11 @@ def drive(
         taken = bank.update(stamp, WHEELS, reading)
         if all(each and each[3] in VALID for each in taken.estimates):
             rows.append(row)
-            found.append(
-                [(*each[:3], *pair) for each, pair in zip(taken.estimates, taken.stddevs((0, 1)))]
-            )
+            pairs = taken.stddevs((0, 1))
+            found.append([(*each[:3], *pair) for each, pair in zip(taken.estimates, pairs)])
     gyro = w[fine // 2 :: fine] + GYRO_BIAS + GYRO_NOISE * random.standard_normal(len(stamps))
     true = np.array([x, y, yaw, v, w]).T[::fine]
-    return Drive(stamps[rows], np.nan_to_num(found), true[rows], gyro[rows])
+    return Drive(stamps[rows], np.array(found), true[rows], gyro[rows])
 
 
 FAULTS = {  # (value, time since it is wrong) -> value
@@ -145,7 +144,7 @@ def run(of, fault='clean', start=0.0, gyro=True, **values):
     base, found = WheelOdometry(geometry, gyro, PERIOD, 0.5), []
     half = int(np.median(np.diff(of.stamps_ns)) / 2)
     for stamp, wheels, value in zip(of.stamps_ns.tolist(), of.wheels, of.gyro.tolist()):
-        base.update(stamp, wheels)
+        base.update(stamp, (0.0, 0.0), wheels)
         variances = np.diag(base.covariance), np.diag(base.twist_covariance)
         found.append(np.concatenate((base.pose, base.twist, *variances)))
         if gyro:
