@@ -162,7 +162,7 @@ setup(
             'adaptive = estimator_pkg.observers.adaptive.observer:OBSERVER',
             'switched = estimator_pkg.observers.switched.observer:OBSERVER',
             'edge_adaptive = estimator_pkg.observers.angle.edge.observer:OBSERVER',
-            'wheel_odometry = estimator_pkg.driver.wheels:OBSERVER',
+            'wheel_odometry = estimator_pkg.observers.wheels:OBSERVER',
         ],
         'velocity_estimator.streams': [
             'angle = estimator_pkg.streams.angle:AngleStream',

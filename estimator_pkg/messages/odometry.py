@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from estimator_pkg.messages.cdr import Writer
 
 TYPE = 'nav_msgs/msg/Odometry'
@@ -45,10 +47,7 @@ def encode(
 
 def _whole(covariance: Matrix) -> list[float]:
     """Return the 36 numbers of a covariance."""
-    found = [0.0] * 36
-    for k in (2, 3, 4):
-        found[7 * k] = UNMEASURED
-    for i, row in zip(PLANE, covariance):
-        for j, value in zip(PLANE, row):
-            found[6 * i + j] = value
-    return found
+    whole = np.diag([0.0, 0.0, UNMEASURED, UNMEASURED, UNMEASURED, 0.0])
+    whole[np.ix_(PLANE, PLANE)] = covariance
+    numbers: list[float] = whole.ravel().tolist()
+    return numbers

@@ -5,23 +5,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimator_pkg.driver.bank import Bank, Taken
 from estimator_pkg.driver.configuration import Configuration
-from estimator_pkg.driver.wheels import OBSERVER, Geometry, WheelOdometry
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.estimate import VALID
 from estimator_pkg.messages import odometry
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
 from estimator_pkg.observers.contract import Observer
+from estimator_pkg.observers.wheels import OBSERVER, Geometry, WheelOdometry
 from estimator_pkg.parameters import structural
 from estimator_pkg.streams.answer import Answering
 from estimator_pkg.streams.contract import (
@@ -44,6 +42,12 @@ ODOMETRY = Output('odometry', odometry.TYPE, on_demand=True)
 class WheelSettings(Geometry, StreamSettings):
     """Parameters of the node `wheel_odometry`, without those of its observer."""
 
+    wheels_left: tuple[str, ...] = structural(
+        ('wheel_left_joint',), description='names of the wheel joints on the left, one or two'
+    )
+    wheels_right: tuple[str, ...] = structural(
+        ('wheel_right_joint',), description='names of the wheel joints on the right, as many'
+    )
     gyro_topic: str = structural('', description='topic of a gyro on the base; automatic: no gyro')
     gyro_type: str = structural(
         'sensor_msgs/msg/Imu', description='type of its messages; any that is installed'
@@ -58,8 +62,7 @@ class WheelSettings(Geometry, StreamSettings):
     )
     frame_id: str = structural('odom', description='frame of the pose in ~/odometry')
     child_frame_id: str = structural(
-        'base_link',
-        description='frame of the twist: its origin is midway between the (rear) wheels',
+        'base_link', description='frame of the twist: its origin is midway between the wheels'
     )
     stamp_source: str = structural(
         'header',
@@ -67,9 +70,29 @@ class WheelSettings(Geometry, StreamSettings):
         description='time of a message: its header stamp, or the time of publishing',
     )
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All wheels, left ones first."""
+        return (*self.wheels_left, *self.wheels_right)
+
     def find_observer(self) -> Observer:
         """Return the observer; raise UsageError for a base that is none."""
-        self.check()
+        for name, example in (('radius', '[0.05]'), ('track', '0.3')):
+            if getattr(self, name) is None:
+                raise UsageError(f"parameter '{name}' is not set: set it [m], as in {example}")
+        if len(self.radius or ()) > 2:
+            raise UsageError(
+                f"'radius' has {len(self.radius or ())} numbers: set one, or left and right"
+            )
+        left, right = len(self.wheels_left), len(self.wheels_right)
+        if left != right or left > 2 or '' in self.names or len(set(self.names)) < len(self.names):
+            raise UsageError(
+                f"'wheels_left' has {left} names and 'wheels_right' {right} of the joints "
+                f'{", ".join(map(repr, self.names))}: set one or two for each side, as many on '
+                'both, each another joint'
+            )
+        if self.gyro_ratio == 0.0:
+            raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
         return OBSERVER
 
 
@@ -85,20 +108,16 @@ class WheelStream(Stream):
     def __init__(self, settings: WheelSettings, configuration: Configuration) -> None:
         inputs = [Port('joint_states', JOINT_STATE)]
         if settings.gyro_topic:
-            if settings.gyro_ratio == 0.0:
-                raise UsageError("'gyro_ratio' is 0: set 1.0, or another factor to rad/s")
-            inputs.append(
-                Port(
-                    settings.gyro_topic, settings.gyro_type, False, True, field=settings.gyro_field
-                )
-            )
+            topic, kind, field = settings.gyro_topic, settings.gyro_type, settings.gyro_field
+            inputs.append(Port(topic, kind, answered=False, optional=True, field=field))
         bank = Bank(configuration, settings.names)
         super().__init__(settings, OBSERVER, bank, inputs, (ESTIMATE, STDDEV, ODOMETRY))
         of_wheel = configuration.for_joint(settings.wheels_left[0])[1]
-        ratio = settings.gyro_ratio if settings.gyro_topic else 0.0
-        self.base = WheelOdometry(settings, ratio, of_wheel.wrap_period, of_wheel.timeout)
+        gyro = bool(settings.gyro_topic)
+        self.base = WheelOdometry(settings, gyro, of_wheel.wrap_period, of_wheel.timeout)
         self._sample = JointStates(settings.stamp_source == PUBLISHER).sample
         self._answering = Answering(self)
+        self._wheels: dict[str, tuple[int, list[float]]] = {}  # that are new, by name
         self._field: Field
 
     def read_field(self, field: Field, port: int = 0) -> None:
@@ -109,28 +128,35 @@ class WheelStream(Stream):
 
     def take(self, port: int, raw: bytes, publish_ns: int) -> Iterable[Answer]:
         """See `Stream`."""
+        by_publisher = self.settings.stamp_source == PUBLISHER
         if port:
             stamp_ns, _, value = self._field.decode(raw)
             if value is not None and self.base.gyro is not None:
-                by_publisher = stamp_ns is None or self.settings.stamp_source == PUBLISHER
-                self.base.gyro.receive(publish_ns if by_publisher else stamp_ns or 0, value)
+                at_ns = publish_ns if stamp_ns is None or by_publisher else stamp_ns
+                self.base.gyro.receive(at_ns, self.settings.gyro_ratio * value)
             return ()
         stamp_ns, frame_id, names, positions, efforts = self._sample(raw, publish_ns)
         taken = self.bank.update(stamp_ns, names, positions, efforts)
-        answer = self._answering(stamp_ns, frame_id, taken)
-        return chain((answer,), self._of_base(stamp_ns, taken))
+        return chain((self._answering(stamp_ns, frame_id, taken),), self._of_base(stamp_ns, taken))
 
     def _of_base(self, stamp_ns: int, taken: Taken | None) -> Iterator[Answer]:
-        """Move the base and give its odometry, after the estimates of its wheels have left."""
-        joints = None if taken is None else self._joints(taken)
-        if joints is not None:
-            self.base.update(stamp_ns, joints)
-            if self.wanted[2]:
-                yield {2: self._odometry(stamp_ns)}
+        """Move the base once all wheels are new, after the estimates of this message have left."""
+        if taken is None:
+            return
+        valid = {k: each for k, each in enumerate(taken.estimates) if each and each[3] in VALID}
+        for (k, each), sigmas in zip(valid.items(), taken.stddevs([*valid])):
+            if math.isfinite(sum(sigmas)):
+                self._wheels[taken.names[k]] = stamp_ns, [*each[:3], *sigmas]
+        if len(self._wheels) < len(self.settings.names):
+            return
+        stamps_ns, wheels = zip(*(self._wheels.pop(name) for name in self.settings.names))
+        stamp_ns = max(stamps_ns)
+        self.base.update(stamp_ns, [(stamp_ns - each) * 1e-9 for each in stamps_ns], wheels)
+        if self.wanted[2]:
+            yield {2: self._odometry(stamp_ns)}
 
     def _odometry(self, stamp_ns: int) -> bytes:
         base, settings = self.base, self.settings
-        assert base.twist is not None
         (speed, across), (_, rate) = base.twist_covariance.tolist()
         return odometry.encode(
             stamp_ns,
@@ -141,22 +167,12 @@ class WheelStream(Stream):
             ((speed, 0.0, across), (0.0, speed, 0.0), (across, 0.0, rate)),
         )
 
-    def _joints(self, taken: Taken) -> NDArray[np.float64] | None:
-        """Return the joints as `Base.update` takes them; None: one is not tracked yet."""
-        names, found = self.settings.names, np.zeros((len(self.settings.names), 5))
-        places = [taken.names.index(name) for name in names if name in taken.names]
-        shown = [taken.estimates[k] for k in places]
-        if len(places) < len(names) or any(each is None or each[3] not in VALID for each in shown):
-            return None
-        found[:, :3] = np.nan_to_num([each[:3] for each in shown if each is not None])
-        found[:, 3:] = taken.stddevs(places)
-        return found if np.isfinite(found).all() else None
-
     # Texts
 
     def reset(self) -> str:
-        """See `Stream`; the pose is zero again, and what was learnt of the gyro stays."""
+        """See `Stream`; the pose is zero again, and the gyro's bias is forgotten."""
         self.base.reset()
+        self._wheels.clear()
         return f'{super().reset()}; the pose is zero'
 
     def needed(self) -> set[str]:
@@ -165,7 +181,7 @@ class WheelStream(Stream):
 
     def about(self, name: str) -> Mapping[str, Any]:
         """See `Stream`."""
-        return {'slip': self.base.slips or 'none', 'base': self.base.text()}
+        return {'base': self.base.text()}
 
     def notices(self) -> list[str]:
         """See `Stream`."""
@@ -178,18 +194,13 @@ class WheelStream(Stream):
 
     def finish(self, path: str) -> list[str]:
         """See `Stream`."""
-        names = self.settings.names
-        missing = [name for name in names if name not in self.bank.joints]
-        if missing:
-            raise UserError(
-                f"topic '{self.topics[0]}' of {path} has no joint '{missing[0]}': name the wheels "
-                "in 'wheels_left' and 'wheels_right'"
-            )
-        if self.base.twist is not None:
-            return []
-        return [
-            f'{path}: no message has an estimate of all of {", ".join(names)}: publish them at once'
-        ]
+        for name in self.settings.names:
+            if name not in self.bank.joints:
+                raise UserError(
+                    f"topic '{self.topics[0]}' of {path} has no joint '{name}': name the wheels "
+                    "in 'wheels_left' and 'wheels_right'"
+                )
+        return []
 
     @classmethod
     def requested(

@@ -84,13 +84,13 @@ def test_evaluate_gives_the_rows_of_replay(bag, observer, words, tmp_path):
 
 
 def test_evaluate_wheels(tmp_path, capsys):
-    """The track is 4 % wrong, and a wheel slips once."""
-    words = settings('radius=[0.1]', 'track=0.5', 'gyro_topic=imu')
+    """A wheel slips once."""
+    words = settings('radius=[0.1]', 'track=0.52', 'gyro_topic=imu')
     bag = DRIVES / 'base_with_slip'
     rows = same_rows(tmp_path, bag, 'wheel_odometry', *words)
     assert {row['velocity']['rms'] < 0.06 for row in rows['joints'].values()} == {True}
     said = capsys.readouterr().out
-    assert '; slips 1; gyro used, bias 0.02' in said and 'effective track 0.51' in said
+    assert '; contradictions 1; now: wheels and gyro contradict' in said
 
 
 @pytest.mark.parametrize(
@@ -99,11 +99,6 @@ def test_evaluate_wheels(tmp_path, capsys):
         ('base_with_slip', ('track=0.5',), "'radius' is not set"),
         ('base_with_slip', ('radius=[0.1]', 'track=0.5', 'gyro_topic=gyro'), "'gyro' is not in"),
         ('sine_12bit', ('radius=[0.1]', 'track=0.5'), "has no joint 'wheel_left_joint'"),
-        (
-            'base_with_slip',
-            ('radius=[0.1]', 'track=0.5', 'steering=steer', 'wheelbase=1'),
-            "has no joint 'steer'",
-        ),
     ],
 )
 def test_a_base_that_is_not_in_the_bag_is_one_line(bag, words, said, tmp_path, capsys):

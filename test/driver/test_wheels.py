@@ -3,261 +3,206 @@
 
 """Odometry of simulated bases: its intervals, its pose, slip, and gyros that are wrong."""
 
-import math
 from statistics import NormalDist
 
 import numpy as np
 import pytest
 import wheel_runs as runs
 
-from estimator_pkg.driver.wheels import arc
+from estimator_pkg.bags.definitions import fields_of
 from estimator_pkg.errors import UsageError
+from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import Encoder
-from sim_pkg.mechanisms import base
+from estimator_pkg.observers.wheels import CONTRADICTION, arc
+from estimator_pkg.streams.wheels import WheelStream
+from sim_pkg.joints.second import imu
 
-GROUND = {'travel_noise': 0.003}
-EXACT = {'travel_noise': 0.0}
-GYRO = {'gyro_topic': 'imu'}
-SMALL = {'radius': 0.03, 'track': 0.2, 'turn': 1.5}
-SKID = {'base': 'skid', 'slip_factor': 1.5}
-ACKERMANN = {'base': 'ackermann'}
-ZERO = {'steering_stddev': 0.0}  # of the simulated steering
-
-
-def counts(number):
-    return {'counts_per_revolution': number}, {'quantum': 2.0 * np.pi / number}
-
-
-BASES = {  # the base, and the parameters of the node that differ from the defaults
-    'differential': ({}, {}),
-    'on noisy ground': (GROUND, GROUND),
-    'of 512 counts': counts(512),
-    'of 65536 counts': counts(65536),
-    'of noisy encoders': ({'noise': 0.002}, {}),
-    'at 50 Hz': ({'rate': 50.0}, {}),
-    'small': (SMALL, {'radius': [0.03], 'track': 0.2}),
-    'skid': (SKID, {'slip_factor': 1.5}),
-    'ackermann': ({**ACKERMANN, 'noise': 0.001}, ZERO),
-    'gyro': ({}, GYRO),
-    'gyro, on noisy ground': (GROUND, {**GYRO, **GROUND}),
-    'gyro of little noise': ({'gyro_noise': 0.001}, GYRO),
-    'gyro of much noise': ({'gyro_noise': 0.02}, GYRO),
-    'gyro that is late': ({'gyro_delay': 0.015}, GYRO),
-    'gyro, 512 counts': tuple({**a, **b} for a, b in zip(counts(512), ({}, GYRO))),
-    'gyro, track wrong by 5 %': ({'track': 0.525}, GYRO),
-    'gyro, radii that differ by 1 %': ({'radius_difference': 0.01}, GYRO),
-    'gyro, slip factor wrong': (SKID, {**GYRO, 'slip_factor': 1.4}),
-    'gyro, ackermann': (ACKERMANN, {**GYRO, **ZERO}),
+ALWAYS = {  # (fault, from when on [s]): profile, rate [Hz]; all profiles are in the slow tests
+    ('bias 0.05', 0): ('circle', 50),
+    ('bias 0.05', 20): ('slalom', 200),
+    ('bias 0.3', 0): ('slalom', 50),
+    ('bias 0.3', 20): ('spins', 50),
+    ('drift', 0): ('straight', 50),
+    ('drift', 20): ('stops', 50),
+    ('reversed', 0): ('circle', 50),
+    ('reversed', 20): ('stops', 50),
+    ('in deg/s', 0): ('slalom', 50),
+    ('in deg/s', 20): ('circle', 50),
+    ('swapped', 0): ('spins', 50),
+    ('swapped', 20): ('slalom', 50),
 }
 
 
-SIMILAR = {  # to another one, and slow
-    *('of 512 counts', 'of noisy encoders', 'small', 'gyro of little noise', 'gyro of much noise'),
-    *('gyro that is late', 'gyro, 512 counts', 'gyro, radii that differ by 1 %'),
-}
+def table():
+    """Return every fault, from the start and at 20 s of 60 s, on every profile."""
+    rows = []
+    for (fault, start), (usual, usual_rate) in ALWAYS.items():
+        for seed, profile in enumerate(runs.PROFILES):
+            rate, marks = (50, 100, 200, 500, 50)[seed], (pytest.mark.long, pytest.mark.slow)
+            if profile == usual:
+                rate, marks = usual_rate, pytest.mark.long
+            rows.append(pytest.param(fault, start, profile, rate, seed, marks=marks))
+    return rows
+
+
+@pytest.mark.parametrize(('fault', 'start', 'profile', 'rate', 'seed'), table())
+def test_a_contradiction_is_covered(fault, start, profile, rate, seed):
+    """The intervals contain the truth, whether wheels or gyro are wrong."""
+    swapped = start if fault == 'swapped' else None
+    result = runs.run(runs.drive(profile, rate, seed, swapped=swapped), fault, start)
+    yaw, _, yaw_rate = result.covered()
+    assert yaw >= 0.9 and yaw_rate >= 0.9
+    if fault == 'in deg/s' and profile in ('circle', 'slalom', 'spins'):
+        assert 'another unit' in result.base.rejected
+    elif profile != 'straight' and (fault, start) != ('bias 0.05', 0):
+        assert result.base.doubts or profile == 'stops'
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    'case',
-    [pytest.param(case, marks=pytest.mark.slow if case in SIMILAR else ()) for case in BASES],
-)
-def test_the_interval_of_the_yaw_rate_is_right(case):
-    plant, values = BASES[case]
-    result = runs.run(plant, 20.0, 1, runs.made(plant, **{**EXACT, **values}))
-    assert len(result.time) > 950
-    assert 0.9 < runs.covered(result) < 0.98
-    assert not result.notices
-
-
-def test_a_steering_joint_that_is_only_quantised_is_covered():
-    """The position's deviation contains that encoders round or truncate: the interval is wide."""
-    plant = ACKERMANN
-    assert runs.covered(runs.run(plant, 20.0, 1, runs.made(plant, **EXACT, **ZERO))) > 0.98
+@pytest.mark.parametrize(('profile', 'rms'), [('straight', 0.001), ('slalom', 0.003)])
+def test_a_clean_drive(profile, rms):
+    result = runs.run(runs.drive(profile, rate=100.0))
+    yaw, _, yaw_rate = result.covered()
+    assert result.rms() < rms
+    assert 0.95 <= yaw_rate <= 1.0 and 0.95 <= yaw <= 1.0
+    assert not result.base.notices and not result.base.doubts
+    assert f'bias {runs.GYRO_BIAS}' in result.base.text().replace('0.0199', '0.02')
 
 
 @pytest.mark.long
-def test_a_gyro_makes_it_better_and_is_learnt():
-    plant = {**GROUND, 'track': 0.525, 'gyro_delay': 0.01}
-    alone, both = (
-        runs.run(plant, 20.0, 1, runs.made(plant, **GROUND, **values)) for values in ({}, GYRO)
-    )
-    wrong = [np.abs(each.twist - each.true_twist)[300:, 2].mean() for each in (alone, both)]
-    assert wrong[1] < 0.3 * wrong[0]
-    text = both.stream.base.text()
-    known = [float(text.split(name)[1].split()[0]) for name in ('bias ', 'delay ', 'track ')]
-    assert known == pytest.approx([0.02, 0.01, 0.525], abs=0.015)
-    assert known[0] == pytest.approx(0.02, abs=0.003)
+@pytest.mark.parametrize('ground', [0.0, 0.003])
+def test_wheels_alone(ground):
+    drive = runs.drive('slalom', rate=100.0, seconds=20.0, ground=ground)
+    result = runs.run(drive, gyro=False, travel_noise=ground)
+    assert 0.9 < result.covered()[2] <= 1.0
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('gyro', [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('gyro', [False, True])
 def test_the_pose_is_in_its_covariance(gyro):
     """NEES of drives whose constants are spread as the parameters say: its mean would be 3."""
     found, spread = [], [NormalDist().inv_cdf((k + 0.5) / 12.0) for k in range(12)]
     for seed in range(12):
-        plant = {
-            **GROUND,
-            'turn_mean': 0.2 * (seed % 3 - 1),
-            'track': 0.5 * (1.0 + 0.02 * spread[seed]),
-            'radius_difference': math.sqrt(2.0) * 0.002 * spread[5 * seed % 12],
-        }
-        values = {**GROUND, 'track_stddev': 0.02, 'radius_stddev': 0.002}
-        values |= GYRO if gyro else {}
-        found.append(runs.nees(runs.run(plant, 15.0, seed, runs.made(**values))))
-    low, high = (0.7 if gyro else 1.8), 4.5  # chi-square of 36 over 12: 95 % in 1.8 to 4.5
-    assert low < np.mean(found) < high, found
+        places = seed, 5 * seed % 12, 7 * seed % 12
+        geometry = tuple(1 + a * spread[k] for a, k in zip((0.002, 0.002, 0.02), places))
+        profile = ('slalom', 'circle')[seed % 2]
+        drive = runs.drive(profile, seed=seed, seconds=15.0, ground=0.003, geometry=geometry)
+        found.append(runs.run(drive, gyro=gyro, radius_stddev=0.002, track_stddev=0.02).nees())
+    assert 0.7 < np.mean(found) < 4.5, found  # chi-square of 36 over 12: 95 % in 1.8 to 4.5
     assert max(found) < 17.0  # chi-square of 3: one in 1400
 
 
 @pytest.mark.long
+def test_slip_is_named_and_covered():
+    drive = runs.drive('slalom', rate=100.0, seconds=20.0, slip=0.5)
+    alone, both = (runs.run(drive, gyro=gyro) for gyro in (False, True))
+    worst = [np.abs(each.errors[300:, 4]).max() for each in (alone, both)]
+    assert worst[1] < 0.7 * worst[0]
+    assert both.base.doubts == 2 and both.covered().min() > 0.9
+    assert both.base.notices[0].startswith(f'{CONTRADICTION} (the wheels turn the base at ')
+    assert both.nees() < 17.0
+
+
 @pytest.mark.parametrize(
-    'plant',
-    [{}, pytest.param(SKID, marks=pytest.mark.slow), ACKERMANN],
-    ids=['differential', 'skid', 'ackermann'],
+    ('fault', 'profile', 'said'),
+    [
+        ('silent', 'slalom', 'it is silent for 0.5'),
+        ('stuck', 'slalom', 'it is stuck at 0.2'),
+        ('in deg/s', 'circle', 'it is in another unit: it shows'),
+        ('bias 0.3', 'stops', 'rad/s while the wheels stand'),
+    ],
 )
-def test_slip_is_named_and_covered(plant):
-    plant, steps = {**plant, 'slip': 0.5}, []
-    alone, both = (
-        runs.run(
-            plant, 20.0, 1, runs.made(plant, slip_factor=plant.get('slip_factor', 1.0), **each)
-        )
-        for each in ({}, GYRO)
-    )
-    steps = [np.abs(each.twist - each.true_twist)[300:, 2].max() for each in (alone, both)]
-    assert steps[1] < 0.25 * steps[0]
-    assert both.stream.base.slipped == 2 and runs.covered(both) > 0.9
-    (said,) = both.notices
-    assert said.startswith('slip: the wheels turn the base at ') and ', the gyro at ' in said
-    slipping = (both.time % 8.0 > 6.4) & (both.time % 8.0 < 6.6)  # in the middle of a slip
-    variances = both.twist_covariance[:, 0, 0]
-    assert variances[slipping].min() > 100.0 * np.median(variances)
-    assert runs.nees(both) < 17.0
-    if plant.get('base') == base.ACKERMANN:
-        assert alone.stream.base.slipped == 2 and runs.covered(alone) > 0.9
-        assert 'the steering at' in alone.notices[0]
-
-
-def test_wheels_of_a_side_that_differ_are_slip():
-    """The rear left wheel turns 10 % faster for a second."""
-    stream = runs.made({'base': 'skid'})
-    for row in range(500):
-        t, encoder = 0.01 * row, Encoder()
-        extra = 0.1 * 8.0 * min(max(t - 2.0, 0.0), 1.0)
-        angles = [8.0 * t, 8.0 * t + extra, 8.0 * t, 8.0 * t]
-        names = [name for side in runs.SKID.values() for name in side]
-        list(stream.feed(0, encoder.encode(runs.START + round(t * 1e9), '', names, angles), 0))
-        if row == 250:
-            assert 'wheels of one side differ by 0.08' in stream.about(names[0])['slip']
-            assert stream.base.twist_covariance[0, 0] > 0.01**2
-    assert stream.base.slips == '' and stream.base.slipped == 1
-
-
-class Wrong(base.Plant):
-    """A base that brakes from 9.9 s on, and stands from 10 to 15 s."""
-
-    def twist(self, t):
-        part = min(max((abs(t - 12.5) - 2.5) / 0.1, 0.0), 1.0)
-        return tuple(part * value for value in super().twist(t))
-
-
-WRONG = {
-    'silent': (lambda t, value: math.nan, 'silent'),
-    'stuck': (lambda t, value: 0.4, 'stuck at 0.4'),
-    'biased': (lambda t, value: value + 0.1, 'and the wheels stand'),
-}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('case', WRONG)
-def test_a_wrong_gyro_is_not_used_and_learnt_again(case, monkeypatch):
-    """It is wrong from 8 s on; the biased one is right with its new bias."""
-    value_of, said = WRONG[case]
-    stream, notices, errors = runs.made(**EXACT, **GYRO), [], []
-    monkeypatch.setattr(base, 'Plant', Wrong)
-    receive = stream.base.gyro.receive
-
-    def changed(stamp_ns, value):
-        t = (stamp_ns - runs.START) * 1e-9
-        receive(stamp_ns, value if t < 8.0 else value_of(t, value))
-
-    stream.base.gyro.receive = changed
-    result = runs.run({}, 25.0, 1, stream)
-    notices = [text for text in result.notices if not text.startswith('slip: ')]
-    assert notices[0].startswith('the gyro is not used: ') and len(notices) < 3
-    assert said in notices[0]
-    rows = result.time > 16.0
-    errors = np.abs(result.twist - result.true_twist)[rows, 2]
-    assert errors.mean() < 0.005
-    assert stream.base.used == (case == 'biased')
-
-
-def test_a_reversed_gyro_is_never_used_and_named():
-    result = runs.run({}, 15.0, 1, runs.made(**EXACT, **GYRO, gyro_ratio=-1.0))
-    assert result.notices[0].endswith('do not agree: check its sign') and len(result.notices) == 1
-    assert not result.stream.base.used
-    assert np.abs(result.twist - result.true_twist)[300:, 2].mean() < 0.01
-
-
-def test_a_clock_that_is_set_back_is_survived():
-    """A bag that loops: the pose goes on, and the gyro is used again."""
-    stream, ends = runs.made(**EXACT, **GYRO), []
-    for seconds in (8.0, 12.0):
-        result = runs.run({}, seconds, 1, stream)
-        ends.append(result.pose[-1] - result.true_pose[-1])
-        assert np.abs(result.twist - result.true_twist)[300:, 2].mean() < 0.01
-        assert stream.base.used
-    assert np.isfinite(ends[1]).all() and np.linalg.norm(ends[1][:2]) > 1.0
+def test_after_a_rejection_the_wheels_are_alone(fault, profile, said):
+    drive = runs.drive(profile, seconds=20.0)
+    alone, result = runs.run(drive, gyro=False), runs.run(drive, fault, 5.0)
+    assert said in result.base.notices[-1] and said in result.base.text()
+    assert np.abs(result.found[-1, 4] - alone.found[-1, 4]) < 1e-9
+    turned = result.found[-100:, 2] - result.found[-100, 2]
+    assert turned == pytest.approx(alone.found[-100:, 2] - alone.found[-100, 2], abs=1e-9)
+    assert np.abs(result.errors[-1, 2]) < 0.02
 
 
 def test_an_arc_and_its_derivatives():
-    whole, h = np.array([0.7, 0.3]), 1e-6
+    h = 1e-6
     for turn in (0.0, 1e-5, -2e-4, 0.3, -2.0):
         step, by = arc(0.7, turn, 0.4)
-        assert arc(0.7, turn, 0.4 + 0.5)[0][2] == turn
-        parts = np.linspace(0.4, 0.4 + turn, 20001)  # midpoints of the arc
+        parts = np.linspace(0.4, 0.4 + turn, 20001)
         middle = 0.5 * (parts[1:] + parts[:-1])
         whole = 0.7 * np.array([np.cos(middle).mean(), np.sin(middle).mean()])
-        assert step[:2] == pytest.approx(whole, abs=1e-8)
-        for k, (distance, angle) in enumerate(((0.7 + h, turn), (0.7, turn + h))):
-            assert by[:, k] == pytest.approx((arc(distance, angle, 0.4)[0] - step) / h, abs=1e-5)
+        assert step == pytest.approx([*whole, turn], abs=1e-8)
+        if abs(turn) < 0.01:
+            for k, (distance, angle) in enumerate(((0.7 + h, turn), (0.7, turn + h))):
+                assert by[:, k] == pytest.approx(
+                    (arc(distance, angle, 0.4)[0] - step) / h, abs=1e-4
+                )
 
 
-def test_the_estimates_leave_before_the_base_is_moved():
-    stream, encoder = runs.made(), Encoder()
-    for row in range(20):
-        stamp, angle = runs.START + 10_000_000 * row, 0.08 * row
-        raw = encoder.encode(stamp, '', base.WHEELS['differential'], [angle, angle])
-        before, answers = stream.base.pose[0], iter(stream.feed(0, raw, 0))
-        assert set(next(answers)) == {0, 1} and stream.base.pose[0] == before
-        last = list(answers)
-    assert [set(answer) for answer in last] == [{2}] and stream.base.pose[0] > before
+# The stream
+
+
+def made(**values):
+    """A stream, with a field of an IMU if it has a gyro."""
+    names = {'wheels_left': ['left'], 'wheels_right': ['right']}
+    stream = WheelStream.of({'radius': [0.1], 'track': 0.5, **names, **values})
+    if values.get('gyro_topic'):
+        kind = 'sensor_msgs/msg/Imu'
+        stream.read_field(Field(fields_of(kind, ''), kind, 'angular_velocity.z'), 1)
+    return stream
+
+
+def fed(stream, t, names, angles):
+    """Answers to wheels at these angles at t [s]."""
+    raw = Encoder().encode(runs.START + round(t * 1e9), '', names, angles)
+    return list(stream.feed(0, raw, 0))
+
+
+@pytest.mark.parametrize('late', [0.0, 0.003])
+def test_wheels_in_separate_messages(late):
+    """The odometry is that of the base at 2 m/s on a circle, at the stamp of the last wheel."""
+    stream = made()
+    for row in range(300):
+        t = 0.01 * row
+        answers = fed(stream, t, ['left'], [18.0 * t % runs.PERIOD])
+        answers += fed(stream, t + late, ['right'], [22.0 * (t + late) % runs.PERIOD])
+    assert [set(answer) for answer in answers] == [{0, 1}, {0, 1}, {2}]  # estimates leave first
+    assert stream.base.twist == pytest.approx([2.0, 0.8], abs=1e-6)
+    assert stream.base.pose[2] == pytest.approx(0.8 * (t + late), abs=0.03)
+
+
+def test_a_wrong_gyro_topic_is_reported():
+    stream, notices = made(gyro_topic='imu_wrong'), []
+    for row in range(500):
+        fed(stream, 0.01 * row, ['left', 'right'], [0.08 * row, 0.08 * row])
+        notices += stream.notices()
+    assert notices == ["the gyro is not used: it is silent for 3 s: check 'gyro_topic'"]
+    assert 'silent' in stream.about('left')['base']
+
+
+def test_the_clock_is_set_back_and_the_base_is_reset():
+    """The pose goes on, and the gyro is used again; a reset begins at zero."""
+    stream = made(gyro_topic='imu')
+    for turn in (1, 2):
+        for row in range(400):
+            t = 0.01 * row
+            fed(stream, t, ['left', 'right'], [8.0 * t, 8.0 * t])
+            stream.feed(1, imu(runs.START + round((t + 0.005) * 1e9), 0.02, 0), 0)
+        assert stream.base.pose[0] == pytest.approx(3.17 * turn, abs=0.03)
+        assert not stream.base.rejected and not stream.base.doubt
+    assert stream.reset().endswith('the pose is zero')
+    fed(stream, 4.0, ['left', 'right'], [32.0, 32.0])
+    assert not stream.base.pose.any()
 
 
 def test_a_pause_of_the_wheels_is_in_the_covariance_and_named():
     """Wrapped wheels may have turned any number of times."""
-    stream, notices = runs.made(), []
-    before = 0.0
+    stream, notices = made(), []
     for row in [*range(300), *range(400, 500)]:
-        t = 0.01 * row
-        raw = Encoder().encode(
-            runs.START + round(t * 1e9), '', base.WHEELS['differential'], [8.0 * t, 8.0 * t]
-        )
-        list(stream.feed(0, raw, 0))
-        notices += stream.notices()
-        if row == 299:
+        if row == 400:
             before = stream.base.covariance[0, 0]
+        fed(stream, 0.01 * row, ['left', 'right'], [0.08 * row, 0.08 * row])
+        notices += stream.notices()
     assert stream.base.covariance[0, 0] > before + 0.1
     assert 'turns in it are not in the pose' in ' '.join(notices)
-
-
-def test_reset_begins_at_zero_and_keeps_the_gyro():
-    result = runs.run({}, 10.0, 1, runs.made(**GYRO))
-    stream = result.stream
-    assert np.abs(stream.base.pose).max() > 1.0
-    assert stream.reset().endswith('the pose is zero')
-    assert not stream.base.pose.any() and not stream.base.covariance.any()
-    assert stream.base.used
 
 
 @pytest.mark.parametrize(
@@ -265,7 +210,6 @@ def test_reset_begins_at_zero_and_keeps_the_gyro():
     [
         ({'radius': None}, "'radius' is not set"),
         ({'track': None}, "'track' is not set"),
-        ({'steering': 'steer'}, "'wheelbase' is not set, and 'steering' needs it"),
         ({'wheels_left': ['a', 'b']}, "has 2 names and 'wheels_right' 1"),
         ({'wheels_left': ['a'], 'wheels_right': ['a']}, "'a', 'a'.* each another joint"),
         ({'wheels_left': ['']}, 'each another joint'),
@@ -275,14 +219,7 @@ def test_reset_begins_at_zero_and_keeps_the_gyro():
     ],
 )
 def test_a_base_that_is_none_is_refused(values, said):
-    from estimator_pkg.streams.wheels import WheelStream
-
     given = {'radius': [0.1], 'track': 0.5, **values}
     with pytest.raises(UsageError, match=said) as reported:
         WheelStream.of({name: value for name, value in given.items() if value is not None})
     assert '\n' not in str(reported.value)
-
-
-def test_a_loop_needs_a_speed():
-    with pytest.raises(UsageError, match="'loop' needs a speed"):
-        base.BaseParameters(loop=3.0, speed=0.0)

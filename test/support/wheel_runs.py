@@ -1,126 +1,156 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated bases through the stream of `wheel_odometry`."""
+"""Drives of a base, its wheels estimated once, and their odometry with a gyro that may be wrong."""
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
-from estimator_pkg.bags.definitions import fields_of
-from estimator_pkg.messages.field import Field
-from estimator_pkg.parameters import build
-from estimator_pkg.streams.wheels import WheelStream
-from sim_pkg.mechanisms import base
+from estimator_pkg.driver.bank import Bank
+from estimator_pkg.driver.configuration import Configuration
+from estimator_pkg.estimate import VALID
+from estimator_pkg.observers.wheels import OBSERVER, Geometry, WheelOdometry
 
-QUANTUM = 2.0 * np.pi / 4096
-STORE = get_typestore(Stores.ROS2_JAZZY)
-IMU = fields_of('sensor_msgs/msg/Imu', '')
+RADIUS, TRACK, PERIOD = 0.1, 0.5, 2.0 * np.pi
+QUANTUM = PERIOD / 4096
+GYRO_NOISE, GYRO_BIAS = 0.005, 0.02  # [rad/s]
 START = 10**18
-PLANE = [0, 1, 5]
-SKID = {
-    'wheels_left': ['wheel_left_joint', 'rear_left_joint'],
-    'wheels_right': ['wheel_right_joint', 'rear_right_joint'],
+WHEELS = ('left', 'right')
+
+
+def _slalom(t):
+    return 0.8 * (1.0 + 0.25 * np.sin(0.7 * t)), 0.42 * np.sin(0.9 * t) + 0.18 * np.sin(2.3 * t)
+
+
+def _stops(t):
+    """A slalom that stands for 4 of 12 s."""
+    part = np.clip((np.abs(t % 12.0 - 10.0) - 2.0) / 0.5, 0.0, 1.0)
+    return tuple(part * each for each in _slalom(t))
+
+
+def _steps(speeds, h):
+    """What is travelled in each step, by the trapezoidal rule; zero in the first one."""
+    ends = np.insert(speeds, 0, speeds[..., 0], axis=-1)
+    return 0.5 * h * (ends[..., 1:] + ends[..., :-1])
+
+
+PROFILES = {  # speed [m/s] and yaw rate [rad/s]
+    'straight': lambda t: (0.8, 0.0),
+    'circle': lambda t: (0.8, 0.4),
+    'slalom': _slalom,
+    'stops': _stops,
+    'spins': lambda t: (0.1, 2.5 * np.sin(0.7 * t)),
 }
 
 
-class Odometry(NamedTuple):
-    """Pose and twist in the plane, x, y and yaw, with their covariances, shape (3, 3)."""
+class Drive(NamedTuple):
+    """Messages of the wheels and true motion.
 
-    stamp_ns: int
-    pose: np.ndarray
-    pose_covariance: np.ndarray
-    twist: np.ndarray
-    twist_covariance: np.ndarray
+    stamps_ns : (n,). wheels : estimates as `WheelOdometry.update` takes them, (n, 2, 5). true : x,
+    y, yaw, speed and yaw rate, (n, 5). gyro : values in the middle to the next message, (n,).
+    """
+
+    stamps_ns: np.ndarray
+    wheels: np.ndarray
+    true: np.ndarray
+    gyro: np.ndarray
 
 
-def decode(raw):
-    """Return the `Odometry` of CDR bytes."""
-    message = STORE.deserialize_cdr(raw, 'nav_msgs/msg/Odometry')
-    stamp, (pose, twist) = message.header.stamp, (message.pose, message.twist)
-    at, turned = pose.pose.position, pose.pose.orientation
-    return Odometry(
-        stamp.sec * 10**9 + stamp.nanosec,
-        np.array([at.x, at.y, 2.0 * np.arctan2(turned.z, turned.w)]),
-        pose.covariance.reshape(6, 6)[np.ix_(PLANE, PLANE)],
-        np.array([twist.twist.linear.x, twist.twist.linear.y, twist.twist.angular.z]),
-        twist.covariance.reshape(6, 6)[np.ix_(PLANE, PLANE)],
-    )
+@cache
+def drive(
+    profile, rate=50.0, seed=0, seconds=60.0, ground=0.0, swapped=None, slip=0.0, geometry=(1, 1, 1)
+):
+    """Return a `Drive`.
+
+    Parameters
+    ----------
+    swapped : from this time on the wheels are on the other side [s]. slip : of the right wheel for
+    1 s of 8 s [m/s]. geometry : true over nominal left radius, right radius and track.
+    """
+    random, fine = np.random.default_rng(seed), 8
+    h = 1.0 / (rate * fine)
+    t = np.arange(round(seconds * rate) * fine) * h
+    v, w = ((1.0 - np.exp(-t * t)) * each for each in PROFILES[profile](t))
+    half = 0.5 * TRACK * geometry[2] * w
+    sides = np.array([v - half, v + half])
+    sides[1] += slip * np.sin(np.pi * (t % 8.0 - 4.0)) ** 2 * (np.abs(t % 8.0 - 4.5) < 0.5)
+    if swapped is not None:
+        sides = np.where(t < swapped, sides, sides[::-1])
+    moved = _steps(sides, h)
+    moved += ground * np.sqrt(np.abs(moved)) * random.standard_normal(moved.shape)
+    angles = np.cumsum(moved.T / (RADIUS * np.array(geometry[:2])), axis=0)[::fine]
+    angles += random.uniform(0.0, PERIOD, 2)
+    yaw = np.cumsum(_steps(w, h))
+    x, y = np.cumsum(_steps(v * (np.cos(yaw), np.sin(yaw)), h), axis=1)
+    stamps = START + np.round(t[::fine] * 1e9).astype(np.int64)
+    bank, rows, found = Bank(Configuration(OBSERVER, {'quantum': QUANTUM}, {})), [], []
+    readings = np.floor(angles % PERIOD / QUANTUM) * QUANTUM
+    for row, (stamp, reading) in enumerate(zip(stamps.tolist(), readings.tolist())):
+        taken = bank.update(stamp, WHEELS, reading)
+        if all(each and each[3] in VALID for each in taken.estimates):
+            rows.append(row)
+            pairs = taken.stddevs((0, 1))
+            found.append([(*each[:3], *pair) for each, pair in zip(taken.estimates, pairs)])
+    gyro = w[fine // 2 :: fine] + GYRO_BIAS + GYRO_NOISE * random.standard_normal(len(stamps))
+    true = np.array([x, y, yaw, v, w]).T[::fine]
+    return Drive(stamps[rows], np.array(found), true[rows], gyro[rows])
+
+
+FAULTS = {  # (value, time since it is wrong) -> value
+    'clean': lambda value, since: value,
+    'bias 0.05': lambda value, since: value + 0.05,
+    'bias 0.3': lambda value, since: value + 0.3,
+    'drift': lambda value, since: value + 0.002 * since,
+    'reversed': lambda value, since: -value,
+    'in deg/s': lambda value, since: np.degrees(value),
+    'swapped': lambda value, since: value,
+    'silent': lambda value, since: np.nan,
+    'stuck': lambda value, since: 0.2,
+}
 
 
 class Run(NamedTuple):
-    """Rows of answered messages: estimates (n, 3) and covariances (n, 3, 3), and the truth."""
+    """Odometry of a drive: x, y, yaw, speed and yaw rate.
+
+    found, errors, sigmas : (n, 5). covariance : of the last pose. notices : of the base.
+    """
 
     time: np.ndarray
-    pose: np.ndarray
-    pose_covariance: np.ndarray
-    twist: np.ndarray
-    twist_covariance: np.ndarray
-    true_pose: np.ndarray
-    true_twist: np.ndarray
-    stream: WheelStream
-    notices: list
+    found: np.ndarray
+    errors: np.ndarray
+    sigmas: np.ndarray
+    base: WheelOdometry
+
+    def covered(self, after=0.5):
+        """Return the fraction of time that yaw, speed and yaw rate are in the 95 % interval."""
+        inside = np.abs(self.errors) < 1.96 * self.sigmas + 1e-9
+        return inside[self.time > after, 2:].mean(axis=0)
+
+    def rms(self, after=3.0):
+        """Return the root mean square error of the yaw rate."""
+        return np.sqrt(np.mean(self.errors[self.time > after, 4] ** 2))
+
+    def nees(self):
+        """Return the squared error of the last pose, normalised by its covariance."""
+        error = self.errors[-1, :3]
+        return error @ np.linalg.solve(self.base.covariance, error)
 
 
-def messages(plant, duration, seed):
-    """Every message of a simulated base as (topic, time [ns], CDR bytes)."""
-    for chunk in base.generate(build(base.BaseParameters, plant), duration, seed):
-        for message in chunk:
-            yield message.topic, START + message.due_ns, message.encode(START)
-
-
-def made(plant=None, **values):
-    """A stream for a simulated base; `plant` : its parameters, of which it knows the nominal."""
-    plant = plant or {}
-    values = {'radius': [0.1], 'track': 0.5, 'quantum': QUANTUM, **values}
-    if plant.get('base') == base.SKID:
-        values = {**SKID, **values}
-    if plant.get('base') == base.ACKERMANN:
-        values = {'steering': 'steering_joint', 'wheelbase': 0.6, **values}
-    stream = WheelStream.of(values)
-    if values.get('gyro_topic'):
-        kind = 'sensor_msgs/msg/Imu'
-        stream.read_field(Field(IMU, kind, 'angular_velocity.z'), 1)
-    return stream
-
-
-def run(plant, duration, seed, stream):
-    """Run a simulated base; returns a `Run`."""
-    found, truth, notices = [], {}, []
-    for topic, at_ns, raw in messages(plant, duration, seed):
-        if topic == base.TRUE_BASE.name:
-            true = decode(raw)
-            truth[true.stamp_ns] = true
-        elif topic == base.MEASURED.name or (topic == base.GYRO.name and len(stream.inputs) > 1):
-            for answer in stream.feed(int(topic == base.GYRO.name), raw, at_ns):
-                if 2 in answer:
-                    found.append(decode(answer[2]))
-            notices += stream.notices()
-    rows = [each for each in found if each.stamp_ns in truth]
-    true = [truth[each.stamp_ns] for each in rows]
-    return Run(
-        np.array([(each.stamp_ns - START) * 1e-9 for each in rows]),
-        *(
-            np.array([getattr(each, name) for each in rows])
-            for name in ('pose', 'pose_covariance', 'twist', 'twist_covariance')
-        ),
-        np.array([each.pose for each in true]),
-        np.array([each.twist for each in true]),
-        stream,
-        notices,
-    )
-
-
-def covered(result, after=3.0):
-    """Fraction of the yaw rates within 1.96 of their standard deviations, after a time [s]."""
-    rows = result.time > after
-    error = result.twist[rows, 2] - result.true_twist[rows, 2]
-    return float(np.mean(np.abs(error) < 1.96 * np.sqrt(result.twist_covariance[rows, 2, 2])))
-
-
-def nees(result):
-    """Squared error of the last pose, normalised by its covariance."""
-    error = result.pose[-1] - result.true_pose[-1]
-    error[2] = (error[2] + np.pi) % (2.0 * np.pi) - np.pi
-    return float(error @ np.linalg.solve(result.pose_covariance[-1], error))
+def run(of, fault='clean', start=0.0, gyro=True, **values):
+    """Return the `Run` of a drive; the gyro is wrong from `start` on [s]."""
+    geometry = Geometry(**{'radius': (RADIUS,), 'track': TRACK, **values})
+    base, found = WheelOdometry(geometry, gyro, PERIOD, 0.5), []
+    half = int(np.median(np.diff(of.stamps_ns)) / 2)
+    for stamp, wheels, value in zip(of.stamps_ns.tolist(), of.wheels, of.gyro.tolist()):
+        base.update(stamp, (0.0, 0.0), wheels)
+        variances = np.diag(base.covariance), np.diag(base.twist_covariance)
+        found.append(np.concatenate((base.pose, base.twist, *variances)))
+        if gyro:
+            since = (stamp - START) * 1e-9 - start
+            base.gyro.receive(stamp + half, FAULTS[fault](value, since) if since >= 0.0 else value)
+    found, variances = np.hsplit(np.array(found), 2)
+    errors = found - of.true
+    errors[:, 2] = (errors[:, 2] + np.pi) % PERIOD - np.pi
+    return Run((of.stamps_ns - START) * 1e-9, found, errors, np.sqrt(variances), base)

@@ -146,13 +146,13 @@ def _run_wheels(
     show(f'{parsed.bag}: {WHEELS} on {topic}')
     for name, value, sigma in zip(NAMES, lengths, deviations):
         show(f'  {name} = {value:.5g} +- {sigma:.2g} m')
-    show('  ' + ', '.join(f'{name} {value:.3g} {UNITS[name]}' for name, value in about.items()))
+    for name, value in about.items():
+        show(f'  {name} {value:.3g} {UNITS[name]}')
     if out is not None:
         written = {
             **values,
             'radius': [float(f'{left:.6g}'), float(f'{right:.6g}')],
             'track': float(f'{track:.6g}'),
-            'slip_factor': 1.0,
             'radius_stddev': float(f'{max(of_left / left, of_right / right):.2g}'),
             'track_stddev': float(f'{of_track / track:.2g}'),
         }

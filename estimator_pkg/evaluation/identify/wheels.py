@@ -6,9 +6,9 @@
     I = (rr / b) Pr - (rl / b) Pl + bias T - delay w
 
 I is the integral of the gyro in a window of time T, Pl and Pr what the wheels turn, w the change of
-the gyro's value. A loop that ends as it began turns the base by one
-turn (Borenstein and Feng 1996). Both know the ratios of the radii to the track; a known radius,
-track or path makes lengths of them.
+the gyro's value. A loop that ends as it began turns the base by one turn (Borenstein and Feng
+1996). Both know the ratios of the radii to the track; a known radius, track or path makes lengths
+of them.
 """
 
 from __future__ import annotations
@@ -33,12 +33,10 @@ from estimator_pkg.streams.wheels import WheelSettings
 
 Array = NDArray[np.float64]
 
-WINDOW = 2.0  # [s]
+WINDOW, LEAST_WINDOWS = 2.0, 10  # [s]
 KEPT = 0.7  # part of the windows to identify from; the others validate
-SLIPS = 4.0  # deviations of a window in which wheels slip, which is left out
-TRIALS = 500  # of five windows: least median of squares (Rousseeuw 1984)
 OPEN = 0.02  # of its length: a loop with a larger gap is none
-UNSURE = 0.02  # deviation of the heading at the end of a loop [rad]
+UNSURE = 0.02  # standard deviation of the heading at the end of a loop [rad]
 STEP = 0.2  # between samples of a path [s]
 LITTLE = 0.1  # relative deviation above which a drive identifies nothing
 NAMES = ('radius_left', 'radius_right', 'track')
@@ -47,8 +45,6 @@ UNITS = {
     'delay': 's',
     'residual': 'rad in 2 s',
     'residual_elsewhere': 'rad in the held-out part',
-    'open_1': 'of the length is the gap of the first loop',
-    'open_2': 'of that of the second',
 }
 
 
@@ -83,20 +79,17 @@ def identified(
             'the ratio of radius to track is identified: set one length, as in --set track=0.5, '
             '--set radius=0.1, or --distance 20 (the path of the base [m])'
         )
-    settings = build(WheelSettings, {'radius': [1.0], 'track': 1.0, 'wheelbase': 1.0, **values})
-    settings.check()
+    settings = build(WheelSettings, {'radius': [1.0], 'track': 1.0, **values})
+    settings.find_observer()
     times, turned = _turned(bag, topic, settings)
     if loops:
         ratios, covariance, about = _of_loops(times, turned)
     else:
-        at, rate = _gyro(bag, settings)
-        within = (times >= at[0]) & (times <= at[-1])
-        times, turned = times[within], turned[:, within]
-        ratios, covariance, about = _of_gyro(times, turned, at, rate)
+        ratios, covariance, about = _of_gyro(times, turned, *_gyro(bag, settings))
 
     def lengths(ratios: Array) -> Array:
         """Return left and right radius, and track [m]."""
-        track = (settings.track or 1.0) * settings.slip_factor
+        track = settings.track or 1.0
         if distance is not None:
             track = distance * (1 + loops) / _path(ratios, times, turned)
         elif 'radius' in values:
@@ -117,7 +110,7 @@ def identified(
 
 def _turned(bag: Bag, topic: str, settings: WheelSettings) -> tuple[Array, Array]:
     """Return times [s] since 1970 and what left and right wheels turned [rad], shape (2, n)."""
-    every, names = joint_series(bag, topic), (*settings.wheels_left, *settings.wheels_right)
+    every, names = joint_series(bag, topic), settings.names
     for name in names:
         if name not in every:
             raise UserError(
@@ -158,76 +151,71 @@ def _gyro(bag: Bag, settings: WheelSettings) -> tuple[Array, Array]:
     return stamps * 1e-9, np.array([samples[each] for each in stamps.tolist()])
 
 
+def _fit(terms: Array, whole: Array, sigma: float, loss: str) -> tuple[Array, Array]:
+    """Return the unknowns of `terms` x = `whole` and their covariance, by least squares."""
+    from scipy.optimize import least_squares
+
+    start = np.linalg.lstsq(terms, whole, rcond=None)[0]
+    fit = least_squares(
+        lambda x: (terms @ x - whole) / sigma, start, lambda x: terms / sigma, loss=loss
+    )
+    return fit.x, np.linalg.pinv(fit.jac.T @ fit.jac)
+
+
 def _of_gyro(
     times: Array, turned: Array, at: Array, rate: Array
 ) -> tuple[Array, Array, dict[str, float]]:
     """Return ratios of left and right radius to the track, their covariance, further numbers."""
+    within = (times >= at[0]) & (times <= at[-1])
+    times, turned = times[within], turned[:, within]
     count = int((times[-1] - times[0]) / WINDOW) if len(times) else 0
-    if count < 10:
+    if count < LEAST_WINDOWS:
         raise UserError(
             f'gyro and wheels have {WINDOW * count:g} s in common: record a drive of '
-            f'{10.0 * WINDOW:g} s or more'
+            f'{LEAST_WINDOWS * WINDOW:g} s or more'
         )
     integral = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(at)))
     rows = np.searchsorted(times, times[0] + WINDOW * np.arange(count + 1))
-    edges = times[rows]
-    whole, change = (np.diff(np.interp(edges, at, each)) for each in (integral, rate))
+    whole, change = (np.diff(np.interp(times[rows], at, each)) for each in (integral, rate))
     left, right = np.diff(turned[:, rows])
-    terms = np.array([-left, right, np.diff(edges), -change]).T
-    first = np.arange(count) < KEPT * count
-    random, best = np.random.default_rng(0), math.inf
-    for _ in range(TRIALS):  # windows of slip are left out
-        some = random.choice(np.flatnonzero(first), 5, replace=False)
-        trial = whole - terms @ np.linalg.lstsq(terms[some], whole[some], rcond=None)[0]
-        usual = 1.4826 * float(np.median(np.abs(trial[first])))
-        if usual < best:
-            best, errors = usual, trial
-    for _ in range(3):
-        used = first & (np.abs(errors) <= SLIPS * best + 1e-9)
-        solution = np.linalg.lstsq(terms[used], whole[used], rcond=None)[0]
+    terms = np.array([-left, right, np.diff(times[rows]), -change]).T
+    fitted = np.arange(count) < KEPT * count
+    sigma = 0.1
+    for _ in range(10):  # windows of slip have little weight once the usual error is known
+        solution, covariance = _fit(terms[fitted], whole[fitted], sigma, 'cauchy')
         errors = whole - terms @ solution
-        best = 1.4826 * float(np.median(np.abs(errors[first])))
-    variance = float(errors[used] @ errors[used]) / max(1, int(used.sum()) - 4)
-    covariance = np.linalg.pinv(terms[used].T @ terms[used]) * variance
+        sigma = 1.4826 * float(np.median(np.abs(errors[fitted]))) + 1e-9
     about = {
         'bias': float(solution[2]),
         'delay': float(solution[3]),
-        'residual': math.sqrt(variance),
-        'residual_elsewhere': float(np.sqrt(np.mean(errors[~first] ** 2))),
+        'residual': sigma,
+        'residual_elsewhere': float(np.sqrt(np.mean(errors[~fitted] ** 2))),
     }
     return solution[:2], covariance[:2, :2], about
 
 
 def _of_loops(times: Array, turned: Array) -> tuple[Array, Array, dict[str, float]]:
-    """Return the same from two loops."""
+    """Return the same from two loops, with the longest standstill between them."""
     driven = np.append(0.0, np.cumsum(np.abs(np.diff(turned)).sum(axis=0)))
     levels = np.linspace(0.02, 0.98, 400) * driven[-1]
     longest = int(np.argmax(np.diff(np.interp(levels, driven, times))))
     middle = int(np.searchsorted(driven, levels[longest : longest + 2].mean()))
-    pieces = turned[:, : middle + 1], turned[:, middle:]
-    terms = np.array([(each[:, -1] - each[:, 0]) * (-1.0, 1.0) for each in pieces])
+    between = turned[:, [0, middle, -1]]
+    terms = np.diff(between).T * (-1.0, 1.0)
     turns = np.sign(terms.sum(axis=1))
     if turns.sum() != 0.0:
         raise UserError(
             'the two loops are not one to the left and one to the right: drive both, with a '
             'standstill between them, and end each as it began'
         )
-    inverse = np.linalg.inv(terms)
-    ratios = inverse @ (2.0 * math.pi * turns)
-    about = {f'open_{number + 1}': _gap(ratios, each) for number, each in enumerate(pieces)}
-    worst = max(about.values())
-    if worst > OPEN:
-        raise UserError(
-            f'a loop ends {100.0 * worst:.2g} % of its length from its start: end each loop where '
-            'it began, or identify from a drive with a gyro'
-        )
-    return ratios, inverse @ inverse.T * UNSURE**2, about
-
-
-def _gap(ratios: Array, turned: Array) -> float:
-    """Return how far from its start a loop ends, over its length."""
-    left, right = ratios[:, None] * np.diff(turned)
-    heading = np.cumsum(right - left) - 0.5 * (right - left)
-    steps = 0.5 * (left + right)
-    gap = math.hypot(float(steps @ np.cos(heading)), float(steps @ np.sin(heading)))
-    return gap / float(np.abs(steps).sum())
+    ratios, covariance = _fit(terms, 2.0 * math.pi * turns, UNSURE, 'linear')
+    for loop in (turned[:, : middle + 1], turned[:, middle:]):
+        left, right = ratios[:, None] * np.diff(loop)
+        steps, heading = 0.5 * (left + right), np.cumsum(right - left) - 0.5 * (right - left)
+        gap = np.hypot(steps @ np.cos(heading), steps @ np.sin(heading)) / np.abs(steps).sum()
+        if gap > OPEN:
+            raise UserError(
+                f'a loop ends {100.0 * gap:.2g} % of its length from its start: end each loop '
+                'where it began, or identify from a drive with a gyro'
+            )
+    return ratios, covariance, {}
