@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -44,7 +43,6 @@ log_file = Lazy('estimator_pkg.bags.log_file')
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
 qos = Lazy('estimator_pkg.bags.qos')
 sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
-zstandard = Lazy('zstandard')
 
 INFORMATION = 'rosbag2_bagfile_information'
 SUFFIXES = ('.mcap', '.db3', '.zstd')
@@ -167,29 +165,27 @@ class Bag:
 
     def blocks(self, topics: Iterable[str] | None = None) -> Iterator[tuple[list[str], Block]]:
         """Yield (names, block): many messages at a time; `block.topic` are indices of `names`."""
-        chosen = set(self.topics if topics is None else topics)
         names = list(self.topics)
+        chosen = set(names if topics is None else topics)
         keep = np.array([name in chosen for name in names] + [False])  # the last one for -1
         for block in self._in_log_order(self._pieces(keep)):
             starts = block.start[block.end - block.start >= len(ZSTD)]
-            heads = rows(block.data, starts, len(ZSTD))
-            packed = np.any(np.all(heads == np.frombuffer(ZSTD, np.uint8), axis=1))
-            for part in self._unpacked(block) if packed else (block,):
+            packed = (rows(block.data, starts, len(ZSTD)) == np.frombuffer(ZSTD, np.uint8)).all(1)
+            for part in self._unpacked(block) if packed.any() else (block,):
                 if len(part):
                     yield names, part
 
     def _pieces(self, keep: np.ndarray) -> Iterable[PendingBlock]:
         """Return the pieces of all files; the files of a split database follow each other."""
-
-        def pieces() -> Iterator[PendingBlock]:
-            for source, index in self._sources:
-                places = np.flatnonzero(keep[index]).tolist()
-                for piece in source.pieces(places) if places else ():
-                    yield piece._replace(load=partial(_kept, piece.load, index, keep))
-
+        pieces = (
+            piece._replace(load=partial(_kept, piece.load, index, keep))
+            for source, index in self._sources
+            if keep[index].any()
+            for piece in source.pieces(np.flatnonzero(keep[index]).tolist())
+        )
         if all(source.sorts for source, _ in self._sources):
-            return sorted(pieces(), key=lambda piece: piece.start_ns)
-        return pieces()
+            return sorted(pieces, key=lambda piece: piece.start_ns)
+        return pieces
 
     def _in_log_order(self, pieces: Iterable[PendingBlock]) -> Iterator[Block]:
         """Yield blocks in log order from pieces sorted by their first time, which may overlap."""
@@ -220,26 +216,21 @@ class Bag:
         good: list[int] = []
         raws: list[memoryview] = []
         size = 0
-
-        def unpacked() -> Block:
-            taken = block.take(np.array(good, np.int64))
-            return from_messages(taken.topic, taken.log_ns, taken.publish_ns, raws)
-
         for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
             raw = view[start:end]
             try:
                 if raw[: len(ZSTD)] == ZSTD:
                     raw = unpacking.unpack_message(raw, f'{self.path}: a message', self._limit)
-            except zstandard.ZstdError:
+            except ValueError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are skipped')
                 continue
             if size + len(raw) > unpacking.PIECE_SIZE:
-                yield unpacked()
+                yield _with(block, good, raws)
                 good, raws, size = [], [], 0
             good.append(row)
             raws.append(raw)
             size += len(raw)
-        yield unpacked()
+        yield _with(block, good, raws)
 
     def warn(self, text: str) -> None:
         """Print a warning about the bag, once."""
@@ -312,9 +303,8 @@ class Bag:
 
     def _files(self, listed: list[str]) -> list[Path]:
         """Return the files of the folder: those that its metadata list, else those it has."""
-        there = sorted(
-            (file for file in self.path.iterdir() if file.suffix in SUFFIXES), key=natural
-        )
+        there = [file for file in self.path.iterdir() if file.suffix in SUFFIXES]
+        there.sort(key=lambda file: (len(file.name), file.name))  # bag_10 after bag_9
         missing = [name for name in listed if not (self.path / name).is_file()]
         if len(missing) < len(listed):
             if missing:
@@ -346,16 +336,13 @@ class Bag:
             self._add(log_file.LogFile(file, self._columns, self.warn))
             return
         if file.suffix == '.zstd':
-            packed, file = file, self._temporary() / file.stem
+            folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix='bag'))
+            packed, file = file, Path(folder, file.stem)
             unpacking.unpack_file(packed, file, self._limit)
         with open(file, 'rb') as stream:
             start = stream.read(16)
         self._size += file.stat().st_size
         if start.startswith(b'SQLite format 3\0'):
-            logs = sqlite_file.logs(file)
-            if logs:
-                self.warn(f'{file} was not closed: it is read with {" and ".join(logs)}')
-                file = sqlite_file.completed(file, logs, self._temporary())
             self._add(sqlite_file.SqliteFile(file, self.warn))
         elif start.startswith(b'\x89MCAP0\r\n'):
             self._add(mcap_file.McapFile(file, self.warn, self._limit))
@@ -368,10 +355,6 @@ class Bag:
             raise UserError(f'{file} is empty (0 bytes): name another file')
         else:
             raise UserError(f'{file} is not a bag: it is neither MCAP nor sqlite3')
-
-    def _temporary(self) -> Path:
-        """Return a new folder that lives as long as the bag is open."""
-        return Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix='bag')))
 
     def _add(self, source: BagFile) -> None:
         self._stack.callback(source.close)
@@ -421,12 +404,6 @@ def open_bag(
     return Bag(Path(path), unpack_limit, columns)
 
 
-def natural(file: Path) -> list[tuple]:
-    """Return a sort key under which wbag_10 comes after wbag_9."""
-    parts = re.findall(r'(\d+)|(\D)', file.name)
-    return [(0, int(digits), '') if digits else (1, 0, letter) for digits, letter in parts]
-
-
 def _described(topic_metadata: dict[str, Any], **_: Any) -> Topic:
     """Return a topic as metadata describe it; its messages are counted in the files."""
     name, type_name = topic_metadata['name'], topic_metadata['type']
@@ -454,3 +431,9 @@ def _kept(load: Callable[[], Block], index: np.ndarray, keep: np.ndarray) -> Blo
     block = replace(block, topic=topic)
     chosen = keep[topic]
     return block if chosen.all() else block.take(chosen)
+
+
+def _with(block: Block, good: list[int], raws: list[memoryview]) -> Block:
+    """Return these messages of a block with other bytes."""
+    taken = block.take(np.array(good, np.int64))
+    return from_messages(taken.topic, taken.log_ns, taken.publish_ns, raws)
