@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from estimator_pkg.bags.source import full_type
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.field import BASES, EMPTY, SEQUENCE, Definition, Kind
 from estimator_pkg.optional import Lazy
@@ -24,13 +22,10 @@ from estimator_pkg.ros.message_class import TYPE_NAME
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
+interfaces = Lazy('rosbags.interfaces')
 typesys = Lazy('rosbags.typesys')
 SEPARATOR = '=' * 80
-LONGEST_DEFINITION = 1 << 20  # characters of a bag's definition that are read
-_SECTION = re.compile(rf'^{SEPARATOR}\nMSG: *(\S+) *$', re.MULTILINE)
-_FIELD = re.compile(
-    r'#|([A-Za-z][\w/]*)(?:<=\d+)?(?:\[(<=)?(\d*)\])?\s+([A-Za-z]\w*)\s*(=)?'
-)  # type, bound and size of a list, name; = of a constant
+MOST_LINES = 10_000  # of a definition that is read: the library's parser takes 0.1 ms for each
 
 
 @lru_cache(maxsize=1)
@@ -109,13 +104,10 @@ def fields_of(type_name: str, definition: str) -> Definition:
     ------
     UserError : the definition cannot be read, and neither Jazzy nor an installed package has one.
     """
-    if 0 < len(definition) <= LONGEST_DEFINITION:
-        with suppress(ValueError):
-            return _parsed(type_name, definition).__getitem__
-    own, known = define(type_name)
-    if known:
-        with suppress(ValueError):
-            return _parsed(type_name, own).__getitem__
+    for text in (definition, define(type_name)[0]):
+        if text and text.count('\n') < MOST_LINES:
+            with suppress(typesys.TypesysError, ValueError):
+                return _parsed(type_name, text).__getitem__
     raise UserError(
         f'the bag has no definition of {type_name} that can be read, and ROS 2 Jazzy does not '
         'have it either: install its package'
@@ -123,28 +115,21 @@ def fields_of(type_name: str, definition: str) -> Definition:
 
 
 def _parsed(type_name: str, text: str) -> dict[str, Mapping[str, Kind]]:
-    """Return the fields of all types in a definition; raise ValueError if it is not one.
-
-    The parser of rosbags takes a minute and 700 MB for a definition of 60,000 fields.
-    """
-    main, *others = _SECTION.split(text)
+    """Return the fields of all types in a definition."""
     found: dict[str, Mapping[str, Kind]] = {}
-    for name, lines in ((type_name, main), *zip(map(full_type, others[::2]), others[1::2])):
-        fields: dict[str, Kind] = {}
-        for line in filter(None, map(str.strip, lines.splitlines())):
-            match = _FIELD.match(line)
-            if match is None:
-                raise ValueError(line)
-            base, bound, size, field, constant = match.groups()
-            if base is None or constant:  # a comment, a constant
-                continue
-            if base not in BASES:
-                base = full_type(base if '/' in base else f'{name.rpartition("/")[0]}/{base}')
-            if field in fields:
-                raise ValueError(line)
-            count = None if size is None else int(size) if size and not bound else SEQUENCE
-            fields[field] = Kind(base, count)
-        found[name] = {key: kind for key, kind in fields.items() if kind.length != 0} or EMPTY
+    for name, (_, fields) in typesys.get_types_from_msg(text, type_name).items():
+        found[name] = {field: _kind(*kind) for field, kind in fields} or EMPTY
+        if len(found[name]) < len(fields):
+            raise ValueError(f'{name} has two fields of one name')
     if not {kind.base for each in found.values() for kind in each.values()} <= {*found, *BASES}:
         raise ValueError('a type has no definition')
     return found
+
+
+def _kind(node: int, content: Any) -> Kind:
+    """Return the kind of a field that rosbags describes as (node, content)."""
+    if node in (interfaces.Nodetype.ARRAY, interfaces.Nodetype.SEQUENCE):
+        element, size = content
+        return Kind(_kind(*element).base, size if node == interfaces.Nodetype.ARRAY else SEQUENCE)
+    base = content[0] if node == interfaces.Nodetype.BASE else content
+    return Kind('wstring' if base.endswith('/msg/wstring') else base)  # rosbags has no wstring
