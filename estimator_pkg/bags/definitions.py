@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 interfaces = Lazy('rosbags.interfaces')
 typesys = Lazy('rosbags.typesys')
-SEPARATOR = '=' * 80
 MOST_LINES = 10_000  # of a definition that is read: the library's parser takes 0.1 ms for each
 
 
@@ -44,57 +43,44 @@ def define(type_name: str) -> tuple[str, str]:
         the installed ROS packages.
     """
     store = jazzy()
+    try:
+        _register(store, type_name)
+    except (OSError, typesys.TypesysError):
+        return '', ''
+    return store.generate_msgdef(type_name, ros_version=2)[0], _hash(store, type_name)
+
+
+def _hash(store: Typestore, type_name: str) -> str:
+    """Return the installed type hash; that of rosbags is wrong for types with `char`."""
+    with suppress(OSError):
+        found = json.loads(_file(type_name, '.json').read_text(encoding='utf-8'))
+        for item in found.get('type_hashes', []):
+            if item['type_name'] == type_name:
+                return item['hash_string']
+    return store.hash_rihs01(type_name)
+
+
+def _register(store: Typestore, type_name: str) -> None:
+    """Add an installed type and those in it; raise OSError or TypesysError if one is missing."""
     if type_name in store.fielddefs:
-        text, _ = store.generate_msgdef(type_name, ros_version=2)
-        return text, _hash(type_name) or store.hash_rihs01(type_name)
-    return _installed(type_name)
+        return
+    found = typesys.get_types_from_msg(_file(type_name, '.msg').read_text('utf-8'), type_name)
+    for _, fields in found.values():
+        for kind in (_kind(*each) for _, each in fields):
+            if kind.is_message:
+                _register(store, kind.base)
+    store.register(found)
 
 
-def _installed(type_name: str) -> tuple[str, str]:
-    texts: list[str] = []
-    done: set[str] = set()
-    waiting = [type_name]
-    while waiting:
-        name = waiting.pop(0)
-        if name in done:
-            continue
-        done.add(name)
-        file = _file(name, '.msg')
-        if file is None:
-            return '', ''
-        text = file.read_text(encoding='utf-8')
-        package = name.split('/')[0]
-        head = '' if name == type_name else f'{SEPARATOR}\nMSG: {name.replace("/msg/", "/")}\n'
-        texts.append(head + text)
-        for line in text.splitlines():
-            word = line.split('#')[0].strip().split(' ')[0].split('[')[0].split('<')[0]
-            if word[:1].isupper():
-                waiting.append(f'{package}/msg/{word}')
-            elif '/' in word:
-                owner, _, short = word.partition('/')
-                waiting.append(f'{owner}/msg/{short.rpartition("/")[2]}')
-    return '\n'.join(texts), _hash(type_name)
-
-
-def _hash(type_name: str) -> str:
-    file = _file(type_name, '.json')
-    if file is None:
-        return ''
-    for item in json.loads(file.read_text(encoding='utf-8')).get('type_hashes', []):
-        if item['type_name'] == type_name:
-            return item['hash_string']
-    return ''
-
-
-def _file(type_name: str, suffix: str) -> Path | None:
-    if not TYPE_NAME.fullmatch(type_name):  # from a bag: it must not lead out of `share`
-        return None
-    for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
-        package, _, rest = type_name.partition('/')
-        path = Path(prefix, 'share', package, rest + suffix)
-        if prefix and path.is_file():
-            return path
-    return None
+def _file(type_name: str, suffix: str) -> Path:
+    """Return the file of an installed type; raise FileNotFoundError."""
+    package, _, name = type_name.partition('/')
+    if TYPE_NAME.fullmatch(type_name):  # from a bag: it must not lead out of `share`
+        for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
+            path = Path(prefix, 'share', package, name + suffix)
+            if prefix and path.is_file():
+                return path
+    raise FileNotFoundError(type_name)
 
 
 def fields_of(type_name: str, definition: str) -> Definition:
