@@ -125,14 +125,14 @@ def test_the_time_of_publishing_is_that_of_recording_if_a_recorder_knows_none(tm
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    'kind', ['mcap zstd', 'mcap plain', 'mcap lz4', 'mcap small chunks', 'mcap without chunks']
+    'kind', ['mcap zstd', 'mcap lz4', 'mcap small chunks', 'mcap without chunks']
 )
 def test_a_cut_off_file_gives_what_is_there_and_says_so(kind, tmp_path, capsys):
     messages = make.content(200)
     whole = make.KINDS[kind](tmp_path / 'bag', messages).read_bytes()
     file = tmp_path / 'cut.mcap'
     most = 0
-    for part in np.linspace(0.02, 0.98, 25):
+    for part in np.linspace(0.02, 0.98, 13):
         file.write_bytes(whole[: int(part * len(whole))])
         capsys.readouterr()
         try:
@@ -143,8 +143,7 @@ def test_a_cut_off_file_gives_what_is_there_and_says_so(kind, tmp_path, capsys):
         assert found == messages[: len(found)]
         if len(found) < len(messages):
             said = capsys.readouterr().err
-            assert said.count('ends early') == said.count('\n') == 1
-            assert '`mcap recover' in said and '.recover | sqlite3' in said
+            assert said.count('ends early') == said.count('\n') == 1 and '`mcap recover' in said
         most = max(most, len(found))
     assert most > 100
 
@@ -268,43 +267,23 @@ def test_no_damage_gives_a_traceback(data, tmp_path):
         assert '\n' not in str(error)
 
 
-STRANGE = [None, True, 5, 1.5, [], {}, ['a'], '']
-
-
-def information(**changes):
-    found = {'relative_file_paths': ['bag_0.mcap'], 'topics_with_message_count': [], **changes}
-    return yaml.safe_dump({'rosbag2_bagfile_information': found})
-
-
 def about(**changes):
     topic = {'name': '/x', 'type': TEXT, 'serialization_format': 'cdr', **changes}
-    return information(topics_with_message_count=[{'topic_metadata': topic, 'message_count': 1}])
+    topics = [{'topic_metadata': topic, 'message_count': 1}]
+    found = {'relative_file_paths': ['bag_0.mcap'], 'topics_with_message_count': topics}
+    return yaml.safe_dump({'rosbag2_bagfile_information': found})
 
 
 @pytest.mark.parametrize(
     'text',
     [
-        *(yaml.safe_dump({'rosbag2_bagfile_information': each}) for each in STRANGE),
-        *(yaml.safe_dump(each) for each in STRANGE),
+        *('', '[]', '5', 'rosbag2_bagfile_information: [a]', '[' * 3000, '\0', '\xff'),
+        'rosbag2_bagfile_information: {relative_file_paths: [..], topics_with_message_count: []}',
         *(
-            information(relative_file_paths=each)
-            for each in [None, True, 5, [], {}, '', [True], [None], [[]], ['..'], ['a\0b']]
-        ),
-        *(information(topics_with_message_count=each) for each in [*STRANGE, [None], [{}]]),
-        *(information(topics_with_message_count=[{'topic_metadata': each}]) for each in STRANGE),
-        *(
-            about(**{key: each})
-            for each in STRANGE
+            about(**{key: value})
             for key in ('name', 'type', 'offered_qos_profiles', 'type_description_hash')
+            for value in (None, 5, [], {'a': 1})
         ),
-        *(information(compression_mode=each) for each in STRANGE),
-        '[' * 20000,
-        'a: ' + '1' * 6000,
-        'a: 2020-99-99',
-        '\0',
-        'a: &a [*a, *a]',
-        '? [a, b]\n: c',
-        '\xff',
     ],
     ids=lambda text: text.replace('\0', '0')[:60],
 )
@@ -322,23 +301,16 @@ def test_no_metadata_keep_a_bag_from_being_read(text, tmp_path, capsys):
 # ---------------------------------------------------------------- paths, and what is no bag
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('name', ['d%41', 'a#b', 'a?mode=memory', 'a%', 'ä %20', "a'b", '%2e%2e'])
-@pytest.mark.parametrize(
-    'kind', ['sqlite3', 'sqlite3, file compressed', 'mcap folder', 'mcap zstd']
-)
+@pytest.mark.parametrize('name', ['d%41', 'a?mode=memory', "ä %20#'"])
+@pytest.mark.parametrize('kind', ['sqlite3', 'mcap folder'])
 def test_a_path_means_itself_alone(kind, name, tmp_path, capsys):
-    """In a URI %41 is A: dA is another bag. A file of a folder alone is a bag, too."""
+    """In a URI %41 is A: dA is another bag."""
     mine = make.content(4)
     for folder, messages in ((name, mine), ('dA', make.content(9))):
         made = make.KINDS[kind](tmp_path / 'bag', messages)
         (tmp_path / folder).mkdir()
         shutil.move(made, tmp_path / folder / made.name)
-    path = tmp_path / name / made.name
-    assert read(path) == mine
-    for file in [path] if path.is_file() else path.glob('*.[md][cb]*'):
-        alone = shutil.copy(file, tmp_path / name / f'{name}{file.suffix}')
-        assert read(alone) == mine
+    assert read(tmp_path / name / made.name) == mine
     assert capsys.readouterr().err == ''
 
 
