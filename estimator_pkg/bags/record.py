@@ -182,7 +182,7 @@ class Recorder:
                 show(f'recording {name} ({types[0]})', file=sys.stderr)
             elif (qos.reliability, qos.durability) == (old.reliability, old.durability):
                 continue
-            else:
+            elif track.subscription is not None:
                 show(
                     f'warning: a publisher of {name} offers less than the others: subscribing '
                     'again',

@@ -78,9 +78,9 @@ def series_of(
         count += len(block)
     found = {}
     for name, each in pieces.items():
-        rows, *columns = map(np.concatenate, zip(*each))
+        rows, *values = map(np.concatenate, zip(*each))
         order = np.argsort(rows, kind='stable')
-        found[name] = Series(*(column[order] for column in columns))
+        found[name] = Series._make(value[order] for value in values)
     return found, count, malformed
 
 

@@ -237,7 +237,7 @@ class BagWriter:
         """Remove everything that was written; with `keep`, only if there is no message."""
         with contextlib.suppress(OSError):
             self._stream.close()
-        if self._keep and sum(self._counts):
+        if self._keep and any(self._counts):
             interrupts.say(f'{self.path} contains the messages written so far; {REPAIR}')
         elif self._file == self._place:
             self._place.unlink(missing_ok=True)

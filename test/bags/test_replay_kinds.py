@@ -121,21 +121,6 @@ def test_mechanical_stands_beside_angle_observers(tmp_path):
     assert rows['pll'] == evaluated(tmp_path, tmp_path / 'bag', '--observer', 'pll')['pll']
 
 
-def test_a_file_without_an_observer_goes_to_the_kind_that_knows_its_parameters(tmp_path):
-    run('simulate', 'pendulum', '--duration', 1, '--set', 'rate=500', '--out', tmp_path / 'bag')
-    params = tmp_path / 'identified.yaml'  # as identify writes it
-    for parameters, observer in (
-        ('model_parameters: [inertia=0.05]', 'geso'),
-        ('per_joint.joint: {gravity: true}', 'adaptive'),
-        ('gap_max: 0.3', 'edge_adaptive'),
-        ('per_joint.joint: {gap_max: 0.3}', 'edge_adaptive'),
-    ):
-        params.write_text(f'/**:\n  ros__parameters:\n    {parameters}\n')
-        code = observer == 'adaptive'  # 1 s of a pendulum does not determine its parameters
-        found = result_of(tmp_path, 'replay', tmp_path / 'bag', '--params', params, code=code)
-        assert found['observer'] == observer, parameters
-
-
 # ---------------------------------------------------------------- what a kind is
 
 
