@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import yaml
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 log_file = Lazy('estimator_pkg.bags.log_file')
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
-qos = Lazy('estimator_pkg.bags.qos')
 sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
 
 INFORMATION = 'rosbag2_bagfile_information'
@@ -270,9 +269,8 @@ class Bag:
             raise UserError(f'{self.path} is an empty bag: it has no topics; name another')
 
     def _open_folder(self) -> None:
-        listed, described = self._metadata()
         problems = []
-        for file in self._files(listed):
+        for file in self._files():
             try:
                 self._open_file(file)
             except UserError as error:
@@ -281,30 +279,10 @@ class Bag:
             raise UserError(problems[0])
         for problem in problems:
             self.warn(f'{problem}; it is skipped')
-        for topic in described:
-            self._index(topic)
 
-    def _metadata(self) -> tuple[list[str], list[Topic]]:
-        """Return the files and topics that valid metadata list, else nothing."""
-        file = self.path / METADATA
-        if not file.exists():
-            return [], []
-        try:
-            found = yaml.safe_load(whole_file.read_text(file))[INFORMATION]
-            names = [Path(name).name for name in found['relative_file_paths']]
-            if any(name in ('', '..') or '\0' in name for name in names):
-                raise ValueError('a name of a file is damaged')
-            return names, [_described(**each) for each in found['topics_with_message_count']]
-        except (OSError, ImportError):  # a missing library is no damage
-            raise
-        except Exception:  # the library may raise anything for a damaged file
-            self.warn(f'{file} is not valid metadata: reading the files in its folder')
-            return [], []
-
-    def _files(self, listed: list[str]) -> list[Path]:
+    def _files(self) -> list[Path]:
         """Return the files of the folder: those that its metadata list, else those it has."""
-        there = [file for file in self.path.iterdir() if file.suffix in SUFFIXES]
-        there.sort(key=lambda file: (len(file.name), file.name))  # bag_10 after bag_9
+        listed = self._listed()
         missing = [name for name in listed if not (self.path / name).is_file()]
         if len(missing) < len(listed):
             if missing:
@@ -313,6 +291,8 @@ class Bag:
                     'its messages are skipped'
                 )
             return [self.path / name for name in listed if name not in missing]
+        there = [file for file in self.path.iterdir() if file.suffix in SUFFIXES]
+        there.sort(key=lambda file: (len(file.name), file.name))  # bag_10 after bag_9
         if not there:
             raise UserError(
                 f'{self.path}: {missing[0]}, listed in {METADATA}, is missing'
@@ -325,6 +305,23 @@ class Bag:
                 f'reading {len(there)} file{"s" if len(there) > 1 else ""}'
             )
         return there  # the listed ones were renamed with their folder
+
+    def _listed(self) -> list[str]:
+        """Return the names of files that the metadata list, if there are valid ones."""
+        file = self.path / METADATA
+        if not file.exists():
+            return []
+        try:
+            found = yaml.safe_load(whole_file.read_text(file))[INFORMATION]
+            names = [Path(name).name for name in found['relative_file_paths']]
+            if any(name in ('', '..') or '\0' in name for name in names):
+                raise ValueError('a name of a file is damaged')
+            return names
+        except OSError:
+            raise
+        except Exception:  # the library may raise anything for a damaged file
+            self.warn(f'{file} is not valid metadata: reading the files in its folder')
+            return []
 
     def _open_file(self, file: Path) -> None:
         if not file.is_file():
@@ -367,23 +364,16 @@ class Bag:
         It is -1 if another type of the same name came before.
         """
         topic = replace(topic, type=full_type(topic.type))
-        known = self.topics.setdefault(topic.name, replace(topic, count=0))
-        if known.type != topic.type:
+        known = self.topics.get(topic.name)
+        if known is not None and known.type != topic.type:
             self.warn(
                 f"{self.path}: topic '{topic.name}' has two types, {known.type} and {topic.type}: "
                 'the latter is skipped'
             )
             return -1
-        defined = known if known.definition else topic
-        self.topics[topic.name] = replace(
-            defined,
-            count=known.count + topic.count,
-            qos=known.qos or topic.qos,
-            type_hash=known.type_hash or topic.type_hash,
-            serialization=known.serialization
-            if known.serialization != CDR
-            else topic.serialization,
-        )
+        if known is not None:
+            topic = replace(known, count=known.count + topic.count)
+        self.topics[topic.name] = topic
         return list(self.topics).index(topic.name)
 
 
@@ -402,21 +392,6 @@ def open_bag(
     UserError : it does not exist, is empty, or is not a bag.
     """
     return Bag(Path(path), unpack_limit, columns)
-
-
-def _described(topic_metadata: dict[str, Any], **_: Any) -> Topic:
-    """Return a topic as metadata describe it; its messages are counted in the files."""
-    name, type_name = topic_metadata['name'], topic_metadata['type']
-    type_hash = topic_metadata.get('type_description_hash') or ''
-    if not (isinstance(name, str) and isinstance(type_name, str) and isinstance(type_hash, str)):
-        raise ValueError('the description of a topic is damaged')
-    return Topic(
-        name,
-        type_name,
-        qos=qos.of_metadata(topic_metadata.get('offered_qos_profiles')),
-        type_hash=type_hash,
-        serialization=str(topic_metadata.get('serialization_format') or CDR),
-    )
 
 
 def _kept(load: Callable[[], Block], index: np.ndarray, keep: np.ndarray) -> Block:

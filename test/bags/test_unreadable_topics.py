@@ -9,7 +9,6 @@ import sqlite3
 
 import bag_making as make
 import pytest
-import yaml
 from bag_making import START, STATES
 
 from estimator_pkg import cli
@@ -55,17 +54,7 @@ def in_sqlite(path):
     return path
 
 
-def in_metadata(path):
-    make.ours(path, make.content())
-    file = path / 'metadata.yaml'
-    content = yaml.safe_load(file.read_text())
-    for item in content['rosbag2_bagfile_information']['topics_with_message_count']:
-        item['topic_metadata']['serialization_format'] = 'wrong_format'
-    file.write_text(yaml.safe_dump(content))
-    return path
-
-
-DECLARED = {'mcap': in_mcap, 'sqlite': in_sqlite, 'metadata of mcap': in_metadata}
+DECLARED = {'mcap': in_mcap, 'sqlite': in_sqlite}
 
 
 @pytest.mark.parametrize('where', DECLARED)
