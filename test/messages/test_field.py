@@ -135,16 +135,7 @@ def test_yaw_is_right_under_roll_and_pitch(roll, pitch, yaw):
 
 @pytest.mark.parametrize(
     'name, value',
-    [
-        ('Float64', 2.5),
-        ('Float32', 0.5),
-        ('Int64', -(2**40)),
-        ('Int32', -5),
-        ('UInt16', 65535),
-        ('Int8', -1),
-        ('UInt8', 200),
-        ('Bool', True),
-    ],
+    [('Float64', 2.5), ('Float32', 0.5), ('Int64', -(2**40)), ('UInt16', 65535), ('Bool', True)],
 )
 def test_single_numbers(name, value):
     kind = f'std_msgs/msg/{name}'
@@ -233,13 +224,6 @@ def test_a_type_with_too_many_fields_is_refused(definition):
         UsageError, match='p/msg/T0 cannot be read: it has more than 100,000 fields'
     ):
         Field(fields_of('p/msg/T0', definition), 'p/msg/T0', 'last')
-
-
-def test_a_type_that_nests_twenty_times_is_read():
-    fields = fields_of('p/msg/T0', nested(20, 1))
-    raw = b'\0\1\0\0' + np.arange(21.0).tobytes()
-    for path, value in (('last', 20.0), ('.'.join(19 * ['f0'] + ['x']), 0.0)):
-        assert Field(fields, 'p/msg/T0', path).decode(raw).value == value
 
 
 OWN = """\
