@@ -90,8 +90,9 @@ def fields_of(type_name: str, definition: str) -> Definition:
     ------
     UserError : the definition cannot be read, and neither Jazzy nor an installed package has one.
     """
-    for text in (definition, define(type_name)[0]):
-        if text and text.count('\n') < MOST_LINES:
+    own, known = define(type_name)
+    for text in [*([definition] if definition else ()), *([own] if known else ())]:
+        if text.count('\n') < MOST_LINES:
             with suppress(typesys.TypesysError, ValueError):
                 return _parsed(type_name, text).__getitem__
     raise UserError(

@@ -172,7 +172,8 @@ class McapFile:
                 starts.append(start - RECORD.size)
             elif opcode != Opcode.MESSAGE and not self._summarised:
                 self._learn(opcode, data.data[start:end])
-        unpacking.check(what, len(data) + ARRAY_BYTES * len(starts), self._limit)
+        if at != WHOLE_FILE:  # which is not unpacked
+            unpacking.check(what, len(data) + ARRAY_BYTES * len(starts), self._limit)
         return self._block(data, np.frombuffer(starts, np.int64))
 
     def _unpacked(self, at: int, what: str) -> NDArray[np.uint8]:

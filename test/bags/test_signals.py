@@ -26,7 +26,7 @@ FAULTS = Path(__file__).resolve().parents[2] / 'bags' / 'simulated' / 'random_wi
 def long_bag(tmp_path_factory):
     """Long enough to be interrupted, and too short to be compiled for."""
     path = tmp_path_factory.mktemp('signals') / 'long'
-    assert cli.main(['simulate', 'encoder', '--duration', '300', '--out', str(path)]) == 0
+    assert cli.main(['simulate', 'encoder', '--duration', '100', '--out', str(path)]) == 0
     return path
 
 
@@ -60,7 +60,7 @@ def test_a_bag_is_finished_with_what_it_has(words, number, said, long_bag, tmp_p
 
 def test_evaluate_writes_the_bags_that_it_has(tmp_path):
     number = signal.SIGTERM
-    for name in range(40):
+    for name in range(16):
         shutil.copytree(FAULTS, tmp_path / 'bags' / f'b{name:02}')
     page = tmp_path / 'page.html'
     with dds.NodeProcess(

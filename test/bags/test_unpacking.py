@@ -206,6 +206,12 @@ def test_a_chunk_unpacks_to_no_more_than_the_limit(kind, tmp_path, capsys):
     assert cli.main(['replay', str(path), '--unpack-limit', '0']) == 2
 
 
+def test_a_file_without_chunks_is_not_unpacked(tmp_path):
+    path = make.KINDS['mcap without chunks'](tmp_path / 'bag', make.content(200))
+    with open_bag(path, 1000) as bag:
+        assert len(list(bag.messages())) == bag.count == 267
+
+
 def test_the_limit_by_itself_stops_a_chunk_that_declares_gigabytes(tmp_path):
     path = with_chunk(tmp_path / 'bag.mcap', 'zstd without its size', MIB, 4 << 30)
     with pytest.raises(UserError, match='more than 256 MiB'):
