@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
 from estimator_pkg.errors import UserError, first_line
@@ -21,7 +21,6 @@ try:
     from estimator_pkg.ros.runtime import make_executor  # isort: skip  prepares the environment
     import rclpy
     from rclpy.duration import Duration
-    from rclpy.executors import Executor
     from rclpy.node import Node
     from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
     from rclpy.signals import SignalHandlerOptions
@@ -37,6 +36,9 @@ from rosbags.interfaces import (
     QosTime,
 )
 
+if TYPE_CHECKING:
+    from estimator_pkg.ros.executor import SteadyExecutor
+
 DEPTH = 1000  # of queues: no message may be lost while the disk is busy
 
 
@@ -45,7 +47,7 @@ class Live:
     """A node on the live graph, and what runs its callbacks."""
 
     node: Node
-    executor: Executor
+    executor: SteadyExecutor
 
     @property
     def stopping(self) -> bool:
