@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 mcap_writer = Lazy('mcap.writer')
 qos_profiles = Lazy('estimator_pkg.bags.qos')
+zstandard = Lazy('zstandard')
 
 VERSION = 9  # of metadata.yaml, as Jazzy writes it
 CHUNK_SIZE = 1 << 20  # bytes of messages per chunk, before compression
@@ -76,7 +77,8 @@ class BagWriter:
             raise UserError(
                 f'{path} cannot be written: the folder {self._name.parent} does not exist'
             )
-        make = mcap_writer.Writer  # a missing library raises before anything is created
+        # a missing library raises before anything is created
+        make, _ = mcap_writer.Writer, zstandard.compress
         self._topics: dict[str, tuple[int, Topic]] = {}
         self._schemas: dict[str, int] = {}
         self._counts = [0]  # by channel, whose numbers start at 1
