@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from estimator_pkg.bags.source import full_type
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.field import BASES, EMPTY, SEQUENCE, Definition, Kind
 from estimator_pkg.optional import Lazy
@@ -24,13 +22,9 @@ from estimator_pkg.ros.message_class import TYPE_NAME
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
+interfaces = Lazy('rosbags.interfaces')
 typesys = Lazy('rosbags.typesys')
-SEPARATOR = '=' * 80
-LONGEST_DEFINITION = 1 << 20  # characters of a bag's definition that are read
-_SECTION = re.compile(rf'^{SEPARATOR}\nMSG: *(\S+) *$', re.MULTILINE)
-_FIELD = re.compile(
-    r'#|([A-Za-z][\w/]*)(?:<=\d+)?(?:\[(<=)?(\d*)\])?\s+([A-Za-z]\w*)\s*(=)?'
-)  # type, bound and size of a list, name; = of a constant
+MOST_LINES = 10_000  # of a definition that is read: the library's parser takes 0.1 ms for each
 
 
 @lru_cache(maxsize=1)
@@ -49,57 +43,44 @@ def define(type_name: str) -> tuple[str, str]:
         the installed ROS packages.
     """
     store = jazzy()
+    try:
+        _register(store, type_name)
+    except (OSError, typesys.TypesysError):
+        return '', ''
+    return store.generate_msgdef(type_name, ros_version=2)[0], _hash(store, type_name)
+
+
+def _hash(store: Typestore, type_name: str) -> str:
+    """Return the installed type hash; that of rosbags is wrong for types with `char`."""
+    with suppress(OSError):
+        found = json.loads(_file(type_name, '.json').read_text(encoding='utf-8'))
+        for item in found.get('type_hashes', []):
+            if item['type_name'] == type_name:
+                return item['hash_string']
+    return store.hash_rihs01(type_name)
+
+
+def _register(store: Typestore, type_name: str) -> None:
+    """Add an installed type and those in it; raise OSError or TypesysError if one is missing."""
     if type_name in store.fielddefs:
-        text, _ = store.generate_msgdef(type_name, ros_version=2)
-        return text, _hash(type_name) or store.hash_rihs01(type_name)
-    return _installed(type_name)
+        return
+    found = typesys.get_types_from_msg(_file(type_name, '.msg').read_text('utf-8'), type_name)
+    for _, fields in found.values():
+        for kind in (_kind(*each) for _, each in fields):
+            if kind.is_message:
+                _register(store, kind.base)
+    store.register(found)
 
 
-def _installed(type_name: str) -> tuple[str, str]:
-    texts: list[str] = []
-    done: set[str] = set()
-    waiting = [type_name]
-    while waiting:
-        name = waiting.pop(0)
-        if name in done:
-            continue
-        done.add(name)
-        file = _file(name, '.msg')
-        if file is None:
-            return '', ''
-        text = file.read_text(encoding='utf-8')
-        package = name.split('/')[0]
-        head = '' if name == type_name else f'{SEPARATOR}\nMSG: {name.replace("/msg/", "/")}\n'
-        texts.append(head + text)
-        for line in text.splitlines():
-            word = line.split('#')[0].strip().split(' ')[0].split('[')[0].split('<')[0]
-            if word[:1].isupper():
-                waiting.append(f'{package}/msg/{word}')
-            elif '/' in word:
-                owner, _, short = word.partition('/')
-                waiting.append(f'{owner}/msg/{short.rpartition("/")[2]}')
-    return '\n'.join(texts), _hash(type_name)
-
-
-def _hash(type_name: str) -> str:
-    file = _file(type_name, '.json')
-    if file is None:
-        return ''
-    for item in json.loads(file.read_text(encoding='utf-8')).get('type_hashes', []):
-        if item['type_name'] == type_name:
-            return item['hash_string']
-    return ''
-
-
-def _file(type_name: str, suffix: str) -> Path | None:
-    if not TYPE_NAME.fullmatch(type_name):  # from a bag: it must not lead out of `share`
-        return None
-    for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
-        package, _, rest = type_name.partition('/')
-        path = Path(prefix, 'share', package, rest + suffix)
-        if prefix and path.is_file():
-            return path
-    return None
+def _file(type_name: str, suffix: str) -> Path:
+    """Return the file of an installed type; raise FileNotFoundError."""
+    package, _, name = type_name.partition('/')
+    if TYPE_NAME.fullmatch(type_name):  # from a bag: it must not lead out of `share`
+        for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
+            path = Path(prefix, 'share', package, name + suffix)
+            if prefix and path.is_file():
+                return path
+    raise FileNotFoundError(type_name)
 
 
 def fields_of(type_name: str, definition: str) -> Definition:
@@ -109,13 +90,11 @@ def fields_of(type_name: str, definition: str) -> Definition:
     ------
     UserError : the definition cannot be read, and neither Jazzy nor an installed package has one.
     """
-    if 0 < len(definition) <= LONGEST_DEFINITION:
-        with suppress(ValueError):
-            return _parsed(type_name, definition).__getitem__
     own, known = define(type_name)
-    if known:
-        with suppress(ValueError):
-            return _parsed(type_name, own).__getitem__
+    for text in [*([definition] if definition else ()), *([own] if known else ())]:
+        if text.count('\n') < MOST_LINES:
+            with suppress(typesys.TypesysError, ValueError):
+                return _parsed(type_name, text).__getitem__
     raise UserError(
         f'the bag has no definition of {type_name} that can be read, and ROS 2 Jazzy does not '
         'have it either: install its package'
@@ -123,28 +102,21 @@ def fields_of(type_name: str, definition: str) -> Definition:
 
 
 def _parsed(type_name: str, text: str) -> dict[str, Mapping[str, Kind]]:
-    """Return the fields of all types in a definition; raise ValueError if it is not one.
-
-    The parser of rosbags takes a minute and 700 MB for a definition of 60,000 fields.
-    """
-    main, *others = _SECTION.split(text)
+    """Return the fields of all types in a definition."""
     found: dict[str, Mapping[str, Kind]] = {}
-    for name, lines in ((type_name, main), *zip(map(full_type, others[::2]), others[1::2])):
-        fields: dict[str, Kind] = {}
-        for line in filter(None, map(str.strip, lines.splitlines())):
-            match = _FIELD.match(line)
-            if match is None:
-                raise ValueError(line)
-            base, bound, size, field, constant = match.groups()
-            if base is None or constant:  # a comment, a constant
-                continue
-            if base not in BASES:
-                base = full_type(base if '/' in base else f'{name.rpartition("/")[0]}/{base}')
-            if field in fields:
-                raise ValueError(line)
-            count = None if size is None else int(size) if size and not bound else SEQUENCE
-            fields[field] = Kind(base, count)
-        found[name] = {key: kind for key, kind in fields.items() if kind.length != 0} or EMPTY
+    for name, (_, fields) in typesys.get_types_from_msg(text, type_name).items():
+        found[name] = {field: _kind(*kind) for field, kind in fields} or EMPTY
+        if len(found[name]) < len(fields):
+            raise ValueError(f'{name} has two fields of one name')
     if not {kind.base for each in found.values() for kind in each.values()} <= {*found, *BASES}:
         raise ValueError('a type has no definition')
     return found
+
+
+def _kind(node: int, content: Any) -> Kind:
+    """Return the kind of a field that rosbags describes as (node, content)."""
+    if node in (interfaces.Nodetype.ARRAY, interfaces.Nodetype.SEQUENCE):
+        element, size = content
+        return Kind(_kind(*element).base, size if node == interfaces.Nodetype.ARRAY else SEQUENCE)
+    base = content[0] if node == interfaces.Nodetype.BASE else content
+    return Kind('wstring' if base.endswith('/msg/wstring') else base)  # rosbags has no wstring

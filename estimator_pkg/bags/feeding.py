@@ -19,7 +19,7 @@ STRIDE = 8  # ranks between two answers; larger than the number of outputs
 
 
 def answers(stream: Stream, names: Sequence[str], block: Block) -> list[Answers]:
-    """Return the answers to a block of messages on the stream's topics.
+    """Return the answers to the messages of a block that are on the stream's topics.
 
     Parameters
     ----------
@@ -30,6 +30,11 @@ def answers(stream: Stream, names: Sequence[str], block: Block) -> list[Answers]
     UserError : the observer failed (a user's own model or observer can).
     """
     every = [[port for port, topic in enumerate(stream.topics) if topic == name] for name in names]
+    listened = np.array([bool(ports) for ports in every])[block.topic]
+    if not listened.all():
+        rows = np.flatnonzero(listened)
+        made = answers(stream, names, block.take(rows))
+        return [each._replace(rows=rows[each.rows]) for each in made]
     with plainly('the observer'):
         found = stream.feed_block([ports[0] if ports else -1 for ports in every], block)
         return _one_by_one(stream, every, block) if found is None else list(found)

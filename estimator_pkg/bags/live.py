@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
@@ -20,6 +21,7 @@ try:
     from estimator_pkg.ros.runtime import make_executor  # isort: skip  prepares the environment
     import rclpy
     from rclpy.duration import Duration
+    from rclpy.node import Node
     from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
     from rclpy.signals import SignalHandlerOptions
 except ImportError as problem:
@@ -35,26 +37,17 @@ from rosbags.interfaces import (
 )
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from estimator_pkg.ros.executor import SteadyExecutor
 
 DEPTH = 1000  # of queues: no message may be lost while the disk is busy
 
 
+@dataclass(frozen=True)
 class Live:
-    """A node on the live graph.
+    """A node on the live graph, and what runs its callbacks."""
 
-    Attributes
-    ----------
-    node : the node.
-    """
-
-    def __init__(self, name: str) -> None:
-        from rclpy.node import Node
-
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self.node: Node = Node(name, start_parameter_services=False)
-        self._executor = make_executor()
-        self._executor.add_node(self.node)
+    node: Node
+    executor: SteadyExecutor
 
     @property
     def stopping(self) -> bool:
@@ -63,19 +56,13 @@ class Live:
 
     def spin(self, seconds: float) -> None:
         """Run callbacks for at most `seconds`; at least one, if any is due."""
-        self._executor.spin_once(timeout_sec=seconds)
+        self.executor.spin_once(timeout_sec=seconds)
 
     def makers(self, topics: Iterable[str]) -> dict[str, str]:
         """Return topic -> observer that publishes it, for those that one does."""
         from estimator_pkg.ros.observers import makers
 
         return makers(self.node, topics)
-
-    def close(self) -> None:
-        """Remove the node from the graph."""
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.try_shutdown()
 
 
 @contextmanager
@@ -88,13 +75,17 @@ def live(name: str) -> Iterator[Live]:
     """
     with interrupts.gently(background=True):  # our loops end by themselves, before ROS does
         try:
-            here = Live(name)
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            here = Live(Node(name, start_parameter_services=False), make_executor())
+            here.executor.add_node(here.node)
         except Exception as error:  # of rcl: no middleware, a wrong environment
             raise UserError(f'ROS cannot start: {first_line(error)}') from error
         try:
             yield here
         finally:
-            here.close()
+            here.executor.shutdown()
+            here.node.destroy_node()
+            rclpy.try_shutdown()
 
 
 def offered(profile: QoSProfile) -> Qos:

@@ -51,12 +51,7 @@ def to_text(profiles: Sequence[Qos]) -> str:
 @lru_cache(64)  # each topic has a text, mostly the same; YAML takes milliseconds
 def of_text(text: str) -> tuple[Qos, ...]:
     """Return the profiles in the text of an MCAP channel; () if it is invalid."""
-    return of_metadata(text)
-
-
-def of_metadata(listed: Any) -> tuple[Qos, ...]:
-    """Return the profiles in metadata.yaml of any rosbag2 version; () if they are invalid."""
     try:
-        return tuple(parse_qos(listed))
+        return tuple(parse_qos(text))
     except Exception:  # of other recorders: unreadable profiles count as missing
         return ()

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,7 +18,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import yaml
@@ -42,9 +41,7 @@ if TYPE_CHECKING:
 
 log_file = Lazy('estimator_pkg.bags.log_file')
 mcap_file = Lazy('estimator_pkg.bags.mcap_file')
-qos = Lazy('estimator_pkg.bags.qos')
 sqlite_file = Lazy('estimator_pkg.bags.sqlite_file')
-zstandard = Lazy('zstandard')
 
 INFORMATION = 'rosbag2_bagfile_information'
 SUFFIXES = ('.mcap', '.db3', '.zstd')
@@ -167,29 +164,27 @@ class Bag:
 
     def blocks(self, topics: Iterable[str] | None = None) -> Iterator[tuple[list[str], Block]]:
         """Yield (names, block): many messages at a time; `block.topic` are indices of `names`."""
-        chosen = set(self.topics if topics is None else topics)
         names = list(self.topics)
+        chosen = set(names if topics is None else topics)
         keep = np.array([name in chosen for name in names] + [False])  # the last one for -1
         for block in self._in_log_order(self._pieces(keep)):
             starts = block.start[block.end - block.start >= len(ZSTD)]
-            heads = rows(block.data, starts, len(ZSTD))
-            packed = np.any(np.all(heads == np.frombuffer(ZSTD, np.uint8), axis=1))
-            for part in self._unpacked(block) if packed else (block,):
+            packed = (rows(block.data, starts, len(ZSTD)) == np.frombuffer(ZSTD, np.uint8)).all(1)
+            for part in self._unpacked(block) if packed.any() else (block,):
                 if len(part):
                     yield names, part
 
     def _pieces(self, keep: np.ndarray) -> Iterable[PendingBlock]:
         """Return the pieces of all files; the files of a split database follow each other."""
-
-        def pieces() -> Iterator[PendingBlock]:
-            for source, index in self._sources:
-                places = np.flatnonzero(keep[index]).tolist()
-                for piece in source.pieces(places) if places else ():
-                    yield piece._replace(load=partial(_kept, piece.load, index, keep))
-
+        pieces = (
+            piece._replace(load=partial(_kept, piece.load, index, keep))
+            for source, index in self._sources
+            if keep[index].any()
+            for piece in source.pieces(np.flatnonzero(keep[index]).tolist())
+        )
         if all(source.sorts for source, _ in self._sources):
-            return sorted(pieces(), key=lambda piece: piece.start_ns)
-        return pieces()
+            return sorted(pieces, key=lambda piece: piece.start_ns)
+        return pieces
 
     def _in_log_order(self, pieces: Iterable[PendingBlock]) -> Iterator[Block]:
         """Yield blocks in log order from pieces sorted by their first time, which may overlap."""
@@ -220,26 +215,21 @@ class Bag:
         good: list[int] = []
         raws: list[memoryview] = []
         size = 0
-
-        def unpacked() -> Block:
-            taken = block.take(np.array(good, np.int64))
-            return from_messages(taken.topic, taken.log_ns, taken.publish_ns, raws)
-
         for row, (start, end) in enumerate(zip(block.start.tolist(), block.end.tolist())):
             raw = view[start:end]
             try:
                 if raw[: len(ZSTD)] == ZSTD:
                     raw = unpacking.unpack_message(raw, f'{self.path}: a message', self._limit)
-            except zstandard.ZstdError:
+            except ValueError:
                 self.warn(f'{self.path} is damaged: messages that cannot be unpacked are skipped')
                 continue
             if size + len(raw) > unpacking.PIECE_SIZE:
-                yield unpacked()
+                yield _with(block, good, raws)
                 good, raws, size = [], [], 0
             good.append(row)
             raws.append(raw)
             size += len(raw)
-        yield unpacked()
+        yield _with(block, good, raws)
 
     def warn(self, text: str) -> None:
         """Print a warning about the bag, once."""
@@ -279,9 +269,8 @@ class Bag:
             raise UserError(f'{self.path} is an empty bag: it has no topics; name another')
 
     def _open_folder(self) -> None:
-        listed, described = self._metadata()
         problems = []
-        for file in self._files(listed):
+        for file in self._files():
             try:
                 self._open_file(file)
             except UserError as error:
@@ -290,31 +279,10 @@ class Bag:
             raise UserError(problems[0])
         for problem in problems:
             self.warn(f'{problem}; it is skipped')
-        for topic in described:
-            self._index(topic)
 
-    def _metadata(self) -> tuple[list[str], list[Topic]]:
-        """Return the files and topics that valid metadata list, else nothing."""
-        file = self.path / METADATA
-        if not file.exists():
-            return [], []
-        try:
-            found = yaml.safe_load(whole_file.read_text(file))[INFORMATION]
-            names = [Path(name).name for name in found['relative_file_paths']]
-            if any(name in ('', '..') or '\0' in name for name in names):
-                raise ValueError('a name of a file is damaged')
-            return names, [_described(**each) for each in found['topics_with_message_count']]
-        except (OSError, ImportError):  # a missing library is no damage
-            raise
-        except Exception:  # the library may raise anything for a damaged file
-            self.warn(f'{file} is not valid metadata: reading the files in its folder')
-            return [], []
-
-    def _files(self, listed: list[str]) -> list[Path]:
+    def _files(self) -> list[Path]:
         """Return the files of the folder: those that its metadata list, else those it has."""
-        there = sorted(
-            (file for file in self.path.iterdir() if file.suffix in SUFFIXES), key=natural
-        )
+        listed = self._listed()
         missing = [name for name in listed if not (self.path / name).is_file()]
         if len(missing) < len(listed):
             if missing:
@@ -323,6 +291,8 @@ class Bag:
                     'its messages are skipped'
                 )
             return [self.path / name for name in listed if name not in missing]
+        there = [file for file in self.path.iterdir() if file.suffix in SUFFIXES]
+        there.sort(key=lambda file: (len(file.name), file.name))  # bag_10 after bag_9
         if not there:
             raise UserError(
                 f'{self.path}: {missing[0]}, listed in {METADATA}, is missing'
@@ -336,6 +306,23 @@ class Bag:
             )
         return there  # the listed ones were renamed with their folder
 
+    def _listed(self) -> list[str]:
+        """Return the names of files that the metadata list, if there are valid ones."""
+        file = self.path / METADATA
+        if not file.exists():
+            return []
+        try:
+            found = yaml.safe_load(whole_file.read_text(file))[INFORMATION]
+            names = [Path(name).name for name in found['relative_file_paths']]
+            if any(name in ('', '..') or '\0' in name for name in names):
+                raise ValueError('a name of a file is damaged')
+            return names
+        except OSError:
+            raise
+        except Exception:  # the library may raise anything for a damaged file
+            self.warn(f'{file} is not valid metadata: reading the files in its folder')
+            return []
+
     def _open_file(self, file: Path) -> None:
         if not file.is_file():
             link = whole_file.broken_link(file)
@@ -346,16 +333,13 @@ class Bag:
             self._add(log_file.LogFile(file, self._columns, self.warn))
             return
         if file.suffix == '.zstd':
-            packed, file = file, self._temporary() / file.stem
+            folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix='bag'))
+            packed, file = file, Path(folder, file.stem)
             unpacking.unpack_file(packed, file, self._limit)
         with open(file, 'rb') as stream:
             start = stream.read(16)
         self._size += file.stat().st_size
         if start.startswith(b'SQLite format 3\0'):
-            logs = sqlite_file.logs(file)
-            if logs:
-                self.warn(f'{file} was not closed: it is read with {" and ".join(logs)}')
-                file = sqlite_file.completed(file, logs, self._temporary())
             self._add(sqlite_file.SqliteFile(file, self.warn))
         elif start.startswith(b'\x89MCAP0\r\n'):
             self._add(mcap_file.McapFile(file, self.warn, self._limit))
@@ -369,10 +353,6 @@ class Bag:
         else:
             raise UserError(f'{file} is not a bag: it is neither MCAP nor sqlite3')
 
-    def _temporary(self) -> Path:
-        """Return a new folder that lives as long as the bag is open."""
-        return Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix='bag')))
-
     def _add(self, source: BagFile) -> None:
         self._stack.callback(source.close)
         index = np.array([self._index(topic) for topic in source.topics], np.int64)
@@ -384,23 +364,16 @@ class Bag:
         It is -1 if another type of the same name came before.
         """
         topic = replace(topic, type=full_type(topic.type))
-        known = self.topics.setdefault(topic.name, replace(topic, count=0))
-        if known.type != topic.type:
+        known = self.topics.get(topic.name)
+        if known is not None and known.type != topic.type:
             self.warn(
                 f"{self.path}: topic '{topic.name}' has two types, {known.type} and {topic.type}: "
                 'the latter is skipped'
             )
             return -1
-        defined = known if known.definition else topic
-        self.topics[topic.name] = replace(
-            defined,
-            count=known.count + topic.count,
-            qos=known.qos or topic.qos,
-            type_hash=known.type_hash or topic.type_hash,
-            serialization=known.serialization
-            if known.serialization != CDR
-            else topic.serialization,
-        )
+        if known is not None:
+            topic = replace(known, count=known.count + topic.count)
+        self.topics[topic.name] = topic
         return list(self.topics).index(topic.name)
 
 
@@ -421,27 +394,6 @@ def open_bag(
     return Bag(Path(path), unpack_limit, columns)
 
 
-def natural(file: Path) -> list[tuple]:
-    """Return a sort key under which wbag_10 comes after wbag_9."""
-    parts = re.findall(r'(\d+)|(\D)', file.name)
-    return [(0, int(digits), '') if digits else (1, 0, letter) for digits, letter in parts]
-
-
-def _described(topic_metadata: dict[str, Any], **_: Any) -> Topic:
-    """Return a topic as metadata describe it; its messages are counted in the files."""
-    name, type_name = topic_metadata['name'], topic_metadata['type']
-    type_hash = topic_metadata.get('type_description_hash') or ''
-    if not (isinstance(name, str) and isinstance(type_name, str) and isinstance(type_hash, str)):
-        raise ValueError('the description of a topic is damaged')
-    return Topic(
-        name,
-        type_name,
-        qos=qos.of_metadata(topic_metadata.get('offered_qos_profiles')),
-        type_hash=type_hash,
-        serialization=str(topic_metadata.get('serialization_format') or CDR),
-    )
-
-
 def _kept(load: Callable[[], Block], index: np.ndarray, keep: np.ndarray) -> Block:
     """Return the messages of a piece that belong to a chosen topic.
 
@@ -454,3 +406,9 @@ def _kept(load: Callable[[], Block], index: np.ndarray, keep: np.ndarray) -> Blo
     block = replace(block, topic=topic)
     chosen = keep[topic]
     return block if chosen.all() else block.take(chosen)
+
+
+def _with(block: Block, good: list[int], raws: list[memoryview]) -> Block:
+    """Return these messages of a block with other bytes."""
+    taken = block.take(np.array(good, np.int64))
+    return from_messages(taken.topic, taken.log_ns, taken.publish_ns, raws)

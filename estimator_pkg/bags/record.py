@@ -10,7 +10,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from estimator_pkg import interrupts
@@ -37,9 +37,7 @@ GRAPH_PERIOD = 0.1  # time between two checks of the graph [s]
 FIRST_MESSAGE_WAIT = 10.0  # added to a duration while no message has arrived yet [s]
 TAKE_PERIOD = 0.005  # time between two looks for messages [s]
 LONGEST_TURN = 0.5  # longest time for the messages of one topic [s]
-QUIET_CHECKS = 3  # consecutive looks without a message after which all received ones are recorded
-CHECK_TIME = 0.02  # time between these looks [s]
-LONGEST_END_CHECKS = 0.3  # longest time for them [s]
+LAST_MESSAGES = 0.3  # time at the end for messages that have been received already [s]
 FLUSH_PERIOD = 2.0  # time between two flushes to the disk [s]
 
 
@@ -99,19 +97,23 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
 
 @dataclass
 class RecordedTopic:
-    """A topic that is being recorded."""
+    """A topic that is being recorded.
 
-    subscription: Subscription
-    receive: Callable[[bytes, Any], None]
-    qos: QoSProfile
-    loss: Loss
-    profiles: list[Qos]
-    lost_before: int = 0
+    kind : class of its messages. profiles : all that its publishers offered. qos : of the
+    subscription. losses : of this subscription and of those before it.
+    """
+
+    kind: Any
+    profiles: list[Qos] = field(default_factory=list)
+    qos: QoSProfile | None = None
+    subscription: Subscription | None = None
+    receive: Callable[[bytes, Any], None] | None = None
+    losses: list[Loss] = field(default_factory=list)
 
     @property
     def lost(self) -> int:
         """Number of messages lost between publisher and recorder."""
-        return self.lost_before + self.loss.count
+        return sum(each.count for each in self.losses)
 
 
 class Recorder:
@@ -127,8 +129,7 @@ class Recorder:
         self._writer = writer
         self._topics = topics
         self._refused: set[str] = set()
-        self._first_ns = 0
-        self._received = 0
+        self._first = 0.0  # steady time of the first message [s]
         self.tracks: dict[str, RecordedTopic] = {}
 
     def run(self, duration: float | None) -> None:
@@ -146,38 +147,53 @@ class Recorder:
                 self._writer.flush()
                 flush = now + FLUSH_PERIOD
             self._take()
-            since = self._first_ns * 1e-9 if self._first_ns else begun + FIRST_MESSAGE_WAIT
+            since = self._first or begun + FIRST_MESSAGE_WAIT
             if duration is not None and now - since > duration:
                 break
             time.sleep(TAKE_PERIOD)
-        until, quiet = time.monotonic() + LONGEST_END_CHECKS, 0
-        while quiet < QUIET_CHECKS and time.monotonic() < until:
-            quiet = 0 if self._take() else quiet + 1
-            time.sleep(CHECK_TIME)
+        until = time.monotonic() + LAST_MESSAGES
+        while time.monotonic() < until:
+            self._take()
+            time.sleep(TAKE_PERIOD)
 
-    def _take(self) -> bool:
-        """Write the messages that came; return True if there were some."""
-        before = self._received
+    def _take(self) -> None:
+        """Write the messages that came."""
         for track in self.tracks.values():
             executor.take_turn(track.subscription, track.receive, LONGEST_TURN)
-        return self._received > before
 
     def _look(self) -> None:
-        """Subscribe to new topics, and adapt to publishers that offer less than before."""
+        """Subscribe to new topics, and again where a publisher offers less than those before."""
         for name, types in self._here.node.get_topic_names_and_types():
             if name in self._refused or (self._topics and name not in self._topics):
                 continue
             publishers = self._here.node.get_publishers_info_by_topic(name)
-            if not publishers:
+            profiles = dict.fromkeys(live.offered(each.qos_profile) for each in publishers)
+            if name not in self.tracks and (
+                not publishers
+                or not self._declare(
+                    name, types, list(profiles), str(publishers[0].topic_type_hash)
+                )
+            ):
                 continue
-            profiles = list(dict.fromkeys(live.offered(each.qos_profile) for each in publishers))
-            track = self.tracks.get(name)
-            if track is None:
-                self._start(name, types, profiles, str(publishers[0].topic_type_hash))
-            elif any(profile not in track.profiles for profile in profiles):
-                self._adapt(name, types[0], track, profiles)
+            track = self.tracks[name]
+            track.profiles = list(dict.fromkeys([*track.profiles, *profiles]))
+            qos, old = live.matching(track.profiles), track.qos
+            if old is None:
+                show(f'recording {name} ({types[0]})', file=sys.stderr)
+            elif (qos.reliability, qos.durability) == (old.reliability, old.durability):
+                continue
+            elif track.subscription is not None:
+                show(
+                    f'warning: a publisher of {name} offers less than the others: subscribing '
+                    'again',
+                    file=sys.stderr,
+                )
+                self._take()
+                self._here.node.destroy_subscription(track.subscription)
+            self._subscribe(name, track, qos)
 
-    def _start(self, name: str, types: list[str], profiles: list[Qos], type_hash: str) -> None:
+    def _declare(self, name: str, types: list[str], profiles: list[Qos], type_hash: str) -> bool:
+        """Add a topic to the bag; return False if it cannot be recorded."""
         kind = message_class(types[0])
         if kind is None or len(types) > 1:
             self._refused.add(name)
@@ -186,33 +202,19 @@ class Recorder:
             if self._topics:
                 raise UserError(f'{name} cannot be recorded: {why}')
             show(f'warning: {name} is not recorded: {why}', file=sys.stderr)
-            return
+            return False
         self._writer.add_topic(
             name, types[0], profiles, type_hash=type_hash if type_hash.startswith('RIHS01_') else ''
         )
-        self.tracks[name] = self._subscribe(name, kind, profiles)
-        show(f'recording {name} ({types[0]})', file=sys.stderr)
+        self.tracks[name] = RecordedTopic(kind)
+        return True
 
-    def _adapt(self, name: str, type_name: str, track: RecordedTopic, profiles: list[Qos]) -> None:
-        """Subscribe again if a new publisher does not match the present subscription."""
-        track.profiles += [profile for profile in profiles if profile not in track.profiles]
-        qos = live.matching(track.profiles)
-        if (qos.reliability, qos.durability) == (track.qos.reliability, track.qos.durability):
-            return
-        show(
-            f'warning: a publisher of {name} offers less than the others: subscribing again',
-            file=sys.stderr,
-        )
-        self._take()
-        self._here.node.destroy_subscription(track.subscription)
-        again = self._subscribe(name, message_class(type_name), track.profiles)
-        again.lost_before = track.lost
-        self.tracks[name] = again
-
-    def _subscribe(self, name: str, kind: Any, profiles: list[Qos]) -> RecordedTopic:
+    def _subscribe(self, name: str, track: RecordedTopic, qos: QoSProfile) -> None:
         """Subscribe without an executor: `_take` polls, and DDS knows when each message came."""
-        qos = live.matching(profiles)
-        subscription = self._here.node.create_subscription(kind, name, _unused, qos, raw=True)
+        track.qos = qos
+        subscription = self._here.node.create_subscription(
+            track.kind, name, lambda _: None, qos, raw=True
+        )
         counted = loss.Loss(subscription.get_publisher_count)
 
         def receive(raw: bytes, info: Any) -> None:
@@ -221,14 +223,10 @@ class Recorder:
             self._writer.write(
                 name, info['received_timestamp'] or now, raw, info['source_timestamp'] or now
             )
-            self._received += 1
-            self._first_ns = self._first_ns or time.monotonic_ns()
+            self._first = self._first or time.monotonic()
 
-        return RecordedTopic(subscription, receive, qos, counted, profiles)
-
-
-def _unused(raw: bytes) -> None:
-    """Stand in for the callback that rclpy requires."""
+        track.subscription, track.receive = subscription, receive
+        track.losses.append(counted)
 
 
 COMMAND = Command(

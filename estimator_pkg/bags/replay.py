@@ -9,7 +9,6 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from typing import Any
 
@@ -170,12 +169,13 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
             ]
             if writer is not None:
                 output = ReplayWriter(bag, writer, stream, node, parsed.copy)
-            copied = output.copied if output else set()
-            with progress('replay', sum(topic.count for topic in setup.topics)) as advance:
-                for count, names, block, made in fed(bag, setup, stream, copied):
+            read = {topic.name for topic in setup.topics} | (output.copied if output else set())
+            with progress('replay', sum(bag.topics[name].count for name in read)) as advance:
+                for names, block in bag.blocks(read):
+                    made = answers(stream, names, block)
                     if output is not None:
                         output.write(names, block, made)
-                    advance(count)
+                    advance(len(block))
                     interrupted = bool(interrupts.came())
                     if interrupted:
                         break
@@ -218,31 +218,6 @@ def _setup(bag: Bag, parsed: argparse.Namespace, columns: log_file.Columns | Non
     return wired(
         stream, bag, values, Request(parsed.measurement, parsed.angle, tuple(parsed.joint))
     )
-
-
-def fed(
-    bag: Bag, setup: Setup, stream: Stream, copied: set[str]
-) -> Iterator[tuple[int, list[str], Block, list[Answers]]]:
-    """Yield (messages taken, topic names, block, answers) over the bag.
-
-    Parameters
-    ----------
-    copied : topics that the blocks contain too.
-    """
-    listened = {topic.name for topic in setup.topics}
-    for names, block in bag.blocks(listened | copied):
-        if copied <= listened:
-            yield len(block), names, block, answers(stream, names, block)
-            continue
-        rows = np.flatnonzero(np.isin(block.topic, _numbers(names, listened)))
-        made = [
-            each._replace(rows=rows[each.rows]) for each in answers(stream, names, block.take(rows))
-        ]
-        yield len(rows), names, block, made
-
-
-def _numbers(names: Sequence[str], chosen: set[str]) -> list[int]:
-    return [number for number, name in enumerate(names) if name in chosen]
 
 
 def _print(result: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from estimator_pkg.circle import LARGEST
 from estimator_pkg.errors import UserError
 from estimator_pkg.messages.block import Block
 from estimator_pkg.messages.joint_state import TYPE, Decoder
-from estimator_pkg.messages.joint_state_block import Decoded, decode_block
+from estimator_pkg.messages.joint_state_block import decode_block
 
 
 class Series(NamedTuple):
@@ -59,24 +59,29 @@ def series_of(
     blocks: Iterable[Block], by_publisher: bool = False
 ) -> tuple[dict[str, Series], int, int]:
     """Return the joints in blocks of JointStates, the number of messages and of malformed ones."""
-    alike: dict[tuple, list[Decoded]] = {}  # groups of one layout
+    pieces: dict[str, list[tuple[NDArray[Any], ...]]] = {}  # rows, and the columns of `Series`
     layout_of = Decoder().layout
     count = malformed = 0
     for block in blocks:
         groups, unread = decode_block(block, layout_of)
         malformed += len(unread)
         for group in groups:
-            if by_publisher:
-                group = group._replace(stamps_ns=block.publish_ns[group.rows])
-            layout = group.names, *(array.shape[1] for array in group.arrays)
-            alike.setdefault(layout, []).append(group._replace(rows=group.rows + count))
+            stamps = block.publish_ns[group.rows] if by_publisher else group.stamps_ns
+            missing = np.full(len(stamps), np.nan)
+            whole = [array.shape[1] == len(group.names) for array in group.arrays]
+            for place, name in enumerate(group.names):
+                columns = (
+                    array[:, place] if there else missing
+                    for array, there in zip(group.arrays, whole)
+                )
+                pieces.setdefault(name, []).append((group.rows + count, stamps, *columns))
         count += len(block)
-    pieces: dict[str, list[tuple[Decoded, int]]] = {}
-    for found in alike.values():
-        group = _joined(found)
-        for column, name in enumerate(group.names):
-            pieces.setdefault(name, []).append((group, column))
-    return {name: _series(items) for name, items in pieces.items()}, count, malformed
+    found = {}
+    for name, each in pieces.items():
+        rows, *values = map(np.concatenate, zip(*each))
+        order = np.argsort(rows, kind='stable')
+        found[name] = Series._make(value[order] for value in values)
+    return found, count, malformed
 
 
 def positions(bag: Bag, topic: str, by_publisher: bool = False) -> dict[str, Series]:
@@ -133,33 +138,3 @@ def at_stamps(
         same = known[order[at]] == stamps
         found[same] = values[order[at[same]]]
     return found
-
-
-def _joined(groups: list[Decoded]) -> Decoded:
-    """Return groups of one layout as one."""
-    return groups[0]._replace(
-        rows=np.concatenate([group.rows for group in groups]),
-        stamps_ns=np.concatenate([group.stamps_ns for group in groups]),
-        arrays=tuple(map(np.concatenate, zip(*(group.arrays for group in groups)))),
-    )
-
-
-def _series(pieces: list[tuple[Decoded, int]]) -> Series:
-    order = np.argsort(np.concatenate([group.rows for group, _ in pieces]), kind='stable')
-    stamps = np.concatenate([group.stamps_ns for group, _ in pieces])[order]
-    columns = [
-        np.concatenate(
-            [
-                _column(group.arrays[which], len(group.names), column, len(group.rows))
-                for group, column in pieces
-            ]
-        )[order]
-        for which in range(3)
-    ]
-    return Series(stamps, *columns)
-
-
-def _column(array: NDArray[np.float64], names: int, column: int, count: int) -> NDArray[np.float64]:
-    if array.shape[1] != names:
-        return np.full(count, np.nan)
-    return array[:, column]

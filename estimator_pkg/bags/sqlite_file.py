@@ -6,10 +6,7 @@
 from __future__ import annotations
 
 import os
-import shutil
-import sqlite3
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -34,7 +31,7 @@ class SqliteFile:
 
     Raises
     ------
-    UserError : it is damaged, or not a bag.
+    UserError : it is damaged, was not closed, or is not a bag.
     """
 
     sorts = False
@@ -42,12 +39,18 @@ class SqliteFile:
     def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
         self.path = path
         self._warn = warn
-        for_library = _within_uri(path)
-        self._reader = Sqlite3Reader(for_library)
+        for log in (path.with_name(path.name + end) for end in ('-wal', '-journal')):
+            if log.is_file() and log.stat().st_size:
+                raise UserError(
+                    f'{path} was not closed, and {log.name} has a part of it: complete it with '
+                    f"`sqlite3 FILE 'pragma journal_mode = delete'`"
+                )
+        quoted = Path(quote(os.fsencode(os.path.abspath(path))))  # rosbags puts it into a URI
+        self._reader = Sqlite3Reader(quoted)
         try:
             self._reader.open()
         except Exception as error:  # the library may raise anything for a damaged file
-            why = first_line(error).replace(str(for_library), str(path))
+            why = first_line(error).replace(str(quoted), str(path))
             raise UserError(f'{path} cannot be read as a bag: {why}; {REPAIR}') from error
         assert self._reader.dbconn is not None
         # a message larger than its file is computed, or its pages point to themselves
@@ -81,57 +84,29 @@ class SqliteFile:
 
     def pieces(self, places: Sequence[int]) -> Iterator[PendingBlock]:
         """Yield the messages of these topics in log order."""
-        connections = {self._connections[place].id: place for place in places}
-        topic: list[int] = []
-        times: list[int] = []
-        raws: list[bytes] = []
+        place_of = {self._connections[place].id: place for place in places}
+        found: list[tuple[int, int, bytes]] = []  # place, time, message
         size = strange = 0
-
-        def full() -> PendingBlock:
-            block = from_messages(topic, times, times, raws)
-            return PendingBlock(times[0], size, lambda: block)
-
         try:
             for connection, time_ns, raw in self._reader.messages(
-                [self._connections[place] for place in connections.values()]
+                [self._connections[place] for place in places]
             ):
                 if not isinstance(raw, bytes) or not isinstance(time_ns, int):
                     strange += 1
                     continue
-                if len(raws) == ROWS or (raws and size + len(raw) > unpacking.PIECE_SIZE):
-                    yield full()
-                    topic, times, raws, size = [], [], [], 0
-                topic.append(connections[connection.id])
-                times.append(time_ns)
-                raws.append(raw)
+                if len(found) == ROWS or (found and size + len(raw) > unpacking.PIECE_SIZE):
+                    yield _piece(found, size)
+                    found, size = [], 0
+                found.append((place_of[connection.id], time_ns, raw))
                 size += len(raw)
         except (apsw.Error, UnicodeDecodeError) as error:
             raise UserError(f'{self.path} is damaged: {first_line(error)}; {REPAIR}') from error
-        if raws:
-            yield full()
+        if found:
+            yield _piece(found, size)
         if strange:
             self._warn(f'{self.path} is damaged: {strange} messages are not bytes and are skipped')
 
 
-def logs(path: Path) -> list[str]:
-    """Return the names of the log or journal of a database that was not closed."""
-    found = [path.with_name(path.name + end) for end in ('-wal', '-journal')]
-    return [log.name for log in found if log.is_file() and log.stat().st_size]
-
-
-def completed(path: Path, logs: list[str], folder: Path) -> Path:
-    """Copy a database into `folder` and complete or revert its last writes; return the copy."""
-    for name in (path.name, *logs):
-        shutil.copyfile(path.with_name(name), folder / name)
-    try:
-        with closing(sqlite3.connect(folder / path.name)) as base:
-            base.execute('pragma journal_mode = delete')
-    except sqlite3.Error as error:
-        raise UserError(f'{path} cannot be completed: {first_line(error)}; {REPAIR}') from error
-    return folder / path.name
-
-
-def _within_uri(path: Path) -> Path:
-    """Return the path quoted for rosbags, which puts it unquoted into a URI."""
-    whole = os.fsencode(os.path.abspath(path))
-    return Path('/' + quote(whole.lstrip(b'/')) if whole.startswith(b'/') else quote(whole))
+def _piece(found: list[tuple[int, int, bytes]], size: int) -> PendingBlock:
+    places, times, raws = zip(*found)
+    return PendingBlock(times[0], size, lambda: from_messages(places, times, times, raws))

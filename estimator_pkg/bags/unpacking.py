@@ -6,8 +6,11 @@
 from __future__ import annotations
 
 import argparse
+import io
 import math
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +25,6 @@ MIB = 1 << 20
 UNPACK_LIMIT = 256 * MIB  # default limit for one unpacked chunk or message [bytes]
 UNPACK_RATIO = 100  # largest unpacked size of a file over its size, if that is above UNPACK_LIMIT
 PIECE_SIZE = 4 * MIB  # bytes of a file unpacked at a time
-
-
-def damaged() -> tuple[type[Exception], ...]:
-    """Return the exceptions that damaged data raise when unpacked."""
-    return zstandard.ZstdError, RuntimeError, ValueError, MemoryError
 
 
 class TooLargeError(UserError):
@@ -68,40 +66,26 @@ def check(what: str, size: int, limit: int, does: str = 'unpacks to') -> None:
         )
 
 
-def unpack(
-    packed: bytes | memoryview, compression: str, most: int, *, torn: bool = False
-) -> NDArray[np.uint8]:
-    """Return what is packed, shape (n,), and at most `most` bytes of it.
-
-    Parameters
-    ----------
-    torn : the end of `packed` is missing: return the bytes that can be read.
+def unpack(packed: bytes | memoryview, compression: str, most: int) -> NDArray[np.uint8]:
+    """Return what is packed, shape (n,): at most `most` bytes, and those before any damage.
 
     Raises
     ------
-    one of `damaged()` : it is damaged, and not torn.
+    ValueError : the compression is unknown.
     """
+    reader: Any
     if not compression:
         return np.frombuffer(packed, np.uint8)[:most]
+    if compression == 'zstd':
+        reader = zstandard.ZstdDecompressor().stream_reader(packed)
+    elif compression == 'lz4':
+        reader = lz4_frame.open(io.BytesIO(packed))
+    else:
+        raise ValueError(f"unknown compression '{compression}'")
     data, done = np.empty(most, np.uint8), 0  # takes no memory before it is written to
-    try:
-        if compression == 'zstd':
-            with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
-                while done < most and (size := reader.readinto(data[done : done + PIECE_SIZE])):
-                    done += size
-        elif compression == 'lz4':
-            unpacker = lz4_frame.LZ4FrameDecompressor()
-            while done < most and not unpacker.eof:
-                piece = unpacker.decompress(b'' if done else packed, min(PIECE_SIZE, most - done))
-                if not piece:
-                    raise ValueError('its end is missing')
-                data[done : done + len(piece)] = np.frombuffer(piece, np.uint8)
-                done += len(piece)
-        else:
-            raise ValueError(f"unknown compression '{compression}'")
-    except damaged():
-        if not torn:
-            raise
+    with suppress(zstandard.ZstdError, RuntimeError, ValueError, MemoryError, EOFError):
+        while done < most and (size := reader.readinto(data[done : done + PIECE_SIZE])):
+            done += size
     return data[:done]
 
 
@@ -111,14 +95,19 @@ def unpack_message(packed: memoryview, what: str, limit: int) -> memoryview:
     Raises
     ------
     TooLargeError : it unpacks to more than `limit` bytes.
-    zstandard.ZstdError : it is damaged.
+    ValueError : it is damaged.
     """
-    size = zstandard.frame_content_size(packed)  # -1: unknown
     data = unpack(packed, 'zstd', limit + 1)
     check(what, len(data), limit)
-    if size not in (-1, len(data)):
-        raise zstandard.ZstdError('it is truncated')
-    return data.data if len(data) > PIECE_SIZE else memoryview(bytes(data))  # data reserves `limit`
+    try:
+        size = zstandard.frame_content_size(packed)  # -1: unknown
+    except zstandard.ZstdError as error:
+        raise ValueError('no zstd frame') from error
+    if not len(data) or size not in (-1, len(data)):
+        raise ValueError('it is truncated')
+    return (
+        data.data if len(data) > PIECE_SIZE else memoryview(data.tobytes())
+    )  # it reserves `limit`
 
 
 def unpack_file(packed: Path, target: Path, limit: int) -> None:

@@ -10,15 +10,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
-from estimator_pkg import observers, params_file, registry, streams
+from estimator_pkg import params_file, streams
 from estimator_pkg.bags.definitions import fields_of
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics, measurement_topic
 from estimator_pkg.bags.source import Topic
-from estimator_pkg.errors import UsageError, UserError
+from estimator_pkg.errors import UsageError
 from estimator_pkg.messages.field import Field
 from estimator_pkg.messages.joint_state import TYPE as JOINT_STATE
-from estimator_pkg.parameters import declared
 from estimator_pkg.streams.angle import ANGLE, ANGLE_TYPES, FIELD
 from estimator_pkg.streams.contract import Request, Stream
 
@@ -150,8 +149,7 @@ def requested(
     named = observer or values.get('observer')
     if isinstance(named, str):
         return streams.of_observer(named)
-    known, usual = streams.every(), streams.named(streams.USUAL)
-    configured = set(values)
+    known = streams.every()
     if params:
         sections = params_file.section_names(params)
         for stream in known:
@@ -159,30 +157,14 @@ def requested(
                 section = params_file.load(params, node or stream.NODE)
                 if isinstance(section.get('observer'), str):
                     return streams.of_observer(section['observer'])
-                if stream is known[0]:
-                    configured |= set(params_file.of_this_node(section))
         for stream in known:
             if stream.NODE in sections:
-                return stream
-    if configured and not _knows(usual, configured):
-        for stream in known:
-            if _knows(stream, configured):
                 return stream
     joints = bool(measured_topics(bag, empty=True))
     return next(
         (stream for stream in known if stream.recognises(lambda name: _has(bag, name), joints)),
-        usual,
+        streams.named(streams.USUAL),
     )
-
-
-def _knows(stream: type[Stream], names: set[str]) -> bool:
-    """Return True if all these parameters, as in files and on command lines, are of this stream."""
-    known = {'observer', *declared(stream.SETTINGS)}
-    for name in registry.names(registry.OBSERVERS):
-        with suppress(UserError):  # an observer that cannot be imported is reported when used
-            if observers.find(name).kind == stream.KIND:
-                known |= set(stream.parameters(name))
-    return {params_file.parameter_of(name) for name in names} <= known
 
 
 def parameters(

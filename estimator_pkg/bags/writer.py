@@ -7,20 +7,19 @@
 ...     bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
 ...     bag.write('/joint_states', log_ns, raw)
 
-The bag is written in a new folder next to its final path and moved there when it is complete, so an
-error or an interrupt leaves no incomplete bag. Of a recording, which cannot be repeated, the folder
-stays, as after a crash: no other instance changes it, and the next one reports it (`unfinished`).
+The messages go through the mcap library; the writer of rosbags keeps no time of publishing, from
+which a replay of messages without stamps is made. A bag is written next to its final path and moved
+there when it is complete, so an error or an interrupt leaves no incomplete bag. A recording, which
+cannot be repeated, is written in its place and stays there, also after a crash.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import re
 import secrets
 import shutil
 from collections.abc import Iterator, Sequence
-from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -29,21 +28,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from estimator_pkg import interrupts
+from estimator_pkg import __version__, interrupts
 from estimator_pkg.bags.definitions import define
 from estimator_pkg.bags.source import CDR, REPAIR, Topic
 from estimator_pkg.destination import METADATA
 from estimator_pkg.errors import UserError
-from estimator_pkg.messages.block import Block, from_messages
+from estimator_pkg.messages.block import Block
 from estimator_pkg.optional import Lazy
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Qos
 
-mcap_output = Lazy('estimator_pkg.bags.mcap_output')
+mcap_writer = Lazy('mcap.writer')
 qos_profiles = Lazy('estimator_pkg.bags.qos')
+zstandard = Lazy('zstandard')
 
 VERSION = 9  # of metadata.yaml, as Jazzy writes it
+CHUNK_SIZE = 1 << 20  # bytes of messages per chunk, before compression
 OTHER_SUFFIXES = ('.db3', '.bag', '.zstd', '.lz4')  # files of bags of other kinds
 EMPTY_START_NS = 2**63 - 1  # start time of a bag without messages
 
@@ -51,10 +52,12 @@ EMPTY_START_NS = 2**63 - 1  # start time of a bag without messages
 class BagWriter:
     """A bag that is being written. A context manager: the bag is complete after its block.
 
+    The same calls write the same bytes.
+
     Parameters
     ----------
     path : of the bag: a folder, or a single file if it ends in .mcap.
-    keep : after a failure, keep the written messages in the new folder.
+    keep : write in place, and keep the messages after a failure.
 
     Raises
     ------
@@ -62,13 +65,8 @@ class BagWriter:
     """
 
     def __init__(self, path: str | Path, *, keep: bool = False) -> None:
-        self._keep = keep
         self.path = Path(os.path.abspath(path))
-        self._name = Path(path)
-        self._bare = self.path.suffix == '.mcap'
-        self._topics: dict[str, tuple[int, Topic]] = {}
-        self._pending: tuple[list, ...] = ([], [], [], [])  # channels, both times, messages
-        self._pending_size = 0
+        self._name, self._keep = Path(path), keep
         if self.path.suffix in OTHER_SUFFIXES:
             raise UserError(
                 f'{path}: bags are written as MCAP: name a folder, or a file that ends in .mcap'
@@ -79,17 +77,23 @@ class BagWriter:
             raise UserError(
                 f'{path} cannot be written: the folder {self._name.parent} does not exist'
             )
-        output = mcap_output.McapOutput  # a missing library raises before anything is created
-        for folder in unfinished(self.path):
-            interrupts.say(
-                f'warning: {folder} contains an incomplete {path} of a process that was killed or '
-                f'still writes; {REPAIR}'
-            )
-        self._file = self.path.name if self._bare else f'{self.path.stem}_0.mcap'
+        # a missing library raises before anything is created
+        make, _ = mcap_writer.Writer, zstandard.compress
+        self._topics: dict[str, tuple[int, Topic]] = {}
+        self._schemas: dict[str, int] = {}
+        self._counts = [0]  # by channel, whose numbers start at 1
+        self._start_ns, self._end_ns = EMPTY_START_NS, 0
+        self._place = self.path
+        if not keep:
+            self._place = self.path.with_name(f'.{self.path.name}.{secrets.token_hex(4)}.part')
+        self._file = self._place
         with self._writing():
-            self._folder = _new_folder(self.path)
-            self._stream = (self._folder / self._file).open('xb')
-            self._mcap = output(self._stream)
+            if self.path.suffix != '.mcap':
+                self._place.mkdir()
+                self._file = self._place / f'{self.path.stem}_0.mcap'
+            self._stream = self._file.open('xb')
+            self._mcap = make(self._stream, CHUNK_SIZE)
+            self._mcap.start('ros2', f'velocity_estimator {__version__}')
 
     def __enter__(self) -> BagWriter:
         return self
@@ -139,8 +143,23 @@ class BagWriter:
         if not topic.definition:
             topic = replace(topic, definition=definition, definition_format='ros2msg')
         topic = replace(topic, type_hash=topic.type_hash or type_hash)
-        channel: int = self._mcap.add_channel(topic)
+        with self._writing():
+            if topic.type not in self._schemas:
+                encoding = topic.definition_format if topic.definition else ''
+                self._schemas[topic.type] = self._mcap.register_schema(
+                    topic.type, encoding, topic.definition.encode()
+                )
+            channel: int = self._mcap.register_channel(
+                topic.name,
+                topic.serialization,
+                self._schemas[topic.type],
+                {
+                    'offered_qos_profiles': qos_profiles.to_text(topic.qos),
+                    'topic_type_hash': topic.type_hash,
+                },
+            )
         self._topics[topic.name] = channel, topic
+        self._counts.append(0)
         return channel
 
     def write(
@@ -152,33 +171,29 @@ class BagWriter:
         ------
         UserError : it cannot be written (the disk is full, say).
         """
-        channels, logs, publishes, raws = self._pending
-        channels.append(self._topics[topic][0])
-        logs.append(log_ns)
-        publishes.append(log_ns if publish_ns is None else publish_ns)
-        raws.append(raw)
-        self._pending_size += len(raw)
-        if self._pending_size >= mcap_output.CHUNK_SIZE:
-            self.flush()
+        with self._writing():
+            published = log_ns if publish_ns is None else publish_ns
+            self._put(self._topics[topic][0], log_ns, published, raw)
 
     def write_block(self, block: Block) -> None:
         """Write many messages; `block.topic` are numbers from `add_topic` or `add`."""
-        self.flush()
+        view = block.data.data
+        columns = block.topic, block.log_ns, block.publish_ns, block.start, block.end
         with self._writing():
-            self._mcap.write(block)
+            for channel, log_ns, publish_ns, start, end in zip(*map(np.ndarray.tolist, columns)):
+                self._put(channel, log_ns, publish_ns, view[start:end])
+
+    def _put(self, channel: int, log_ns: int, publish_ns: int, raw: bytes | memoryview) -> None:
+        log_ns = max(log_ns, 0)  # negative in a damaged bag
+        self._counts[channel] += 1
+        self._start_ns = min(self._start_ns, log_ns)
+        self._end_ns = max(self._end_ns, log_ns)
+        self._mcap.add_message(channel, log_ns, raw, max(publish_ns, 0))
 
     def flush(self) -> None:
-        """Pass the messages of `write` to the operating system.
-
-        Raises
-        ------
-        UserError : they cannot be written (the disk is full, say).
-        """
-        block = from_messages(*self._pending)
-        self._pending, self._pending_size = ([], [], [], []), 0
+        """Pass all messages to the operating system; raise UserError if that fails."""
         with self._writing():
-            self._mcap.write(block)
-            self._stream.flush()
+            self._mcap.flush()
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
@@ -190,11 +205,7 @@ class BagWriter:
 
     def counts(self) -> dict[str, int]:
         """Return the number of messages written so far, by topic."""
-        pending = np.bincount(self._pending[0], minlength=len(self._topics) + 1).tolist()
-        written = self._mcap.statistics.channel_message_counts
-        return {
-            name: written[channel] + pending[channel] for name, (channel, _) in self._topics.items()
-        }
+        return {name: self._counts[channel] for name, (channel, _) in self._topics.items()}
 
     def close(self) -> None:
         """Finish the bag and move it to its path.
@@ -204,60 +215,54 @@ class BagWriter:
         UserError : that failed; nothing is left over, except with `keep`.
         """
         try:
-            self.flush()
-            information = self._information()
             with self._writing():
+                information = self._information()
                 text = yaml.safe_dump(information, sort_keys=False).strip()
-                self._mcap.finish({'serialized_metadata': text})
+                self._mcap.flush()
+                self._mcap.add_metadata('rosbag2', {'serialized_metadata': text})
+                self._mcap.finish()
                 self._stream.close()
-                if self._bare:
-                    self._move_file()
-                    return
-                text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
-                (self._folder / METADATA).write_text(text, encoding='utf-8')
-                os.rename(
-                    self._folder, self.path
-                )  # fails if something but an empty folder is there
+                if self._file != self._place:
+                    text = yaml.safe_dump(
+                        {'rosbag2_bagfile_information': information}, sort_keys=False
+                    )
+                    (self._place / METADATA).write_text(text, encoding='utf-8')
+                if not self._keep:
+                    if os.path.lexists(self.path):  # by now
+                        raise FileExistsError(f'{self.path} exists already')
+                    os.rename(self._place, self.path)
         except BaseException:
             self._give_up()
             raise
 
-    def _move_file(self) -> None:
-        """Move the file to the path; raise OSError if something is there by now."""
-        with open(self.path, 'xb'):  # what is replaced is ours
-            pass
-        try:
-            os.replace(self._folder / self._file, self.path)
-        except OSError:
-            self.path.unlink()
-            raise
-        self._folder.rmdir()
-
     def _give_up(self) -> None:
-        """Remove everything that was written; with `keep`, leave it in its folder."""
+        """Remove everything that was written; with `keep`, only if there is no message."""
         with contextlib.suppress(OSError):
             self._stream.close()
-        if self._keep and self._mcap.statistics.message_count:
-            interrupts.say(f'{self._folder} contains the messages written so far; {REPAIR}')
+        if self._keep and any(self._counts):
+            interrupts.say(f'{self.path} contains the messages written so far; {REPAIR}')
+        elif self._file == self._place:
+            self._place.unlink(missing_ok=True)
         else:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            shutil.rmtree(self._place, ignore_errors=True)
 
     def _information(self) -> dict[str, Any]:
         """Return the metadata of the bag, as Jazzy writes them."""
-        found = self._mcap.statistics
-        count = found.message_count
-        start = found.message_start_time if count else EMPTY_START_NS
-        length = found.message_end_time - start if count else 0
+        count = sum(self._counts)
+        length = self._end_ns - self._start_ns if count else 0
+        name = self.path.name if self._file == self._place else self._file.name
 
-        extent = {
-            'duration': {'nanoseconds': length},
-            'starting_time': {'nanoseconds_since_epoch': start},
-            'message_count': count,
-        }
+        def extent() -> dict[str, Any]:  # twice: YAML would make a reference to the same one
+            return {
+                'duration': {'nanoseconds': length},
+                'starting_time': {'nanoseconds_since_epoch': self._start_ns},
+                'message_count': count,
+            }
+
         return {
             'version': VERSION,
             'storage_identifier': 'mcap',
-            **extent,
+            **extent(),
             'topics_with_message_count': [
                 {
                     'topic_metadata': {
@@ -267,38 +272,14 @@ class BagWriter:
                         'offered_qos_profiles': qos_profiles.plain(topic.qos),
                         'type_description_hash': topic.type_hash,
                     },
-                    'message_count': found.channel_message_counts[channel],
+                    'message_count': self._counts[channel],
                 }
                 for channel, topic in self._topics.values()
             ],
             'compression_format': '',
             'compression_mode': '',
-            'relative_file_paths': [self._file],
-            'files': [{'path': self._file, **deepcopy(extent)}],  # YAML would make a reference
+            'relative_file_paths': [name],
+            'files': [{'path': name, **extent()}],
             'custom_data': None,
             'ros_distro': 'jazzy',
         }
-
-
-def _new_folder(path: Path) -> Path:
-    """Make a new folder next to `path`; raise OSError if that is not possible."""
-    while True:
-        folder = path.parent / f'.{path.name}.{secrets.token_hex(4)}.part'
-        with contextlib.suppress(FileExistsError):
-            folder.mkdir()
-            return folder
-
-
-def unfinished(path: Path) -> list[Path]:
-    """Return the folders next to `path` in which its writers have not finished.
-
-    Parameters
-    ----------
-    path : path of the requested bag.
-    """
-    name = re.compile(re.escape(f'.{path.name}.') + r'[0-9a-f]+\.part')
-    return sorted(
-        folder
-        for folder in path.parent.glob('.*.part')
-        if name.fullmatch(folder.name) and any(folder.glob('*.mcap'))
-    )

@@ -33,14 +33,10 @@ class Reader:
         self.raw = raw
         self.at = 4
         self.order = '<' if raw[1] else '>'
-        self.padding: list[tuple[int, int]] = []  # ranges of unused bytes
 
     def align(self, size: int) -> None:
         """Move to the next multiple of `size`."""
-        gap = -(self.at - 4) % size
-        if gap:
-            self.padding.append((self.at, self.at + gap))
-            self.at += gap
+        self.at += -(self.at - 4) % size
 
     def numbers(self, code: str, count: int) -> tuple[Any, ...]:
         """Read `count` numbers of struct code `code`, aligned; for 0 numbers nothing moves."""
@@ -68,13 +64,6 @@ class Reader:
         value = self.raw[self.at : end - 1] if length else b''
         self.at = end
         return bytes(value).decode('utf-8', 'replace')
-
-    def texts(self) -> tuple[str, ...]:
-        """Read a sequence of strings."""
-        count = self.number('I')
-        if count > len(self.raw):
-            raise MalformedMessageError('message is too short')
-        return tuple(self.text() for _ in range(count))
 
     def doubles(self) -> tuple[float, ...]:
         """Read a sequence of doubles."""

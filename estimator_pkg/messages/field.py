@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.messages.block import Block
-from estimator_pkg.messages.cdr import MalformedMessageError, Reader
-from estimator_pkg.messages.layouts import groups, numbers, stamps
+from estimator_pkg.messages.layouts import Layout, groups, numbers, stamps
 
 HEADER = 'std_msgs/msg/Header'
 QUATERNION = 'geometry_msgs/msg/Quaternion'
@@ -273,7 +272,8 @@ class Field:
         layout = self._known
         if layout is None or not layout.fits(raw):
             layout = self._known = self._layout(raw)
-        return FieldValue(layout.stamp_ns(raw), layout.frame_id, layout.value(raw))
+        stamp_ns = None if layout.stamp_at is None else layout.stamp_ns(raw)
+        return FieldValue(stamp_ns, layout.frame_id, layout.value(raw))
 
     def _layout(self, raw: bytes) -> _Layout:
         layout = _Layout(raw)
@@ -332,91 +332,27 @@ class Field:
                     self._skip(layout, kind)
 
 
-class _Layout:
+class _Layout(Layout):
     """Positions of the field and the header in messages with this layout."""
 
-    def __init__(self, raw: bytes) -> None:
-        self._reader = Reader(raw)
-        self._decides = [(0, 2)]  # byte ranges: byte order, lengths, the frame_id
-        self.order = self._reader.order
-        self.stamp_at: int | None = None
-        self.frame_id = self.child_frame_id = ''
-        self._at = 0
-        self._kind = self._code = ''
-        self._count = 0
-        self._turned = False
+    child_frame_id = ''
+    _at = _count = 0
+    _code, _turned = 'B', False
 
     def end(self) -> None:
-        """Prepare for single messages, after the last read."""
-        raw = bytes(self._reader.raw)
-        self.length = self._reader.at
-        self._fixed = [(slice(start, end), raw[start:end]) for start, end in self._decides]
-        self._stamp = struct.Struct(f'{self.order}iI')
-        code = self._code if self._count else 'B'
-        self._numbers = struct.Struct(f'{self.order}{self._count}{code}')
-
-    def deciding(self) -> NDArray[np.bool_]:
-        """Return True for each byte that decides the layout, shape (length,)."""
-        mask = np.zeros(self.length, bool)
-        for where, _ in self._fixed:
-            mask[where] = True
-        return mask
-
-    def fits(self, raw: bytes) -> bool:
-        """Return True if a message has this layout."""
-        return len(raw) >= self.length and all(raw[where] == same for where, same in self._fixed)
-
-    def size(self) -> int:
-        """Read the length before a sequence or text."""
-        count: int = self._reader.number('I')
-        self._decides.append((self._reader.at - 4, self._reader.at))
-        if count > len(self._reader.raw):
-            raise MalformedMessageError('message is too short')
-        return count
-
-    def skip_numbers(self, code: str, count: int) -> None:
-        """Read numbers of another field."""
-        self._reader.numbers(code, count)
-
-    def skip_text(self) -> None:
-        """Read a text of another field."""
-        self._reader.numbers('B', self.size())
-
-    def header(self) -> None:
-        """Read a std_msgs/Header: its stamp is that of the measurement."""
-        self._reader.numbers('I', 2)
-        self.stamp_at = self._reader.at - 8
-        self.frame_id = self.text()
-
-    def text(self) -> str:
-        """Read a text; the layout is that of messages with the same one."""
-        start = self._reader.at
-        self.skip_text()
-        padding = -(start - 4) % 4
-        self._decides.append((start + padding, self._reader.at))
-        text = self._reader.raw[start + padding + 4 : self._reader.at - 1]
-        return bytes(text).decode('utf-8', 'replace')
+        """See `Layout`."""
+        super().end()
+        self._numbers = struct.Struct(f'{self.order}{self._count}{self._code}')
 
     def found(self, count: int, code: str, *, turned: bool = False) -> None:
         """Note the field at this position: `count` numbers; `turned`: a quaternion, for its yaw."""
-        self._reader.numbers(code, count)
-        self._code = code
-        self._kind = np.dtype(self.order + code).str
-        self._at = self._reader.at - count * np.dtype(self._kind).itemsize
-        self._count, self._turned = count, turned
+        self._at = self.skip_numbers(code, count)
+        self._count, self._code, self._turned = count, code, turned
 
     @property
     def has_number(self) -> bool:
         """False if a sequence is too short to contain the field."""
         return self._count > 0
-
-    def stamp_ns(self, raw: bytes) -> int | None:
-        """Return the header's stamp of a message [ns]; None without a header."""
-        if self.stamp_at is None:
-            return None
-        sec, nanosec = self._stamp.unpack_from(raw, self.stamp_at)
-        stamp: int = sec * 1_000_000_000 + nanosec
-        return stamp
 
     def value(self, raw: bytes) -> float | None:
         """Return the number of a message; None if it is not in it."""
@@ -429,7 +365,7 @@ class _Layout:
         """Return the numbers of these messages, shape (n,)."""
         if not self._count:
             return None
-        found = numbers(data, self._at, self._count, self._kind).astype(np.float64)
+        found = numbers(data, self._at, self._count, self.order + self._code).astype(np.float64)
         if not self._turned:
             return found[:, 0]
         # NumPy's arctan2 differs from that of single numbers in the last bit on some processors.

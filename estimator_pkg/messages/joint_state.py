@@ -13,72 +13,28 @@ import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from estimator_pkg.messages.cdr import EARLIEST, LATEST, Reader, Writer
+from estimator_pkg.messages import layouts
+from estimator_pkg.messages.cdr import EARLIEST, LATEST, Writer
 
 TYPE = 'sensor_msgs/msg/JointState'
 
 
-class Layout:
-    """Positions of all fields in messages with these names and array lengths."""
+class Layout(layouts.Layout):
+    """Positions of all fields in messages with these names and array lengths.
+
+    arrays : position of the first number and length, of positions, velocities and efforts.
+    """
 
     def __init__(self, raw: bytes) -> None:
-        reader = Reader(raw)
-        self.order = reader.order
-        self._head = raw[:2]
-        reader.numbers('I', 2)
-        self.fixed_from = reader.at
-        self.frame_id = reader.text()
-        self.names = reader.texts()
-        self.fixed_to = reader.at
-        # DDS leaves padding bytes uninitialised, so the comparison masks them.
-        mask = bytearray(b'\xff' * (self.fixed_to - self.fixed_from))
-        for start, end in reader.padding:
-            mask[start - self.fixed_from : end - self.fixed_from] = bytes(end - start)
-        self._carrying = bytes(mask)
-        self._mask = int.from_bytes(mask, 'little')
-        self._fixed = self._significant(raw)
-        self.counts: list[tuple[int, int]] = []  # (position of the count, count)
-        self.arrays: list[tuple[int, int]] = []  # (position of the first number, count)
+        super().__init__(raw)
+        self.header()
+        self.names = tuple(self.text() for _ in range(self.size()))
+        self.arrays: list[tuple[int, int]] = []
         for _ in range(3):
-            reader.align(4)
-            at = reader.at
-            count = len(reader.doubles())
-            self.counts.append((at, count))
-            self.arrays.append((reader.at - 8 * count, count))
-        self.length = reader.at
-        self._stamp = struct.Struct(self.order + 'iI')
-        first, second, third = (at for at, _ in self.counts)
-        gaps = f'I{second - first - 4}xI{third - second - 4}xI'
-        self._counts, self._counts_from = struct.Struct(self.order + gaps), first
-        self._expected = tuple(count for _, count in self.counts)
+            count = self.size()
+            self.arrays.append((self.skip_numbers('d', count), count))
+        self.end()
         self._doubles = [struct.Struct(f'{self.order}{count}d') for _, count in self.arrays]
-
-    def fits(self, raw: bytes) -> bool:
-        """Return True if `raw` has these names and array lengths."""
-        if len(raw) < self.length or raw[:2] != self._head or self._significant(raw) != self._fixed:
-            return False
-        return self._counts.unpack_from(raw, self._counts_from) == self._expected
-
-    def _significant(self, raw: bytes) -> int:
-        return int.from_bytes(raw[self.fixed_from : self.fixed_to], 'little') & self._mask
-
-    def deciding(self) -> NDArray[np.bool_]:
-        """Return True for each byte that decides the layout, shape (length,)."""
-        mask = bytearray(self.length)
-        mask[:2] = b'\xff\xff'
-        mask[self.fixed_from : self.fixed_to] = self._carrying
-        for at, _ in self.counts:
-            mask[at : at + 4] = b'\xff' * 4
-        return np.frombuffer(mask, np.uint8).astype(bool)
-
-    def stamp_ns(self, raw: bytes) -> int:
-        """Return the header stamp [ns]."""
-        sec, nanosec = self._stamp.unpack_from(raw, 4)
-        stamp: int = sec * 1_000_000_000 + nanosec
-        return stamp
 
     def numbers(self, raw: bytes, which: int) -> tuple[float, ...]:
         """Return positions (0), velocities (1) or efforts (2)."""

@@ -3,37 +3,109 @@
 
 """Messages in a buffer, decoded together if they have the same layout.
 
-A layout defines the minimum length of a message and the bytes that decide where its fields are
-(byte order, texts, lengths). Messages with equal deciding bytes form one group.
+The bytes that decide where the fields are (byte order, texts, lengths) are read once; messages in
+which they are equal form one group.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import struct
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.messages.block import Block
-from estimator_pkg.messages.cdr import MalformedMessageError
+from estimator_pkg.messages.cdr import MalformedMessageError, Reader
 
 MANY_LAYOUTS = 16  # with more layouts in one block, messages are decoded one by one
 
 
-class LayoutLike(Protocol):
-    """Interface of a layout."""
+class Layout:
+    """Positions of the fields in messages like this one; a type reads them one after the other.
 
-    @property
-    def length(self) -> int:
-        """Minimum length of a message [bytes]."""
+    Attributes
+    ----------
+    order : '<' or '>'. stamp_at : position of the header's stamp; None: no header. frame_id : of
+    the header. length : minimum length of a message, after `end` [bytes].
+    """
 
-    def deciding(self) -> Sequence[bool] | NDArray[np.bool_]:
-        """Return True for each byte that decides the layout, shape (size,)."""
+    def __init__(self, raw: bytes) -> None:
+        self._reader = Reader(raw)
+        self._decides = [(0, 2)]  # ranges of bytes; DDS leaves padding uninitialised
+        self.order = self._reader.order
+        self.stamp_at: int | None = None
+        self.frame_id = ''
+
+    def size(self) -> int:
+        """Read the length before a sequence or text."""
+        count: int = self._reader.number('I')
+        self._decides.append((self._reader.at - 4, self._reader.at))
+        if count > len(self._reader.raw):
+            raise MalformedMessageError('message is too short')
+        return count
+
+    def skip_numbers(self, code: str, count: int) -> int:
+        """Read numbers; return the position of the first one."""
+        self._reader.numbers(code, count)
+        return self._reader.at - count * struct.calcsize(f'={code}')
+
+    def skip_text(self) -> None:
+        """Read a text whose content does not matter."""
+        self._reader.numbers('B', self.size())
+
+    def text(self) -> str:
+        """Read a text; the layout is that of messages with the same one."""
+        start = self._reader.at
+        self.skip_text()
+        padding = -(start - 4) % 4
+        self._decides.append((start + padding, self._reader.at))
+        text = self._reader.raw[start + padding + 4 : self._reader.at - 1]
+        return bytes(text).decode('utf-8', 'replace')
+
+    def header(self) -> None:
+        """Read a std_msgs/Header: its stamp is that of the measurement."""
+        self.stamp_at = self.skip_numbers('I', 2)
+        self.frame_id = self.text()
+
+    def end(self) -> None:
+        """Prepare for other messages, after the last read."""
+        raw = bytes(self._reader.raw)
+        self.length = self._reader.at
+        self._where = [slice(*each) for each in _merged(self._decides)]
+        self._same = [raw[each] for each in self._where]
+        self._stamp = struct.Struct(f'{self.order}iI')
+
+    def fits(self, raw: bytes) -> bool:
+        """Return True if a message has this layout."""
+        return len(raw) >= self.length and [raw[each] for each in self._where] == self._same
+
+    def deciding(self) -> NDArray[np.int64]:
+        """Return the positions of the bytes that decide the layout, shape (n,)."""
+        return np.concatenate([np.arange(each.start, each.stop) for each in self._where])
+
+    def stamp_ns(self, raw: bytes) -> int:
+        """Return the stamp of the header, which there must be, of a message [ns]."""
+        assert self.stamp_at is not None
+        sec, nanosec = self._stamp.unpack_from(raw, self.stamp_at)
+        stamp: int = sec * 1_000_000_000 + nanosec
+        return stamp
 
 
-L = TypeVar('L', bound=LayoutLike)
+def _merged(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return ranges, some of which overlap or touch, as few as possible."""
+    found: list[tuple[int, int]] = []
+    for start, end in sorted(ranges):
+        if found and start <= found[-1][1]:
+            start, before = found.pop()
+            end = max(before, end)
+        found.append((start, end))
+    return found
+
+
+L = TypeVar('L', bound=Layout)
 
 
 @dataclass(frozen=True)
@@ -78,7 +150,7 @@ def _fitting(block: Block, candidates: NDArray[np.int64], layout: L, first: byte
     long = block.end[candidates] - block.start[candidates] >= length
     rows = candidates if long.all() else candidates[long]
     data = _cut(block.data, block.start[rows], length)
-    where = np.flatnonzero(np.asarray(layout.deciding()))
+    where = layout.deciding()
     fits = np.all(data[:, where] == np.frombuffer(first, np.uint8)[where], axis=1)
     if not fits.all():
         rows, data = rows[fits], data[fits]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,25 @@ ACCELERATION = Output('acceleration', trajectory.TYPE, on_demand=True)
 NO_STDDEV = (math.nan, math.nan)  # standard deviations where there is no estimate
 
 
+Bools = TypeVar('Bools', bool, NDArray[np.bool_])
+
+
+def is_answered(stream: Stream, used: Bools, complete: Bools) -> Bools:
+    """Return True for a message that is answered; the rule for one, a block, and ~/smoothed.
+
+    Parameters
+    ----------
+    used : a sample of the message was used. complete : all of its joints have an estimate.
+    """
+    return used & complete if stream.skip else used
+
+
 class Answering:
-    """Makes the answer to a message: the rule of what is published.
+    """Makes the answer to a message that `is_answered`.
 
     The answer has the joints of the message, in its order. A joint has an estimate if its sample
     was used and its status is in `VALID`; without one its position is the measured one and its
-    velocity is NaN. A message of which no sample was used is not answered; nor, with
-    ``no_estimate: skip``, one that has a joint without an estimate. Efforts are copied.
+    velocity is NaN. Efforts are copied.
 
     Parameters
     ----------
@@ -58,9 +70,10 @@ class Answering:
         names, estimates, efforts, _, _ = taken
         numbers: Any = estimates
         shown = [k for k, each in enumerate(estimates) if each is not None and each[3] in VALID]
-        if not shown or len(shown) < len(names):
-            if stream.skip or not any(estimates):
-                return answer
+        complete = len(shown) == len(names)
+        if not is_answered(stream, any(estimates), complete):
+            return answer
+        if not complete:
             numbers = list(estimates)
             for k in set(range(len(names))).difference(shown):
                 numbers[k] = taken.measured_position(k), math.nan, math.nan
@@ -96,9 +109,9 @@ class Answering:
     def block(self, estimated: Estimated) -> Iterator[Answers]:
         """As a call for each message of a group that names the same joints."""
         stream = self._stream
-        answered: NDArray[np.bool_] = np.any(estimated.used, axis=1)
-        if stream.skip:
-            answered &= np.all(estimated.valid, axis=1)
+        answered: NDArray[np.bool_] = is_answered(
+            stream, np.any(estimated.used, axis=1), np.all(estimated.valid, axis=1)
+        )
         if not answered.any():
             return
         if not answered.all():

@@ -9,6 +9,7 @@ newer, with its own stamp, names and order. See `observers.angle.smoother`.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -18,6 +19,7 @@ from estimator_pkg.messages import joint_state
 from estimator_pkg.messages.joint_state import Encoder
 from estimator_pkg.observers.angle.smoother import NO_RESULT, Smoother
 from estimator_pkg.sensor.guard import DUPLICATE, USED_SAMPLE
+from estimator_pkg.streams.answer import is_answered
 from estimator_pkg.streams.contract import Answer, Output, Stream
 
 SMOOTHED = Output('smoothed', joint_state.TYPE, on_demand=True, extra=True)
@@ -130,7 +132,7 @@ class Smoothing:
             of_positions.append(of_position)
             of_velocities.append(of_velocity)
         answer: Answer = {}
-        if stream.skip and any(velocity != velocity for velocity in velocities):
+        if not is_answered(stream, True, not any(map(math.isnan, velocities))):
             return answer
         if stream.wanted[first]:
             answer[first] = self._smoothed.encode(

@@ -10,15 +10,13 @@ from pathlib import Path
 import bag_making as make
 import numpy as np
 import pytest
-import yaml
 from bag_making import OTHER, STATES, TEXT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from estimator_pkg.bags.reader import natural, open_bag
+from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.cli import main
 from estimator_pkg.errors import UserError
@@ -126,14 +124,14 @@ def test_the_time_of_publishing_is_that_of_recording_if_a_recorder_knows_none(tm
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    'kind', ['mcap zstd', 'mcap plain', 'mcap lz4', 'mcap small chunks', 'mcap without chunks']
+    'kind', ['mcap zstd', 'mcap lz4', 'mcap small chunks', 'mcap without chunks']
 )
 def test_a_cut_off_file_gives_what_is_there_and_says_so(kind, tmp_path, capsys):
     messages = make.content(200)
     whole = make.KINDS[kind](tmp_path / 'bag', messages).read_bytes()
     file = tmp_path / 'cut.mcap'
     most = 0
-    for part in np.linspace(0.02, 0.98, 25):
+    for part in np.linspace(0.02, 0.98, 13):
         file.write_bytes(whole[: int(part * len(whole))])
         capsys.readouterr()
         try:
@@ -144,8 +142,7 @@ def test_a_cut_off_file_gives_what_is_there_and_says_so(kind, tmp_path, capsys):
         assert found == messages[: len(found)]
         if len(found) < len(messages):
             said = capsys.readouterr().err
-            assert said.count('ends early') == said.count('\n') == 1
-            assert '`mcap recover' in said and '.recover | sqlite3' in said
+            assert said.count('ends early') == said.count('\n') == 1 and '`mcap recover' in said
         most = max(most, len(found))
     assert most > 100
 
@@ -166,12 +163,6 @@ def file_of_another_name(path):
     next(path.glob('*.mcap')).rename(path / 'other_0.mcap')
 
 
-def strange_digit(path):
-    """It is a digit that int() does not take."""
-    unlisted(path)
-    next(path.glob('*.mcap')).rename(path / 'bag².mcap')
-
-
 def of_file(change):
     """Change the bytes of an MCAP file; `change` also gets the place of its first chunk."""
 
@@ -185,34 +176,10 @@ def of_file(change):
     return damage
 
 
-def short_index(raw, chunk):
-    at = min(chunk.message_index_offsets.values())
-    length = int.from_bytes(raw[at + 11 : at + 15], 'little')
-    raw[at + 11 : at + 15] = (length - 16).to_bytes(4, 'little')
-
-
-def repeating_index(raw, chunk):
-    at = min(chunk.message_index_offsets.values())
-    raw[at + 15 + 8 : at + 15 + 16] = raw[at + 15 + 24 : at + 15 + 32]
-
-
-def index_out_of_the_chunk(raw, chunk):
-    at = chunk.chunk_start_offset + chunk.chunk_length
-    assert raw[at] == Opcode.MESSAGE_INDEX
-    raw[at + 23 : at + 31] = (2**63 - 1).to_bytes(8, 'little')
-
-
-def summary(field, value):
-    """Change a number of the chunk's entry in the summary."""
-
-    def change(raw, chunk):
-        at = raw.rindex(chunk.chunk_start_offset.to_bytes(8, 'little'))  # 16 bytes into the entry
-        at += {'start': 0, 'index': 12 + 10 * len(chunk.message_index_offsets), 'size': -1}[field]
-        if field == 'size':
-            at = raw.rindex(chunk.uncompressed_size.to_bytes(8, 'little'))
-        raw[at : at + 8] = value.to_bytes(8, 'little')
-
-    return of_file(change)
+def wrong_place(raw, chunk):
+    """The summary names another place for the chunk."""
+    at = raw.rindex(chunk.chunk_start_offset.to_bytes(8, 'little'))
+    raw[at : at + 8] = (2**63).to_bytes(8, 'little')
 
 
 def flipped_bit(raw, chunk):
@@ -239,18 +206,12 @@ DAMAGES = {  # kind, damage, messages that are left, warning
         'sqlite3, file compressed', unlisted, slice(None), 'no metadata.yaml'
     ),
     'wrong metadata': ('sqlite3 split', metadata('}{'), slice(None), 'is not valid metadata'),
-    'strange digit': ('mcap folder', strange_digit, slice(None), 'no metadata.yaml'),
     'renamed file': ('mcap folder', file_of_another_name, slice(None), ''),
     'missing file': ('mcap split', without('bag_1.mcap'), [*range(23), *range(46, 67)],
                      'bag_1.mcap, listed in metadata.yaml, is missing'),
     'empty file': ('mcap split', lambda path: (path / 'bag_2.mcap').write_bytes(b''), slice(46),
                    'bag_2.mcap is empty (0 bytes): name another file; it is skipped'),
-    'index lacks an entry': ('mcap zstd', of_file(short_index), slice(None), ''),
-    'index repeats an entry': ('mcap zstd', of_file(repeating_index), slice(None), ''),
-    'index leads out': ('mcap plain', of_file(index_out_of_the_chunk), slice(None), ''),
-    'length of the index': ('mcap zstd', summary('index', 2**50), slice(None), ''),
-    'place of the chunk': ('mcap zstd', summary('start', 2**63), slice(0), 'is damaged'),
-    'size of the chunk': ('mcap zstd', summary('size', 100), slice(0), 'is damaged'),
+    'place of the chunk': ('mcap zstd', of_file(wrong_place), slice(0), 'is damaged'),
     'flipped bit': ('mcap plain', of_file(flipped_bit), slice(0), 'wrong checksum'),
     'text': ('sqlite3', sqlite(OF_TWO, 'text'), [0, *range(3, 67)], 'messages are not bytes'),
     'number': ('sqlite3', sqlite(OF_TWO, 5), [0, *range(3, 67)], 'messages are not bytes'),
@@ -271,37 +232,12 @@ def test_what_is_whole_in_a_damaged_bag_is_read(name, tmp_path, capsys):
     assert printed.count('\n') == printed.count(said) == 1 if said else not printed
 
 
-def test_files_without_metadata_are_read_by_number():
-    names = ['bag_9.db3', 'bag_10.db3', 'bag².db3', 'bag³_2.db3']
-    assert sorted(map(Path, reversed(names)), key=natural) == list(map(Path, names))
-
-
-def test_a_database_with_a_log_or_a_journal_is_finished_first(tmp_path, capsys):
-    messages = make.content(200)
-    folder = make.rosbags(tmp_path / 'bag', messages)
-    base = sqlite3.connect(folder / 'bag.db3')
-    base.execute('pragma journal_mode = wal')
-    base.execute(
-        'insert into messages(topic_id, timestamp, data) values (1, ?, ?)',
-        (make.START + 10**12, make.text('in the log')),
-    )
-    base.commit()
-    shutil.copytree(folder, tmp_path / 'crashed')  # the log is still next to it
-    base.close()
-    found = read(tmp_path / 'crashed')
-    assert found[:-1] == messages
-    assert found[-1][1:] == (make.START + 10**12, make.text('in the log'))
-    assert 'was not closed: it is read with bag.db3-wal' in capsys.readouterr().err
-
-    base = sqlite3.connect(folder / 'bag.db3', isolation_level=None)
-    base.execute('pragma journal_mode = delete')
-    base.execute('pragma cache_size = 1')
-    base.execute('begin')
-    base.execute("update messages set data = x'00010000ff'")  # half of it is on the disk
-    shutil.copytree(folder, tmp_path / 'half')
-    base.close()
-    assert list((tmp_path / 'half').glob('*-journal'))
-    assert read(tmp_path / 'half') == found
+@pytest.mark.parametrize('log', ['bag.db3-wal', 'bag.db3-journal'])
+def test_a_database_that_was_not_closed_says_how_to_complete_it(log, tmp_path):
+    folder = make.rosbags(tmp_path / 'bag', make.content(9))
+    (folder / log).write_bytes(b'x')
+    with pytest.raises(UserError, match=f'{log} has a part of it: complete it with `sqlite3 FILE'):
+        open_bag(folder)
 
 
 @settings(
@@ -330,47 +266,11 @@ def test_no_damage_gives_a_traceback(data, tmp_path):
         assert '\n' not in str(error)
 
 
-STRANGE = [None, True, 5, 1.5, [], {}, ['a'], '']
-
-
-def information(**changes):
-    found = {'relative_file_paths': ['bag_0.mcap'], 'topics_with_message_count': [], **changes}
-    return yaml.safe_dump({'rosbag2_bagfile_information': found})
-
-
-def about(**changes):
-    topic = {'name': '/x', 'type': TEXT, 'serialization_format': 'cdr', **changes}
-    return information(topics_with_message_count=[{'topic_metadata': topic, 'message_count': 1}])
-
-
 @pytest.mark.parametrize(
-    'text',
-    [
-        *(yaml.safe_dump({'rosbag2_bagfile_information': each}) for each in STRANGE),
-        *(yaml.safe_dump(each) for each in STRANGE),
-        *(
-            information(relative_file_paths=each)
-            for each in [None, True, 5, [], {}, '', [True], [None], [[]], ['..'], ['a\0b']]
-        ),
-        *(information(topics_with_message_count=each) for each in [*STRANGE, [None], [{}]]),
-        *(information(topics_with_message_count=[{'topic_metadata': each}]) for each in STRANGE),
-        *(
-            about(**{key: each})
-            for each in STRANGE
-            for key in ('name', 'type', 'offered_qos_profiles', 'type_description_hash')
-        ),
-        *(information(compression_mode=each) for each in STRANGE),
-        '[' * 20000,
-        'a: ' + '1' * 6000,
-        'a: 2020-99-99',
-        '\0',
-        'a: &a [*a, *a]',
-        '? [a, b]\n: c',
-        '\xff',
-    ],
-    ids=lambda text: text.replace('\0', '0')[:60],
+    'paths', ['', '[]', '5', '[..]', '[True]', '[[]]', '{a: b}', '"a\\0b"', '[' * 3000, '\xff']
 )
-def test_no_metadata_keep_a_bag_from_being_read(text, tmp_path, capsys):
+def test_no_metadata_keep_a_bag_from_being_read(paths, tmp_path, capsys):
+    text = f'rosbag2_bagfile_information: {{relative_file_paths: {paths}}}'
     messages = make.content(4)
     path = make.ours(tmp_path / 'bag', messages)
     (path / 'metadata.yaml').write_text(text, encoding='latin-1')
@@ -384,23 +284,16 @@ def test_no_metadata_keep_a_bag_from_being_read(text, tmp_path, capsys):
 # ---------------------------------------------------------------- paths, and what is no bag
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('name', ['d%41', 'a#b', 'a?mode=memory', 'a%', 'ä %20', "a'b", '%2e%2e'])
-@pytest.mark.parametrize(
-    'kind', ['sqlite3', 'sqlite3, file compressed', 'mcap folder', 'mcap zstd']
-)
+@pytest.mark.parametrize('name', ['d%41', 'a?mode=memory', "ä %20#'"])
+@pytest.mark.parametrize('kind', ['sqlite3', 'mcap folder'])
 def test_a_path_means_itself_alone(kind, name, tmp_path, capsys):
-    """In a URI %41 is A: dA is another bag. A file of a folder alone is a bag, too."""
+    """In a URI %41 is A: dA is another bag."""
     mine = make.content(4)
     for folder, messages in ((name, mine), ('dA', make.content(9))):
         made = make.KINDS[kind](tmp_path / 'bag', messages)
         (tmp_path / folder).mkdir()
         shutil.move(made, tmp_path / folder / made.name)
-    path = tmp_path / name / made.name
-    assert read(path) == mine
-    for file in [path] if path.is_file() else path.glob('*.[md][cb]*'):
-        alone = shutil.copy(file, tmp_path / name / f'{name}{file.suffix}')
-        assert read(alone) == mine
+    assert read(tmp_path / name / made.name) == mine
     assert capsys.readouterr().err == ''
 
 

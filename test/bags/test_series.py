@@ -11,8 +11,7 @@ from bag_making import OTHER, START, STATES
 from estimator_pkg.bags.reader import open_bag
 from estimator_pkg.bags.series import joint_series
 from estimator_pkg.errors import UserError
-from estimator_pkg.messages.cdr import Reader
-from estimator_pkg.messages.joint_state import Encoder
+from estimator_pkg.messages.joint_state import Encoder, Layout
 
 
 def test_joints_come_go_and_change_order(tmp_path):
@@ -41,8 +40,8 @@ def test_joints_come_go_and_change_order(tmp_path):
 
 def test_the_names_are_read_once(tmp_path, monkeypatch):
     names, read = [f'j{i}' for i in range(2000)], []
-    texts = Reader.texts
-    monkeypatch.setattr(Reader, 'texts', lambda reader: read.append(1) or texts(reader))
+    end = Layout.end
+    monkeypatch.setattr(Layout, 'end', lambda layout: read.append(1) or end(layout))
     encode = Encoder().encode
     messages = [(STATES, START + i, encode(i, '', names, [0.1 * i] * 2000)) for i in range(100)]
     with open_bag(make.ours(tmp_path / 'bag', messages)) as bag:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator_pkg.messages import drive_samples, multi_array, vector3
+from estimator_pkg.messages import drive_samples, vector3
 from estimator_pkg.messages.cdr import MalformedMessageError
 from estimator_pkg.ros import runtime  # noqa: F401  (sets the environment that rclpy needs)
 
@@ -76,7 +76,6 @@ def test_what_is_written_rclpy_reads():
         (ros(table(), strides=(30, 5)), 'strides'),
         (ros(table(), data=[]), '0 numbers are too few'),
         (ros(table() + [0.5, 0, 0, 0, 0, 0]), 'invalid time stamp'),
-        (ros(table() + [0, 1e9, 0, 0, 0, 0]), 'invalid time stamp'),
         (ros(table() * [math.nan, 1, 1, 1, 1, 1]), 'row 0 has an invalid time stamp'),
         (ros(table() * [1, -1, 1, 1, 1, 1]), 'invalid time stamp'),
         (b'', 'CDR'),
@@ -116,12 +115,6 @@ def test_a_batch_cut_short_anywhere_is_refused():
     for length in range(len(raw)):
         with pytest.raises(MalformedMessageError):
             drive_samples.decode(raw[:length])
-
-
-def test_a_head_is_remembered_by_its_size():
-    assert multi_array.encode(np.zeros((2, 6)), ('a', 'b')) != multi_array.encode(
-        np.zeros((2, 6)), ('a', 'c')
-    )
 
 
 def test_vectors_both_ways():

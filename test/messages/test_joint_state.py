@@ -108,16 +108,6 @@ def test_padding_and_byte_order_do_not_matter(first, second, padding, order):
         assert exact(decoder.decode(cdr(message))) == exact(message)
 
 
-def test_a_stream_keeps_its_layout_whatever_is_in_the_padding():
-    decoder = Decoder()
-    layout = decoder.layout(cdr(SEVEN))
-    for number in range(50):
-        message = SEVEN._replace(stamp_ns=number, positions=tuple(0.3 * number for _ in range(7)))
-        raw = cdr(message, padding=bytes([number]))
-        assert decoder.layout(raw) is layout
-        assert exact(decoder.decode(raw)) == exact(message)
-
-
 @pytest.mark.long
 @settings(max_examples=100, deadline=None)
 @given(messages, st.sampled_from('<>'))
