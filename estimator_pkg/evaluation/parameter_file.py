@@ -11,6 +11,8 @@ from typing import Any
 from estimator_pkg import params_file, yaml_text
 from estimator_pkg.evaluation.text import WIDTH, wrapped
 
+EMPTY = '  ros__parameters: {}'
+
 
 def as_yaml(
     head: Iterable[str],
@@ -39,7 +41,7 @@ def as_yaml(
             for name, count in known.items():
                 own[name]['quantum'] = count
     lines = [yaml_text.comment(line) for each in head for line in wrapped(each, WIDTH - 2)]
-    lines += ['/**:', '  ros__parameters:']
+    lines += ['/**:', '  ros__parameters:' if values or any(own.values()) else EMPTY]
     lines += [f'    {yaml_text.key(k)}: {yaml_text.scalar(v)}' for k, v in values.items()]
     for name, more in own.items():
         if more and name:

@@ -23,32 +23,22 @@ from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.compare.many import expanded
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import Options
-from estimator_pkg.evaluation.tuning import any_observer, command, seek
-from estimator_pkg.evaluation.tuning.objective import (
-    PREFERENCES,
-    Compared,
-    JointErrors,
-    JointTruth,
-    _score,
-    cost,
-)
-from estimator_pkg.evaluation.tuning.output import founded
+from estimator_pkg.evaluation.tuning import command, output
+from estimator_pkg.evaluation.tuning import tune as tuning
+from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Compared, Errors, _score, cost
 from estimator_pkg.evaluation.tuning.records import records
-from estimator_pkg.evaluation.tuning.search import Trial, search
+from estimator_pkg.evaluation.tuning.search import Range, Trial, search
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.observers.angle.hybrid import observer as hybrid_angle
 
-optuna = pytest.importorskip('optuna', reason='not run: Optuna is not installed')
+pytest.importorskip('optuna', reason='not run: Optuna is not installed')
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 PENDULUMS = BAGS / 'dfki_simple_pendulum'
 COUNTS = BAGS / 'simulated' / 'trapezoid_raw_counts'
 YAW = BAGS / 'vicon' / 'yawbag'
 TURN = 2.0 * math.pi
-PLANE = {
-    'a': optuna.distributions.FloatDistribution(0.5, 500.0, log=True),
-    'b': optuna.distributions.FloatDistribution(1e-3, 1e3, log=True),
-}
+PLANE = {'a': Range(0.5, 500.0), 'b': Range(1e-3, 1e3)}
 
 
 @pytest.mark.parametrize('joints', [{'': 0.5}, {'': 0.5, 'b': 1.0}])
@@ -207,10 +197,9 @@ def test_without_truth_the_smoother_judges(tmp_path):
 
 
 def test_a_delay_that_the_motion_does_not_tell_costs_the_whole_error():
-    still = JointTruth(np.zeros(1, np.int64), np.zeros(1), 0.0)
-    weights = PREFERENCES['fast']
-    assert cost(JointErrors(0.3, math.nan, 0.0, 1.0), still, weights) == pytest.approx(0.6)
-    assert cost(JointErrors(0.3, 0.001, 0.0, 1.0), still, weights) == pytest.approx(0.3)
+    for delay, expected in ((math.nan, 0.6), (0.001, 0.3)):
+        errors = Errors(0.3, delay, math.nan, 0.0, 1.0)
+        assert cost(errors, 0.0, PREFERENCES['fast']) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -225,10 +214,10 @@ def test_a_delay_that_the_motion_does_not_tell_costs_the_whole_error():
 )
 def test_the_defaults_stay_where_they_are_as_good(sign, difference, gained, why):
     pair = Compared(sign, difference, 9.0 - 8.0 * abs(sign), 2)
-    found = seek._why(pair, {'cost': 0.2 + gained}, {'cost': 0.2})
+    found = tuning.why_defaults(pair, {'cost': 0.2 + gained}, {'cost': 0.2})
     assert why in found and bool(why) == bool(found)
-    each = seek.Tuned('', [], [], {}, [], found, pair=pair._asdict())
-    text = ' '.join(founded(each))
+    each = tuning.Tuned('', [], [], {}, [], found, pair=pair._asdict())
+    text = ' '.join(output._said(each))
     assert ('in 2 parts of the record' in text) is (sign == 0)
     assert ('not significant' in text) is (not why and sign == 0)
 
@@ -253,13 +242,13 @@ def test_ctrl_c_keeps_the_best(jobs, tmp_path):
     out = tmp_path / 'gains.yaml'
     script = (
         'import sys, os, signal\n'
-        'from estimator_pkg.evaluation.tuning import seek\n'
-        'real, count = seek._relative, [0]\n'
+        'from estimator_pkg.evaluation.tuning import tune\n'
+        'real, count = tune.relative, [0]\n'
         'def total(*words):\n'
         '    count[0] += 1\n'
         '    if count[0] == 20: os.killpg(0, signal.SIGINT)\n'
         '    return real(*words)\n'
-        'seek._relative = total\n'
+        'tune.relative = total\n'
         'from estimator_pkg.cli import main\n'
         'sys.exit(main(sys.argv[1:]))\n'
     )
@@ -383,7 +372,11 @@ def test_gains_are_written_where_they_beat_the_defaults_on_held_out_data(tmp_pat
 def test_without_a_name_the_better_of_the_tuned_and_the_default_observer_is_written(
     tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(any_observer, 'DEFAULT', 'finite_difference')
+    def default_is(name):
+        for module in (tuning, command):
+            monkeypatch.setattr(module, 'DEFAULT', name)
+
+    default_is('finite_difference')
     bag = write_bag(tmp_path / 'bag', {'a': 12.0}, truth=False, counts=65536, seconds=4.0)
     found, out = tuned(tmp_path, bag, '--trials', '4')
     assert found['observer'] == found['sought'] != 'finite_difference'
@@ -394,15 +387,15 @@ def test_without_a_name_the_better_of_the_tuned_and_the_default_observer_is_writ
     text = ' '.join(out.read_text().replace('#', '').split())
     assert 'is better than finite_difference, the default observer' in text
 
-    monkeypatch.setattr(any_observer, 'DEFAULT', 'edge_adaptive')
+    default_is('edge_adaptive')
     found, out = tuned(tmp_path, bag, '--trials', '4')
-    assert found['sought'] != found['observer'] == any_observer.DEFAULT
-    assert params_file.load(out)['observer'] == any_observer.DEFAULT
-    assert f'the file has {any_observer.DEFAULT} as it is' in found['notes']
+    assert found['sought'] != found['observer'] == 'edge_adaptive'
+    assert params_file.load(out)['observer'] == 'edge_adaptive'
+    assert 'the file has edge_adaptive as it is' in found['notes']
 
     still = write_bag(tmp_path / 'still', {'a': 0.001}, truth=True, seconds=4.0)
     found, out = tuned(tmp_path, still, '--trials', '2')
-    assert found['observer'] == any_observer.DEFAULT
+    assert found['observer'] == 'edge_adaptive'
 
 
 @pytest.mark.parametrize(
@@ -418,7 +411,7 @@ def test_without_a_name_the_better_of_the_tuned_and_the_default_observer_is_writ
 )
 def test_without_a_name_only_a_better_observer_replaces_the_default(results, replaced):
     pairs_ = [Compared(*each, 1.0) for each in results]
-    assert any_observer.replaces_default(pairs_) is replaced
+    assert tuning.replaces_default(pairs_) is replaced
 
 
 @pytest.mark.parametrize(
@@ -509,11 +502,7 @@ def test_what_is_recorded_of_the_live_graph(words, topics, monkeypatch):
     parsed = parser.parse_args(['--live', '2', '--observer', 'pll', '--out', 'g.yaml', *words])
     monkeypatch.setattr(command.live, 'recorded', lambda *arguments: arguments)
     command.log_file.columns(parsed)
-    assert command._recorded(parsed, command.tune_settings(parsed)) == (
-        topics,
-        '/ground_truth/joint_states',
-        2.0,
-    )
+    assert command.recorded(parsed, 'pll') == (topics, '/ground_truth/joint_states', 2.0)
 
 
 def test_folders_stand_for_their_bags(tmp_path):

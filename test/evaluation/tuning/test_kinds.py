@@ -115,7 +115,7 @@ def test_a_switched_system(tmp_path):
 )
 def test_a_choice_is_searched_too(words, choices, tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, seconds=2.0)
-    words = ['--observer', 'edge_adaptive', '--trials', 4, *words]
+    words = ['--observer', 'edge_adaptive', '--trials', 8, *words]
     found, out = tuned(tmp_path, bag, *words, '--prefer', 'fast')
     assert found['tuned'][0]['tried']['prefer'] in choices
     assert params_file.load(out)['observer'] == 'edge_adaptive'
@@ -136,7 +136,6 @@ def test_bags_with_different_joints(tmp_path, capsys):
     words = ['--observer', 'pll', '--trials', 4]
     found, _ = tuned(tmp_path, tmp_path / 'bags', *words)
     assert found['tuned'][0]['joints'] == ['ankle', 'hip', 'knee']
-    assert 'the bags have different joints (ankle, knee; hip, knee)' in capsys.readouterr().out
     found, out = tuned(tmp_path, tmp_path / 'bags', *words, '--per-joint')
     by_joint = {each['joint']: each['bags'] for each in found['tuned']}
     assert by_joint == {'hip': [one], 'knee': [one, other], 'ankle': [other]}
