@@ -21,7 +21,7 @@ from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.delay import measured
-from estimator_pkg.evaluation.ranking.choice import chosen
+from estimator_pkg.evaluation.ranking.verdict import chosen
 from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.text import number
 
