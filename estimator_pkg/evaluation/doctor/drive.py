@@ -176,7 +176,7 @@ def examine(bag: Bag, setup: Setup, missing: Sequence[str] = ()) -> Examined:
         run = max(pieces(moved.stamps), key=len)
         time = (moved.stamps[run] - drive.stamps[0]) * 1e-9
         speed = Curve('back-EMF', '@ rad/s', time, moved.plain[run], Style(COLOURS[0]).line)
-        panels = {'electrical speed of the back-EMF [rad/s]': [speed]} | panels
+        panels = {'electrical speed [rad/s] of the back-EMF': [speed]} | panels
     wrong = ', '.join(each.check for each in found if each.level != PASS)
     said = f'Use {PMSM} with these motor data' + (f'; mend first: {wrong}.' if wrong else '.')
     return Examined(_nothing(name), found, said=(said,), panels=panels)

@@ -116,11 +116,7 @@ def rank(
     plain = {name: each[1:] for name, each in sums.items()}
     other = _ranked(plain, count, own, default, when)
     same = other.best == found.best or found.best in other.ties
-    return replace(
-        found,
-        question_hz=reference.vibration_hz,
-        other=None if same else replace(other, cautions=said),
-    )
+    return replace(found, question_hz=reference.vibration_hz, other='' if same else other.best)
 
 
 def _common(

@@ -60,7 +60,7 @@ class Verdict:
     rms : expected rms error by name, the reference's own variance added [rad/s]; best first.
     pairs : all pairs, best first.
     question_hz : frequency of an oscillation that is motion or sensor noise; nan: none.
-    other : the verdict if it is sensor noise; None: the same.
+    other : the best if it is sensor noise; '': the same, or as good.
     cautions : what limits the verdict, most important first; the last one always applies.
     why : why nothing can be ranked; '' otherwise.
     unranked : names with too few estimates.
@@ -73,7 +73,7 @@ class Verdict:
     rms: Mapping[str, float] = field(default_factory=dict)
     pairs: tuple[ComparedPair, ...] = ()
     question_hz: float = math.nan
-    other: Verdict | None = None
+    other: str = ''
     cautions: tuple[str, ...] = (NEVER_SHOWN,)
     why: str = ''
     unranked: tuple[str, ...] = ()
@@ -120,9 +120,9 @@ class Verdict:
                 f'Few events decide: half of the difference of {pair.first} and {pair.second} is '
                 f'at {times}.'
             )
-        if self.other is not None:
+        if self.other:
             found.append(
-                f'{self.other.best} is best if the {percent(self.question_hz)} Hz are sensor '
+                f'{self.other} is best if the {percent(self.question_hz)} Hz are sensor '
                 f'noise, {self.best} if they are motion: answer with --motion-hz.'
             )
         return [*found, *cautions]
@@ -177,7 +177,7 @@ class Verdict:
                 for each in self.pairs
             ],
             'question_hz': self.question_hz,
-            'other': None if self.other is None else self.other.best,
+            'other': self.other or None,
             'cautions': list(self.cautions),
             'why': self.why,
             'unranked': list(self.unranked),
