@@ -3,7 +3,6 @@
 
 """tune for observers that need more than an angle, and what is true of all kinds."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -28,24 +27,6 @@ def pendulum(tmp_path_factory):
     path = tmp_path_factory.mktemp('tune') / 'bag'
     run('simulate', 'pendulum', '--duration', 2, '--set', 'rate=200', '--out', path)
     return path
-
-
-@pytest.mark.slow
-def test_a_mechanical_observer(pendulum, tmp_path):
-    """Gains that beat the defaults on held-out data, in a file that replay takes."""
-    params = tmp_path / 'model.yaml'
-    params.write_text(f'/**:\n  ros__parameters:\n    model_parameters: {MODEL}\n')
-    words = ['--observer', 'geso', '--params', params, '--trials', 12]
-    found, out = tuned(tmp_path, pendulum, *words)
-    (each,) = found['tuned']
-    assert each['held_out'] and each['pair']['sign'] == 1
-    # the cost also has a tenth of the noise, which is that of the readings with either gains
-    assert 0.5 < each['best']['error'] / each['default']['error'] < 0.65
-    values = params_file.load(out, 'mechanical_observer')
-    assert values['observer'] == 'geso' and values['bandwidth_hz'] < 10.0
-    run('replay', pendulum, '--params', out, '--json', tmp_path / 'replayed.json')
-    replayed = json.loads((tmp_path / 'replayed.json').read_text())
-    assert replayed['observer'] == 'geso' and replayed['messages']['estimates'] > 250
 
 
 def test_gains_that_change_nothing_are_left_alone(pendulum, tmp_path, capsys):
