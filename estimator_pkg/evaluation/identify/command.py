@@ -17,10 +17,10 @@ from estimator_pkg.bags.selection import measurement_topic
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import parameter_file
-from estimator_pkg.evaluation.identify.data import MechanismSamples, recording
+from estimator_pkg.evaluation.identify.data import recording
 from estimator_pkg.evaluation.identify.fit import DELAY, ROUNDS, fit
-from estimator_pkg.evaluation.identify.joint import identify
-from estimator_pkg.evaluation.identify.model import Unknowns, unknowns
+from estimator_pkg.evaluation.identify.joint import first_guess
+from estimator_pkg.evaluation.identify.model import unknowns
 from estimator_pkg.evaluation.identify.wheels import NAMES, UNITS, identified
 from estimator_pkg.models.load import load
 from estimator_pkg.models.single_joint import Parameters
@@ -118,7 +118,10 @@ def _of_model(
         samples, names = recording(bag, topic, fitted.make(fitted.start), parsed.joint)
     delay = 0.0
     if parsed.model == JOINT_MODEL:
-        fitted, delay = first_guess(samples, fitted, fixed, start)
+        guess = first_guess(samples, build(Parameters, {**start, **fixed}))
+        delay = guess.pop(DELAY)
+        guess = {name: value for name, value in guess.items() if name in fitted.names}
+        fitted = unknowns(JOINT_MODEL, fixed, {**guess, **start})
     with progress('identify', 2 * ROUNDS) as advance:
         found = fit(samples, fitted, delay, advance)
     texts = fitted.texts(found.values[: len(fitted.names)])
@@ -192,21 +195,6 @@ def _of_base(
 
 def _shown(name: str, value: float, deviation: float, unit: str) -> str:
     return f'  {name} = {value:.5g} +- {deviation:.2g} {unit}'.rstrip()
-
-
-def first_guess(
-    samples: MechanismSamples, unknown: Unknowns, fixed: Mapping[str, Any], start: Mapping[str, Any]
-) -> tuple[Unknowns, float]:
-    """Return the start of the fit for a single joint, and its torque delay, by the weak form."""
-    known = build(Parameters, {**start, **fixed})
-    guess = identify(
-        samples.time,
-        samples.positions[:, 0],
-        samples.inputs[:, 0] * known.torque_constant * known.gear_ratio,
-        known.coulomb_speed,
-    )
-    values = {name: value for name, value in guess.items() if name in unknown.names}
-    return (unknowns(JOINT_MODEL, fixed, {**values, **start}), guess[DELAY])
 
 
 COMMAND = Command(

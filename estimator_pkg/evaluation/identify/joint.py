@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.identify.data import FIT_FRACTION, LONGEST_GAP
+from estimator_pkg.evaluation.identify.data import FIT_FRACTION, LONGEST_GAP, MechanismSamples
+from estimator_pkg.models.single_joint import Parameters
 
 Array = NDArray[np.float64]
 
@@ -33,19 +34,20 @@ DELAYS = np.arange(-0.004, 0.0401, 0.001)  # of the torque [s]
 PARAMETERS = 6  # columns of the least squares
 
 
-def identify(time: Array, position: Array, torque: Array, width: float) -> dict[str, float]:
-    """Return the parameters of the joint by name of `single_joint.Parameters`, and input_delay.
+def first_guess(samples: MechanismSamples, known: Parameters) -> dict[str, float]:
+    """Return the parameters of the joint by name of `Parameters`, and input_delay.
 
     Parameters
     ----------
-    time, position, torque : shape (n,) [s, rad, N m]; positions not wrapped.
-    width : width of the smoothed sign of the Coulomb friction [rad/s].
+    known : has gear ratio, torque constant, and the width of the smoothed Coulomb friction.
 
     Raises
     ------
     UserError : the motion does not determine the parameters.
     """
-    rows, targets, centres = _windows(time, position, torque, width)
+    time, position = samples.time, samples.positions[:, 0]
+    torque = samples.inputs[:, 0] * known.torque_constant * known.gear_ratio
+    rows, targets, centres = _windows(time, position, torque, known.coulomb_speed)
     split = time[0] + FIT_FRACTION * (time[-1] - time[0])
     first = centres < split - 0.5 * WINDOW_S
     rows, targets = rows[first], targets[first]
