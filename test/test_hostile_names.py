@@ -10,7 +10,6 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import numpy as np
 import nursery
 import pytest
 import yaml
@@ -18,7 +17,7 @@ import yaml
 from estimator_pkg import params_file, yaml_text
 from estimator_pkg.bags.writer import BagWriter
 from estimator_pkg.driver import identified as adaptive_file
-from estimator_pkg.evaluation.identify import command as identify
+from estimator_pkg.evaluation import parameter_file
 from estimator_pkg.messages.joint_state import TYPE, Encoder
 from estimator_pkg.observers.adaptive import observer as adaptive
 from estimator_pkg.printable import PrintableStream, printable, show
@@ -53,17 +52,15 @@ def holds_only(text, names):
 
 
 def test_identify_and_save_write_names_as_names(tmp_path):
-    found = SimpleNamespace(
-        names=('inertia',), deviations=[0.1], values=np.array([1.0]), explained_elsewhere=0.9
-    )
-    out = tmp_path / 'x.yaml'
-    identify._write(out, IMPORTS, (IMPORTS, 'b'), ('inertia=1.0',), found, f'bags/{IMPORTS}')
-    assert holds_only(out.read_text(), ['/**'])['/**']['ros__parameters'] == {
+    values = {
         'model': IMPORTS,
-        'joints': [IMPORTS, 'b'],
+        'joints': (IMPORTS, 'b'),
         'input_delay': 0.0,
-        'model_parameters': ['inertia=1.0'],
+        'model_parameters': ('inertia=1.0',),
     }
+    text = parameter_file.as_yaml([f'Identified from {IMPORTS}'], values)
+    written = holds_only(text, ['/**'])['/**']['ros__parameters']
+    assert written == {k: [*v] if isinstance(v, tuple) else v for k, v in values.items()}
     said = SimpleNamespace(
         adapted=1.0,
         trusted=True,

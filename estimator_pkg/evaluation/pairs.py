@@ -23,15 +23,14 @@ EIGHTH = 8  # events are few if they are in one of so many blocks at most
 
 
 class Difference(NamedTuple):
-    """Mean of the difference of two squared errors, and its half confidence interval."""
+    """Mean of the difference of two squared errors, and its half confidence interval.
+
+    sign : 1: the first estimate is better, -1: the second, 0: not known.
+    """
 
     mean: float
     half: float
-
-    @property
-    def sign(self) -> int:
-        """1: the first estimate is better, -1: the second, 0: not known."""
-        return 0 if abs(self.mean) <= self.half else (1 if self.mean < 0.0 else -1)
+    sign: int = 0
 
 
 def blocks(time: Array) -> NDArray[np.int64]:
@@ -67,7 +66,24 @@ def of_sums(sums: Sequence[NDArray], counts: Sequence[NDArray]) -> Difference:
         rest = each[full] - mean * count[full]
         variance += float(rest @ rest) + 2.0 * max(0.0, float(rest[1:] @ rest[:-1]))
     error = math.sqrt(variance * number / (number - 1)) / total
-    return Difference(mean, student(number - 1) * error)
+    half = student(number - 1) * error
+    return Difference(mean, half, 0 if abs(mean) <= half else (1 if mean < 0.0 else -1))
+
+
+def agreed(sums: Sequence[Sequence[NDArray]], counts: Sequence[NDArray]) -> Difference:
+    """Return the difference against the first of some references.
+
+    Its sign is 0 unless all of them agree, and its interval is the longest.
+
+    Parameters
+    ----------
+    sums : for each reference, those of `of_sums`. counts : as of `of_sums`.
+    """
+    tests = [of_sums(each, counts) for each in sums]
+    alike = len({each.sign for each in tests}) == 1
+    return Difference(
+        tests[0].mean, max(each.half for each in tests), tests[0].sign if alike else 0
+    )
 
 
 def events(sums: NDArray) -> NDArray[np.int64]:

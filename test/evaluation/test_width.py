@@ -9,7 +9,6 @@ import pytest
 
 from estimator_pkg.cli import main
 from estimator_pkg.evaluation.text import markdown, table, wrapped
-from estimator_pkg.evaluation.tuning import output
 
 WIDTH = 80  # columns, as the documents promise
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
@@ -49,15 +48,6 @@ def test_a_sentence_is_wrapped_between_words():
     assert lines[0].startswith('  j') and lines[1].startswith('    ')
     assert wrapped('x' * 100, 40) == ['x' * 100]
     assert wrapped('') == ['']
-
-
-def test_gains_that_do_not_fit_the_table_are_below_it():
-    gains = ', '.join(f'gain_{i} {i}.25' for i in range(6))
-    rows = [('all joints', 'tuned', gains, '0.1', '0.2', '0.3', '0.4')]
-    lines = output.table_lines(rows)
-    assert max(map(len, lines)) <= WIDTH
-    assert lines[1].split() == ['all', 'joints', 'tuned', '0.1', '0.2', '0.3', '0.4']
-    assert gains in ' '.join(' '.join(lines[2:]).split())
 
 
 @pytest.mark.parametrize('form', [table, markdown])

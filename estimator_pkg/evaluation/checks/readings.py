@@ -13,7 +13,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from estimator_pkg.bags.series import Series, of_positions
 from estimator_pkg.driver.batch import Estimates
 from estimator_pkg.evaluation.checks.row import Finding
 from estimator_pkg.evaluation.delay import Delay
@@ -80,11 +79,6 @@ class Readings:
         """The low-passed finite difference, with the verdicts of the guard that every node has."""
         joint = DIFFERENCE.joint(wrap_period=self.period)
         return joint.run(self.stamps_ns, self.position)
-
-    @property
-    def series(self) -> Series:
-        """The same as a series of positions."""
-        return of_positions(self.stamps_ns, self.position)
 
     @cached_property
     def parts(self) -> list[Rows]:

@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator_pkg.evaluation.checks.readings import Array, Readings, plural, short, times
 from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN, Check, Measured
-from estimator_pkg.evaluation.checks.stamp_error import line_error, spacing_error
 from estimator_pkg.evaluation.delay import GAP_STEPS
 from estimator_pkg.evaluation.matching import strays
 from estimator_pkg.sensor.guard import (
@@ -32,6 +33,13 @@ HOLE_RATIO = 10.0  # a longer gap between stamps is a hole [median sample times]
 NEARBY_STEPS = 20  # samples whose median spacing missing ones are counted with
 LOST_OFTEN = 0.005  # a larger fraction of missing samples is reported
 STAMP_ERROR_PART = 0.05  # stamps that err by this fraction of the sample time are reported
+FEWEST_MOVING = 200  # smallest number of readings in motion that show it
+MOVING_PART = 0.1  # a joint moves above this fraction of its usual speed
+SPACING_DEVIATIONS = 5.0  # the spacing disagrees with the motion by this many standard deviations
+STAMP_OUTLIER = 10.0  # readings further from the line between their neighbours are ignored
+VISIBLE = 0.5  # the effect of the spacing is at least this fraction of a quantum, in rms
+SPEED_SIDE = 4  # samples on either side that show the speed
+MOST_READINGS = 100_000  # readings that are enough
 DROPPED_OFTEN = 0.2  # a larger fraction of dropped samples leaves too few
 SAME_CLOCK = 86_400.0  # stamps further from their arrival are of another clock [s]
 STAMPS_AHEAD = 0.005  # stamps this far in the future of their arrival [s]
@@ -148,14 +156,58 @@ def stamp_error(seen: Readings) -> Measured:
     if seen.stale or np.any(seen.leaps):
         return Measured(PASS, ['hidden'])
     good = np.sort(seen.rows)
-    wrong = max(
-        line_error(seen.series, seen.parts[0], seen.period, seen.quantum),
-        spacing_error(seen.stamps_ns[good], seen.position[good], seen.period, seen.grain),
-    )
+    wrong = _spacing_error(seen.stamps_ns[good], seen.position[good], seen.period, seen.grain)
     lie = wrong > STAMP_ERROR_PART * seen.step
     text = 'lie' if lie else 'err' if wrong else 'true'
     words = {'wrong': short(wrong), 'off': wrong * seen.speed, 'speed': seen.speed}
     return Measured(WARN if lie else PASS, [text], {'stamp_error_s': wrong}, words)
+
+
+def _spacing_error(
+    stamps_ns: NDArray[np.int64], position: Array, period: float, count: float
+) -> float:
+    """Return the standard deviation of the stamps' error [s] if their spacing lies; else 0.
+
+    A reading between two others lies off the middle of both by its speed times d, the distance of
+    its stamp from the middle of their stamps. So the regression of one on the other has the slope
+    1 for true stamps, and var(true d) / var(d) < 1 for others. This holds for any noise of the
+    reading, and for stamps that change the order.
+
+    Parameters
+    ----------
+    stamps_ns, position : shape (n,), in the order of arrival. period : wrap period [rad]; 0:
+        none. count : quantum [rad]; 0: none.
+    """
+    time = (stamps_ns[:MOST_READINGS] - stamps_ns[0]) * 1e-9
+    moves = np.diff(position[:MOST_READINGS])
+    if period > 0.0:
+        moves -= period * np.round(moves / period)
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    if len(steps) < FEWEST_MOVING or step <= 0.0:
+        return 0.0
+    around = slice(SPEED_SIDE - 1, -(SPEED_SIDE - 1))
+    off = 0.5 * (moves[:-1] - moves[1:])[around]
+    early = 0.5 * (steps[:-1] - steps[1:])[around]
+    way, passed, longest = (
+        np.lib.stride_tricks.sliding_window_view(each, 2 * SPEED_SIDE)
+        for each in (moves, steps, np.abs(steps))
+    )
+    speed = way.sum(axis=1) / np.maximum(passed.sum(axis=1), SPEED_SIDE * step)
+    near = longest.max(axis=1) < 5.0 * step
+    near &= np.abs(off) <= STAMP_OUTLIER * 1.4826 * np.median(np.abs(off)) + np.abs(speed) * step
+    near &= np.abs(speed) > MOVING_PART * float(np.percentile(np.abs(speed), 95))
+    if np.count_nonzero(near) < FEWEST_MOVING:
+        return 0.0
+    off, shift, early = off[near], (speed * early)[near], early[near]
+    power = float(np.sum(shift * shift))
+    if power <= len(shift) * max(VISIBLE * count, 1e-12) ** 2:
+        return 0.0  # the readings are too coarse to show it
+    slope = float(np.sum(off * shift)) / power
+    unsure = math.sqrt(float(np.sum((off - slope * shift) ** 2 * shift**2))) / power
+    if 1.0 - slope < SPACING_DEVIATIONS * unsure:
+        return 0.0
+    return math.sqrt(min(1.0 - slope, 1.0) * float(np.mean(early * early)) / 1.5)
 
 
 def clock(seen: Readings) -> Measured:

@@ -20,10 +20,9 @@ from estimator_pkg.bags.selection import (
 )
 from estimator_pkg.bags.series import Series, joint_series, why_none
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked, stretch
+from estimator_pkg.evaluation.checks.joint import FEWEST_READINGS, checked, stretch, usable
 from estimator_pkg.evaluation.checks.joint import reference as reference_of
 from estimator_pkg.evaluation.checks.readings import Readings
-from estimator_pkg.evaluation.checks.usable import usable
 from estimator_pkg.evaluation.compare import per_sample
 from estimator_pkg.evaluation.compare.sources import source_of_stamps, without_truth
 from estimator_pkg.evaluation.matching import match

@@ -6,7 +6,7 @@
 Each observer estimates the velocity of each joint, at its defaults and with a few bandwidths. Gains
 are chosen on the first part of the record, and dropped where they are worse on the rest (95 %). Of
 all that are left, the one with the least error on the whole record is used, by the rule of
-`evaluation.ranking.choice`.
+`ranking.verdict.chosen`.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from estimator_pkg.estimate import VALID
 from estimator_pkg.evaluation.checks.readings import Readings, late_by
 from estimator_pkg.evaluation.delay import UNKNOWN_DELAY, Delay, measured
 from estimator_pkg.evaluation.entries import Entry, angle_observers
-from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.ranking.ranking import at_reference, rank
-from estimator_pkg.evaluation.ranking.verdict import Verdict, shown
+from estimator_pkg.evaluation.ranking.verdict import Verdict, chosen, shown
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.observers import DEFAULT
 from estimator_pkg.parameters import declared

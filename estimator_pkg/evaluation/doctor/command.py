@@ -22,12 +22,11 @@ from estimator_pkg.bags.wiring import Setup, wired
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation import plots
-from estimator_pkg.evaluation.checks.joint import LONGEST_STRETCH
 from estimator_pkg.evaluation.checks.row import WARN, Check, Finding
 from estimator_pkg.evaluation.compare import requested
 from estimator_pkg.evaluation.doctor import drive, report, second
-from estimator_pkg.evaluation.doctor.choice import Choice, candidates, choose
-from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings, setup
+from estimator_pkg.evaluation.doctor.choice import Choice, choose
+from estimator_pkg.evaluation.doctor.examine import Examined, examine, is_drive, readings
 from estimator_pkg.evaluation.options import (
     PERIOD_KEY,
     WRAP_PERIOD,
@@ -39,7 +38,6 @@ from estimator_pkg.evaluation.options import (
 )
 from estimator_pkg.evaluation.text import started, wrapped
 from estimator_pkg.evaluation.tuning.live import recorded
-from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.parameters import parse_assignments
 from estimator_pkg.printable import show
@@ -49,7 +47,6 @@ from estimator_pkg.streams.drive import DriveStream
 
 APPEAR = 5.0  # longest wait for a topic of joint states [s]
 ANOTHER_TOPIC = 0.5  # and for another one after the first [s]
-PARALLEL_ESTIMATES = 2_000_000  # estimates that are worth a second process
 TOPIC = Check(
     'topic',
     'whether the topic is a measurement',
@@ -205,24 +202,19 @@ def _examined(
             raise UsageError('--set observer: doctor compares all observers, so omit it')
         period, _ = wrap_periods(parsed.wrap_period, [settings])
         with progress(f'{origin}: reading', None):
-            chosen = setup(bag, parsed.measurement, parsed.angle, period, settings)
+            request = Request(parsed.measurement, parsed.angle)
+            values = {PERIOD_KEY: period, **settings}
+            chosen = wired(streams.named(streams.USUAL), bag, values, request)
             joints = readings(bag, chosen, parsed.begin, parsed.end)
             topic = chosen.topics[0].name
             others = second.candidates(bag)
-    samples = sum(min(len(each.rows), LONGEST_STRETCH) for each in joints)
-    many = samples * len(candidates(1e3)) >= PARALLEL_ESTIMATES
-    jobs = [
-        (each, parsed.motion_hz, topic, [o for o in others if o.may_measure(each.name, topic)])
-        for each in joints
-    ]
-    with (
-        workers(min(2, len(jobs)) if many else 1) as run_many,
-        progress(f'{origin}: joints', len(joints)) as advance,
-    ):
-        examined = []
-        for each in run_many(examine, jobs):
-            each.findings[:0] = _own(topic, made)
-            examined.append(each)
+    examined = []
+    with progress(f'{origin}: joints', len(joints)) as advance:
+        for each in joints:
+            may = [other for other in others if other.may_measure(each.name, topic)]
+            found = examine(each, parsed.motion_hz, topic, may)
+            found.findings[:0] = _own(topic, made)
+            examined.append(found)
             advance(1)
     choice = choose(
         {each.readings.name: each.answer for each in examined if each.answer is not None}

@@ -18,15 +18,13 @@ import numpy as np
 
 from estimator_pkg import params_file
 from estimator_pkg.bags.reader import Bag
-from estimator_pkg.bags.recording import recording
 from estimator_pkg.bags.wiring import Setup
-from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import parameter_file
 from estimator_pkg.evaluation.checks.readings import Readings, plural
 from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN, Check, Finding
 from estimator_pkg.evaluation.doctor.examine import Examined
 from estimator_pkg.evaluation.matching import exact, pieces
-from estimator_pkg.evaluation.plots import COLOURS, GREY, Curve, Style, ahead, sample_times
+from estimator_pkg.evaluation.plots import COLOURS, Curve, Style, ahead, sample_times
 from estimator_pkg.evaluation.reference.back_emf import BackEmf, Drive, back_emf, needed, signals
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion, motion
 from estimator_pkg.evaluation.text import for_node, number
@@ -149,15 +147,9 @@ RESISTANCE = Check(
         'unseen': 'this record does not show it -> {remedy}',
     },
 )
-LOCK = Check(
-    'lock',
-    'how long `pmsm` has an estimate',
-    'for less than half of the samples',
-    {'lock': 'pmsm has an estimate for {percent:.0f} % of the samples -> {remedy}'},
-)
 CHECKS = (
     *(MOTOR_DATA, SAMPLES, RATE, LOST, ORDER, CURRENT, VOLTAGE, PHASES),
-    *(BACK_EMF, FLUX, RESISTANCE, LOCK),
+    *(BACK_EMF, FLUX, RESISTANCE),
 )
 
 
@@ -181,9 +173,10 @@ def examine(bag: Bag, setup: Setup, missing: Sequence[str] = ()) -> Examined:
         return Examined(_nothing(name), found, said=(said,), panels=panels)
     found, moved = checked(drive, setup.values)
     if moved is not None and not moved.seldom:
-        lock, speed = _lock(name, bag, setup, moved, drive.stamps[0])
-        found.append(lock)
-        panels = speed | panels
+        run = max(pieces(moved.stamps), key=len)
+        time = (moved.stamps[run] - drive.stamps[0]) * 1e-9
+        speed = Curve('back-EMF', '@ rad/s', time, moved.plain[run], Style(COLOURS[0]).line)
+        panels = {'electrical speed [rad/s] of the back-EMF': [speed]} | panels
     wrong = ', '.join(each.check for each in found if each.level != PASS)
     said = f'Use {PMSM} with these motor data' + (f'; mend first: {wrong}.' if wrong else '.')
     return Examined(_nothing(name), found, said=(said,), panels=panels)
@@ -222,7 +215,10 @@ def checked(
         return [*found, BACK_EMF.found(FAIL, ['never'])], None
     moved = motion(emf.stamps, emf.angle, 0.0)
     swapped = any(each.check == PHASES.name and each.level == WARN for each in found)
-    found.append(_of_back_emf(emf))
+    seen = np.isfinite(emf.angle)
+    fastest = number(float(np.max(np.abs(emf.speed[seen]))), 4)
+    words = {'percent': 100.0 * float(np.mean(seen)), 'fastest': fastest}
+    found.append(_either(BACK_EMF, float(np.mean(seen)) < SEEN_PART, words))
     return found + ([] if moved is None or swapped else _of_motor(emf, moved, values)), moved
 
 
@@ -235,7 +231,6 @@ def _of_samples(drive: Drive) -> list[Finding]:
     steps = steps[steps > 0.0]
     step = float(np.median(steps))
     lost = float(np.sum(np.rint(steps / step) - 1.0)) / (len(steps) + 1)
-    slow, often = 1.0 / step < SLOWEST_RATE, lost > LOST_PART
     words = {
         'hz': f'{1.0 / step:.6g}',
         'n': len(drive.stamps),
@@ -244,21 +239,28 @@ def _of_samples(drive: Drive) -> list[Finding]:
         'many': plural(back, 'time'),
     }
     found = [
-        RATE.found(WARN if slow else PASS, ['slow' if slow else 'rate'], {}, words),
-        LOST.found(WARN if often else PASS, ['often' if often else 'few'], {}, words),
-        ORDER.found(
-            FAIL if back else PASS, ['jumps' if back else 'none'], {'clock_jumps': back}, words
-        ),
+        _either(RATE, 1.0 / step < SLOWEST_RATE, words),
+        _either(LOST, lost > LOST_PART, words),
+        _either(ORDER, back > 0, words, {'clock_jumps': back}, FAIL),
     ]
     for check, values in ((CURRENT, drive.current), (VOLTAGE, drive.voltage)):
         most = float(np.max(np.abs(values)))
         rms = float(np.sqrt(np.mean(np.abs(values) ** 2)))
         words = {'rms': number(rms, 3), 'most': number(most, 3)}
-        there = most > 0.0
-        found.append(
-            check.found(PASS if there else FAIL, ['there' if there else 'zero'], {}, words)
-        )
+        found.append(_either(check, most == 0.0, words, level=FAIL))
     return [*found, _sense(drive)]
+
+
+def _either(
+    check: Check,
+    wrong: bool,
+    words: Mapping[str, Any],
+    numbers: Mapping[str, Any] = {},
+    level: str = WARN,
+) -> Finding:
+    """Return the finding with the first text of the row where it passes, else with the second."""
+    text = list(check.texts)[wrong]
+    return check.found(level if wrong else PASS, [text], numbers, words)
 
 
 def _sense(drive: Drive) -> Finding:
@@ -279,16 +281,6 @@ def _sense(drive: Drive) -> Finding:
     return PHASES.found(PASS, ['same' if same > OPPOSED * against else 'unseen'])
 
 
-def _of_back_emf(emf: BackEmf) -> Finding:
-    """Return the finding on how long the rotor is seen."""
-    seen = np.isfinite(emf.angle)
-    share = float(np.mean(seen))
-    fastest = number(float(np.max(np.abs(emf.speed[seen]))), 4)
-    words = {'percent': 100.0 * share, 'fastest': fastest}
-    often = share >= SEEN_PART
-    return BACK_EMF.found(PASS if often else WARN, ['seen' if often else 'seldom'], {}, words)
-
-
 def _of_motor(emf: BackEmf, moved: ReferenceMotion, values: Mapping[str, Any]) -> list[Finding]:
     """Return the findings on flux linkage and resistance.
 
@@ -304,10 +296,9 @@ def _of_motor(emf: BackEmf, moved: ReferenceMotion, values: Mapping[str, Any]) -
     flux, more, half_width = _fitted(size, np.abs(speed), current.real)
     given, resistance = float(values['flux']), float(values['resistance'])
     inductance = float(values['inductance'])
-    wrong = abs(flux / given - 1.0) > FLUX_TOLERANCE
     words = {'fitted': number(flux, 4), 'given': number(given, 4)}
-    text = 'wrong' if wrong else 'fits'
-    found = [FLUX.found(WARN if wrong else PASS, [text], {'flux': flux}, words)]
+    wrong = abs(flux / given - 1.0) > FLUX_TOLERANCE
+    found = [_either(FLUX, wrong, words, {'flux': flux})]
     halved = np.abs(size + 0.5 * (resistance + 1j * inductance * speed) * current)
     half = _rest(halved, np.abs(speed)) < CLEARLY * _rest(size, np.abs(speed))
     fits = resistance + more
@@ -365,34 +356,6 @@ def _fitted(size: np.ndarray, speed: np.ndarray, current: np.ndarray) -> tuple[f
     flux = float((size - more * current) @ speed) / power
     rest = size - flux * speed - more * current
     return flux, more, NORMAL * math.sqrt(CORRELATED_BLOCKS * float(np.mean(rest**2)) / own)
-
-
-def _lock(
-    name: str, bag: Bag, setup: Setup, moved: ReferenceMotion, start_ns: int
-) -> tuple[Finding, dict[str, list[Curve]]]:
-    """Return the finding on how long `pmsm` has an estimate, and the panel of the speed.
-
-    Parameters
-    ----------
-    moved : the motion that the angles of the back-EMF show. start_ns : time zero of the plots.
-    """
-    why, share, speed = '', 0.0, list[Curve]()
-    run = max(pieces(moved.stamps), key=len)
-    time = (moved.stamps[run] - start_ns) * 1e-9
-    try:
-        made = recording(bag, setup, {}).per_sample().run(PMSM, {}).get(name)
-    except UserError as error:
-        made, why = None, str(error)
-    if made is not None and len(made.stamps):
-        share = len(np.unique(made.stamps)) / max(len(made.due), 1)
-        velocity = exact(moved.stamps, made.stamps, made.velocity)[run]
-        speed.append(Curve(PMSM, '@ rad/s', time, velocity, Style(COLOURS[0]).line))
-    speed.append(Curve('back-EMF', '@ rad/s', time, moved.plain[run], Style(GREY).line))
-    remedy = '' if share >= SEEN_PART else why or 'see flux linkage and resistance'
-    level = PASS if share >= SEEN_PART else WARN if share else FAIL
-    lock = LOCK.found(level, ['lock'], {}, {'percent': 100.0 * share, 'remedy': remedy})
-    title = 'electrical speed [rad/s]; blue: pmsm, grey: back-EMF'
-    return lock, {title: speed}
 
 
 def as_yaml(examined: Examined, origin: str, settings: Mapping[str, Any]) -> str:

@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator_pkg import streams
 from estimator_pkg.bags import recording as recordings
 from estimator_pkg.bags.log_file import is_log
 from estimator_pkg.bags.reader import Bag
 from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.bags.series import joint_series, why_none
-from estimator_pkg.bags.wiring import Setup, wired
+from estimator_pkg.bags.wiring import Setup
 from estimator_pkg.circle import LARGEST
 from estimator_pkg.driver.configuration import AS_RATE
 from estimator_pkg.errors import UserError
@@ -26,14 +25,15 @@ from estimator_pkg.evaluation.checks.joint import (
     FEWEST_READINGS,
     as_read,
     checked,
+    cut,
     failed,
     reference,
     stamped,
     stretch,
+    usable,
 )
 from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.checks.row import WARN, Finding
-from estimator_pkg.evaluation.checks.usable import cut, usable
 from estimator_pkg.evaluation.doctor import second, velocities
 from estimator_pkg.evaluation.doctor.choice import JointRanking, answer
 from estimator_pkg.evaluation.options import in_window, wrap_periods
@@ -41,7 +41,7 @@ from estimator_pkg.evaluation.plots import Curve
 from estimator_pkg.evaluation.text import units
 from estimator_pkg.messages.joint_state import TYPE
 from estimator_pkg.sensor.stamp_repair import REPAIRED, StampRepair
-from estimator_pkg.streams.contract import PUBLISHER, Request
+from estimator_pkg.streams.contract import PUBLISHER
 from estimator_pkg.streams.drive import DriveStream
 
 JITTER_CHECKS = ('jitter', 'lying stamps')
@@ -71,19 +71,6 @@ class Examined:
     def refused(self) -> list[Finding]:
         """Those because of which nothing is recommended."""
         return [] if self.answer is not None else self.failed
-
-
-def setup(
-    bag: Bag,
-    measurement: str | None,
-    angle: str | None,
-    period: float,
-    settings: Mapping[str, Any] | None = None,
-) -> Setup:
-    """Return the wiring of the measurement in the bag, as `joint_observer` would have it."""
-    stream = streams.named(streams.USUAL)
-    values = {'wrap_period': period, **(settings or {})}
-    return wired(stream, bag, values, Request(measurement, angle))
 
 
 def is_drive(bag: Bag, measurement: str | None, angle: str | None) -> bool:

@@ -33,26 +33,19 @@ NAME_COLUMNS = 19  # columns of a check's name
 ALL_JOINTS = 'all joints'
 
 
-def shared(examined: Sequence[Examined]) -> tuple[list[Finding], list[list[Finding]]]:
-    """Return (findings that are the same for all joints, the others of each joint)."""
-    if len(examined) < 2:
-        return [], [each.findings for each in examined]
+def blocks(examined: Sequence[Examined]) -> list[tuple[str, list[Finding]]]:
+    """Return (heading, findings): those that are the same for all joints, then those of each."""
 
     def key(finding: Finding) -> tuple[str, ...]:
         return finding[:4]
 
     same = set.intersection(*({key(found) for found in each.findings} for each in examined))
-    return (
-        [found for found in examined[0].findings if key(found) in same],
-        [[found for found in each.findings if key(found) not in same] for each in examined],
-    )
-
-
-def blocks(examined: Sequence[Examined]) -> list[tuple[str, list[Finding]]]:
-    """Return (heading, findings): those of all joints, then those of each."""
-    same, others = shared(examined)
-    found = [(each.readings.name or 'joint', own) for each, own in zip(examined, others)]
-    return [each for each in [(ALL_JOINTS, same), *found] if each[1]]
+    same = same if len(examined) > 1 else set()
+    found = [(ALL_JOINTS, [each for each in examined[0].findings if key(each) in same])]
+    for each in examined:
+        own = [finding for finding in each.findings if key(finding) not in same]
+        found.append((each.readings.name or 'joint', own))
+    return [each for each in found if each[1]]
 
 
 def verdicts(examined: Sequence[Examined], choice: Choice) -> dict[str, list[str]]:

@@ -1,27 +1,40 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Noise and delay of the velocities that a user has today, against the off-line reference."""
+"""The velocities that a user has today, against the off-line reference.
+
+Noise and delay of finite differences; factor, sign and delay of the velocity in the messages.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator_pkg.bags.series import at_stamps
+from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.checks.joint import FEWEST_FOR_REFERENCE
 from estimator_pkg.evaluation.checks.readings import DIFFERENCE, Array, Readings, Rows, late_by
 from estimator_pkg.evaluation.checks.row import PASS, WARN, Check, Finding
-from estimator_pkg.evaluation.delay import UNKNOWN_DELAY, Delay, measured
-from estimator_pkg.evaluation.doctor.published import FACTOR_TOLERANCE, relation
+from estimator_pkg.evaluation.delay import LONGEST_DELAY, UNKNOWN_DELAY, Delay, measured
 from estimator_pkg.evaluation.ranking.cautions import JUDGE_BY_TRUTH, contradiction
 from estimator_pkg.evaluation.reference.motion import ReferenceMotion
 from estimator_pkg.evaluation.signals import cubic
 from estimator_pkg.parameters import declared
 
 LATE_TIME, LATE_STEPS = 2e-3, 3.0  # a published velocity later than both [s, samples] is reported
+FACTOR_TOLERANCE = 0.05  # a factor further from 1 than this, and than its interval, is wrong
+ALIKE = 0.5  # smaller part of the variance that the motion explains: it is another signal
+EXPLAINS = 0.98  # larger part of it that the position explains: proportional to that
+NEAR_BEST = 0.02  # of the variance: shorter delays within this of the best one are as good
+MOST_SHIFTS = 400  # shifts that are tried
+AVERAGED = 0.05  # time over which both are averaged against noise [s]
+UNITS = {60.0 / math.tau: 'rpm', 360.0 / math.tau: 'deg/s', 1.0 / math.tau: 'turns per second'}
+DRIVER = 'correct it in the driver, or use the estimate of a node instead'
+
 LOW_PASS = declared(type(DIFFERENCE.joint().observer.gains()))['bandwidth_hz'].default
 TODAY = {
     'none': 'no reference: the joint moves too little',
@@ -122,3 +135,99 @@ def misleads(findings: Sequence[Finding]) -> bool:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values * values)))
+
+
+class Relation(NamedTuple):
+    """What a published velocity is.
+
+    wrong : in words; '' if it is right. remedy : to it. factor : of the velocity, with its sign;
+    nan: unknown. late : its delay.
+    """
+
+    wrong: str
+    remedy: str
+    factor: float
+    late: Delay
+
+
+def relation(time: Array, values: Array, truth: Array, position: Array, unsure: float) -> Relation:
+    """Return what the published `values` are.
+
+    Parameters
+    ----------
+    time, values, truth, position : shape (n,): time [s], velocities and unwrapped position.
+    unsure : standard deviation of `truth` [rad/s].
+    """
+    if np.ptp(values) == 0.0:
+        what = 'zero' if values[0] == 0.0 else f'constant at {values[0]:.3g} rad/s'
+        moves = float(np.std(truth)) > max(3.0 * unsure, 0.05 * abs(float(np.mean(truth))))
+        what = f'{what}, though the joint moves' if moves or values[0] == 0.0 else ''
+        return Relation(what, DRIVER if what else '', math.nan, UNKNOWN_DELAY)
+    explained, shift = max(
+        (_explained(time, *_averaged(time, values, truth, width)) for width in (0.0, AVERAGED)),
+        key=lambda each: each[0],
+    )
+    here = np.corrcoef(values, truth)[0, 1] ** 2
+    of_position = float(np.corrcoef(values, position)[0, 1] ** 2) if np.ptp(position) else 0.0
+    if of_position > EXPLAINS and here < of_position - NEAR_BEST:
+        ratio = np.polyfit(position, values, 1)[0]
+        what = f'proportional to the position ({ratio:.3g} times it)'
+        return Relation(what, DRIVER, math.nan, UNKNOWN_DELAY)
+    if explained < ALIKE:
+        if float(np.std(truth)) < 3.0 * unsure:
+            return Relation('', '', math.nan, UNKNOWN_DELAY)
+        what = f'not the derivative of the position: the motion explains {explained:.0%} of it'
+        return Relation(what, DRIVER, math.nan, UNKNOWN_DELAY)
+    factor, half = _factor(time, values, truth, shift)
+    late = measured(time, values / factor, truth).known if factor else UNKNOWN_DELAY
+    if math.isfinite(late.late):
+        factor, half = _factor(time, values, truth, late.late)
+    half += 2.0 * abs(factor) * unsure / float(np.std(truth))
+    if abs(factor - 1.0) <= max(FACTOR_TOLERANCE, half):
+        return Relation('', '', factor, late)
+    what = f'{abs(factor):.3g} times the velocity'
+    remedy = f'check unit, gear ratio and scaling: {DRIVER}'
+    for size, unit in UNITS.items():
+        if abs(abs(factor) / size - 1.0) <= max(FACTOR_TOLERANCE, half / size):
+            what, remedy = f'{what}: {unit}', 'publish rad/s'
+    if factor < 0.0:
+        size = abs(factor + 1.0) <= max(FACTOR_TOLERANCE, half)
+        what = 'reversed' if size else f'reversed, and {what}'
+        remedy = f'turn its sign: {DRIVER}' if size else f'turn its sign; {remedy}'
+    return Relation(what, remedy, factor, late)
+
+
+def _averaged(time: Array, values: Array, truth: Array, width: float) -> tuple[Array, Array]:
+    """Return both as means over so many seconds, without their own means."""
+    count = max(1, min(round(width / float(np.median(np.diff(time)))), len(time) // 4))
+    window = np.ones(count) / count
+    first, second = (np.convolve(each, window, 'same') for each in (values, truth))
+    return first - first.mean(), second - second.mean()
+
+
+def _explained(time: Array, values: Array, truth: Array) -> tuple[float, float]:
+    """Return (part of the variance that the motion explains, delay [s]): the shortest as good."""
+    longest = max(LONGEST_DELAY, 10.0 * float(np.median(np.diff(time))))
+    shifts = np.linspace(0.0, min(longest, 0.25 * float(time[-1] - time[0])), MOST_SHIFTS)
+    parts = np.array(
+        [_correlation(values, np.interp(time - shift, time, truth)) ** 2 for shift in shifts]
+    )
+    at = int(np.argmax(parts >= np.max(parts) - NEAR_BEST))
+    return float(np.max(parts)), float(shifts[at])
+
+
+def _correlation(one: Array, other: Array) -> float:
+    size = math.sqrt(float(one @ one) * float(other @ other))
+    return float(one @ other) / size if size else 0.0
+
+
+def _factor(time: Array, values: Array, truth: Array, late: float) -> tuple[float, float]:
+    """Return the factor and half of its 95 % interval, at this delay; over blocks of time."""
+    then = np.interp(time - late, time, truth)
+    then = then - then.mean()
+    level = values - values.mean()
+    power = float(then @ then)
+    factor = float(then @ level) / power
+    block = pairs.blocks(time)
+    rest = np.bincount(block, then * (level - factor * then))
+    return factor, pairs.student(len(rest) - 1) * math.sqrt(float(rest @ rest)) / power

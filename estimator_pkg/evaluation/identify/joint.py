@@ -10,8 +10,9 @@ ends,
     J int w'' q - b int w' q + c int w sgn v + gs int w sin q + gc int w cos q + d int w = int w u
 
 is linear in the parameters: least squares over the windows of the fitted part of the recording.
-The delay of the torque is the one that fits best. Torques are the input times gear ratio and
-torque constant, which the recording does not determine and the user must provide.
+The delay of the torque is the one that fits best, and frictions are not negative. Torques are the
+input times gear ratio and torque constant, which the recording does not determine and the user must
+provide.
 """
 
 from __future__ import annotations
@@ -22,40 +23,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.errors import UserError
-from estimator_pkg.evaluation.identify.pieces import FIT_FRACTION, LONGEST_GAP
+from estimator_pkg.evaluation.identify.data import FIT_FRACTION, LONGEST_GAP, MechanismSamples
+from estimator_pkg.models.single_joint import Parameters
 
 Array = NDArray[np.float64]
 
 WINDOW_S = 0.3  # length of a window [s]
 OVERLAP = 4  # windows that cover each moment
 DELAYS = np.arange(-0.004, 0.0401, 0.001)  # of the torque [s]
-FEWEST_WINDOWS = 20  # smallest number of windows
-LOWER_BOUNDS = (-np.inf, 0.0, 0.0, -np.inf, -np.inf, -np.inf)  # frictions are not negative
+PARAMETERS = 6  # columns of the least squares
 
 
-def identify(time: Array, position: Array, torque: Array, width: float) -> dict[str, float]:
-    """Return the parameters of the joint by name of `single_joint.Parameters`, and input_delay.
+def first_guess(samples: MechanismSamples, known: Parameters) -> dict[str, float]:
+    """Return the parameters of the joint by name of `Parameters`, and input_delay.
 
     Parameters
     ----------
-    time, position, torque : shape (n,) [s, rad, N m]; positions not wrapped.
-    width : width of the smoothed sign of the Coulomb friction [rad/s].
+    known : has gear ratio, torque constant, and the width of the smoothed Coulomb friction.
 
     Raises
     ------
-    UserError : the recording is too short, or its motion does not determine the parameters.
+    UserError : the motion does not determine the parameters.
     """
-    from scipy.optimize import lsq_linear
-
-    rows, targets, centres = _windows(time, position, torque, width)
+    time, position = samples.time, samples.positions[:, 0]
+    torque = samples.inputs[:, 0] * known.torque_constant * known.gear_ratio
+    rows, targets, centres = _windows(time, position, torque, known.coulomb_speed)
     split = time[0] + FIT_FRACTION * (time[-1] - time[0])
     first = centres < split - 0.5 * WINDOW_S
-    second = centres > split + 0.5 * WINDOW_S
-    if np.count_nonzero(first) < FEWEST_WINDOWS or np.count_nonzero(second) < FEWEST_WINDOWS // 2:
-        raise UserError(
-            f'the recording is too short to identify a joint: it has {len(centres)} '
-            f'windows of {WINDOW_S:g} s without a gap and needs {2 * FEWEST_WINDOWS}: record longer'
-        )
     rows, targets = rows[first], targets[first]
     scale = np.linalg.norm(rows, axis=0)
     if not np.all(scale > 0.0) or np.linalg.cond(rows / scale) > 1e4:
@@ -63,9 +57,9 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> dict[
             'the motion in the recording does not distinguish inertia, friction and '
             'gravity: record more varied motion'
         )
-    solved = [lsq_linear(rows / scale, each, (LOWER_BOUNDS, np.inf)) for each in targets.T]
-    best = min(range(len(DELAYS)), key=lambda index: solved[index].cost)
-    inertia, damping, coulomb, sine, cosine, bias = (solved[best].x / scale).tolist()
+    solved = np.linalg.lstsq(rows / scale, targets, rcond=None)[0]
+    best = int(np.argmin(np.sum((rows / scale @ solved - targets) ** 2, axis=0)))
+    inertia, damping, coulomb, sine, cosine, bias = (solved[:, best] / scale).tolist()
     if not inertia > 0.0:
         raise UserError(
             f'the best-fitting inertia is {inertia:.3g}, but it must be positive: check the sign '
@@ -73,8 +67,8 @@ def identify(time: Array, position: Array, torque: Array, width: float) -> dict[
         )
     return {
         'inertia': inertia,
-        'damping': damping,
-        'coulomb': coulomb,
+        'damping': max(damping, 0.0),
+        'coulomb': max(coulomb, 0.0),
         'gravity': math.hypot(sine, cosine),
         'hanging': math.atan2(-cosine, sine),
         'bias': bias,
@@ -112,4 +106,4 @@ def _windows(
         rows.append([bend @ q, -(slope @ q), *((w * inner**3) @ signals[begin:end])])
         centres.append(centre)
     every = np.array(rows).reshape(-1, 2 + signals.shape[1])
-    return every[:, : len(LOWER_BOUNDS)], every[:, len(LOWER_BOUNDS) :], np.array(centres)
+    return every[:, :PARAMETERS], every[:, PARAMETERS:], np.array(centres)

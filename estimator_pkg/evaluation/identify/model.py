@@ -17,7 +17,7 @@ from estimator_pkg.errors import UsageError, suggestion
 from estimator_pkg.models.load import instance
 from estimator_pkg.models.load import numbers as numbers_of
 from estimator_pkg.models.mechanics import Mechanics, Model, assignments_of
-from estimator_pkg.parameters import build, declared
+from estimator_pkg.parameters import Parameter, build, declared
 
 Array = NDArray[np.float64]
 
@@ -28,14 +28,12 @@ class Unknowns:
 
     Attributes
     ----------
-    model : as users write it.
     names, units : of the unknown parameters.
     start, lowest, highest : shape (p,).
     make : (parameters) -> the model with them; raises UserError if they are invalid.
     texts : (parameters) -> the assignments that `model_parameters` takes.
     """
 
-    model: str
     names: tuple[str, ...]
     units: tuple[str, ...]
     start: Array
@@ -60,76 +58,56 @@ def unknowns(name: str, fixed: Mapping[str, Any], start: Mapping[str, Any]) -> U
     both = set(fixed) & set(start)
     if both:
         raise UsageError(f"'{both.pop()}' is in both --set and --start: omit one")
-    found = _own(name, fixed, start) if ':' in name else _built_in(name, fixed, start)
-    if not found.names:
+    about: Mapping[str, Parameter] = {}
+    if ':' in name:
+        first = numbers_of(instance(name, {**fixed, **start}), name)
+        if not first:
+            raise UsageError(
+                f"model '{name}' lists no parameters to identify: "
+                "add an attribute 'parameters' with their names"
+            )
+    else:
+        record = registry.find(registry.MODELS, name)
+        if not isinstance(record, Model) or not record.identified:
+            raise UsageError(f"model '{name}' has no parameters that can be identified")
+        for key in start:
+            if key not in record.identified:
+                hint = suggestion(key, record.identified)
+                raise UsageError(f"'{key}' of model '{name}' is not identified: {hint}")
+        about = declared(record.parameters)
+        whole: Any = build(record.parameters, {**fixed, **start}, owner=f"model '{name}'")
+        first = {key: float(getattr(whole, key)) for key in record.identified}
+    names = tuple(key for key in first if key not in fixed)
+    if not names:
         raise UsageError(
             f"model '{name}' has no unknown parameter: --set fixes all; omit some of them"
         )
-    return found
 
-
-def _built_in(name: str, fixed: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
-    record = registry.find(registry.MODELS, name)
-    if not isinstance(record, Model) or not record.identified:
-        raise UsageError(f"model '{name}' has no parameters that can be identified")
-    about = declared(record.parameters)
-    for key in start:
-        if key not in record.identified:
-            raise UsageError(
-                f"'{key}' of model '{name}' is not identified: {suggestion(key, record.identified)}"
-            )
-    first: Any = build(record.parameters, {**fixed, **start}, owner=f"model '{name}'")
-    names = tuple(key for key in record.identified if key not in fixed)
-
-    def parameters(numbers: Array) -> Any:
-        values = dict(zip(names, numbers.tolist()))
-        return build(record.parameters, {**fixed, **values}, owner=f"model '{name}'")
-
-    return Unknowns(
-        name,
-        names,
-        tuple(about[key].unit for key in names),
-        np.array([float(getattr(first, key)) for key in names]),
-        np.array([_bound(about[key].minimum, -np.inf) for key in names]),
-        np.array([_bound(about[key].maximum, np.inf) for key in names]),
-        lambda numbers: record.build(parameters(numbers)),
-        lambda numbers: assignments_of(record, parameters(numbers)),
-    )
-
-
-def _own(path: str, fixed: Mapping[str, Any], start: Mapping[str, Any]) -> Unknowns:
-    first = numbers_of(instance(path, {**fixed, **start}), path)
-    if not first:
-        raise UsageError(
-            f"model '{path}' lists no parameters to identify: "
-            "add an attribute 'parameters' with their names"
-        )
-    names = tuple(key for key in first if key not in fixed)
+    def values(numbers: Array) -> dict[str, Any]:
+        return {**fixed, **dict(zip(names, numbers.tolist()))}
 
     def make(numbers: Array) -> Mechanics:
-        values = {**fixed, **dict(zip(names, numbers.tolist()))}
-        made = Mechanics(instance(path, values), path)
+        if about:
+            return record.build(build(record.parameters, values(numbers), owner=f"model '{name}'"))
+        made = Mechanics(instance(name, values(numbers)), name)
         made.trusted = True
         return made
 
     def texts(numbers: Array) -> tuple[str, ...]:
-        return tuple(
-            f'{key}={float(value)!r}'
-            for key, value in {**fixed, **dict(zip(names, numbers.tolist()))}.items()
-        )
+        if about:
+            return assignments_of(record, build(record.parameters, values(numbers)))
+        return tuple(f'{key}={float(value)!r}' for key, value in values(numbers).items())
 
-    size = len(names)
+    def bounds(end: str, usual: float) -> Array:
+        found = [getattr(about[key], end) if about else None for key in names]
+        return np.array([usual if each is None else float(each) for each in found])
+
     return Unknowns(
-        path,
         names,
-        ('',) * size,
+        tuple(about[key].unit if about else '' for key in names),
         np.array([first[key] for key in names]),
-        np.full(size, -np.inf),
-        np.full(size, np.inf),
+        bounds('minimum', -np.inf),
+        bounds('maximum', np.inf),
         make,
         texts,
     )
-
-
-def _bound(value: float | None, usual: float) -> float:
-    return usual if value is None else float(value)

@@ -116,11 +116,7 @@ def rank(
     plain = {name: each[1:] for name, each in sums.items()}
     other = _ranked(plain, count, own, default, when)
     same = other.best == found.best or found.best in other.ties
-    return replace(
-        found,
-        question_hz=reference.vibration_hz,
-        other=None if same else replace(other, cautions=said),
-    )
+    return replace(found, question_hz=reference.vibration_hz, other='' if same else other.best)
 
 
 def _common(
@@ -158,19 +154,17 @@ def _ranked(
 
     def pair(first: str, second: str) -> ComparedPair:
         """Return a pair; every reference must agree on its sign."""
-        found = [
-            test.of_sums([one - other], [count]) for one, other in zip(sums[first], sums[second])
-        ]
+        apart = [one - other for one, other in zip(sums[first], sums[second])]
+        found = test.agreed([[each] for each in apart], [count])
         scale = 2.0 * max(mean[first], 1e-300)
-        signs = {each.sign for each in found}
         printed = {shown(rms[name]) for name in (first, second)}
         return ComparedPair(
             first,
             second,
-            signs.pop() if len(signs) == 1 and len(printed) == 2 else 0,
-            100.0 * (math.sqrt(1.0 + 2.0 * abs(found[0].mean) / scale) - 1.0),
-            100.0 * max(each.half for each in found) / scale,
-            tuple(when[test.events(sums[first][0] - sums[second][0])].tolist()),
+            found.sign if len(printed) == 2 else 0,
+            100.0 * (math.sqrt(1.0 + 2.0 * abs(found.mean) / scale) - 1.0),
+            100.0 * found.half / scale,
+            tuple(when[test.events(apart[0])].tolist()),
         )
 
     pairs = tuple(pair(a, b) for a, b in combinations(order, 2))

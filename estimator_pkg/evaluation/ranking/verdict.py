@@ -1,19 +1,19 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The verdict on estimates of one joint, and its sentences."""
+"""The verdict on estimates of one joint, which of them to use, and its sentences."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from estimator_pkg.evaluation.ranking.choice import chosen
 from estimator_pkg.evaluation.text import number
 
 NEVER_SHOWN = 'the angle alone shows neither errors that turn with the joint nor a constant latency'
+LOSES = 0.03  # a simpler candidate with this much more error is not used
 VAGUE_BOUND = 300.0  # a larger bound is no help [%]
 EQUAL_WITHIN = 30.0  # estimates whose errors differ by less may be called equal [%]
 
@@ -60,7 +60,7 @@ class Verdict:
     rms : expected rms error by name, the reference's own variance added [rad/s]; best first.
     pairs : all pairs, best first.
     question_hz : frequency of an oscillation that is motion or sensor noise; nan: none.
-    other : the verdict if it is sensor noise; None: the same.
+    other : the best if it is sensor noise; '': the same, or as good.
     cautions : what limits the verdict, most important first; the last one always applies.
     why : why nothing can be ranked; '' otherwise.
     unranked : names with too few estimates.
@@ -73,7 +73,7 @@ class Verdict:
     rms: Mapping[str, float] = field(default_factory=dict)
     pairs: tuple[ComparedPair, ...] = ()
     question_hz: float = math.nan
-    other: Verdict | None = None
+    other: str = ''
     cautions: tuple[str, ...] = (NEVER_SHOWN,)
     why: str = ''
     unranked: tuple[str, ...] = ()
@@ -102,73 +102,60 @@ class Verdict:
         ----------
         use : the estimate that is used; None: the choice.
         """
+        cautions = [text[:1].upper() + text[1:] + '.' for text in self.cautions]
         if not self.best:
             keep = f'; use {self.default} as it is' if self.default else ''
-            return [f'No ranking: {self.why}{keep}.', *map(_sentence, self.cautions)]
+            return [f'No ranking: {self.why}{keep}.', *cautions]
         use = self.choice if use is None else use
-        said = [self._first(use), *self._pairs(use), *self._events(), *self._question()]
-        return [*said, *map(_sentence, self.cautions)]
+        of_best = [pair for pair in self.pairs if pair.first == self.best]
+        other = bool(self.default) and use != self.default
+        if len(self.rms) > 1 and not other and not any(pair.sign for pair in self.pairs):
+            found = [self._all_alike(of_best)]
+        else:
+            found = [self._best(use), *self._pairs(of_best)]
+        pair = self.pair(self.best, self.default)
+        if pair is not None and pair.events and not pair.sign:
+            times = listed([f'{number(each, 3)} s' for each in pair.events])
+            found.append(
+                f'Few events decide: half of the difference of {pair.first} and {pair.second} is '
+                f'at {times}.'
+            )
+        if self.other:
+            found.append(
+                f'{self.other} is best if the {percent(self.question_hz)} Hz are sensor '
+                f'noise, {self.best} if they are motion: answer with --motion-hz.'
+            )
+        return [*found, *cautions]
 
-    def _first(self, use: str) -> str:
-        own = f'{shown(self.rms[self.best])} rad/s rms'
+    def _all_alike(self, of_best: Sequence[ComparedPair]) -> str:
+        within = max(pair.within for pair in of_best)
+        keep = f': keep {self.default}' if self.default else ''
+        if within <= EQUAL_WITHIN:
+            return f'All are equal within {percent(within)} % here{keep}.'
+        most = f' (within {percent(within)} %)' if within < VAGUE_BOUND else ''
+        return f'None can be distinguished here{most}{keep}.'
+
+    def _best(self, use: str) -> str:
+        own, pair = f'{shown(self.rms[self.best])} rad/s rms', self.pair(self.best, self.default)
         if len(self.rms) == 1:
             return f'{self.best}: {own}.'
-        if not self._differ(use):
-            within = max(pair.within for pair in self._of_best())
-            keep = f': keep {self.default}' if self.default else ''
-            if within > EQUAL_WITHIN:
-                most = f' (within {percent(within)} %)' if within < VAGUE_BOUND else ''
-                return f'None can be distinguished here{most}{keep}.'
-            return f'All are equal within {percent(within)} % here{keep}.'
-        text = f'{self.best} is best: {own}'
-        pair = self.pair(self.best, self.default)
-        if pair is not None:
-            known = '95 % sure' if pair.sign else 'not significant'
-            text += (
-                f'; {self.default} makes {shown(self.rms[self.default])}, '
-                f'{percent(pair.difference)} % more ({known}): '
-                + (f'keep {use}' if use == self.default else f'use {use}')
-            )
-        return f'{text}.'
-
-    def _pairs(self, use: str) -> list[str]:
-        """Return the pairs of the best, unless all are alike."""
-        if not self._differ(use):
-            return []
-        worse = [pair.second for pair in self._of_best() if pair.sign]
-        found = [f'{self.best} is better than {listed(worse)} (95 %).'] if worse else []
-        ties = [pair for pair in self._of_best() if not pair.sign]
-        vague = [pair.second for pair in ties if pair.within > EQUAL_WITHIN]
-        found += [f'{pair.sentence()}.' for pair in ties if pair.within <= EQUAL_WITHIN]
-        return found + (
-            [f'{self.best} and {listed(vague)} cannot be distinguished.'] if vague else []
+        if pair is None:
+            return f'{self.best} is best: {own}.'
+        known = '95 % sure' if pair.sign else 'not significant'
+        return (
+            f'{self.best} is best: {own}; {self.default} makes {shown(self.rms[self.default])}, '
+            f'{percent(pair.difference)} % more ({known}): '
+            f'{"keep" if use == self.default else "use"} {use}.'
         )
 
-    def _events(self) -> list[str]:
-        pair = self.pair(self.best, self.default)
-        if pair is None or pair.sign or not pair.events:
-            return []
-        times = listed([f'{number(each, 3)} s' for each in pair.events])
-        return [
-            f'Few events decide: half of the difference of {pair.first} and {pair.second} is at '
-            f'{times}.'
-        ]
-
-    def _of_best(self) -> list[ComparedPair]:
-        return [pair for pair in self.pairs if pair.first == self.best]
-
-    def _differ(self, use: str) -> bool:
-        """Return True if a pair is declared, or another estimate than the default is used."""
-        other = bool(self.default) and use != self.default
-        return other or any(pair.sign for pair in self.pairs)
-
-    def _question(self) -> list[str]:
-        if self.other is None:
-            return []
-        return [
-            f'{self.other.best} is best if the {percent(self.question_hz)} Hz are sensor noise, '
-            f'{self.best} if they are motion: answer with --motion-hz.'
-        ]
+    def _pairs(self, of_best: Sequence[ComparedPair]) -> list[str]:
+        worse = [pair.second for pair in of_best if pair.sign]
+        found = [f'{self.best} is better than {listed(worse)} (95 %).'] if worse else []
+        ties = [pair for pair in of_best if not pair.sign]
+        found += [f'{pair.sentence()}.' for pair in ties if pair.within <= EQUAL_WITHIN]
+        vague = [pair.second for pair in ties if pair.within > EQUAL_WITHIN]
+        more = f'{self.best} and {listed(vague)} cannot be distinguished.' if vague else ''
+        return found + [more] * bool(vague)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for ``--json``."""
@@ -190,12 +177,42 @@ class Verdict:
                 for each in self.pairs
             ],
             'question_hz': self.question_hz,
-            'other': None if self.other is None else self.other.best,
+            'other': self.other or None,
             'cautions': list(self.cautions),
             'why': self.why,
             'unranked': list(self.unranked),
             'sentences': self.sentences(),
         }
+
+
+def chosen(
+    errors: Mapping[str, float], simpler: Sequence[str], better: Callable[[str, str], int]
+) -> str:
+    """Return the candidate to use, by the one rule of `doctor`, `evaluate` and `tune`.
+
+    It is that with the least error, unless a simpler one is as good.
+
+    A simpler one is as good if the pair cannot be distinguished (95 %) and its error is less than
+    3 % larger. So a difference that is not significant is believed if it is large: on series with
+    truth, the measured least error is nearly always the true one.
+
+    Parameters
+    ----------
+    errors : by candidate [rad/s], or in any other unit; not empty.
+    simpler : candidates that have less to set, simplest first: the default is the first. Those
+        without an error are ignored.
+    better : its result for two candidates is positive if the first is better (95 %).
+    """
+    best = min(errors, key=errors.__getitem__)
+    most = (1.0 + LOSES) * errors[best]
+    return next(
+        (
+            name
+            for name in simpler
+            if name == best or (errors.get(name, most) < most and better(best, name) <= 0)
+        ),
+        best,
+    )
 
 
 def shown(rms: float) -> str:
@@ -211,7 +228,3 @@ def percent(value: float) -> str:
 def listed(names: Sequence[str]) -> str:
     """Return names as part of a sentence."""
     return ' and '.join([', '.join(names[:-1]), names[-1]] if len(names) > 1 else names)
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + '.'

@@ -17,8 +17,7 @@ from estimator_pkg.evaluation.compare.comparison import Comparison, Row
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import PERIOD_KEY, WRAP_PERIOD
 from estimator_pkg.evaluation.parameter_file import as_yaml
-from estimator_pkg.evaluation.ranking.choice import chosen
-from estimator_pkg.evaluation.ranking.verdict import Verdict, listed
+from estimator_pkg.evaluation.ranking.verdict import Verdict, chosen, listed
 from estimator_pkg.evaluation.report.findings import grouped
 from estimator_pkg.evaluation.report.tables import changed
 from estimator_pkg.evaluation.report.tradeoff import RAW

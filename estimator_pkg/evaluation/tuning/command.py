@@ -14,6 +14,8 @@ from typing import Any
 
 from estimator_pkg import destination, interrupts, streams, whole_file
 from estimator_pkg.bags import log_file, unpacking
+from estimator_pkg.bags.reader import open_bag
+from estimator_pkg.bags.selection import measured_topics
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
@@ -31,12 +33,20 @@ from estimator_pkg.evaluation.options import (
     worker_arguments,
 )
 from estimator_pkg.evaluation.text import started
-from estimator_pkg.evaluation.tuning import any_observer, live, output
-from estimator_pkg.evaluation.tuning.objective import PREFERENCES
+from estimator_pkg.evaluation.tuning import live, output
+from estimator_pkg.evaluation.tuning.objective import PREFERENCES, Compared
 from estimator_pkg.evaluation.tuning.records import TuningRecord, records
-from estimator_pkg.evaluation.tuning.seek import Tuned, kept, seek
-from estimator_pkg.evaluation.tuning.settings import TuneSettings, tune_settings
+from estimator_pkg.evaluation.tuning.settings import settings
+from estimator_pkg.evaluation.tuning.tune import (
+    DEFAULT,
+    Tuned,
+    best_linear,
+    kept,
+    replaces_default,
+    tune,
+)
 from estimator_pkg.evaluation.workers import workers
+from estimator_pkg.parameters import declared
 from estimator_pkg.printable import show
 
 DEFAULT_TRIALS = 40
@@ -145,47 +155,52 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(parsed: argparse.Namespace) -> dict[str, Any]:
     """Search, validate on held-out data, write; return the results."""
     columns = log_file.columns(parsed)
-    any_linear = parsed.observer is None and _usual(parsed, columns) == any_observer.DEFAULT
-    tuning = tune_settings(parsed)
-    out = Path(parsed.out)
-    destination.check(out)
+    observer = sought = parsed.observer or _of_measurement(parsed, columns)
+    any_linear = parsed.observer is None and observer == DEFAULT
+    if any_linear and (parsed.search or parsed.params or parsed.apply):
+        raise UsageError(
+            '--search, --params and --apply are for one observer: name it with --observer'
+        )
+    chosen = settings(parsed, observer)
+    destination.check(parsed.out)
     if parsed.apply:  # before anything is recorded or searched
-        with live.remote(parsed.apply, parsed.observer):
+        with live.remote(parsed.apply, observer):
             pass
-    options = options_of(parsed, [tuning.entry], columns)
+    options = options_of(parsed, [chosen.entry], columns)
     left_out: list[LeftOut] = []
+    tuned: list[Tuned] = []
     with contextlib.ExitStack() as stack:
         run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
         if parsed.live is not None:
-            parsed.bags = [stack.enter_context(_recorded(parsed, tuning))]
+            parsed.bags = [stack.enter_context(recorded(parsed, observer))]
 
         def of(paths: Sequence[str], held_out: float) -> list[TuningRecord]:
-            more = tuning.entry, options, held_out, tuple(parsed.joint)
+            more = chosen.entry, options, held_out, tuple(parsed.joint)
             parts = on_each(run_many, records, expanded(paths), *more, left_out=left_out)
             return [record for part in parts for record in part]
 
         seen = of(parsed.bags, 0.0 if parsed.judge else parsed.held_out)
         judged = of(parsed.judge, 0.0)
-        for path in {Path(each.bag).resolve() for each in seen}:
-            if path in {Path(each.bag).resolve() for each in judged}:
+        searched = {Path(each.bag).resolve() for each in seen}
+        for each in judged:
+            if Path(each.bag).resolve() in searched:
                 raise UsageError(
-                    f'--judge {path}: the gains are tuned on this recording: name another'
+                    f'--judge {each.bag}: the gains are tuned on this recording: name another'
                 )
-        groups = _groups(seen, tuning, parsed.per_joint)
+        groups = _by_joint(seen, observer) if parsed.per_joint else {'': seen}
         usable = [record for record in seen if not record.why]
-        if any_linear and usable:
-            parsed.observer = any_observer.best_linear(usable, tuning)
-            tuning = tune_settings(parsed)
-            show(f'{parsed.observer} is the best linear observer here: it is tuned')
-        tuned: list[Tuned] = []
-        for joint, chosen in groups.items():
-            fit = [record for record in chosen if not record.why]
-            if not fit:
-                why = '; '.join(dict.fromkeys(record.why for record in chosen))
-                tuned.append(kept(joint, chosen, why))
-                continue
+        any_linear = any_linear and bool(usable)
+        if any_linear:
+            sought = best_linear(usable, chosen)
+            chosen = settings(parsed, sought)
+            show(f'{sought} is the best linear observer here: it is tuned')
+        for joint, group in groups.items():
+            of_joint = [each for each in judged if not joint or each.label == joint]
+            if judged and not of_joint:
+                raise UserError(f"no recording of --judge has a joint '{joint}'")
+            of_joint = [each for each in of_joint if not each.why]
             try:
-                tuned.append(seek(joint, fit, _of(judged, joint), tuning, run_many, any_linear))
+                tuned.append(tune(joint, group, of_joint, chosen, run_many, any_linear))
             except KeyboardInterrupt:  # before this joint's first trial
                 if not tuned:
                     raise
@@ -193,71 +208,64 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
                 break
             if tuned[-1].interrupted:
                 break
-    sought, written, notes = parsed.observer, tuned, _notes(seen)
-    if any_linear and usable:
-        pairs = [any_observer.Compared(**each.versus) for each in tuned if each.versus]
-        if not any_observer.replaces_default(pairs):
-            parsed.observer = any_observer.DEFAULT
-            tuning = tune_settings(parsed)
-            written = [
-                kept(each.joint, groups[each.joint], each.against or each.why) for each in tuned
-            ]
-            notes.append(f'the file has {parsed.observer} as it is')
+    found = tuned
+    notes = [f'{record.bag}: not used: {record.why}' for record in seen if record.why]
+    notes += dict.fromkeys(f'{record.bag}: {note}' for record in seen for note in record.notes)
+    observer = sought
+    versus = [Compared(**each.versus) for each in tuned if each.versus]
+    if any_linear and not replaces_default(versus):
+        observer = DEFAULT
+        chosen = settings(parsed, observer)
+        found = [kept(each.joint, groups[each.joint], each.against or each.why) for each in tuned]
+        notes.append(f'the file has {observer} as it is')
     show(*output.described(tuned, notes, options.wrap_period))
-    wiring = seen[0].seen.recording.setup
-    held = wiring.input | tuning.held
-    stream = streams.of_observer(parsed.observer)
+    wiring, stream = seen[0].seen.recording.setup, streams.of_observer(observer)
+    held = wiring.input | dict(chosen.entry.values)
     if stream.WRAPS and options.wrap_period != WRAP_PERIOD:
         held.setdefault(PERIOD_KEY, options.wrap_period)
-    whole_file.write_text(out, output.as_yaml(tuning, held, written, wiring.remaps))
-    show(f'gains: {out}', *started(stream.NODE, parsed.out, wiring.remaps))
+    whole_file.write_text(Path(parsed.out), output.as_yaml(chosen, held, found, wiring.remaps))
+    show(f'gains: {parsed.out}', *started(stream.NODE, parsed.out, wiring.remaps))
     if parsed.apply:
-        values = output.node_values(written)
-        changed = live.apply(parsed.apply, values, tuning.gains, parsed.observer) if values else []
+        changed = live.apply(parsed.apply, output.node_values(found), observer)
         show(f'set on {parsed.apply}: {", ".join(changed) or "nothing, the defaults stay"}')
     return {
-        'observer': parsed.observer,
+        'observer': observer,
         'sought': sought,
-        'preference': tuning.preference,
-        'out': str(out),
+        'preference': chosen.preference,
+        'out': parsed.out,
         'notes': notes,
         'left_out': {each.path: each.why for each in left_out},
         'tuned': [asdict(each) for each in tuned],
     }
 
 
-def _usual(parsed: argparse.Namespace, columns: log_file.Columns | None) -> str:
-    """Set the observer that is not named, and return it; raise UsageError."""
-    parsed.observer = any_observer.DEFAULT
+def _of_measurement(parsed: argparse.Namespace, columns: log_file.Columns | None) -> str:
+    """Return the observer of the first bag's measurement: that of a drive, else the default."""
     if parsed.bags and not (parsed.angle or parsed.measurement):
         first = expanded(parsed.bags)[0].path
-        parsed.observer = any_observer.usual(first, parsed.unpack_limit, columns)
-    if parsed.observer == any_observer.DEFAULT and (parsed.search or parsed.params or parsed.apply):
-        raise UsageError(
-            '--search, --params and --apply are for one observer: name it with --observer'
-        )
-    return str(parsed.observer)
+        with open_bag(first, parsed.unpack_limit, columns) as bag:
+            topics, joints = bag.topics, bool(measured_topics(bag))
+        for stream in streams.every():
+            if stream.recognises(topics.__contains__, joints):
+                return str(declared(stream.SETTINGS)['observer'].default)
+    return DEFAULT
 
 
-def _recorded(parsed: argparse.Namespace, tuning: TuneSettings) -> Any:
+def recorded(parsed: argparse.Namespace, observer: str) -> Any:
     """Record the observer's topics from the live graph; return a context with the bag's path."""
     named = parsed.measurement or (parsed.angle or '').partition(':')[0]
-    usual = streams.of_observer(tuning.entry.observer).USUAL
-    return live.recorded((named,) if named else usual, parsed.truth or TRUTH, parsed.live)
+    topics = (named,) if named else streams.of_observer(observer).USUAL
+    return live.recorded(topics, parsed.truth or TRUTH, parsed.live)
 
 
-def _groups(
-    found: Sequence[TuningRecord], tuning: TuneSettings, per_joint: bool
-) -> dict[str, list[TuningRecord]]:
-    """Return the groups of records that get separate gains, by joint; '': all joints."""
-    if not per_joint:
-        return {'': list(found)}
+def _by_joint(found: Sequence[TuningRecord], observer: str) -> dict[str, list[TuningRecord]]:
+    """Return the records that get gains of their own, by joint; raise UsageError, UserError."""
     groups: dict[str, list[TuningRecord]] = {}
     for record in found:
         if record.label is None:
             raise UsageError(
-                f"--per-joint: '{tuning.entry.observer}' estimates its joints together, so they "
-                'share its gains: omit --per-joint'
+                f"--per-joint: '{observer}' estimates its joints together, so they share its "
+                'gains: omit --per-joint'
             )
         if not record.label:  # 'per_joint..gain' is no parameter
             raise UserError(
@@ -266,32 +274,6 @@ def _groups(
             )
         groups.setdefault(record.label, []).append(record)
     return groups
-
-
-def _of(judged: Sequence[TuningRecord], joint: str) -> list[TuningRecord]:
-    """Return the records for validating a group; raise UserError if there are none."""
-    found = [record for record in judged if not joint or record.label == joint]
-    if judged and not found:
-        raise UserError(f"no recording of --judge has a joint '{joint}'")
-    return [record for record in found if not record.why]
-
-
-def _notes(seen: Sequence[TuningRecord]) -> list[str]:
-    """Return notes on the bags for the user."""
-    found = [f'{record.bag}: not used: {record.why}' for record in seen if record.why]
-    found += dict.fromkeys(f'{record.bag}: {note}' for record in seen for note in record.notes)
-    by_bag: dict[str, list[str]] = {}
-    for record in seen:
-        by_bag.setdefault(record.bag, []).extend(record.joints)
-    sets = {tuple(sorted(joints)) for joints in by_bag.values()}
-    if len(sets) < 2:
-        return found
-    return found + [
-        'the bags have different joints ('
-        + '; '.join(', '.join(joints) for joints in sorted(sets))
-        + '): every joint has the same weight; --joint selects one, --per-joint tunes each '
-        'separately'
-    ]
 
 
 COMMAND = Command(

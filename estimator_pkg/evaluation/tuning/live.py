@@ -16,9 +16,6 @@ from typing import TYPE_CHECKING, Any
 from estimator_pkg import interrupts
 from estimator_pkg.bags import record
 from estimator_pkg.errors import UserError
-from estimator_pkg.parameters import Parameter
-from estimator_pkg.params_file import parameter_of
-from estimator_pkg.yaml_text import scalar
 
 if TYPE_CHECKING:
     from estimator_pkg.bags.remote_parameters import RemoteParameters
@@ -66,40 +63,29 @@ def remote(node: str, observer: str) -> Iterator[RemoteParameters]:
         yield there
 
 
-def apply(
-    node: str, gains: Mapping[str, Any], declared: Mapping[str, Parameter], observer: str
-) -> list[str]:
-    """Set parameters of a running node, whose state is kept.
+def apply(node: str, gains: Mapping[str, Any], observer: str) -> list[str]:
+    """Set parameters of a running node, whose state is kept; return the changes as text.
 
     Parameters
     ----------
-    gains : by the node's own parameter names. declared : what is declared of them, by plain name.
-    observer : whose gains they are.
-
-    Returns
-    -------
-    The changes as text: each gain before and after.
+    gains : by the node's own parameter names. observer : whose gains they are.
 
     Raises
     ------
     UserError : no such node, another observer in it, no answer, or a refused value (with the
         node's reason).
     """
+    if not gains:
+        return []
     with remote(node, observer) as there:
         before = there.get(list(gains))
         there.set(gains)
         after = there.get(list(gains))
-    known = {name: declared.get(parameter_of(name)) for name in gains}
-    return [
-        f'{name}: {_text(before[name], each)} -> {_text(after[name], each)}'
-        for name, each in known.items()
-    ]
+    return [f'{name}: {_text(before[name])} -> {_text(after[name])}' for name in gains]
 
 
-def _text(value: Any, parameter: Parameter | None) -> str:
+def _text(value: Any) -> str:
     """Return a value as text; None: the parameter was not set."""
     if value is None:
         return 'not set'
-    if parameter is not None and parameter.is_automatic(value):
-        return parameter.automatic_text
-    return f'{value:.6g}' if isinstance(value, float) else scalar(value)
+    return f'{value:.6g}' if isinstance(value, float) else str(value)

@@ -3,7 +3,7 @@
 
 """The objective of the tuner: an observer's error, delay and noise on parts of recorded bags.
 
-`measure` and `costs` are of one set of gains; `compared` tests two on held-out data.
+`measure` is of one set of gains; `compared` tests two on held-out data.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from estimator_pkg.bags.series import at_stamps
 from estimator_pkg.errors import UserError
 from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.delay import measured
-from estimator_pkg.evaluation.ranking.choice import chosen
+from estimator_pkg.evaluation.ranking.verdict import chosen
 from estimator_pkg.evaluation.signals import slopes
 from estimator_pkg.evaluation.text import number
 
@@ -80,18 +80,18 @@ class JointTruth:
     def common(self, *estimates: EstimateSeries | None) -> tuple[NDArray[np.int64], list[Array]]:
         """Return (rows, velocities) of the settled samples where all of these have an estimate.
 
-        There are no rows if they are too few, or if a velocity is not finite.
+        There are none if they are too few, or if a velocity is not finite.
         """
-        none: tuple[NDArray[np.int64], list[Array]] = np.zeros(0, np.int64), []
         columns = []
         for each in estimates:
             if each is None:
-                return none
+                return np.zeros(0, np.int64), []
             velocity = np.where(np.isfinite(each.velocity), each.velocity, math.inf)
             columns.append(at_stamps(self.stamps, each.stamps, velocity))  # nan: no estimate
         rows = np.flatnonzero(self.settled & ~np.isnan(columns).any(axis=0))
         found = [each[rows] for each in columns]
-        return (rows, found) if len(rows) >= FEWEST_ESTIMATES and np.isfinite(found).all() else none
+        enough = len(rows) >= FEWEST_ESTIMATES and np.isfinite(found).all()
+        return (rows, found) if enough else (rows, [])
 
 
 @dataclass(frozen=True)
@@ -102,63 +102,91 @@ class Dataset:
     known: dict[str, JointTruth]
 
 
-class JointErrors(NamedTuple):
-    """Error [rad/s], delay [s] and noise [rad/s] of an observer on one joint of a part.
+class Errors(NamedTuple):
+    """Errors of an observer on one joint of a part, or their means.
 
-    delay is nan if no shift fits best. published : fraction of the samples with an estimate.
-    half : half of the delay's 95 % interval [s]; nan if the motion does not determine the delay.
+    error : rms [rad/s]. delay_s : [s]; nan if no shift fits best. delay_95_s : half of its 95 %
+    interval [s]; nan if the motion does not determine the delay. noise : [rad/s].
+    published : fraction of the samples with an estimate. cost : weighted sum [rad/s].
     """
 
     error: float
-    delay: float
+    delay_s: float
+    delay_95_s: float
     noise: float
     published: float
-    half: float = math.nan
+    cost: float = math.nan
 
 
-ErrorsByJoint = dict[str, JointErrors]  # by joint
+ErrorsByJoint = dict[str, Errors]  # by joint; empty: the values do not work
 
 
-def measure(part: Dataset, observer: str, values: Mapping[str, Any]) -> ErrorsByJoint | None:
-    """Return the results of an observer with these values on a part; None if they do not work."""
+def measure(
+    part: Dataset, observer: str, values: Mapping[str, Any], weights: Weights
+) -> ErrorsByJoint:
+    """Return the errors of an observer with these values on a part; {} if they do not work."""
     try:
         found = part.recording.run(observer, values)
     except UserError:
-        return None
+        return {}
     results = {}
     for joint, known in part.known.items():
         rows, velocities = known.common(found.get(joint))
         if not velocities:
-            return None
+            return {}
         (velocity,) = velocities
         time, true = known.time[rows], known.velocity[rows]
         width = averaged(time)
         late = measured(time, velocity, true)
-        results[joint] = JointErrors(
+        errors = Errors(
             _rms(velocity - true),
             late.late,
+            late.half,
             _rms((velocity - smooth(time, velocity))[width:-width]),
             float(len(rows) / np.count_nonzero(known.settled)),
-            late.half,
         )
+        results[joint] = errors._replace(cost=cost(errors, known.acceleration, weights))
     return results
 
 
-def cost(result: JointErrors, known: JointTruth, weights: Weights) -> float:
+def cost(errors: Errors, acceleration: float, weights: Weights) -> float:
     """Return the weighted sum [rad/s]; samples without an estimate increase it.
 
     An unknown delay counts as if it caused the whole error.
     """
-    late = abs(result.delay) * known.acceleration if math.isfinite(result.delay) else result.error
-    total = weights.error * result.error + weights.noise * result.noise + weights.delay * late
-    return total / max(result.published, 1e-3)
+    late = abs(errors.delay_s) * acceleration if math.isfinite(errors.delay_s) else errors.error
+    total = weights.error * errors.error + weights.noise * errors.noise + weights.delay * late
+    return total / max(errors.published, 1e-3)
 
 
-def costs(results: ErrorsByJoint | None, part: Dataset, weights: Weights) -> dict[str, float]:
-    """Return costs by joint; inf if the values do not work."""
-    if results is None:
-        return dict.fromkeys(part.known, math.inf)
-    return {joint: cost(result, part.known[joint], weights) for joint, result in results.items()}
+def relative(results: Sequence[ErrorsByJoint], units: Sequence[ErrorsByJoint]) -> float:
+    """Return the mean over parts and joints of the cost, each in units of its cost at `units`.
+
+    inf if the values do not work on a part. Where `units` do not work, the unit is 1 rad/s.
+    """
+    if not results or not all(results):
+        return math.inf
+    return mean(
+        [
+            one.cost / (unit[joint].cost if joint in unit and unit[joint].cost > 0.0 else 1.0)
+            for result, unit in zip(results, units)
+            for joint, one in result.items()
+        ]
+    )
+
+
+def averaged_errors(errors: Sequence[Errors]) -> Errors:
+    """Return the means of these errors: rms of error and noise, delays where they are known."""
+    known = [each for each in errors if math.isfinite(each.delay_95_s)]
+    halves = [each.delay_95_s for each in known]
+    return Errors(
+        math.sqrt(mean([each.error**2 for each in errors])),
+        mean([each.delay_s for each in known]) if known else math.nan,
+        math.hypot(*halves) / len(known) if known else math.nan,
+        math.sqrt(mean([each.noise**2 for each in errors])),
+        mean([each.published for each in errors]),
+        mean([each.cost for each in errors]),
+    )
 
 
 class Compared(NamedTuple):
@@ -212,7 +240,8 @@ def compared(
     ----------
     other : the observer whose defaults are compared; '': the same.
     """
-    found: list[list[tuple[Array, Array]]] = [[], []]
+    sums: list[list[Array]] = [[], []]  # against each reference, by part and joint
+    counts: list[NDArray] = []
     for part in parts:
         try:
             ran = [part.recording.run(observer, gains), part.recording.run(other or observer, {})]
@@ -223,22 +252,20 @@ def compared(
             if not velocities:
                 return None
             time = known.time[rows]
-            references = known.velocity, known.velocity if known.plain is None else known.plain
             block = pairs.blocks(time)
-            for sums, reference in zip(found, references):
-                tuned, default = (
-                    _score(time, each, reference[rows], weights, block) for each in velocities
-                )
+            counts.append(np.bincount(block))
+            for reference, of in zip((known.velocity, known.plain), sums):
+                true = (known.velocity if reference is None else reference)[rows]
+                tuned, default = (_score(time, each, true, weights, block) for each in velocities)
                 unit = max(float(np.sum(default)), 1e-300) / len(time)
-                sums.append(((tuned - default) / unit, np.bincount(block).astype(float)))
-    tests = [pairs.of_sums(*map(list, zip(*each))) for each in found]
-    signs = {each.sign for each in tests}
-    mean_ = tests[0].mean  # of the squares, in units of the defaults: -1 if no error is left
+                of.append((tuned - default) / unit)
+    found = pairs.agreed(sums, counts)
+    mean_ = min(max(found.mean, -0.999999), 1e6)  # of the squares: -1 if no error is left
     return Compared(
-        signs.pop() if len(signs) == 1 else 0,
-        100.0 * ((1.0 + min(max(mean_, -0.999999), 1e6)) ** -0.5 - 1.0),
-        50.0 * max(each.half for each in tests),
-        len(pairs.events(np.concatenate([each for each, _ in found[0]]))),
+        found.sign,
+        100.0 * ((1.0 + mean_) ** -0.5 - 1.0),
+        50.0 * found.half,
+        len(pairs.events(np.concatenate(sums[0]))),
     )
 
 

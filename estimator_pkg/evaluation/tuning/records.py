@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator_pkg.bags.reader import open_bag
-from estimator_pkg.bags.recording import EstimateSeries, Recording
+from estimator_pkg.bags.recording import Recording
 from estimator_pkg.bags.series import Series
 from estimator_pkg.errors import UsageError, UserError
 from estimator_pkg.evaluation.compare.sources import measured, recording
@@ -90,31 +90,25 @@ def records(
         if names and label not in true.series and label not in true.motions:
             continue
         of = tuple(true.motions or true.series) if label is None else (label,)
-        reasons = {joint: _unfit(true, joint) for joint in of}
-        usable = {joint: true.series[joint] for joint, why in reasons.items() if not why}
+        why = {joint: _unfit(true, joint) for joint in of}
+        usable = {joint: true.series[joint] for joint in of if not why[joint]}
         first, rest = each.of_stamps(*true.parts.get(label or '', (0, 2**62))).split(held_out)
         seen = _part(first, entry, usable, true, options)
-        after = None
-        if seen is not None and held_out > 0.0:
-            after = _part(rest, entry, usable, true, options, after=seen)
+        after = _part(rest, entry, usable, true, options, seen) if seen and held_out else None
         limits = [true.caveats[joint] for joint in usable if joint in true.caveats]
-        for joint in usable:
-            moved = true.motions.get(joint)
-            limits += cautions(moved) if moved else []
-        why = '; '.join(f'{joint}: {reason}' for joint, reason in reasons.items() if reason)
+        for moved in filter(None, map(true.motions.get, usable)):
+            limits += cautions(moved)
+        if seen is None:
+            reason = '; '.join(f'{joint}: {text}' for joint, text in why.items() if text) or TOO_FEW
         found.append(
             TuningRecord(
                 path,
                 label,
                 seen or Dataset(first, {}),
                 after,
-                {
-                    joint: quantum(measurement[joint].position)
-                    for joint in of
-                    if joint in measurement
-                },
+                {each: quantum(measurement[each].position) for each in of if each in measurement},
                 tuple(dict.fromkeys(limits)),
-                '' if seen is not None else why or TOO_FEW,
+                '' if seen else reason,
                 true.notes,
             )
         )
@@ -125,10 +119,8 @@ def records(
 
 def _unfit(true: Truth, joint: str) -> str:
     """Return why a joint has no motion to tune on; '' if it has."""
-    if joint not in true.motions:
-        return ''
-    if joint in true.faults:
-        return true.faults[joint]
+    if joint not in true.motions or joint in true.faults:
+        return true.faults.get(joint, '')
     moved = true.motions[joint]
     if moved is None:
         return 'there are too few readings'
@@ -161,29 +153,24 @@ def _part(
     for joint, estimate in part.run(entry.observer, {}).items():
         if joint not in usable:
             continue
-        seen = after.known[joint].stamps if after is not None and joint in after.known else None
-        one = _known(estimate, usable[joint], true.motions.get(joint), options.period(joint), seen)
+        due = np.unique(estimate.due)
+        if after is not None and joint in after.known:
+            due = due[due > after.known[joint].stamps[-1]]
+        one = _known(due, usable[joint], true.motions.get(joint), options.period(joint))
         if one is not None:
             known[joint] = one
     return Dataset(part, known) if known else None
 
 
 def _known(
-    estimate: EstimateSeries,
-    true: Series,
-    moved: ReferenceMotion | None,
-    period: float,
-    seen: NDArray[np.int64] | None,
+    due: NDArray[np.int64], true: Series, moved: ReferenceMotion | None, period: float
 ) -> JointTruth | None:
-    due = np.unique(estimate.due)
-    if seen is not None:
-        due = due[due > seen[-1]]
+    """Return the truth at these of the stamps `due` that have one; None for too few."""
     if len(due) < FEWEST_TRUTH_SAMPLES:
         return None
     at = match(due, true.stamps_ns, true.velocity, true.position, period)
     good = np.isfinite(at.velocity)
-    stamps, velocity = due[at.rows[good]], at.velocity[good]
-    plain = None
+    stamps, velocity, plain = due[at.rows[good]], at.velocity[good], None
     if moved is not None and moved.vibrates:
         plain = match(due, true.stamps_ns, moved.plain[moved.firm], true.position, period).velocity
         plain = plain[good]

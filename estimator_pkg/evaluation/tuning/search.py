@@ -26,7 +26,36 @@ NARROWED = {0.6: 0.25, 0.8: 0.05}  # after this part of the trials: width around
 ERROR_TOLERANCE = 1e-6  # errors this close are equal [relative, or rad/s]
 
 GainValue = float | str
-Ranges = dict[str, Any]  # distributions of Optuna by gain
+
+
+class Range(NamedTuple):
+    """The values of a gain that are searched: from `low` to `high`, or one of the choices.
+
+    Optuna searches the part of the range, from 0 to 1. It is logarithmic if both ends are positive.
+    """
+
+    low: float = 0.0
+    high: float = 1.0
+    choices: tuple[str, ...] = ()
+
+    def at(self, part: float) -> GainValue:
+        """Return the value at this part of the range."""
+        if self.choices:
+            return self.choices[int(min(part, 0.999) * len(self.choices))]
+        if self.low > 0.0:
+            return min(max(self.low * (self.high / self.low) ** part, self.low), self.high)
+        return self.low + part * (self.high - self.low)
+
+    def part(self, value: GainValue) -> float:
+        """Return the inverse of `at`; the middle of a choice."""
+        if self.choices:
+            return (self.choices.index(str(value)) + 0.5) / len(self.choices)
+        number = float(value)
+        if self.low > 0.0:
+            part = math.log(number / self.low) / math.log(self.high / self.low)
+        else:
+            part = (number - self.low) / (self.high - self.low)
+        return min(max(part, 0.0), 1.0)
 
 
 class Trial(NamedTuple):
@@ -57,14 +86,14 @@ class Search:
 
 
 def search(
-    ranges: Ranges,
+    ranges: Mapping[str, Range],
     start: Mapping[str, GainValue],
     judge: Callable[[list[dict[str, GainValue]]], list[Trial]],
     trials: int,
     seed: int = 0,
     report: Callable[[int, Search], None] = lambda count, so_far: None,
 ) -> Search:
-    """Search the gains with the lowest cost.
+    """Search the gains with the lowest cost; Ctrl-C ends it with the best so far.
 
     Parameters
     ----------
@@ -74,14 +103,16 @@ def search(
     report : called after each batch with the number of new trials.
     """
     sampler, found = _sampler(seed), Search()
-    begin = {name: start[name] for name in ranges}
-    first = [begin]
+    points = [{name: start[name] for name in ranges}]
     if len(ranges) > 1:
-        first += [{**begin, name: _moved(each, begin[name])} for name, each in ranges.items()]
+        for name, each in ranges.items():
+            part = each.part(start[name])
+            moved = part + EFFECT_STEP if part + EFFECT_STEP <= 1.0 else part - EFFECT_STEP
+            points.append({**points[0], name: each.at(moved)})
     try:
         while len(found.trials) < trials:
             size = min(BATCH, trials - len(found.trials))
-            points = first[:size] if not found.trials else []
+            points = points[:size]
             points += _suggested(sampler, ranges, found, trials, size - len(points))
             found.trials += judge(points)
             if len(found.trials) == size > len(ranges) > 1:
@@ -90,6 +121,7 @@ def search(
                 if len(idle) < len(ranges):  # else all are searched on
                     found.idle = idle
                     ranges = {name: each for name, each in ranges.items() if name not in idle}
+            points = []
             report(size, found)
             if interrupts.came():  # an exception may be lost during clean-up
                 raise KeyboardInterrupt
@@ -124,50 +156,24 @@ def _sampler(seed: int) -> Any:
 
 
 def _suggested(
-    sampler: Any, ranges: Ranges, found: Search, trials: int, count: int
+    sampler: Any, ranges: Mapping[str, Range], found: Search, trials: int, count: int
 ) -> list[dict[str, GainValue]]:
     """Return `count` gains that the sampler suggests; the last of all `trials` near the best."""
     import optuna
 
     study = optuna.create_study(sampler=sampler)
+    whole = dict.fromkeys(ranges, optuna.distributions.FloatDistribution(0.0, 1.0))
     for trial in found.trials:
-        values = {name: trial.values[name] for name in ranges}
-        known = {'params': values, 'distributions': ranges, 'value': trial.cost}
-        study.add_trial(optuna.trial.create_trial(**known))
+        parts = {name: each.part(trial.values[name]) for name, each in ranges.items()}
+        study.add_trial(
+            optuna.trial.create_trial(params=parts, distributions=whole, value=trial.cost)
+        )
     widths = [width for part, width in NARROWED.items() if len(found.trials) >= part * trials]
+    near = whole
     if widths and found.best is not None:
-        best = found.best.values
-        ranges = {name: _around(each, best[name], widths[-1]) for name, each in ranges.items()}
-    return [study.ask(ranges).params for _ in range(count)]
-
-
-def _around(gain: Any, value: GainValue, width: float) -> Any:
-    """Return the part of a range around a value, of this fraction of its width; choices as is."""
-    if hasattr(gain, 'choices'):
-        return gain
-    start = min(max(_part(gain, value) - 0.5 * width, 0.0), 1.0 - width)
-    return type(gain)(at(gain, start), at(gain, start + width), log=gain.log)
-
-
-def _moved(gain: Any, value: GainValue) -> GainValue:
-    """Return another value of the range, at a distance of `EFFECT_STEP`."""
-    part = _part(gain, value)
-    return at(gain, part + EFFECT_STEP if part + EFFECT_STEP <= 1.0 else part - EFFECT_STEP)
-
-
-def at(gain: Any, part: float) -> GainValue:
-    """Return the value at this part of a range, from 0 (its low end) to 1."""
-    if hasattr(gain, 'choices'):
-        return str(gain.choices[int(min(part, 0.999) * len(gain.choices))])
-    if gain.log:
-        return min(max(gain.low * (gain.high / gain.low) ** part, gain.low), gain.high)
-    return gain.low + part * (gain.high - gain.low)
-
-
-def _part(gain: Any, value: GainValue) -> float:
-    """Return the inverse of `at`; the middle of a choice."""
-    if hasattr(gain, 'choices'):
-        return (gain.choices.index(value) + 0.5) / len(gain.choices)
-    if gain.log:
-        return math.log(float(value) / gain.low) / math.log(gain.high / gain.low)
-    return (float(value) - gain.low) / (gain.high - gain.low)
+        for name, each in ranges.items():
+            width = 1.0 if each.choices else widths[-1]
+            low = min(max(each.part(found.best.values[name]) - 0.5 * width, 0.0), 1.0 - width)
+            near = {**near, name: optuna.distributions.FloatDistribution(low, low + width)}
+    asked = (study.ask(near).params for _ in range(count))
+    return [{name: ranges[name].at(part) for name, part in each.items()} for each in asked]

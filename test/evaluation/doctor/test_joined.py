@@ -92,22 +92,6 @@ def test_stamps_of_which_none_can_be_used_are_said_to_jump_back(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    'words',
-    [
-        ['evaluate', '--observer', 'kalman', '--html'],
-        ['tune', '--trials', '2', '--out'],
-        ['replay', '--observer', 'kalman', '--out'],
-    ],
-    ids=lambda words: words[0],
-)
-def test_other_commands_end_well(words, tmp_path):
-    path = written(tmp_path / 'bag', *looped())
-    command, *options = words
-    assert main([command, path, *options, str(tmp_path / f'out.{command}')]) == 0
-
-
-@pytest.mark.long
 def test_estimates_are_compared_with_the_run_that_they_are_of_and_ranked_with_a_caution(tmp_path):
     path = written(tmp_path / 'bag', *joined())
     words = ['--observer', 'finite_difference', '--json', str(tmp_path / 'e.json')]

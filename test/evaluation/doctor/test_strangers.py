@@ -13,7 +13,6 @@ from estimator_pkg.evaluation.checks.joint import as_read, checked, reference, s
 from estimator_pkg.evaluation.checks.readings import Readings
 from estimator_pkg.evaluation.checks.row import FAIL, PASS, WARN
 from estimator_pkg.evaluation.doctor import velocities
-from estimator_pkg.evaluation.doctor.published import relation
 
 TURN = 2.0 * math.pi
 START = 1_700_000_000_000_000_000
@@ -329,5 +328,5 @@ RELATIONS = {  # published velocity, true one, deviation of that, what is wrong
 @pytest.mark.parametrize('case', RELATIONS)
 def test_what_is_wrong_depends_on_the_motion_and_on_what_is_known_of_it(case):
     values, truth, unsure, wrong = RELATIONS[case]
-    found = relation(T20, values, truth, np.cumsum(truth) / 200.0, unsure).wrong
+    found = velocities.relation(T20, values, truth, np.cumsum(truth) / 200.0, unsure).wrong
     assert found.startswith(wrong) and bool(found) == bool(wrong), found

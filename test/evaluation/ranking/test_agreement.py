@@ -54,16 +54,16 @@ def test_without_the_recovered_vibration_the_wrong_one_is_best(monkeypatch):
     """Two answers and the question; with the user's number, one answer."""
     name, entries = SAMPLE[0], [SIX[0], Entry('kalman', 'kalman')]
     asked, found = ranked(name, entries)
-    assert found.vibrates and asked.best == 'edge_adaptive' and asked.other.best == 'kalman'
+    assert found.vibrates and asked.best == 'edge_adaptive' and asked.other == 'kalman'
     assert 26.0 <= asked.question_hz <= 32.0
     hz = f'{asked.question_hz:.0f}'
     question = f'kalman is best if the {hz} Hz are sensor noise, edge_adaptive if they are motion'
     assert f'{question}: answer with --motion-hz.' in asked.sentences()
     assert asked.pairs[0].sign == 0
     moving, _ = ranked(name, entries, motion_hz=30.0)
-    assert moving.best == 'edge_adaptive' and moving.other is None
+    assert moving.best == 'edge_adaptive' and moving.other == ''
     still, _ = ranked(name, entries, motion_hz=2.0)
-    assert still.best == 'kalman' and still.other is None and still.pairs[0].sign == 1
+    assert still.best == 'kalman' and still.other == '' and still.pairs[0].sign == 1
     monkeypatch.setattr(reference_motion, 'needed', lambda smoothed: False)
     plain, _ = ranked(name, entries)
     assert plain.best == 'kalman'

@@ -13,7 +13,6 @@ from estimator_pkg.evaluation import pairs
 from estimator_pkg.evaluation.ranking.ranking import rank
 from estimator_pkg.evaluation.ranking.verdict import NEVER_SHOWN, ComparedPair, Verdict
 from estimator_pkg.evaluation.reference.motion import motion
-from estimator_pkg.evaluation.signals import low_passed
 
 
 def difference(squares, others, block):
@@ -37,26 +36,6 @@ def test_equal_estimates_are_declared_different_in_one_of_twenty_cases():
         a, b = (np.convolve(random.normal(size=4063), np.ones(64) / 8.0, 'valid') for _ in 'ab')
         declared += difference(a**2, b**2, block).sign != 0
     assert 0.02 <= declared / 600 <= 0.08
-
-
-def test_a_better_estimate_is_declared_and_the_sign_follows_the_order():
-    random = np.random.default_rng(3)
-    a, b = random.normal(size=(2, 4000))
-    block = pairs.blocks(np.arange(4000) * 1e-3)
-    assert difference(a**2, (1.3 * b) ** 2, block).sign == 1
-    assert difference((1.3 * b) ** 2, a**2, block).sign == -1
-
-
-@pytest.mark.long
-def test_the_low_pass_has_its_gain_and_no_phase():
-    time = np.arange(20_000) * 1e-3
-    for hz in (2.0, 10.0, 12.0):
-        wave = np.sin(2.0 * math.pi * hz * time)
-        left = low_passed(wave, 1000.0, 10.0)[4000:-4000]
-        expected = wave[4000:-4000] / (1.0 + (hz / 10.0) ** 8)
-        assert left == pytest.approx(expected, abs=2e-3)
-    ramp = 3.0 + 0.2 * time
-    assert low_passed(ramp, 1000.0, 10.0) == pytest.approx(ramp)
 
 
 def test_the_sentences_of_a_verdict():

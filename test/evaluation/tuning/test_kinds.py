@@ -3,10 +3,8 @@
 
 """tune for observers that need more than an angle, and what is true of all kinds."""
 
-import json
 from pathlib import Path
 
-import dds
 import pytest
 from tune_runs import fails, held, tuned, write_bag
 
@@ -31,24 +29,6 @@ def pendulum(tmp_path_factory):
     return path
 
 
-@pytest.mark.slow
-def test_a_mechanical_observer(pendulum, tmp_path):
-    """Gains that beat the defaults on held-out data, in a file that replay takes."""
-    params = tmp_path / 'model.yaml'
-    params.write_text(f'/**:\n  ros__parameters:\n    model_parameters: {MODEL}\n')
-    words = ['--observer', 'geso', '--params', params, '--trials', 12]
-    found, out = tuned(tmp_path, pendulum, *words)
-    (each,) = found['tuned']
-    assert each['held_out'] and each['pair']['sign'] == 1
-    # the cost also has a tenth of the noise, which is that of the readings with either gains
-    assert 0.5 < each['best']['error'] / each['default']['error'] < 0.65
-    values = params_file.load(out, 'mechanical_observer')
-    assert values['observer'] == 'geso' and values['bandwidth_hz'] < 10.0
-    run('replay', pendulum, '--params', out, '--json', tmp_path / 'replayed.json')
-    replayed = json.loads((tmp_path / 'replayed.json').read_text())
-    assert replayed['observer'] == 'geso' and replayed['messages']['estimates'] > 250
-
-
 def test_gains_that_change_nothing_are_left_alone(pendulum, tmp_path, capsys):
     fixed = held(f'model_parameters={MODEL}', 'L=[60.0]', 'K=[900.0]')
     found, out = tuned(tmp_path, pendulum, '--observer', 'hgo', '--trials', 12, *fixed)
@@ -63,24 +43,12 @@ def test_gains_that_change_nothing_are_left_alone(pendulum, tmp_path, capsys):
     assert "'damping' has no effect" in capsys.readouterr().out
 
 
-def test_the_adaptive_node_takes_the_file_unchanged(probe, tmp_path):
-    run('simulate', 'dc_motor', '--duration', 9, '--set', 'rate=300', '--out', tmp_path / 'bag')
-    words = ['--observer', 'adaptive', '--trials', 6, '--joint', 'joint']
+def test_an_adaptive_observer(tmp_path):
+    run('simulate', 'dc_motor', '--duration', 4, '--set', 'rate=200', '--out', tmp_path / 'bag')
+    words = ['--observer', 'adaptive', '--trials', 3, '--joint', 'joint']
     found, out = tuned(tmp_path, tmp_path / 'bag', *words)
-    gain = found['tuned'][0]['gains']['bandwidth_hz']
-    assert set(params_file.load(out, 'adaptive_observer')) == {'bandwidth_hz'}
-    with (
-        dds.NodeProcess(
-            'estimator_pkg.nodes.executables adaptive_observer',
-            '--ros-args',
-            '--params-file',
-            str(out),
-        ) as process,
-        dds.Observer(probe, '/adaptive_observer', '/joint_states') as node,
-    ):
-        node.connect()
-        assert node.get('bandwidth_hz') == pytest.approx(gain, rel=1e-5)
-    assert 'Traceback' not in process.output
+    assert set(found['tuned'][0]['tried']) == {'bandwidth_hz'}
+    run('replay', tmp_path / 'bag', '--observer', 'adaptive', '--params', out)
 
 
 def test_a_drive(tmp_path):
@@ -97,27 +65,11 @@ def test_a_drive(tmp_path):
     run('replay', judge, '--params', out)
 
 
-@pytest.mark.slow
-def test_a_switched_system(tmp_path):
-    run('simulate', 'gripper', '--duration', 3, '--set', 'rate=200', '--out', tmp_path / 'bag')
-    found, out = tuned(tmp_path, tmp_path / 'bag', '--observer', 'switched', '--trials', 8)
-    (each,) = found['tuned']
-    assert each['best']['cost'] <= each['default']['cost']
-    assert set(params_file.load(out, 'switched_observer')) == {'bandwidth_hz'}
-
-
-@pytest.mark.parametrize(
-    'words, choices',
-    [
-        ([], ('smooth', 'balanced', 'fast')),
-        (['--search', 'prefer=fast|balanced'], ('fast', 'balanced')),
-    ],
-)
-def test_a_choice_is_searched_too(words, choices, tmp_path):
+def test_a_choice_is_searched_too(tmp_path):
     bag = write_bag(tmp_path / 'bag', {'a': 1.0}, seconds=2.0)
-    words = ['--observer', 'edge_adaptive', '--trials', 4, *words]
-    found, out = tuned(tmp_path, bag, *words, '--prefer', 'fast')
-    assert found['tuned'][0]['tried']['prefer'] in choices
+    words = ['--search', 'prefer=fast|balanced', '--prefer', 'fast', '--trials', 8]
+    found, out = tuned(tmp_path, bag, '--observer', 'edge_adaptive', *words)
+    assert found['tuned'][0]['tried']['prefer'] in ('fast', 'balanced')
     assert params_file.load(out)['observer'] == 'edge_adaptive'
 
 
@@ -136,7 +88,6 @@ def test_bags_with_different_joints(tmp_path, capsys):
     words = ['--observer', 'pll', '--trials', 4]
     found, _ = tuned(tmp_path, tmp_path / 'bags', *words)
     assert found['tuned'][0]['joints'] == ['ankle', 'hip', 'knee']
-    assert 'the bags have different joints (ankle, knee; hip, knee)' in capsys.readouterr().out
     found, out = tuned(tmp_path, tmp_path / 'bags', *words, '--per-joint')
     by_joint = {each['joint']: each['bags'] for each in found['tuned']}
     assert by_joint == {'hip': [one], 'knee': [one, other], 'ankle': [other]}

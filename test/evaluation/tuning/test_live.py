@@ -94,7 +94,7 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path, monkeypatch, capfd)
         with dds.NodeProcess('estimator_pkg.cli', *words, '--apply', 'joint_observer') as tuning:
             tuning.prints('set on joint_observer: bandwidth_hz: 7 -> ')  # not from the default
         with pytest.raises(UserError, match=r"runs pll, and .* start it with 'observer: kalman'"):
-            apply('joint_observer', {'bandwidth_hz': 5.0}, {}, 'kalman')
+            apply('joint_observer', {'bandwidth_hz': 5.0}, 'kalman')
         monkeypatch.setattr('estimator_pkg.bags.record.run', never)
         other = [*words[:3], '--observer', 'kalman', *words[5:], '--apply', 'joint_observer']
         capfd.readouterr()
@@ -108,13 +108,3 @@ def test_it_records_tunes_and_sets_only_when_asked(tmp_path, monkeypatch, capfd)
         assert params_file.load(out).get('bandwidth_hz', 50.0) == pytest.approx(wanted, rel=1e-6)
         assert parameter('/joint_observer', 'bandwidth_hz') == pytest.approx(wanted, rel=1e-6)
         assert wanted != pytest.approx(7.0)
-
-
-def test_what_was_changed_is_said_with_automatic_values():
-    from estimator_pkg import observers
-    from estimator_pkg.evaluation.tuning.live import _text
-    from estimator_pkg.parameters import declared
-
-    noise = declared(observers.find('pll').gains)['noise']
-    assert [_text(value, noise) for value in (None, 0.0, 0.25)] == ['not set', 'automatic', '0.25']
-    assert _text([1.0, 2.0], None) == '[1.0, 2.0]'
