@@ -1,7 +1,7 @@
 # Copyright 2026 velocity_estimator contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The options of a comparison."""
+"""What `evaluate`, `doctor` and `tune` compare, and the options that they share."""
 
 from __future__ import annotations
 
@@ -33,7 +33,6 @@ class Options:
     """What is compared, and how.
 
     measurement, truth : topics; None: the usual ones.
-    angle : ``TOPIC:FIELD``, a measured number, used instead of joint states.
     estimates : topics; empty: every JointState whose name ends in '/estimate'.
     observers : observers to run on the measurement; empty: use recorded estimates.
     begin, end : part of the record that is judged, since the first sample [s].
@@ -42,6 +41,7 @@ class Options:
         certainly late (`evaluation.reference.late`).
     reference : 'auto': the truth, or the off-line smoother without one; 'truth' or 'smoother':
         only this one.
+    angle : ``TOPIC:FIELD``, a measured number, used instead of joint states.
     unpack_limit : of the bags, see `estimator_pkg.bags.reader.open_bag`.
     motion_hz : highest frequency at which the joints move [Hz]; None: not known.
     columns : of logs; None: the bags are bags.
@@ -80,17 +80,13 @@ def truth_argument(parser: argparse.ArgumentParser) -> None:
 
 def window_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options ``--from`` and ``--to``, see `Options`."""
-    for name, dest, default, which in (
-        ('--from', 'begin', 0.0, 'before S seconds'),
-        ('--to', 'end', math.inf, 'after S seconds'),
+    of = 'since the first sample'
+    for name, dest, default, side in (
+        ('--from', 'begin', 0.0, f'before S seconds {of}'),
+        ('--to', 'end', math.inf, f'after S seconds {of}'),
     ):
         parser.add_argument(
-            name,
-            dest=dest,
-            type=float,
-            default=default,
-            metavar='S',
-            help=f'ignore what is {which} since the first sample',
+            name, dest=dest, type=float, default=default, metavar='S', help=f'ignore what is {side}'
         )
 
 

@@ -8,15 +8,14 @@ reference if there is none.
 from __future__ import annotations
 
 import argparse
-import contextlib
 from typing import Any
 
 from estimator_pkg import destination, interrupts
 from estimator_pkg.bags import log_file, unpacking
 from estimator_pkg.cli import Command, add_set
 from estimator_pkg.evaluation.compare import requested
-from estimator_pkg.evaluation.compare.comparison import Comparison, compare
 from estimator_pkg.evaluation.compare.description import describe
+from estimator_pkg.evaluation.compare.evaluate import Comparison, evaluate
 from estimator_pkg.evaluation.compare.many import LeftOut, expanded, on_each
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.options import (
@@ -31,7 +30,7 @@ from estimator_pkg.evaluation.options import (
     window_arguments,
     worker_arguments,
 )
-from estimator_pkg.evaluation.report import full_data, plot
+from estimator_pkg.evaluation.report import files
 from estimator_pkg.evaluation.text import wrapped
 from estimator_pkg.evaluation.workers import workers
 from estimator_pkg.observers import DEFAULT
@@ -126,25 +125,23 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
     observers = requested.entries(parsed.observer, parsed.params, parsed.set)
     chosen = options_of(parsed, observers, columns, parsed.estimate)
     if parsed.plot:
-        plot.check(parsed.plot)
+        files.check(parsed.plot)
     if parsed.data:
         destination.check(parsed.data)
     bags = expanded(parsed.bags)
     result: dict[str, Any] = {}
     drawn: list[Comparison] = []
     left_out: list[LeftOut] = []
-    interrupted = False
-    with contextlib.ExitStack() as stack:
-        run_many = stack.enter_context(workers(parsed.jobs, parsed.scheduler))
-        page = None
-        if parsed.html:
-            from estimator_pkg.evaluation.report.page import ReportPage
+    page = None
+    if parsed.html:
+        from estimator_pkg.evaluation.report.page import ReportPage
 
-            ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
-            report = ReportPage(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
-            page = stack.enter_context(report.written())
+        ran = chosen.observers or (Entry(DEFAULT, DEFAULT),)
+        page = ReportPage(parsed.html, len(bags), chosen.wrap_period, parsed.data, ran)
+    with workers(parsed.jobs, parsed.scheduler) as run_many:
+        every = on_each(run_many, evaluate, bags, chosen, page is not None, left_out=left_out)
         try:
-            for comparison in on_each(run_many, compare, bags, chosen, left_out=left_out):
+            for comparison in every:
                 with interrupts.gently():  # a bag is evaluated completely or not at all
                     text = describe(comparison, parsed.wide, chosen.wrap_period)
                     print(text + '\n')
@@ -162,22 +159,20 @@ def run(parsed: argparse.Namespace) -> dict[str, Any]:
         except KeyboardInterrupt:
             if not result:
                 raise
-            interrupted = True
             interrupts.say(f'interrupted: {len(result)} of {len(bags)} bags are evaluated')
         interrupts.finish()
-        if page is not None:
-            page.left_out = left_out
-    if parsed.html:
+    if page is not None:
+        page.write(left_out)
         show(f'page: {parsed.html}')
     if parsed.data:
-        full_data.write(parsed.data, drawn)
+        files.write_samples(parsed.data, drawn)
         show(f'data: {parsed.data}')
     if parsed.plot:
-        plot.draw(drawn, parsed.plot)
+        files.draw(drawn, parsed.plot)
         show(f'plot: {parsed.plot}')
     return {
         'bags': result,
-        'interrupted': interrupted,
+        'interrupted': len(result) + len(left_out) < len(bags),
         'left_out': {each.path: each.why for each in left_out},
     }
 

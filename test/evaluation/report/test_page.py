@@ -23,8 +23,8 @@ from estimator_pkg.cli import main
 from estimator_pkg.evaluation import plots
 from estimator_pkg.evaluation.entries import Entry
 from estimator_pkg.evaluation.ranking.verdict import Verdict
-from estimator_pkg.evaluation.report import figures, findings, opening, tradeoff
-from estimator_pkg.evaluation.report.tables import changed
+from estimator_pkg.evaluation.report import figures, findings
+from estimator_pkg.evaluation.report.page import choice, ordered, parameter_file, use
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 PENDULUM = BAGS / 'dfki_simple_pendulum' / 'gravity_compensation_1000hz'
@@ -59,7 +59,7 @@ def test_the_page_is_small_and_stands_alone(page):
     assert not re.search(r'@import|url\(\s*["\']?http', text)
     assert 'gravity_compensation_1000hz' in text and 'finite_difference' in text
     assert 'name="viewport" content="width=device-width' in text  # phones
-    assert 'The truth of pendulum, compared with the measured position: lag ' in text
+    assert 'truth of pendulum against the measured position: lag ' in text
 
 
 @pytest.mark.long
@@ -289,8 +289,7 @@ def test_a_hostile_name_is_text_in_plots(tmp_path, driver):
     line = plots.styles([name])[name].line
     curves = [plots.Curve(name, '@', time, np.sin(time), line, name)]
     panels, _ = plots.over_time({'velocity': curves}, 1000, [name])
-    sweep = tradeoff.Sweep(name, (0.01, 0.1), np.zeros((0, 2)))
-    picture = figures.noise_against_delay([sweep], plots.styles([name]))
+    picture = figures.noise_against_delay([row(name, 0.1, 0.01)], plots.styles([name]))
     path = tmp_path / 'page.html'
     joints = [(name, name), (name, name)]
     path.write_text(plots.page('doctor.html', [panels, picture], title=name, joints=joints))
@@ -416,11 +415,6 @@ def test_a_status_lasts_until_the_next():
     assert math.isnan(steps.at(np.array([0.5]))[0])
 
 
-def test_the_pareto_front_has_what_nothing_beats():
-    points = [(0.003, 1.0), (0.001, 2.0), (0.002, 3.0), (-0.001, 5.0), (0.004, 1.5)]
-    assert tradeoff.front([*points, (math.nan, 0.1)]) == [(0.0, 5.0), (0.001, 2.0), (0.003, 1.0)]
-
-
 # ---------------------------------------------------------------- the first screen
 
 
@@ -445,14 +439,16 @@ def row(source, error, late, coverage=0.95, joint='j'):
 
 def test_the_verdict_in_words():
     best, raw = row('edge_adaptive', 0.02, 0.0006, 0.94), row('finite_difference', 0.12, 0.0032)
-    assert opening.words({'j': best}, {'j': raw}, {}, {})[0] == [
+    comparison = SimpleNamespace(bag='a/b', verdicts={}, raw={'j': raw})
+    assert use({'j': best}, comparison, {}) == [
         'Use edge_adaptive as it is. Its error is 0.02 rad/s rms, that of finite_difference 0.12.'
     ]
     verdict = Verdict('pll', 'kalman', (), {'pll': 0.1, 'edge_adaptive': 0.2})
-    rows = [best, row('pll', 0.2, 0.0)]
-    assert [each.source for each in opening.ordered(rows, verdict)] == ['pll', 'edge_adaptive']
-    assert opening.choice(rows, verdict).source == 'pll'
-    assert opening.choice(rows, None) is best
+    comparison.verdicts = {'j': verdict}
+    rows = ordered([best, row('pll', 0.2, 0.0)], comparison)
+    assert [each.source for each in rows] == ['pll', 'edge_adaptive']
+    assert choice(rows, verdict).source == 'pll'
+    assert choice(rows[::-1], None) is best
 
 
 @pytest.mark.parametrize('error, source', [(0.98, 'edge_adaptive'), (0.95, 'pll')])
@@ -460,21 +456,16 @@ def test_against_the_truth_too_the_default_stays_only_if_it_is_as_good(error, so
     rows = [row('edge_adaptive', 0.02, 0.0), row('pll', 0.02, 0.0)]
     rows[1].estimate = rows[1].truth + error * (rows[0].estimate - rows[0].truth)
     rows[1].velocity['rms'] *= error
-    assert opening.choice(rows, None).source == 'pll'  # the same errors, all smaller
+    assert choice(rows, None).source == 'pll'  # the same errors, all smaller
     rows[1].time = rows[1].time + 1e-5  # no common samples: the pair is not known
-    assert opening.choice(rows, None).source == source
+    assert choice(rows, None).source == source
 
 
 def test_the_parameter_file_is_one_that_the_node_loads(tmp_path):
     entries = {'pll': Entry('pll', 'pll', (('bandwidth_hz', 30.0),))}
-    text = opening.parameter_file(
-        SimpleNamespace(bag='a/b'),
-        {'j': row('pll', 0.1, 0.0)},
-        entries,
-        {'j': TURN / 4096},
-        TURN,
-        {},
-    )
+    comparison = SimpleNamespace(bag='a/b', verdicts={})
+    best = {'j': row('pll', 0.1, 0.0)}
+    text = parameter_file(comparison, best, entries, {'j': TURN / 4096}, TURN)
     path = tmp_path / 'params.yaml'
     path.write_text(text)
     values = params_file.load(path)
@@ -484,11 +475,3 @@ def test_the_parameter_file_is_one_that_the_node_loads(tmp_path):
 
 def test_findings_that_are_equal_but_for_the_joint_are_one_sentence():
     assert findings.grouped(['a: x', 'b: x', 'c: y'], 'ab') == ['all 2 joints: x', 'c: y']
-
-
-@pytest.mark.long
-def test_the_gains_of_a_joint_are_its_own():
-    values = (('bandwidth_hz', 20.0), ('per_joint.a.b.bandwidth_hz', 64.0))
-    entry = Entry('kalman', 'kalman', values)
-    assert changed(entry, 'a.b') == {'bandwidth_hz': '64'}
-    assert changed(entry, 'a') == {'bandwidth_hz': '20'}
