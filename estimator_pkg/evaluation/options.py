@@ -26,6 +26,10 @@ ESTIMATE = 'estimate'  # last part of an estimate topic's name
 AUTO, SMOOTHER = 'auto', 'smoother'
 WRAP_PERIOD = 2.0 * math.pi  # the default [rad]
 PERIOD_KEY = 'wrap_period'
+PARSED = (  # arguments of a command that are options by the same name
+    *('measurement', 'truth', 'angle', 'begin', 'end', 'correct_reference', 'reference'),
+    *('unpack_limit', 'motion_hz'),
+)
 
 
 @dataclass(frozen=True)
@@ -201,18 +205,10 @@ def options_of(
         parsed.wrap_period, [dict(each.values) for each in observers]
     )
     return Options(
-        parsed.measurement,
-        parsed.truth,
-        tuple(estimates),
-        tuple(observers),
-        parsed.begin,
-        parsed.end,
-        period,
-        parsed.correct_reference,
-        parsed.reference,
-        parsed.angle,
-        parsed.unpack_limit,
-        parsed.motion_hz,
-        columns,
-        own_periods,
+        estimates=tuple(estimates),
+        observers=tuple(observers),
+        wrap_period=period,
+        own_periods=own_periods,
+        columns=columns,
+        **{name: getattr(parsed, name) for name in PARSED},
     )

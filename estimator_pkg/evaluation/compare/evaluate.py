@@ -69,7 +69,7 @@ class Row:
     validity: dict[str, float]
     coverage: float
     reference_cannot_tell: bool
-    status_time: Array
+    status_time: NDArray[np.floating]
     status: NDArray[np.int8]
 
     def as_dict(self) -> dict[str, Any]:

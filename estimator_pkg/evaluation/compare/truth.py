@@ -259,7 +259,7 @@ def measured_truth(truth: Series, measurement: Series, period: float) -> tuple[S
 
 
 def _kept(series: Series, rows: NDArray[np.bool_]) -> Series:
-    return Series(*(values[rows] for values in series))
+    return Series._make(values[rows] for values in series)
 
 
 def _correct(truth: Series, known: Reference) -> tuple[Series, dict[str, float]]:

@@ -79,17 +79,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     window_arguments(parser)
     parser.add_argument(
         '--correct-reference',
-        action='store_true',
-        default=None,
-        help="remove the truth's own lag and bias, fitted to the measured position, first "
-        '(default: its lag, where that is certain)',
-    )
-    parser.add_argument(
-        '--no-correct-reference',
-        dest='correct_reference',
-        action='store_false',
-        default=None,
-        help="keep the truth's own lag and bias",
+        action=argparse.BooleanOptionalAction,
+        help="remove the truth's own lag and bias, fitted to the measured position, first, or keep "
+        'them (default: its lag is removed, where that is certain)',
     )
     parser.add_argument(
         '--reference',
@@ -100,9 +92,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     joint_arguments(parser)
     parser.add_argument(
-        '--html',
-        metavar='FILE',
-        help='write a page with tables, zoomable plots and recommendations',
+        '--html', metavar='FILE', help='write a page: tables, zoomable plots, recommendations'
     )
     parser.add_argument(
         '--data', metavar='FILE', help='write every compared sample (.npz, for numpy.load)'
